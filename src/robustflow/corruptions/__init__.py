@@ -1,0 +1,19 @@
+"""The corruptions of the paper (appendix "Corruption Details"), each a draw and an apply."""
+
+from __future__ import annotations
+
+from .api import corrupt, corrupt_clip, load_corruption
+from .base import SEVERITIES, Corruption
+from .catalog import CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
+
+__all__ = [
+    "CORRUPTIONS",
+    "FAMILIES",
+    "IMAGE_PAIR",
+    "PAPER_ORDER",
+    "SEVERITIES",
+    "Corruption",
+    "corrupt",
+    "corrupt_clip",
+    "load_corruption",
+]

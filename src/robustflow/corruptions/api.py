@@ -1,0 +1,91 @@
+"""Corrupt a pair or a clip by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from typing import Any
+
+from ..errors import UsageError
+from ..sample import Frame, Sample
+from .base import Corruption, check_severity
+from .catalog import CORRUPTIONS
+from .rng import Rng
+
+STREAM_VERSION = 1
+"""Part of every stream's name: raised when a corruption's bytes change, so that old and new results never mix."""
+
+
+def load_corruption(name: str, variant: str = "default") -> Corruption:
+    """The corruption registered as `name`.
+
+    >>> load_corruption("gaussian_noise").parameter(1)
+    0.08
+    """
+    return CORRUPTIONS.get(name)(variant)
+
+
+def stream_for(corruption: Corruption, severity: int, seed: int, key: str) -> Rng:
+    """The random stream of (benchmark seed, corruption, severity, sample key)."""
+    return Rng.of("robustflow", STREAM_VERSION, seed, corruption.name, severity, key)
+
+
+def corrupt(
+    frame1: Frame,
+    frame2: Frame,
+    corruption: str | Corruption,
+    severity: int,
+    seed: int = 0,
+    key: str = "",
+    variant: str = "default",
+) -> tuple[Frame, Frame]:
+    """Corrupt a pair of frames.
+
+    Args:
+        frame1, frame2: RGB uint8 (H, W, 3), the same size.
+        corruption: a name (`robustflow list corruptions`) or a `Corruption`.
+        severity: 1 (mild) to 5 (severe).
+        seed: the benchmark's seed.
+        key: the pair's name; pairs with different keys get different draws.
+        variant: "default", "reference" (the reference code's behaviour) or "paper" (its text to the letter).
+
+    Returns:
+        Two new RGB uint8 arrays of the same shape. The same arguments give the same bytes, always.
+
+    Raises:
+        UsageError: unknown name, variant or severity.
+        DataError: frames that are not RGB uint8 of one size.
+
+    >>> import numpy as np
+    >>> grey = np.full((32, 48, 3), 128, np.uint8)
+    >>> a, b = corrupt(grey, grey, "gaussian_noise", severity=3, seed=7)
+    >>> a.shape, bool((a == b).all())
+    ((32, 48, 3), False)
+    """
+    Sample(key or "pair", (frame1, frame2))
+    first, second = corrupt_clip((frame1, frame2), corruption, severity, seed, key, variant)
+    return first, second
+
+
+def corrupt_clip(
+    frames: Iterable[Frame],
+    corruption: str | Corruption,
+    severity: int,
+    seed: int = 0,
+    key: str = "",
+    variant: str = "default",
+) -> Iterator[Frame]:
+    """Corrupt frames one at a time: what a clip shares stays, what changes from frame to frame changes.
+
+    Frames 1 and 2 of a clip equal the pair that `corrupt` returns for the same seed and key.
+    Arguments as for `corrupt`. Yields RGB uint8 arrays; holds one frame at a time.
+    """
+    chosen = load_corruption(corruption, variant) if isinstance(corruption, str) else corruption
+    check_severity(severity)
+    rest = iter(frames)
+    first = next(rest, None)
+    if first is None:
+        raise UsageError("a clip needs at least one frame")
+    height, width = first.shape[:2]
+    state: Any = chosen.draw(stream_for(chosen, severity, seed, key), severity, (height, width))
+    return (chosen.apply(frame, state, index) for index, frame in enumerate(chain((first,), rest)))

@@ -1,0 +1,71 @@
+"""What a corruption is: draw once, then apply to every frame.
+
+`draw` makes every random choice of a pair (or clip) and returns a state; `apply` is a pure function of
+(frame, state, index). What the frames share is in the state; what changes from frame to frame is derived inside
+`apply` from a stream spawned with the frame's index, so a clip of any length can be streamed and frame `i` of a clip
+equals frame `i` of a pair.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar
+
+from ..errors import UsageError
+from ..sample import Frame
+from .rng import Rng
+
+VARIANTS = ("default", "reference", "paper")
+"""`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the
+paper's text to the letter. Where a corruption knows no difference, the three are the same."""
+
+SEVERITIES = (1, 2, 3, 4, 5)
+
+
+class Corruption(ABC):
+    """One corruption at its five severities.
+
+    Subclasses set `name`, `family` and `severities` (the paper's numbers, one entry per severity) and implement
+    `draw` and `apply`. Instances carry no random state and may be shared between threads.
+    """
+
+    name: ClassVar[str]
+    family: ClassVar[str]
+    temporal: ClassVar[bool] = False
+    """True for the paper's temporal corruptions: what changes between the two frames matters."""
+    paper_severities: ClassVar[tuple[Any, ...]]
+
+    def __init__(self, variant: str = "default", severities: tuple[Any, ...] | None = None) -> None:
+        """`severities` replaces the paper's five parameters (the calibrated scale does that)."""
+        if variant not in VARIANTS:
+            raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join(VARIANTS)}")
+        self.variant = variant
+        self.severities = tuple(severities) if severities is not None else self.severities_of(variant)
+
+    def severities_of(self, variant: str) -> tuple[Any, ...]:
+        """The five parameters of a variant; override where the reference code's numbers differ."""
+        return self.paper_severities
+
+    def parameter(self, severity: int) -> Any:
+        """The parameter of a severity, 1 (mild) to 5 (severe)."""
+        return self.severities[check_severity(severity) - 1]
+
+    @abstractmethod
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
+        """Every random choice for frames of `shape` (H, W); the state that `apply` takes."""
+
+    @abstractmethod
+    def apply(self, frame: Frame, state: Any, index: int) -> Frame:
+        """Corrupt frame number `index` (0 is the first of the pair); RGB uint8 in, a new RGB uint8 array out."""
+
+
+def check_severity(severity: int) -> int:
+    """Return `severity`, or refuse it.
+
+    >>> check_severity(6)
+    Traceback (most recent call last):
+    robustflow.errors.UsageError: severity 6 does not exist: choose 1 (mild) to 5 (severe)
+    """
+    if isinstance(severity, bool) or severity not in SEVERITIES:
+        raise UsageError(f"severity {severity} does not exist: choose 1 (mild) to 5 (severe)")
+    return int(severity)

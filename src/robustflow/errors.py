@@ -1,0 +1,49 @@
+"""The exceptions of RobustFlow: one root, and a message that says what was wrong, where, and what to do.
+
+The command line prints the message in one line and exits with `exit_code`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class RobustFlowError(Exception):
+    """Root of everything RobustFlow raises on purpose."""
+
+    exit_code = 1
+
+
+class UsageError(RobustFlowError, ValueError):
+    """An argument that cannot be meant: an unknown name, a severity of 6, options that exclude each other."""
+
+    exit_code = 2
+
+
+class DataError(RobustFlowError):
+    """A file or folder that is missing, damaged, or not what it should be."""
+
+
+class AssetError(RobustFlowError):
+    """Something a corruption or model needs (textures, weights) is not on this machine."""
+
+
+class ModelError(RobustFlowError):
+    """A model that cannot be loaded, or that returned something which is not a flow."""
+
+
+class RunError(RobustFlowError):
+    """A run folder that cannot be used: locked, not writable, from another schema, of another run."""
+
+
+def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
+    """The error for a name nobody registered, with the nearest known ones.
+
+    >>> print(unknown_name("corruption", "gausian_noise", ["gaussian_noise", "fog"]))
+    unknown corruption 'gausian_noise': did you mean 'gaussian_noise'? Known: gaussian_noise, fog
+    """
+    names = list(known)
+    close = get_close_matches(name, names, n=1, cutoff=0.5)
+    hint = f"did you mean '{close[0]}'? " if close else ""
+    return UsageError(f"unknown {kind} '{name}': {hint}Known: {', '.join(names)}")

@@ -1,0 +1,61 @@
+"""One small generic registry: names to objects, or to `module:attribute` targets imported on first use."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Generic, TypeVar, cast
+
+from .errors import RobustFlowError, unknown_name
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """Names of one kind of thing. Keeps the order of registration; refuses collisions.
+
+    >>> colours = Registry[str]("colour")
+    >>> colours.add("red", "string:ascii_lowercase")
+    >>> colours.get("red")[:3]
+    'abc'
+    >>> colours.get("rad")
+    Traceback (most recent call last):
+    robustflow.errors.UsageError: unknown colour 'rad': did you mean 'red'? Known: red
+    """
+
+    def __init__(self, kind: str, entry_point_group: str | None = None) -> None:
+        self.kind = kind
+        self._targets: dict[str, str] = {}
+        self._loaded: dict[str, T] = {}
+        self._group = entry_point_group
+
+    def add(self, name: str, target: str) -> None:
+        """Register `name` for the lazy target `"module:attribute"`."""
+        if self._targets.get(name, target) != target:
+            raise RobustFlowError(
+                f"{self.kind} '{name}' is registered twice, for {self._targets[name]} and for {target}; rename one"
+            )
+        self._targets[name] = target
+
+    def names(self) -> list[str]:
+        """All names, in the order of registration, those of installed packages last."""
+        self._discover()
+        return list(self._targets)
+
+    def get(self, name: str) -> T:
+        """The object behind a name, imported on first use."""
+        if name not in self._loaded:
+            if name not in self._targets:
+                self._discover()
+            if name not in self._targets:
+                raise unknown_name(self.kind, name, self._targets)
+            module, _, attribute = self._targets[name].partition(":")
+            self._loaded[name] = cast(T, getattr(import_module(module), attribute))
+        return self._loaded[name]
+
+    def _discover(self) -> None:
+        if self._group is None:
+            return
+        group, self._group = self._group, None
+        for point in entry_points(group=group):
+            self.add(point.name, point.value)

@@ -1,0 +1,83 @@
+"""`Sample`: the one record that travels from a dataset through corruptions and models to metrics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import DataError
+
+Frame = npt.NDArray[np.uint8]
+"""An RGB image, uint8, shape (H, W, 3)."""
+
+Flow = npt.NDArray[np.float32]
+"""Optical flow, float32, shape (H, W, 2): (u right, v down) in pixels of frame 1."""
+
+Mask = npt.NDArray[np.bool_]
+"""bool, shape (H, W)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Frames that belong together, with ground truth where there is one.
+
+    Attributes:
+        key: the sample's name within its dataset, stable across machines (`"000010"`, `"alley_1/frame_0001"`).
+        frames: two or more RGB uint8 images of one shape (H, W, 3). Ground truth describes frames 0 -> 1.
+        flow: float32 (H, W, 2) in pixels, or None. Values where `valid` is False mean nothing, but are finite.
+        valid: bool (H, W), True where the ground truth is known; None exactly when `flow` is None.
+        occluded: bool (H, W), True where the pixel of frame 0 is not visible in frame 1; None when the dataset
+            has no such map.
+        group: what samples that are not independent share (a video sequence); the key itself by default.
+
+    Raises:
+        DataError: frames of different sizes, of a wrong dtype, or ground truth that does not fit them.
+
+    >>> import numpy as np
+    >>> black = np.zeros((4, 6, 3), np.uint8)
+    >>> Sample("a", (black, black)).shape
+    (4, 6)
+    """
+
+    key: str
+    frames: tuple[Frame, ...]
+    flow: Flow | None = None
+    valid: Mask | None = None
+    occluded: Mask | None = None
+    group: str = ""
+    meta: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.frames) < 2:
+            raise DataError(f"sample '{self.key}': optical flow needs two frames, found {len(self.frames)}")
+        for index, frame in enumerate(self.frames):
+            if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
+                raise DataError(
+                    f"sample '{self.key}', frame {index + 1}: expected RGB uint8 (H, W, 3), "
+                    f"got {frame.dtype} {frame.shape}"
+                )
+            if frame.shape != self.frames[0].shape:
+                first, other = self.frames[0].shape, frame.shape
+                raise DataError(
+                    f"sample '{self.key}': frames differ in size, {first[1]}x{first[0]} and "
+                    f"{other[1]}x{other[0]}; both frames of a pair must have the same size"
+                )
+        if (self.flow is None) != (self.valid is None):
+            raise DataError(f"sample '{self.key}': flow and valid mask go together")
+        for name, array in (("flow", self.flow), ("valid mask", self.valid), ("occlusion map", self.occluded)):
+            if array is not None and array.shape[:2] != self.shape:
+                raise DataError(
+                    f"sample '{self.key}': the {name} is {array.shape[1]}x{array.shape[0]}, "
+                    f"the frames are {self.shape[1]}x{self.shape[0]}"
+                )
+        if not self.group:
+            object.__setattr__(self, "group", self.key)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W) of the frames."""
+        height, width = self.frames[0].shape[:2]
+        return height, width

@@ -1,0 +1,23 @@
+"""Where the shared real data lies: `ROBUSTFLOW_SHARED`, else `../shared` beside the checkout."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+_CHECKOUT = Path(__file__).resolve().parent.parent
+
+
+def shared_root() -> Path:
+    """The folder itself, whether or not it exists."""
+    return Path(os.environ.get("ROBUSTFLOW_SHARED") or _CHECKOUT.parent / "shared")
+
+
+def shared_folder(*parts: str) -> Path:
+    """A path in the shared data, or a skip that says what is missing and how to supply it."""
+    path = shared_root().joinpath(*parts)
+    if not path.exists():
+        pytest.skip(f"shared data '{'/'.join(parts)}' not found; set ROBUSTFLOW_SHARED to the folder that holds it")
+    return path
