@@ -1,0 +1,55 @@
+"""What a dataset is: named samples, and the files they come from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+from ..sample import Frame, Sample
+
+
+@runtime_checkable
+class Dataset(Protocol):
+    """Samples by key. Any object with these members is a dataset; no base class is needed.
+
+    Implementations can be pickled, and hold no sample in memory between calls.
+
+    Attributes:
+        name: the name it is registered under.
+        has_flow: whether every sample comes with ground truth.
+    """
+
+    name: str
+    has_flow: bool
+
+    def keys(self) -> list[str]:
+        """All keys, in an order that is the same on every machine."""
+
+    def load(self, key: str) -> Sample:
+        """Read one sample.
+
+        Raises:
+            DataError: a file is damaged or does not fit the others.
+            UsageError: no such key.
+        """
+
+    def files(self, key: str) -> list[Path]:
+        """The files `load(key)` reads, to tell whether a sample is still the same."""
+
+
+@runtime_checkable
+class PreCorrupted(Protocol):
+    """A dataset that was distributed with its frames already corrupted."""
+
+    def has_corrupted(self, corruption: str) -> bool:
+        """Whether it holds this corruption, at one severity at least."""
+
+    def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
+        """The corrupted frames of a sample, RGB uint8 (H, W, 3).
+
+        Raises:
+            DataError: they are not there, or damaged.
+        """
+
+    def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
+        """The files `corrupted` reads."""
