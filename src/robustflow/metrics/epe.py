@@ -1,0 +1,147 @@
+"""End-point error: the Euclidean distance between two flow fields, and its sums.
+
+The pattern of every metric here: a pure function makes *sums* of one image, a mean is sum / count, and
+averages over images are made later from the sums (`aggregate`). All arithmetic is float64 on the float32
+flows; a sum adds the pixels one after the other in row order, so its bytes are the same on every machine and
+for every memory layout.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit, types
+
+from ..errors import DataError
+from ..sample import Flow, Mask
+
+Errors = npt.NDArray[np.float64]
+"""A map of errors or lengths in pixels, float64, shape (H, W); NaN where it is not defined."""
+
+# Read-only in the signature means that writable and read-only arrays both fit, with one compilation.
+FLOW_TYPE = types.Array(types.float32, 3, "C", readonly=True)
+ERRORS_TYPE = types.Array(types.float64, 2, "C", readonly=True)
+MASK_TYPE = types.Array(types.boolean, 2, "C", readonly=True)
+
+
+class ErrorSum(NamedTuple):
+    """The sum of an error over `n` pixels, in pixels."""
+
+    n: int
+    total: float
+
+    @property
+    def mean(self) -> float | None:
+        """Sum over count, or None where no pixel was counted."""
+        return self.total / self.n if self.n else None
+
+
+def epe_map(flow: Flow, reference: Flow) -> Errors:
+    """|flow - reference| of every pixel.
+
+    With ground truth as the reference this is the end-point error; with the model's own flow on the clean
+    frames it is the RCRE of every pixel.
+
+    Args:
+        flow, reference: float32 (H, W, 2), pixels, of the same shape.
+
+    Returns:
+        float64 (H, W), pixels; NaN where a component of either flow is not finite.
+
+    Raises:
+        DataError: a wrong dtype or shape, or shapes that differ.
+
+    >>> import numpy as np
+    >>> still = np.zeros((1, 2, 2), np.float32)
+    >>> moved = np.array([[[3, 4], [np.inf, 0]]], np.float32)
+    >>> epe_map(moved, still).tolist()
+    [[5.0, nan]]
+    """
+    a, b = flow_array(flow), flow_array(reference)
+    if a.shape != b.shape:
+        raise DataError(
+            f"the flow is {a.shape[1]}x{a.shape[0]}, its reference {b.shape[1]}x{b.shape[0]}; "
+            "both must have the size of the frames"
+        )
+    out = np.empty(a.shape[:2])
+    _distances(a, b, out)
+    return out
+
+
+def magnitude_map(flow: Flow) -> Errors:
+    """|flow| of every pixel: float64 (H, W), pixels; NaN where a component is not finite.
+
+    >>> import numpy as np
+    >>> magnitude_map(np.array([[[6, 8]]], np.float32)).tolist()
+    [[10.0]]
+    """
+    a = flow_array(flow)
+    out = np.empty(a.shape[:2])
+    _lengths(a, out)
+    return out
+
+
+def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
+    """Count and sum of the errors inside `mask` (bool (H, W); all pixels by default) that are not NaN.
+
+    >>> import numpy as np
+    >>> error_sum(np.array([[1.0, 2.0], [np.nan, 4.0]]), np.array([[True, False], [True, True]]))
+    ErrorSum(n=2, total=5.0)
+    """
+    inside = np.ones(errors.shape, np.bool_) if mask is None else mask
+    n, total = _masked_sum(np.ascontiguousarray(errors), np.ascontiguousarray(inside))
+    return ErrorSum(int(n), float(total))
+
+
+def epe(flow: Flow, ground_truth: Flow, valid: Mask | None = None) -> float | None:
+    """Mean end-point error in pixels over the valid pixels of one image; None where there are none.
+
+    Pixels of a flow that are not finite are left out of both the sum and the count: look for them with
+    `np.isfinite`, as the runner does, before trusting the number.
+
+    >>> import numpy as np
+    >>> epe(np.full((2, 2, 2), 3, np.float32), np.full((2, 2, 2), [0, -1], np.float32))
+    5.0
+    """
+    return error_sum(epe_map(flow, ground_truth), valid).mean
+
+
+def flow_array(flow: Flow) -> Flow:
+    """`flow` in C order, or the reason why it is no flow."""
+    if not isinstance(flow, np.ndarray) or flow.dtype != np.float32 or flow.ndim != 3 or flow.shape[2] != 2:
+        got = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
+        raise DataError(f"a flow is a float32 array of shape (H, W, 2), this is {got}; convert it first")
+    return np.ascontiguousarray(flow)
+
+
+@njit(types.void(FLOW_TYPE, FLOW_TYPE, types.float64[:, ::1]), cache=True)
+def _distances(a: Any, b: Any, out: Any) -> None:
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            du = np.float64(a[y, x, 0]) - np.float64(b[y, x, 0])
+            dv = np.float64(a[y, x, 1]) - np.float64(b[y, x, 1])
+            square = du * du + dv * dv
+            out[y, x] = math.sqrt(square) if math.isfinite(square) else math.nan
+
+
+@njit(types.void(FLOW_TYPE, types.float64[:, ::1]), cache=True)
+def _lengths(a: Any, out: Any) -> None:
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            u, v = np.float64(a[y, x, 0]), np.float64(a[y, x, 1])
+            square = u * u + v * v
+            out[y, x] = math.sqrt(square) if math.isfinite(square) else math.nan
+
+
+@njit(types.Tuple((types.int64, types.float64))(ERRORS_TYPE, MASK_TYPE), cache=True)
+def _masked_sum(errors: Any, mask: Any) -> Any:
+    n, total = 0, 0.0
+    for y in range(errors.shape[0]):
+        for x in range(errors.shape[1]):
+            if mask[y, x] and not math.isnan(errors[y, x]):
+                n += 1
+                total += errors[y, x]
+    return n, total

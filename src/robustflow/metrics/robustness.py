@@ -1,0 +1,53 @@
+"""The paper's robustness metrics: CRE, CREr and RCRE (section "Robustness Metrics").
+
+CRE and CREr are made from mean errors, whatever they are means over (an image, a severity, a corruption,
+all):
+
+    CRE_{c,s} = EPE_{c,s} - EPE_clean            absolute robustness, pixels
+    CREr      = CRE / EPE_clean                  relative robustness, no unit
+    RCRE_{c,s} = |f_{c,s} - f_clean|             needs no ground truth, pixels
+
+so CRE may be negative (a corruption that helps), and RCRE >= |CRE| over the same pixels (triangle
+inequality).
+"""
+
+from __future__ import annotations
+
+from ..sample import Flow, Mask
+from .epe import epe_map, error_sum
+
+
+def cre(epe: float | None, epe_clean: float | None) -> float | None:
+    """Corruption Robustness Error in pixels: how much the error grew. None where either error is.
+
+    >>> cre(2.5, 2.0)
+    0.5
+    """
+    return None if epe is None or epe_clean is None else epe - epe_clean
+
+
+def crer(cre: float | None, epe_clean: float | None) -> float | None:
+    """Corruption Robustness Error ratio. None where it is not defined: no CRE, or a clean error of 0.
+
+    >>> crer(0.5, 2.0)
+    0.25
+    """
+    return None if cre is None or not epe_clean else cre / epe_clean
+
+
+def rcre(flow: Flow, clean_flow: Flow, valid: Mask | None = None) -> float | None:
+    """Relative Corruption Robustness Error in pixels: mean |flow - clean_flow| of one image.
+
+    Args:
+        flow, clean_flow: float32 (H, W, 2), the model's flow on the corrupted and on the clean frames.
+        valid: bool (H, W), the pixels to average over; all of them by default. The benchmarks pass the valid
+            ground truth where there is one, as the reference code does.
+
+    Returns:
+        None where no pixel is left. Pixels where either flow is not finite are not counted.
+
+    >>> import numpy as np
+    >>> rcre(np.full((2, 2, 2), [3, 4], np.float32), np.zeros((2, 2, 2), np.float32))
+    5.0
+    """
+    return error_sum(epe_map(flow, clean_flow), valid).mean
