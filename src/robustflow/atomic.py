@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 from pathlib import Path
+from typing import Any
 
 from .errors import DataError
+
+TEMPORARY = ".partial-"
+"""Prefix of a file that is still being written; no reader matches it."""
 
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Put `data` at `path`: a hidden file in the same folder first, then a rename.
 
     Raises:
-        DataError: the folder does not exist or cannot be written, or the disk is full; `path` is as it was before.
+        DataError: the folder does not exist or cannot be written, or the disk is full; `path` is untouched.
 
     >>> from tempfile import mkdtemp
     >>> folder = Path(mkdtemp())
@@ -21,7 +26,7 @@ def write_bytes(path: Path, data: bytes) -> None:
     >>> [file.name for file in folder.iterdir()]
     ['a.bin']
     """
-    temporary = path.with_name(f".partial-{secrets.token_hex(4)}-{path.name}")
+    temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{path.name}")
     try:
         with open(temporary, "xb") as file:
             file.write(data)
@@ -33,3 +38,18 @@ def write_bytes(path: Path, data: bytes) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write JSON atomically: the same bytes for the same value, and no number that JSON does not know."""
+    text = json.dumps(value, indent=2, sort_keys=True, ensure_ascii=False, allow_nan=False)
+    write_bytes(path, (text + "\n").encode())
+
+
+def make_folder(path: Path) -> None:
+    """Create a folder and its parents, or raise a DataError that says why not."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise DataError(f"cannot create the folder {path}: {reason}; choose another place") from error

@@ -1,0 +1,68 @@
+"""KITTI flow: a 16-bit RGB PNG, (u * 64 + 2^15, v * 64 + 2^15, valid).
+
+HD1K uses the same format. Source: the development kits of Geiger et al. (2012) and Menze and Geiger (2015).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..errors import DataError
+from ..imageio import check_png
+from ..sample import Flow, Mask
+from .arrays import claimed_size
+
+LOWEST, HIGHEST = -512.0, 511.984375
+"""What 16 bits hold: (0 - 2^15) / 64 and (2^16 - 1 - 2^15) / 64."""
+
+
+def read_kitti(path: Path) -> tuple[Flow, Mask]:
+    """Read a 16-bit PNG; see `robustflow.flowio.read_flow`."""
+    data = path.read_bytes()
+    header = check_png(path, data)
+    claimed_size(path, header.width, header.height)
+    if header.bits != 16 or header.channels != 3:
+        raise DataError(
+            f"{path}: a {header.bits}-bit PNG with {header.channels} channel(s) is not KITTI flow; "
+            "flow is a 16-bit RGB PNG (u, v, valid)"
+        )
+    # Pillow would cut 16-bit RGB to 8 bits without a word; OpenCV keeps them, in the order valid, v, u.
+    try:
+        raw = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+    except cv2.error:
+        raw = None
+    if raw is None or raw.dtype != np.uint16 or raw.shape != (header.height, header.width, 3):
+        raise DataError(f"{path}: a damaged PNG that cannot be decoded; copy or download it again")
+    valid = raw[..., 0] > 0
+    flow = (raw[..., :0:-1].astype(np.float32) - 32768) / 64
+    flow[~valid] = 0
+    return np.ascontiguousarray(flow), valid
+
+
+def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
+    """The contents of a KITTI PNG, rounded to 1/64 pixel; unknown pixels become (0, 0, 0).
+
+    Raises:
+        DataError: a known component outside [-512, 511.984375]. KITTI's own writer clips.
+    """
+    scaled = np.rint(flow.astype(np.float64) * 64) + 32768
+    outside = valid & ((scaled < 0) | (scaled > 65535)).any(axis=2)
+    if outside.any():
+        worst = np.abs(flow[outside]).max()
+        raise DataError(
+            f"{path}: {int(outside.sum())} pixels (largest component {worst:.6g}) lie outside KITTI's "
+            f"{LOWEST:g} to {HIGHEST} pixels; write .flo instead, or mark them invalid"
+        )
+    raw = np.empty((*valid.shape, 3), np.uint16)
+    raw[..., 0] = valid
+    raw[..., 2] = np.where(valid, scaled[..., 0], 0)
+    raw[..., 1] = np.where(valid, scaled[..., 1], 0)
+    encoded, data = cv2.imencode(".png", raw)
+    if not encoded:
+        raise DataError(
+            f"{path}: OpenCV could not encode {flow.shape[1]}x{flow.shape[0]} pixels as PNG; write .flo"
+        )
+    return data.tobytes()

@@ -1,0 +1,59 @@
+"""Portable float map with three channels (u, v, unused), as FlyingThings3D, Monkaa and Driving store flow.
+
+`PF`, width and height, a scale whose sign is the byte order (negative: little-endian), then float32 rows from
+the bottom of the image to its top. Source: Mayer et al., CVPR 2016, and Debevec's description of the format.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import DataError
+from ..sample import Flow, Mask
+from .arrays import claimed_size, exact_size, known
+
+_HEADER = re.compile(rb"PF\s+(\d{1,9})\s+(\d{1,9})\s+([+-]?[0-9][0-9.eE+-]{0,20})[ \t]*\r?\n")
+
+
+def read_pfm(path: Path) -> tuple[Flow, Mask]:
+    """Read a three-channel .pfm file; see `robustflow.flowio.read_flow`."""
+    with open(path, "rb") as file:
+        start = file.read(128)
+        header = _HEADER.match(start)
+        if header is None:
+            if start[:2] == b"Pf":
+                raise DataError(
+                    f"{path}: one channel, so a disparity map; flow in .pfm has three channels ('PF')"
+                )
+            raise DataError(f"{path}: not a .pfm flow file (no 'PF' header) or cut short; check the file")
+        width, height = int(header[1]), int(header[2])
+        claimed_size(path, width, height)
+        scale = _scale(path, header[3])
+        exact_size(path, header.end() + 12 * width * height, path.stat().st_size, width, height)
+        file.seek(header.end())
+        values = np.fromfile(file, "<f4" if scale < 0 else ">f4")
+    return known(values.reshape(height, width, 3)[::-1, :, :2])
+
+
+def pfm_bytes(flow: Flow, valid: Mask) -> bytes:
+    """The contents of a little-endian .pfm file; unknown pixels become NaN, the third channel 0."""
+    height, width = valid.shape
+    values = np.zeros((height, width, 3), "<f4")
+    values[..., :2] = np.where(valid[..., None], flow, np.nan)
+    return b"PF\n%d %d\n-1.0\n" % (width, height) + values[::-1].tobytes()
+
+
+def _scale(path: Path, text: bytes) -> float:
+    try:
+        scale = float(text)
+    except ValueError:
+        scale = 0.0
+    if abs(scale) != 1.0:
+        # Readers disagree on whether the magnitude multiplies the values; flow is always stored with 1.
+        raise DataError(
+            f"{path}: scale {text.decode()} in the header; flow is stored with 1.0 or -1.0, write it so"
+        )
+    return scale
