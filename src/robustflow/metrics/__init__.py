@@ -1,1 +1,31 @@
 """Metrics: from flows to sums, from sums to rows, from rows to means."""
+
+from .aggregate import summarize
+from .epe import epe_map, mean_epe
+from .regions import REGIONS, Regions
+from .robustness import cre, crer, rcre
+from .rows import CLEAN, ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION, measure, rows_frame
+from .summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary
+
+__all__ = [
+    "CLEAN",
+    "METRICS",
+    "REGIONS",
+    "ROW_KEY",
+    "ROW_SCHEMA",
+    "ROW_SCHEMA_VERSION",
+    "Averaging",
+    "CorruptionScores",
+    "RegionScores",
+    "Regions",
+    "Scores",
+    "Summary",
+    "cre",
+    "crer",
+    "epe_map",
+    "mean_epe",
+    "measure",
+    "rcre",
+    "rows_frame",
+    "summarize",
+]

@@ -19,7 +19,7 @@ from numba import njit, types
 from scipy.ndimage import distance_transform_edt
 
 from ..sample import Flow, Mask
-from .epe import ERRORS_TYPE, FLOW_TYPE, MASK_TYPE, Errors, flow_array, magnitude_map
+from .epe import ERRORS_TYPE, FLOW_TYPE, MASK_TYPE, Errors, dense, flow_array, magnitude_map
 
 EDGE_PIXELS = 1.0
 EDGE_SHARE = 0.05
@@ -44,7 +44,7 @@ def motion_edges(flow: Flow, valid: Mask) -> Mask:
     [[0, 0, 1, 0, 1, 0]]
     """
     edges = np.zeros(valid.shape, np.bool_)
-    _mark_jumps(flow_array(flow), magnitude_map(flow), np.ascontiguousarray(valid), edges)
+    _mark_jumps(*dense(flow_array(flow), magnitude_map(flow), valid), edges)
     return edges
 
 

@@ -92,18 +92,18 @@ def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
     ErrorSum(n=2, total=5.0)
     """
     inside = np.ones(errors.shape, np.bool_) if mask is None else mask
-    n, total = _masked_sum(np.ascontiguousarray(errors), np.ascontiguousarray(inside))
+    n, total = _masked_sum(*dense(errors, inside))
     return ErrorSum(int(n), float(total))
 
 
-def epe(flow: Flow, ground_truth: Flow, valid: Mask | None = None) -> float | None:
+def mean_epe(flow: Flow, ground_truth: Flow, valid: Mask | None = None) -> float | None:
     """Mean end-point error in pixels over the valid pixels of one image; None where there are none.
 
     Pixels of a flow that are not finite are left out of both the sum and the count: look for them with
     `np.isfinite`, as the runner does, before trusting the number.
 
     >>> import numpy as np
-    >>> epe(np.full((2, 2, 2), 3, np.float32), np.full((2, 2, 2), [0, -1], np.float32))
+    >>> mean_epe(np.full((2, 2, 2), 3, np.float32), np.full((2, 2, 2), [0, -1], np.float32))
     5.0
     """
     return error_sum(epe_map(flow, ground_truth), valid).mean
@@ -114,7 +114,14 @@ def flow_array(flow: Flow) -> Flow:
     if not isinstance(flow, np.ndarray) or flow.dtype != np.float32 or flow.ndim != 3 or flow.shape[2] != 2:
         got = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
         raise DataError(f"a flow is a float32 array of shape (H, W, 2), this is {got}; convert it first")
-    return np.ascontiguousarray(flow)
+    return np.require(flow, requirements=["C", "A"])
+
+
+def dense(*maps: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
+    """Maps in C order, refused unless all have the same (H, W): the compiled loops do not check bounds."""
+    if any(each.shape[:2] != maps[0].shape[:2] for each in maps):
+        raise DataError(f"maps differ in size: {', '.join(str(each.shape[:2]) for each in maps)}")
+    return tuple(np.require(each, requirements=["C", "A"]) for each in maps)
 
 
 @njit(types.void(FLOW_TYPE, FLOW_TYPE, types.float64[:, ::1]), cache=True)

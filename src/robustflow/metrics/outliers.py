@@ -16,11 +16,10 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
 from numba import njit, types
 
 from ..sample import Mask
-from .epe import ERRORS_TYPE, MASK_TYPE, Errors
+from .epe import ERRORS_TYPE, MASK_TYPE, Errors, dense
 
 FL_PIXELS = 3.0
 FL_SHARE = 0.05
@@ -55,10 +54,7 @@ def outlier_sums(errors: Errors, magnitude: Errors, mask: Mask) -> OutlierSums:
     >>> sums.px3_count, sums.fl_count, round(sums.wauc_sum, 4)
     (1, 0, 1.0457)
     """
-    counts = _outliers(
-        np.ascontiguousarray(errors), np.ascontiguousarray(magnitude), np.ascontiguousarray(mask)
-    )
-    n, fl, px1, px3, px5, points = (int(count) for count in counts)
+    n, fl, px1, px3, px5, points = (int(count) for count in _outliers(*dense(errors, magnitude, mask)))
     return OutlierSums(n, fl, px1, px3, px5, points / _WAUC_UNIT)
 
 

@@ -21,7 +21,7 @@ from numba import njit, types
 from ..errors import DataError, unknown_name
 from ..sample import Mask, Sample
 from .edges import edge_distance, motion_edges
-from .epe import ERRORS_TYPE, Errors, magnitude_map
+from .epe import ERRORS_TYPE, Errors, dense, magnitude_map
 from .outliers import is_fl_outlier
 
 REGIONS = ("noc", "occ", "s0_10", "s10_40", "s40", "d0_10", "d10_60", "d60")
@@ -115,7 +115,7 @@ class Regions:
             errors: float64 (H, W), end-point errors in pixels.
             rcre: float64 (H, W), distances between the flow on corrupted and on clean frames in pixels.
         """
-        count, total = _label_sums(errors, rcre, self.magnitude, self.labels)
+        count, total = _label_sums(*dense(errors, rcre, self.magnitude, self.labels))
         out = {}
         for name in self.names:
             labels = _MEMBERS[name]

@@ -1,14 +1,12 @@
 """The paper's robustness metrics: CRE, CREr and RCRE (section "Robustness Metrics").
 
-CRE and CREr are made from mean errors, whatever they are means over (an image, a severity, a corruption,
-all):
+CRE and CREr are made from mean errors, whatever they are means over (an image, a corruption, all):
 
     CRE_{c,s} = EPE_{c,s} - EPE_clean            absolute robustness, pixels
     CREr      = CRE / EPE_clean                  relative robustness, no unit
     RCRE_{c,s} = |f_{c,s} - f_clean|             needs no ground truth, pixels
 
-so CRE may be negative (a corruption that helps), and RCRE >= |CRE| over the same pixels (triangle
-inequality).
+so CRE may be negative (a corruption that helps), and RCRE >= |CRE| over the same pixels.
 """
 
 from __future__ import annotations

@@ -1,0 +1,223 @@
+"""From rows to means, by the paper's averaging and by pooled pixels.
+
+The paper averages over the pixels of an image, then images, then severities, then corruptions (section
+"Robustness Metrics"). Every mean here is `math.fsum(...) / count`, which is exactly rounded and so does not
+depend on the order of the rows; the summary of the same rows is the same to the byte however they were
+computed or stored.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from typing import Any, get_args
+
+import polars as pl
+
+from ..corruptions.catalog import FAMILIES, PAPER_ORDER
+from ..errors import RunError, UsageError
+from .regions import REGIONS
+from .robustness import cre, crer
+from .rows import CLEAN, ROW_KEY, ROW_SCHEMA
+from .summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
+
+Unit = tuple[str, str, int]
+"""(sample, corruption, severity)."""
+
+_WHOLE = {
+    "epe": ("epe_sum", "n_valid", 1.0),
+    "rcre_all": ("rcre_all_sum", "n_all", 1.0),
+    "fl": ("fl_count", "n_valid", 100.0),
+    "px1": ("px1_count", "n_valid", 100.0),
+    "px3": ("px3_count", "n_valid", 100.0),
+    "px5": ("px5_count", "n_valid", 100.0),
+    "wauc": ("wauc_sum", "n_valid", 100.0),
+}
+"""Metric: (column of its sum, column of its count, factor)."""
+
+
+def summarize(
+    rows: pl.DataFrame, averaging: Averaging = "image", planned: Iterable[Unit] | None = None
+) -> Summary:
+    """The means of a run.
+
+    Args:
+        rows: columns of `ROW_SCHEMA`, in any order.
+        averaging: "image" (the paper's) or "pixel" (the pixels of all images in one mean).
+        planned: every (sample, corruption, severity) there should be, clean rows as (sample, "clean", 0). By
+            default every sample found, at every (corruption, severity) found and clean.
+
+    Returns:
+        A `Summary`. CRE compares the same samples: those found both at the setting and clean. Overall means
+        are over the paper's corruptions alone; others (elastic_transform, a user's own, stacks "a+b") are
+        listed beside them.
+
+    Raises:
+        RunError: columns that are missing, or a (sample, corruption, severity) found twice.
+        UsageError: unknown averaging.
+    """
+    if averaging not in get_args(Averaging):
+        raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
+    rows = _checked(rows)
+    found = list(rows.select(ROW_KEY).iter_rows())
+    samples = {sample for sample, _, _ in found}
+    settings = {(corruption, severity) for _, corruption, severity in found} | {(CLEAN, 0)}
+    expected = {(s, *setting) for s in samples for setting in settings} if planned is None else set(planned)
+    missing = _units(expected - set(found))
+    with_truth = pl.coalesce("n_valid", "n_all")
+    unmeasured = _units(rows.filter(with_truth == 0).select(ROW_KEY).iter_rows())
+
+    whole = rows.with_columns(
+        rcre_sum=pl.when(pl.col("n_valid").is_null()).then("rcre_all_sum").otherwise("rcre_sum"),
+        rcre_n=with_truth,
+    )
+    clean, by_setting = _scores(whole, _WHOLE | {"rcre": ("rcre_sum", "rcre_n", 1.0)}, averaging)
+    corruptions = _corruptions(by_setting, clean)
+    averaged_over = [name for name, scores in corruptions.items() if scores.averaged]
+    overall = _mean_scores([corruptions[name] for name in averaged_over], clean)
+    families = {
+        family: _mean_scores([corruptions[name] for name in names if name in corruptions], clean)
+        for family, names in FAMILIES.items()
+        if any(name in corruptions for name in names)
+    }
+    return Summary(
+        **overall.model_dump(),
+        averaging=averaging,
+        complete=not missing and not unmeasured,
+        missing=missing,
+        unmeasured=unmeasured,
+        samples=len(samples),
+        n_invalid=int(rows["n_invalid"].sum()),
+        epe_clean=clean.epe,
+        clean=clean,
+        averaged_over=averaged_over,
+        corruptions=corruptions,
+        families=families,
+        regions=_regions(rows, averaging),
+    )
+
+
+def _checked(rows: pl.DataFrame) -> pl.DataFrame:
+    """The columns of the schema in key order, or the reason why these are no rows of a run."""
+    absent = [name for name in ROW_SCHEMA if name not in rows.columns]
+    if absent:
+        raise RunError(
+            f"rows lack the column '{absent[0]}': they are of another schema; run the benchmark again"
+        )
+    rows = rows.select(ROW_SCHEMA).sort(ROW_KEY)
+    twice = rows.filter(rows.select(ROW_KEY).is_duplicated())
+    if twice.height:
+        sample, corruption, severity = twice.select(ROW_KEY).row(0)
+        raise RunError(
+            f"rows of sample '{sample}', {corruption} severity {severity} are there twice: "
+            "the rows of two runs were mixed; summarise one run at a time"
+        )
+    return rows
+
+
+def _units(units: Iterable[Any]) -> list[Units]:
+    by_setting: dict[tuple[str, int], list[str]] = defaultdict(list)
+    for sample, corruption, severity in units:
+        by_setting[corruption, severity].append(sample)
+    return [
+        Units(corruption=corruption, severity=severity, samples=sorted(by_setting[corruption, severity]))
+        for corruption, severity in sorted(by_setting)
+    ]
+
+
+_Columns = dict[str, tuple[str, str, float]]
+
+
+def _scores(
+    rows: pl.DataFrame, columns: _Columns, averaging: Averaging
+) -> tuple[Scores, dict[tuple[str, int], Scores]]:
+    """Scores on the clean frames, and at each (corruption, severity)."""
+    total, count, _ = columns["epe"]
+    clean_rows = rows.filter(pl.col("corruption") == CLEAN)
+    clean = Scores(**_means(clean_rows, columns, averaging))
+    partner = clean_rows.select("sample", _clean_sum=total, _clean_n=count)
+    settings = rows.filter(pl.col("corruption") != CLEAN).join(
+        partner, on="sample", how="left", maintain_order="left"
+    )
+    by_setting = {}
+    for key, group in settings.partition_by(
+        "corruption", "severity", as_dict=True, maintain_order=True
+    ).items():
+        corruption, severity = key
+        both = group.filter((pl.col(count) > 0) & (pl.col("_clean_n") > 0))
+        paired = _means(both, {"epe": columns["epe"], "before": ("_clean_sum", "_clean_n", 1.0)}, averaging)
+        scores = Scores(**_means(group, columns, averaging))
+        moved = cre(paired["epe"], paired["before"])
+        by_setting[corruption, severity] = scores.model_copy(
+            update={"cre": moved, "crer": crer(moved, clean.epe)}
+        )
+    return clean, by_setting
+
+
+def _means(rows: pl.DataFrame, columns: _Columns, averaging: Averaging) -> dict[str, float | None]:
+    """The mean of each metric over images; images without a pixel to measure are left out."""
+    out: dict[str, float | None] = {}
+    for metric, (total, count, factor) in columns.items():
+        measured = rows.filter(pl.col(count) > 0)
+        sums, counts = measured[total].to_list(), measured[count].to_list()
+        if averaging == "image":
+            mean = _mean([s / n for s, n in zip(sums, counts, strict=True)])
+        else:
+            mean = math.fsum(sums) / sum(counts) if counts else None
+        out[metric] = None if mean is None else factor * mean
+    return out
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return math.fsum(known) / len(known) if known else None
+
+
+def _mean_scores(parts: Sequence[Scores], clean: Scores) -> Scores:
+    """Mean of each metric over severities or corruptions; CREr is the ratio of the means."""
+    means = {metric: _mean([getattr(part, metric) for part in parts]) for metric in METRICS}
+    return Scores(**means | {"crer": crer(means["cre"], clean.epe)})
+
+
+def _corruptions(by_setting: dict[tuple[str, int], Scores], clean: Scores) -> dict[str, CorruptionScores]:
+    found: dict[str, dict[int, Scores]] = defaultdict(dict)
+    for (corruption, severity), scores in sorted(by_setting.items(), key=lambda item: item[0]):
+        found[corruption][severity] = scores
+    family_of = {name: family for family, names in FAMILIES.items() for name in names}
+    order = [name for name in PAPER_ORDER if name in found]
+    return {
+        name: CorruptionScores(
+            **_mean_scores(list(found[name].values()), clean).model_dump(),
+            family=family_of.get(name),
+            averaged=name in PAPER_ORDER,
+            severities=list(found[name]),
+            by_severity={m: [getattr(scores, m) for scores in found[name].values()] for m in METRICS},
+        )
+        for name in order + sorted(set(found) - set(order))
+    }
+
+
+def _regions(rows: pl.DataFrame, averaging: Averaging) -> dict[str, RegionScores]:
+    out = {}
+    for region in REGIONS:
+        count = f"n_{region}"
+        if not rows[count].sum():
+            continue
+        columns = {
+            "epe": (f"epe_sum_{region}", count, 1.0),
+            "rcre": (f"rcre_sum_{region}", count, 1.0),
+            "fl": (f"fl_count_{region}", count, 100.0),
+        }
+        clean, by_setting = _scores(rows, columns, averaging)
+        corruptions = _corruptions(by_setting, clean)
+        overall = _mean_scores([c for c in corruptions.values() if c.averaged], clean)
+        clean_rows = rows.filter((pl.col("corruption") == CLEAN) & pl.col(count).is_not_null())
+        inside, n_valid = sum(clean_rows[count].to_list()), sum(clean_rows["n_valid"].to_list())
+        out[region] = RegionScores(
+            **overall.model_dump(),
+            share=100.0 * inside / n_valid if n_valid else None,
+            epe_clean=clean.epe,
+            fl_clean=clean.fl,
+        )
+    return out

@@ -1,0 +1,161 @@
+"""The row: what is kept of one (sample, corruption, severity), as sums and counts.
+
+Everything reported later is computed from rows, so that another average, a region or a confidence interval
+needs no second run. CRE is not stored: it is the difference of two rows' errors.
+
+Which pixels are counted. Let *usable* be the pixels where both the prediction and the model's clean
+prediction are finite (all of them, for a sound model).
+
+- `n_valid` = usable pixels with valid ground truth; the denominator of `epe_sum`, `rcre_sum`,
+  `magnitude_sum`, `fl_count`, `px*_count` and `wauc_sum`. Null, as those are, where the sample has no ground
+  truth.
+- `n_<r>` = those of `n_valid` in region r; the denominator of that region's sums. Null where the sample has
+  no such region (no ground truth, no occlusion map); 0 where the region is empty.
+- `n_all` = usable pixels; the denominator of `rcre_all_sum` and `pred_magnitude_sum`.
+- `n_invalid` = pixels whose own prediction is not finite, of height x width.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ..errors import DataError
+from ..sample import Flow, Sample
+from .epe import epe_map, error_sum, flow_array, magnitude_map
+from .outliers import outlier_sums
+from .regions import REGIONS, Regions
+
+ROW_SCHEMA_VERSION = 1
+"""Raised when a column is added, dropped, or means something else; part of a run's identity."""
+
+CLEAN = "clean"
+"""The corruption name of the row of a sample's clean frames, with severity 0."""
+
+ROW_KEY = ("sample", "corruption", "severity")
+"""No two rows of a run have the same."""
+
+ROW_SCHEMA: dict[str, type[pl.DataType]] = {
+    "sample": pl.String,
+    "group": pl.String,
+    "corruption": pl.String,
+    "severity": pl.Int64,
+    "frames_digest": pl.String,
+    "height": pl.Int64,
+    "width": pl.Int64,
+    "n_invalid": pl.Int64,
+    "n_all": pl.Int64,
+    "rcre_all_sum": pl.Float64,
+    "pred_magnitude_sum": pl.Float64,
+    "n_valid": pl.Int64,
+    "epe_sum": pl.Float64,
+    "rcre_sum": pl.Float64,
+    "magnitude_sum": pl.Float64,
+    "fl_count": pl.Int64,
+    "px1_count": pl.Int64,
+    "px3_count": pl.Int64,
+    "px5_count": pl.Int64,
+    "wauc_sum": pl.Float64,
+} | {
+    f"{column}_{region}": dtype
+    for region in REGIONS
+    for column, dtype in (
+        ("n", pl.Int64),
+        ("epe_sum", pl.Float64),
+        ("rcre_sum", pl.Float64),
+        ("fl_count", pl.Int64),
+    )
+}
+"""Columns of the rows and their types, in order. Sums are in pixels (`wauc_sum`: 1 per perfect pixel)."""
+
+
+def measure(
+    pred: Flow,
+    clean_pred: Flow,
+    sample: Sample,
+    regions: Regions | None,
+    *,
+    corruption: str = CLEAN,
+    severity: int = 0,
+    frames_digest: str = "",
+) -> dict[str, Any]:
+    """One row: how good `pred` is, and how far it moved from `clean_pred`.
+
+    Args:
+        pred: float32 (H, W, 2), the model's flow on the corrupted frames (the clean ones for the clean row).
+        clean_pred: float32 (H, W, 2), the model's flow on the clean frames.
+        sample: the sample, with its ground truth where there is one.
+        regions: `Regions.of(sample)`, computed once per sample and passed to all its rows.
+        corruption, severity, frames_digest: copied into the row; the digest is the hex blake2b of the frames
+            that the model was given.
+
+    Returns:
+        A dict with exactly the columns of `ROW_SCHEMA`; None where the sample has no ground truth or region.
+
+    Raises:
+        DataError: a prediction that is not float32 (H, W, 2) of the frames' size, or regions that do not fit.
+
+    >>> import numpy as np
+    >>> frame, ones = np.zeros((4, 6, 3), np.uint8), np.ones((4, 6, 2), np.float32)
+    >>> sample = Sample("a", (frame, frame), 0 * ones, np.ones((4, 6), bool))
+    >>> row = measure(4 * ones, 1 * ones, sample, Regions.of(sample), corruption="fog", severity=3)
+    >>> round(row["epe_sum"] / row["n_valid"], 3), round(row["rcre_sum"] / row["n_valid"], 3), row["n_occ"]
+    (5.657, 4.243, None)
+    """
+    pred = flow_array(pred)
+    if pred.shape[:2] != sample.shape or (regions is not None and regions.valid.shape != sample.shape):
+        raise DataError(
+            f"sample '{sample.key}' is {sample.shape[1]}x{sample.shape[0]}: the prediction "
+            f"(shape {pred.shape}) and the regions must be of that size"
+        )
+    if (regions is None) != (sample.flow is None):
+        raise DataError(f"sample '{sample.key}': these are not its regions; pass Regions.of(sample)")
+    moved = epe_map(pred, clean_pred)
+    usable = ~np.isnan(moved)
+    length = magnitude_map(pred)
+    everywhere = error_sum(moved)
+    row: dict[str, Any] = dict.fromkeys(ROW_SCHEMA)
+    row |= {
+        "sample": sample.key,
+        "group": sample.group,
+        "corruption": corruption,
+        "severity": severity,
+        "frames_digest": frames_digest,
+        "height": sample.shape[0],
+        "width": sample.shape[1],
+        "n_invalid": int(np.count_nonzero(np.isnan(length))),
+        "n_all": everywhere.n,
+        "rcre_all_sum": everywhere.total,
+        "pred_magnitude_sum": error_sum(length, usable).total,
+    }
+    if sample.flow is None or regions is None:
+        return row
+    error = epe_map(pred, sample.flow)
+    counted = regions.valid & usable
+    outliers = outlier_sums(error, regions.magnitude, counted)
+    row |= {
+        "n_valid": outliers.n,
+        "epe_sum": error_sum(error, counted).total,
+        "rcre_sum": error_sum(moved, counted).total,
+        "magnitude_sum": error_sum(regions.magnitude, counted).total,
+        "fl_count": outliers.fl_count,
+        "px1_count": outliers.px1_count,
+        "px3_count": outliers.px3_count,
+        "px5_count": outliers.px5_count,
+        "wauc_sum": outliers.wauc_sum,
+    }
+    for name, sums in regions.sums(error, moved).items():
+        row |= {f"{field}_{name}": value for field, value in sums._asdict().items()}
+    return row
+
+
+def rows_frame(rows: Iterable[dict[str, Any]]) -> pl.DataFrame:
+    """Rows as a polars DataFrame with the columns and types of `ROW_SCHEMA`.
+
+    >>> rows_frame([]).height
+    0
+    """
+    return pl.DataFrame(list(rows), schema=ROW_SCHEMA, strict=True, orient="row")

@@ -1,0 +1,141 @@
+"""`Summary`: the means of a run, typed, as written to `summary.json`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import polars as pl
+from pydantic import BaseModel, ConfigDict
+
+from ..errors import unknown_name
+from .rows import ROW_SCHEMA_VERSION
+
+Averaging = Literal["image", "pixel"]
+"""`image`: the paper's, mean over the pixels of an image, then over images. `pixel`: over the pixels of all
+images at once. Means over severities, then over corruptions, follow in both."""
+
+METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc")
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Scores(_Frozen):
+    """Means of the metrics; None where there is nothing to average (no ground truth, no such pixels).
+
+    Attributes:
+        epe: end-point error, pixels.
+        cre: Corruption Robustness Error, pixels.
+        crer: CRE / clean EPE.
+        rcre: Relative Corruption Robustness Error, pixels, over the pixels with valid ground truth (over all
+            pixels for samples without ground truth).
+        rcre_all: the same over all pixels.
+        fl: Fl-all, percent.
+        px1, px3, px5: pixels with an error above 1, 3, 5 px, percent.
+        wauc: weighted area under the inlier curve, percent (100 is best).
+    """
+
+    epe: float | None = None
+    cre: float | None = None
+    crer: float | None = None
+    rcre: float | None = None
+    rcre_all: float | None = None
+    fl: float | None = None
+    px1: float | None = None
+    px3: float | None = None
+    px5: float | None = None
+    wauc: float | None = None
+
+
+class CorruptionScores(Scores):
+    """Means over the severities of one corruption, and the values at each.
+
+    Attributes:
+        family: the paper's family; None outside the paper.
+        averaged: whether it is part of the overall means (the paper's corruptions are).
+        severities: the severities found, ascending.
+        by_severity: for each metric a list beside `severities`.
+    """
+
+    family: str | None
+    averaged: bool
+    severities: list[int]
+    by_severity: dict[str, list[float | None]]
+
+
+class RegionScores(Scores):
+    """Overall means inside one region; images without a pixel of it are not averaged.
+
+    Attributes:
+        share: the region's part of the valid pixels of the clean rows of samples that have it, percent.
+        epe_clean, fl_clean: on the clean frames.
+    """
+
+    share: float | None = None
+    epe_clean: float | None = None
+    fl_clean: float | None = None
+
+
+class Units(_Frozen):
+    """Samples of one setting."""
+
+    corruption: str
+    severity: int
+    samples: list[str]
+
+
+class Summary(Scores):
+    """The means of a run; the scores at the top are over the corruptions in `averaged_over`.
+
+    Attributes:
+        row_schema: version of the rows it was made from.
+        averaging: see `Averaging`.
+        complete: False where anything is listed in `missing` or `unmeasured`; the means are over what exists.
+        missing: planned, but not among the rows.
+        unmeasured: rows without a single pixel to measure (no predicted flow is finite, or no ground truth
+            is valid).
+        samples: number of samples.
+        n_invalid: predicted pixels that are not finite, in all rows; they are in no mean.
+        epe_clean: end-point error on the clean frames.
+        clean: the metrics on the clean frames, where CRE and CREr are not defined.
+        averaged_over: corruptions in the overall means.
+        corruptions: in the paper's order, then the others by name.
+        families: means over the corruptions of each of the paper's families.
+        regions: overall means inside each region that occurs.
+    """
+
+    row_schema: int = ROW_SCHEMA_VERSION
+    averaging: Averaging
+    complete: bool
+    missing: list[Units]
+    unmeasured: list[Units]
+    samples: int
+    n_invalid: int
+    epe_clean: float | None
+    clean: Scores
+    averaged_over: list[str]
+    corruptions: dict[str, CorruptionScores]
+    families: dict[str, Scores]
+    regions: dict[str, RegionScores]
+
+    def table(self, metric: str = "epe") -> pl.DataFrame:
+        """One metric, corruption x severity, in the paper's order.
+
+        Returns:
+            Columns `corruption`, `family`, one per severity ("1" ... "5"), `mean`; null where nothing was
+            measured.
+
+        Raises:
+            UsageError: unknown metric.
+        """
+        if metric not in METRICS:
+            raise unknown_name("metric", metric, METRICS)
+        severities = sorted({s for scores in self.corruptions.values() for s in scores.severities})
+        records = []
+        for name, scores in self.corruptions.items():
+            cells = dict(zip(scores.severities, scores.by_severity[metric], strict=True))
+            records.append((name, scores.family, *map(cells.get, severities), getattr(scores, metric)))
+        schema: dict[str, type[pl.DataType]] = {"corruption": pl.String, "family": pl.String}
+        schema |= {str(severity): pl.Float64 for severity in severities} | {"mean": pl.Float64}
+        return pl.DataFrame(records, schema=schema, orient="row")
