@@ -1,5 +1,55 @@
-"""RobustFlow: how robust is an optical-flow model to image corruptions?"""
+"""RobustFlow: how robust is an optical-flow model to image corruptions?
+
+>>> import robustflow as rf
+>>> model = rf.load_model("dis")
+"""
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .corruptions import corrupt, corrupt_clip
+    from .datasets import load_dataset
+    from .errors import RobustFlowError
+    from .flowio import read_flow, write_flow
+    from .models import load_model
+    from .runner.evaluate import evaluate
+    from .runner.result import Result
+    from .sample import Sample
+
 __version__ = "0.1.0"
+
+_HOMES = {
+    "corrupt": "corruptions",
+    "corrupt_clip": "corruptions",
+    "load_dataset": "datasets",
+    "RobustFlowError": "errors",
+    "read_flow": "flowio",
+    "write_flow": "flowio",
+    "load_model": "models",
+    "evaluate": "runner.evaluate",
+    "Result": "runner.result",
+    "Sample": "sample",
+}
+
+__all__ = [
+    "Result",
+    "RobustFlowError",
+    "Sample",
+    "corrupt",
+    "corrupt_clip",
+    "evaluate",
+    "load_dataset",
+    "load_model",
+    "read_flow",
+    "write_flow",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use: `import robustflow` stays fast."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'robustflow' has no attribute '{name}'")
+    return getattr(import_module(f".{_HOMES[name]}", __name__), name)

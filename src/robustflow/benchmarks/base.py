@@ -1,0 +1,54 @@
+"""A benchmark: which samples, under which corruptions, at which severities."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from ..corruptions import CORRUPTIONS, SEVERITIES
+from ..corruptions.base import check_severity
+from ..datasets.base import Dataset
+from ..errors import UsageError
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """What is measured on what.
+
+    Attributes:
+        name: "kitti-fc", "demo", "folder", ...
+        dataset: where the samples come from.
+        keys: the samples, in order.
+        corruptions: the corruptions, in the paper's order.
+        severities: 1 to 5 unless narrowed.
+        protocol: whatever else decides the numbers (which split, which ground truth), for the run's identity.
+    """
+
+    name: str
+    dataset: Dataset
+    keys: tuple[str, ...]
+    corruptions: tuple[str, ...]
+    severities: tuple[int, ...] = SEVERITIES
+    protocol: dict[str, Any] = field(default_factory=dict)
+
+    def narrowed(
+        self,
+        corruptions: Sequence[str] | None = None,
+        severities: Sequence[int] | None = None,
+        limit: int | None = None,
+    ) -> Benchmark:
+        """The same benchmark on fewer (or other) corruptions, severities, or only its first samples.
+
+        Raises:
+            UsageError: an unknown corruption, a severity outside 1 to 5, a limit below 1.
+        """
+        if limit is not None and limit < 1:
+            raise UsageError(f"limit {limit} leaves no samples: give 1 or more")
+        chosen = self.corruptions if corruptions is None else tuple(dict.fromkeys(corruptions))
+        for name in chosen:
+            CORRUPTIONS.get(name)
+        levels = self.severities if severities is None else tuple(sorted({check_severity(s) for s in severities}))
+        if not chosen or not levels:
+            raise UsageError("nothing to run: name at least one corruption and one severity")
+        return replace(self, keys=self.keys[:limit], corruptions=chosen, severities=levels)

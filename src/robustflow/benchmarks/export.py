@@ -1,0 +1,112 @@
+"""Write a benchmark's frames as files, in the layout KITTI-FC was released in.
+
+clean/val/image_2/000010_10.png, 000010_11.png      <corruption>_<severity>/val/image_2/...
+clean/val/flow_occ/000010_10.png                    clean/val/flow_noc/000010_10.png where occlusion is known
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from ..atomic import make_folder, write_json
+from ..corruptions import Corruption, corrupt_clip, load_corruption
+from ..corruptions.api import STREAM_VERSION
+from ..errors import DataError, RunError
+from ..flowio import write_flow
+from ..imageio import write_image
+from ..sample import Frame, Sample
+from .base import Benchmark
+
+DISK_NAMES = {"high_light": "brightness"}
+"""Corruptions whose folders the released benchmark names otherwise."""
+
+RECORD = "export.json"
+
+
+@dataclass(frozen=True)
+class Written:
+    """One setting of one sample is on disk; `fresh` is False where an earlier call had already written it."""
+
+    key: str
+    setting: str
+    fresh: bool
+
+
+def export(benchmark: Benchmark, output: Path, seed: int = 0, variant: str = "default") -> Iterator[Written]:
+    """Write the benchmark below `output`, sample by sample; what is already there is left alone.
+
+    Args:
+        benchmark: whose samples, corruptions and severities to write.
+        output: the folder; made if missing.
+        seed, variant: of the corruptions; the frames equal those that `run` makes on the fly.
+
+    Raises:
+        RunError: the folder holds an export with other settings, or cannot be written.
+        DataError: a key that cannot be a file name.
+    """
+    _claim(output, {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION})
+    corruptions = [load_corruption(name, variant) for name in benchmark.corruptions]
+    for key in benchmark.keys:
+        if "/" in key or key.startswith("."):
+            raise DataError(f"sample '{key}' cannot be written in the KITTI layout, whose files have no folders")
+        sample = benchmark.dataset.load(key)
+        fresh = _write_frames(output / "clean" / "val", key, partial(_frames, sample))
+        _write_truth(output / "clean" / "val", sample)
+        yield Written(key, "clean", fresh)
+        for corruption in corruptions:
+            for severity in benchmark.severities:
+                setting = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
+                make = partial(_corrupted, sample, corruption, severity, seed)
+                fresh = _write_frames(output / setting / "val", key, make)
+                yield Written(key, setting, fresh)
+
+
+def _frames(sample: Sample) -> tuple[Frame, ...]:
+    return sample.frames
+
+
+def _corrupted(sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
+    return tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key))
+
+
+def _write_frames(folder: Path, key: str, make: Callable[[], tuple[Frame, ...]]) -> bool:
+    paths = [folder / "image_2" / f"{key}_{10 + index}.png" for index in range(2)]
+    if all(path.exists() for path in paths):
+        return False
+    make_folder(folder / "image_2")
+    for path, frame in zip(paths, make(), strict=False):
+        write_image(path, frame)
+    return True
+
+
+def _write_truth(folder: Path, sample: Sample) -> None:
+    if sample.flow is None or sample.valid is None:
+        return
+    maps = {"flow_occ": sample.valid}
+    if sample.occluded is not None:
+        maps["flow_noc"] = sample.valid & ~sample.occluded
+    for name, valid in maps.items():
+        path = folder / name / f"{sample.key}_10.png"
+        if not path.exists():
+            make_folder(path.parent)
+            write_flow(path, sample.flow, valid)
+
+
+def _claim(output: Path, settings: dict[str, object]) -> None:
+    """Record what this folder holds, or refuse to mix two exports in it."""
+    make_folder(output)
+    record = output / RECORD
+    if record.exists():
+        try:
+            found = json.loads(record.read_text(encoding="utf-8"))
+        except ValueError:
+            found = None
+        if found != settings:
+            raise RunError(
+                f"{output} holds another export ({record.name}: {found}); choose another folder with --output"
+            )
+    write_json(record, settings)

@@ -1,0 +1,50 @@
+"""`robustflow corrupt`: look at a corruption on two frames of your own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import Seed, Variant, names, numbers
+
+
+def corrupt(
+    frame1: Annotated[Path, typer.Argument(help="First frame.")],
+    frame2: Annotated[Path, typer.Argument(help="Second frame, of the same size.")],
+    corruption: Annotated[str, typer.Option("--corruption", "-c", help="Comma-separated names.")],
+    severity: Annotated[str, typer.Option("--severity", "-s", help="Comma-separated, 1 to 5.")] = "3",
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the corrupted frames.")] = Path(
+        "corrupted"
+    ),
+    seed: Seed = 0,
+    variant: Variant = "default",
+) -> None:
+    """Write two frames corrupted, as <corruption>_<severity>/<frame's name>.png.
+
+    \b
+    Examples:
+      robustflow corrupt a.png b.png --corruption fog
+      robustflow corrupt a.png b.png -c snow,frost -s 1,3,5 --seed 7 -o corrupted
+    """
+    from ..atomic import make_folder
+    from ..corruptions import corrupt as corrupt_pair
+    from ..corruptions import load_corruption
+    from ..corruptions.base import check_severity
+    from ..errors import UsageError
+    from ..imageio import read_image, write_image
+
+    chosen = [load_corruption(name, variant) for name in names(corruption) or []]
+    levels = [check_severity(level) for level in numbers(severity) or []]
+    if not chosen or not levels:
+        raise UsageError("nothing to do: name at least one corruption and one severity")
+    pair = read_image(frame1), read_image(frame2)
+    stems = (frame1.stem, frame2.stem) if frame1.stem != frame2.stem else (f"{frame1.stem}_1", f"{frame2.stem}_2")
+    for one in chosen:
+        for level in levels:
+            folder = output / f"{one.name}_{level}"
+            make_folder(folder)
+            for stem, frame in zip(stems, corrupt_pair(*pair, one, level, seed, frame1.stem), strict=True):
+                write_image(folder / f"{stem}.png", frame)
+            typer.echo(str(folder))

@@ -1,0 +1,44 @@
+"""`robustflow export`: a benchmark's corrupted frames as files, in the layout KITTI-FC was released in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import Corruptions, Data, Limit, Seed, Severities, Split, Variant, names, numbers
+
+
+def export(
+    benchmark: Annotated[str, typer.Argument(help="kitti-fc.")],
+    data: Data = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("KITTI-FC"),
+    corruptions: Corruptions = None,
+    severities: Severities = None,
+    limit: Limit = None,
+    split: Split = None,
+    seed: Seed = 0,
+    variant: Variant = "default",
+) -> None:
+    """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}.
+
+    Files that are already whole are left alone, so a stopped export goes on where it stopped.
+
+    \b
+    Example:
+      robustflow export kitti-fc --data ~/kitti --output ~/KITTI-FC --limit 5
+    """
+    from rich.console import Console
+    from rich.progress import track
+
+    from ..benchmarks import load_benchmark
+    from ..benchmarks.export import export as write
+
+    chosen = load_benchmark(benchmark, data, split).narrowed(names(corruptions), numbers(severities), limit)
+    total = len(chosen.keys) * (1 + len(chosen.corruptions) * len(chosen.severities))
+    console = Console(stderr=True)
+    steps = write(chosen, output, seed, variant)
+    shown = track(steps, "exporting", total, console=console, disable=not console.is_terminal)
+    fresh = sum(step.fresh for step in shown)
+    typer.echo(f"{output}: {len(chosen.keys)} pairs, {fresh} settings written, {total - fresh} were already there")

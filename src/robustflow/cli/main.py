@@ -1,0 +1,53 @@
+"""The command `robustflow`: subcommands, and how an error reaches a person."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from .. import __version__
+from ..errors import RobustFlowError
+from .corrupt import corrupt
+from .export import export
+from .listing import list_things
+from .run import run
+from .show import show
+
+app = typer.Typer(
+    name="robustflow",
+    help="How robust is an optical-flow model to image corruptions?",
+    epilog="Start with: robustflow run --model dis",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("run")(run)
+app.command("show")(show)
+app.command("list")(list_things)
+app.command("corrupt")(corrupt)
+app.command("export")(export)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"robustflow {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    pass
+
+
+def main() -> None:
+    """Run the command line; a known error is one line on stderr and its exit code."""
+    try:
+        app()
+    except RobustFlowError as error:
+        message = " ".join(str(error).split())
+        print(f"robustflow: {message}", file=sys.stderr)
+        sys.exit(error.exit_code)

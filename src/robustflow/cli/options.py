@@ -1,0 +1,79 @@
+"""Options that several commands share, and how their text becomes values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import UsageError
+
+ModelName = Annotated[
+    str,
+    typer.Option(
+        "--model",
+        "-m",
+        help="A name (robustflow list models), module.path:Attribute, or a folder of flow files.",
+    ),
+]
+ModelOptions = Annotated[
+    list[str] | None,
+    typer.Option("--option", "-O", metavar="KEY=VALUE", help="An option of the model, e.g. preset=fast. Repeatable."),
+]
+Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the data set (or a video, for 'folder').")]
+Split = Annotated[
+    Path | None, typer.Option(help="File naming the pairs to use, one a line, instead of the built-in split.")
+]
+Corruptions = Annotated[
+    str | None,
+    typer.Option("--corruptions", "-c", help="Comma-separated names; all of the benchmark's by default."),
+]
+Severities = Annotated[str | None, typer.Option("--severities", "-s", help="Comma-separated, 1 (mild) to 5 (severe).")]
+Limit = Annotated[int | None, typer.Option(help="Use only the first N pairs.")]
+Seed = Annotated[int, typer.Option(help="Seed of every random draw; the same seed gives the same bytes anywhere.")]
+Variant = Annotated[str, typer.Option(help="Of the corruptions: default, reference or paper.")]
+
+
+def names(text: str | None) -> list[str] | None:
+    """A comma-separated list.
+
+    >>> names("fog, frost")
+    ['fog', 'frost']
+    """
+    return None if text is None else [part.strip() for part in text.split(",") if part.strip()]
+
+
+def numbers(text: str | None) -> list[int] | None:
+    """A comma-separated list of whole numbers."""
+    parts = names(text)
+    try:
+        return None if parts is None else [int(part) for part in parts]
+    except ValueError:
+        raise UsageError(f"severities must be whole numbers from 1 to 5, separated by commas, not '{text}'") from None
+
+
+def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
+    """`KEY=VALUE` texts as options; numbers and true/false become what they look like.
+
+    >>> keyword_options(["preset=fast", "winsize=21"])
+    (('preset', 'fast'), ('winsize', 21))
+    """
+    options = []
+    for pair in pairs or []:
+        key, sign, text = pair.partition("=")
+        if not sign or not key.strip().isidentifier():
+            raise UsageError(f"'{pair}' is not an option: write KEY=VALUE, for example preset=fast")
+        options.append((key.strip(), _value(text.strip())))
+    return tuple(options)
+
+
+def _value(text: str) -> Any:
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text

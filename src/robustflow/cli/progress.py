@@ -1,0 +1,83 @@
+"""Progress of a run: a bar with the time left on a terminal, plain lines in a log."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from ..runner.engines.base import Done
+
+_LINE_EVERY_S = 10.0
+
+
+class TerminalProgress:
+    """Shows a run's progress on stderr. A context manager."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True)
+        self._bar: Progress | None = None
+        self._folder: Path | None = None
+        self._total = self._finished = self._found = 0
+        self._started = self._last_line = time.monotonic()
+
+    def __enter__(self) -> TerminalProgress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def start(self, folder: Path, total: int, found: int) -> None:
+        """A run of `total` units begins, `found` of which an earlier call left finished."""
+        self._folder, self._total, self._finished, self._found = folder, total, found, found
+        self._started = self._last_line = time.monotonic()
+        kept = f", {found} of them already there" if found else ""
+        self._console.print(f"{folder}: {total} units{kept}", highlight=False, soft_wrap=True)
+        if self._console.is_terminal:
+            columns = (
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+                TextColumn("left"),
+                TimeRemainingColumn(),
+            )
+            self._bar = Progress(TextColumn("{task.description}"), *columns, console=self._console)
+            self._bar.add_task("", total=total, completed=found)
+            self._bar.start()
+
+    def advance(self, done: Done) -> None:
+        """One more unit is on disk."""
+        self._finished += 1
+        what = f"{done.unit.key} {done.unit.corruption}"
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], advance=1, description=what)
+        elif time.monotonic() - self._last_line >= _LINE_EVERY_S or self._finished == self._total:
+            self._last_line = time.monotonic()
+            spent = self._last_line - self._started
+            left = spent / (self._finished - self._found) * (self._total - self._finished)
+            share = 100 * self._finished / self._total
+            print(
+                f"{self._finished}/{self._total} ({share:.0f} %), {left:.0f} s left, last {what}",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    def kept(self) -> str:
+        """What a stopped run leaves behind, as a sentence."""
+        if self._folder is None:
+            return "nothing had begun."
+        return f"{self._finished} of {self._total} units are kept in {self._folder}."

@@ -1,0 +1,90 @@
+"""`robustflow run`: a model over a benchmark."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .options import (
+    Corruptions,
+    Data,
+    Limit,
+    ModelName,
+    ModelOptions,
+    Seed,
+    Severities,
+    Split,
+    Variant,
+    keyword_options,
+    names,
+    numbers,
+)
+
+
+def run(
+    model: ModelName,
+    benchmark: Annotated[str, typer.Option("--benchmark", "-b", help="demo, kitti-fc or folder.")] = "demo",
+    data: Data = None,
+    option: ModelOptions = None,
+    corruptions: Corruptions = None,
+    severities: Severities = None,
+    limit: Limit = None,
+    split: Split = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="The run's folder [runs/...].")] = None,
+    seed: Seed = 0,
+    variant: Variant = "default",
+    workers: Annotated[int, typer.Option("--workers", "-w", help="Processes.")] = 1,
+    engine: Annotated[str | None, typer.Option(help="serial or processes; chosen from --workers by default.")] = None,
+    timeout: Annotated[float | None, typer.Option(help="Seconds a single prediction may take.")] = None,
+    allow_invalid: Annotated[
+        bool, typer.Option("--allow-invalid", help="Leave out and count NaN or infinite predictions.")
+    ] = False,
+) -> None:
+    """Measure how robust a model is.
+
+    A run can be stopped at any moment; the same command goes on where it stopped.
+
+    \b
+    Examples:
+      robustflow run --model dis
+      robustflow run --model farneback --benchmark kitti-fc --data ~/kitti --workers 4
+      robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
+      robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
+    """
+    from ..models import ModelSpec
+    from ..runner.evaluate import evaluate
+    from .progress import TerminalProgress
+    from .tables import print_result
+
+    signal.signal(signal.SIGTERM, _interrupt)
+    progress = TerminalProgress()
+    try:
+        with progress:
+            result = evaluate(
+                ModelSpec(model, keyword_options(option)),
+                benchmark,
+                data,
+                output,
+                corruptions=names(corruptions),
+                severities=numbers(severities),
+                limit=limit,
+                split=split,
+                seed=seed,
+                variant=variant,
+                workers=workers,
+                engine=engine,
+                timeout=timeout,
+                allow_invalid=allow_invalid,
+                progress=progress,
+            )
+    except KeyboardInterrupt:
+        typer.echo(f"robustflow: stopped; {progress.kept()} Give the same command again to go on.", err=True)
+        raise typer.Exit(130) from None
+    print_result(result)
+
+
+def _interrupt(number: int, frame: Any) -> None:
+    raise KeyboardInterrupt

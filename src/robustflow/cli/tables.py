@@ -1,0 +1,80 @@
+"""A result on the terminal, in the paper's column order."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+
+from ..errors import unknown_name
+from ..metrics.summary import METRICS, Summary
+from ..runner.result import Result
+
+
+def print_result(result: Result, metric: str = "all") -> None:
+    """Print the overall scores and one line per corruption to stdout."""
+    if metric != "all" and metric not in METRICS:
+        raise unknown_name("metric", metric, (*METRICS, "all"))
+    summary = result.summary
+    console = Console(width=None if Console().is_terminal else 120)
+    if metric == "all":
+        console.print(_overview(result.name, summary))
+    else:
+        console.print(_by_severity(result, metric))
+    console.print(_sentence(summary), highlight=False, soft_wrap=True)
+    if not summary.complete:
+        missing = sum(len(unit.samples) for unit in summary.missing)
+        console.print(f"Incomplete: {missing} of the planned settings are missing; the means are over the rest.")
+    if summary.n_invalid:
+        console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")
+    console.print(f"report: {result.path / 'report.html'}", highlight=False, soft_wrap=True)
+
+
+def _overview(name: str, summary: Summary) -> Table:
+    table = Table(title=f"{name}, {summary.samples} pair{'s' if summary.samples > 1 else ''}", title_justify="left")
+    table.add_column("corruption")
+    shown = [
+        m
+        for m in ("epe", "cre", "crer", "rcre")
+        if any(getattr(s, m) is not None for s in summary.corruptions.values())
+    ]
+    for metric in shown:
+        table.add_column(metric.upper().replace("CRER", "CREr"), justify="right")
+    table.add_column("RCRE by severity", justify="right")
+    family = None
+    for corruption, scores in summary.corruptions.items():
+        if family is not None and scores.family != family:
+            table.add_section()
+        family = scores.family
+        levels = "  ".join(cell(value) for value in scores.by_severity["rcre"])
+        table.add_row(corruption, *(cell(getattr(scores, metric)) for metric in shown), levels)
+    table.add_section()
+    table.add_row("mean", *(cell(getattr(summary, metric)) for metric in shown), "", style="bold")
+    return table
+
+
+def _by_severity(result: Result, metric: str) -> Table:
+    frame = result.table(metric)
+    table = Table(title=f"{result.name}, {metric}", title_justify="left")
+    for column in frame.columns:
+        table.add_column(column, justify="left" if column in ("corruption", "family") else "right")
+    for row in frame.iter_rows():
+        table.add_row(*(value if isinstance(value, str) else cell(value) for value in row))
+    return table
+
+
+def _sentence(summary: Summary) -> str:
+    if summary.epe_clean is None:
+        return f"RCRE {cell(summary.rcre)} px (no ground truth: EPE, CRE and CREr cannot be measured)"
+    return (
+        f"clean EPE {cell(summary.epe_clean)} px, EPE {cell(summary.epe)}, CRE {cell(summary.cre)}, "
+        f"CREr {cell(summary.crer)}, RCRE {cell(summary.rcre)}"
+    )
+
+
+def cell(value: float | None) -> str:
+    """A number with two decimals, or a dash.
+
+    >>> cell(1.005), cell(None)
+    ('1.00', '-')
+    """
+    return "-" if value is None else f"{value:.2f}"

@@ -1,0 +1,146 @@
+"""Find a model by name, by `module.path:Attribute`, or in a folder of flow files."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
+from ..registry import Registry
+from ..sample import Flow, Frame
+from .base import FlowLookup, FlowModel, model_identity
+
+MODELS: Registry[Callable[..., FlowModel | FlowLookup]] = Registry("model", entry_point_group="robustflow.models")
+MODELS.add("farneback", "robustflow.models.opencv:Farneback")
+MODELS.add("dis", "robustflow.models.opencv:Dis")
+MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
+
+
+def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
+    """Load a model.
+
+    Args:
+        name: a registered name (`robustflow list models`), `module.path:Attribute` (an object with `predict`, a class
+            or factory that makes one, or a function of two frames), or a folder of flow files.
+        options: passed to the model's constructor (`preset="fast"` for `dis`).
+
+    Raises:
+        UsageError: unknown name or option.
+        ModelError: the model cannot be loaded.
+
+    >>> load_model("dis", preset="fast").identity()["preset"]
+    'fast'
+    """
+    if ":" in name and not Path(name).exists():
+        return _load_attribute(name, options)
+    if name not in MODELS.names() and Path(name).expanduser().is_dir():
+        return MODELS.get("precomputed")(folder=name, **options)
+    return _construct(MODELS.get(name), name, options)
+
+
+@dataclass(frozen=True)
+class ModelSpec:
+    """A model by name and options: what a worker process is told so that it can load its own copy."""
+
+    name: str
+    options: tuple[tuple[str, Any], ...] = ()
+
+    def load(self) -> FlowModel | FlowLookup:
+        """Load the model; every call makes a new one."""
+        return load_model(self.name, **dict(self.options))
+
+    def identity(self, model: FlowModel | FlowLookup) -> dict[str, Any]:
+        """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
+        that an edited model never continues the run of the unedited one."""
+        identity = {**model_identity(model), "options": {key: str(value) for key, value in self.options}}
+        module = sys.modules.get(self.name.partition(":")[0]) if ":" in self.name else None
+        if module is not None and module.__file__:
+            source = Path(module.__file__).read_bytes()
+            identity |= {"spec": self.name, "source": hashlib.blake2b(source, digest_size=16).hexdigest()}
+        return identity
+
+
+class FunctionModel:
+    """A plain function of two frames, as a model."""
+
+    def __init__(self, function: Callable[[Frame, Frame], Flow], identity: dict[str, Any] | None = None) -> None:
+        self._function = function
+        self._identity = identity or model_identity(function)
+
+    def identity(self) -> dict[str, Any]:
+        return self._identity
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`."""
+        return self._function(frame1, frame2)
+
+
+def as_model(found: Any, what: str) -> FlowModel | FlowLookup:
+    """An object with `predict` or `lookup` as it is; a function of two frames wrapped; anything else refused."""
+    if isinstance(found, FlowModel | FlowLookup):
+        return found
+    if callable(found):
+        return FunctionModel(found)
+    raise ModelError(
+        f"{what} has no method predict(frame1, frame2) and is not callable; see the guide 'add your model'"
+    )
+
+
+def _load_attribute(name: str, options: dict[str, Any]) -> FlowModel | FlowLookup:
+    module_name, _, attribute = name.partition(":")
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))  # a console script does not see the user's folder; `python -m` would
+    try:
+        module = import_module(module_name)
+    except Exception as error:
+        raise ModelError(
+            f"cannot import '{module_name}' for model '{name}': {type(error).__name__}: {error}; "
+            "run from the folder that holds it, or install its package"
+        ) from error
+    found: Any = module
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            public = [key for key in vars(found) if not key.startswith("_")]
+            raise unknown_name(f"attribute of {module_name}", part, public)
+        found = getattr(found, part)
+    if inspect.isclass(found) or (callable(found) and not _takes_two_frames(found)):
+        found = _construct(found, name, options)
+    elif options:
+        raise UsageError(f"model '{name}' is already built, so it takes no options: {', '.join(options)}")
+    return as_model(found, f"model '{name}'")
+
+
+def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -> Any:
+    parameters = _parameters(factory)
+    takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
+    for option in options:
+        if not takes_any and option not in parameters:
+            raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
+    try:
+        return factory(**options)
+    except RobustFlowError:
+        raise
+    except Exception as error:
+        raise ModelError(f"model '{name}' cannot be built: {type(error).__name__}: {error}") from error
+
+
+def _takes_two_frames(function: Callable[..., Any]) -> bool:
+    if isinstance(function, FlowModel | FlowLookup):
+        return True
+    positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    parameters = _parameters(function).values()
+    return len([p for p in parameters if p.default is p.empty and p.kind in positional]) == 2
+
+
+def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    """A callable's parameters; none where Python cannot tell (some built-in types)."""
+    try:
+        return inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        return {}

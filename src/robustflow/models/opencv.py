@@ -1,0 +1,92 @@
+"""The knowledge-driven methods OpenCV ships: Farneback and (grey) DIS.
+
+OpenCV splits DIS into as many stripes as it has threads, and the stripes change the result; both adapters therefore
+run on one OpenCV thread, which makes the flow the same on every machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ..errors import unknown_name
+from ..sample import Flow, Frame
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+class Farneback:
+    """Gunnar Farneback's polynomial expansion (2003) on grey frames, at the paper's OpenCV defaults.
+
+    >>> import numpy as np
+    >>> frame = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
+    >>> Farneback().predict(frame, frame).shape
+    (64, 96, 2)
+    """
+
+    def __init__(
+        self,
+        pyr_scale: float = 0.5,
+        levels: int = 3,
+        winsize: int = 15,
+        iterations: int = 3,
+        poly_n: int = 5,
+        poly_sigma: float = 1.2,
+    ) -> None:
+        self._parameters: dict[str, Any] = {
+            "pyr_scale": pyr_scale,
+            "levels": levels,
+            "winsize": winsize,
+            "iterations": iterations,
+            "poly_n": poly_n,
+            "poly_sigma": poly_sigma,
+        }
+
+    def identity(self) -> dict[str, Any]:
+        return {"name": "farneback", "opencv": cv2.__version__, **self._parameters}
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`."""
+        grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
+        with _one_thread():
+            flow = cv2.calcOpticalFlowFarneback(grey1, grey2, None, flags=0, **self._parameters)
+        return np.asarray(flow, np.float32)
+
+
+class Dis:
+    """Dense inverse search (Kroeger et al. 2016) as OpenCV has it: on grey frames.
+
+    Args:
+        preset: "ultrafast", "fast" or "medium" (default).
+    """
+
+    PRESETS = ("ultrafast", "fast", "medium")
+
+    def __init__(self, preset: str = "medium") -> None:
+        if preset not in self.PRESETS:
+            raise unknown_name("DIS preset", str(preset), self.PRESETS)
+        self._preset = preset
+
+    def identity(self) -> dict[str, Any]:
+        return {"name": "dis", "preset": self._preset, "opencv": cv2.__version__}
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`. Frames narrower or lower than 8 pixels are more than the method can do."""
+        grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
+        with _one_thread():
+            # A fresh object per pair: DIS keeps the last flow as a starting point otherwise.
+            method = cv2.DISOpticalFlow.create(self.PRESETS.index(self._preset))
+            flow = method.calc(grey1, grey2, None)
+        return np.asarray(flow, np.float32)

@@ -1,0 +1,3 @@
+"""Reports: read rows, never models or images."""
+
+from __future__ import annotations

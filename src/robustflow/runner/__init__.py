@@ -1,0 +1,3 @@
+"""Plan what has to run, compute it, keep the rows."""
+
+from __future__ import annotations

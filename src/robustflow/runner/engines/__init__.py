@@ -1,0 +1,3 @@
+"""Engines: the same plan and the same worker, in this process or in many."""
+
+from __future__ import annotations

@@ -1,0 +1,59 @@
+"""Which unit a free worker gets next."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+from ...metrics.rows import CLEAN
+from ..plan import Unit
+
+
+class Schedule:
+    """Hands out units so that a sample's clean flow exists before anything that is compared with it, a worker stays
+    with the sample it has loaded, and as few samples as possible are open at once.
+
+    >>> units = [Unit("a", "clean", (0,)), Unit("a", "fog", (1,)), Unit("b", "clean", (0,))]
+    >>> schedule = Schedule(units)
+    >>> schedule.take(None).corruption, schedule.take(None).key, schedule.take(None)
+    ('clean', 'b', None)
+    >>> schedule.finished(units[0]); schedule.take("a").corruption
+    'fog'
+    """
+
+    def __init__(self, units: Iterable[Unit]) -> None:
+        self._waiting: dict[str, deque[Unit]] = {}
+        """Units by sample, in the plan's order of samples."""
+        self._blocked: set[str] = set()
+        """Samples whose clean unit is being computed."""
+        for unit in units:
+            self._waiting.setdefault(unit.key, deque()).append(unit)
+        self._fresh = [key for key, mine in reversed(self._waiting.items()) if mine[0].corruption == CLEAN]
+        """Samples nobody has begun, the next one last."""
+
+    def take(self, last_key: str | None) -> Unit | None:
+        """The next unit for a worker that has `last_key` loaded; None when all that is left has to wait."""
+        if last_key is not None and self._ready(last_key):
+            return self._pop(last_key)
+        if self._fresh:  # a new sample before another worker's: two workers on one sample load it twice
+            key = self._fresh.pop()
+            self._blocked.add(key)
+            return self._pop(key)
+        for key in self._waiting:
+            if self._ready(key):
+                return self._pop(key)
+        return None
+
+    def finished(self, unit: Unit) -> None:
+        """Tell that a unit is done; a clean unit frees the rest of its sample."""
+        if unit.corruption == CLEAN:
+            self._blocked.discard(unit.key)
+
+    def _ready(self, key: str) -> bool:
+        return key in self._waiting and key not in self._blocked and key not in self._fresh
+
+    def _pop(self, key: str) -> Unit:
+        unit = self._waiting[key].popleft()
+        if not self._waiting[key]:
+            del self._waiting[key]
+        return unit

@@ -1,0 +1,23 @@
+"""Everything in this process: for debugging, and for models that live only here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import cv2
+
+from ..plan import Unit
+from .base import Done, Job, take_seconds
+
+
+def serial(job: Job, units: Iterable[Unit]) -> Iterator[Done]:
+    """Compute the units one after the other."""
+    worker = job.worker()
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        for unit in units:
+            rows = worker.run(unit)
+            yield Done(unit, rows, take_seconds(worker))
+    finally:
+        cv2.setNumThreads(threads)

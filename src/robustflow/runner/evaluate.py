@@ -1,0 +1,214 @@
+"""Run a model over a benchmark: plan, compute what is missing, write rows, summarise."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Protocol
+
+from ..benchmarks import Benchmark, load_benchmark
+from ..errors import RunError, UsageError, unknown_name
+from ..models import FlowLookup, FlowModel, ModelSpec
+from ..models.base import model_identity
+from ..models.loading import as_model
+from .engines.base import Done, Job
+from .engines.processes import processes
+from .engines.serial import serial
+from .environment import environment
+from .plan import Plan, Settings, Unit, identity_digest
+from .result import Result
+from .store import RunFolder
+
+ENGINES = ("serial", "processes")
+
+
+class Progress(Protocol):
+    """Told what happens; the command line shows it, a library user may ignore it."""
+
+    def start(self, folder: Path, total: int, found: int) -> None: ...
+
+    def advance(self, done: Done) -> None: ...
+
+
+class _Silent:
+    def start(self, folder: Path, total: int, found: int) -> None:
+        pass
+
+    def advance(self, done: Done) -> None:
+        pass
+
+
+def evaluate(
+    model: str | ModelSpec | FlowModel | FlowLookup | Callable[..., Any],
+    benchmark: str | Benchmark = "demo",
+    data: str | Path | None = None,
+    output: str | Path | None = None,
+    *,
+    corruptions: Sequence[str] | None = None,
+    severities: Sequence[int] | None = None,
+    limit: int | None = None,
+    split: str | Path | None = None,
+    seed: int = 0,
+    variant: str = "default",
+    workers: int = 1,
+    engine: str | None = None,
+    timeout: float | None = None,
+    allow_invalid: bool = False,
+    progress: Progress | None = None,
+) -> Result:
+    """Measure how robust a model is. Resumable: the same call goes on where a killed one stopped.
+
+    Args:
+        model: a name (`"dis"`, `"module.path:Attribute"`, a folder of flows), or any object with
+            `predict(frame1, frame2) -> flow`, or a function of two frames.
+        benchmark: "demo" (a real pair that needs no download), "kitti-fc", "folder", or a `Benchmark`.
+        data: the data set's folder, for benchmarks that need one.
+        output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default.
+        corruptions, severities, limit: run only these; a later call with others adds to the same folder.
+        split: a file naming the samples (kitti-fc).
+        seed: of every random draw. The same seed gives the same bytes on any machine.
+        variant: of the corruptions: "default", "reference" or "paper".
+        workers: processes; 1 stays in this process unless `timeout` is given.
+        engine: "serial" or "processes"; chosen from `workers` and `timeout` by default.
+        timeout: seconds a single prediction may take.
+        allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
+
+    Returns:
+        The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
+
+    Raises:
+        UsageError, DataError, ModelError, RunError: see each class; finished work is kept in every case.
+
+    >>> import tempfile, numpy as np
+    >>> still = lambda frame1, frame2: np.zeros((*frame1.shape[:2], 2), np.float32)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     result = evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1])
+    >>> result.rcre
+    0.0
+    """
+    chosen = load_benchmark(benchmark, data, split) if isinstance(benchmark, str) else benchmark
+    chosen = chosen.narrowed(corruptions, severities, limit)
+    spec, identity = _identify(model)
+    plan = Plan(chosen, Settings(seed, variant, allow_invalid), identity)
+    run = _engine(engine, workers, timeout)
+    folder = RunFolder(output if output is not None else _default_output(plan, spec))
+    folder.lock()
+    try:
+        _fill(folder, plan, Job(chosen.dataset, spec, plan.settings, folder.path), run, progress or _Silent())
+    finally:
+        folder.unlock()
+    return Result(folder.path)
+
+
+def _fill(
+    folder: RunFolder,
+    plan: Plan,
+    job: Job,
+    run: Callable[[Job, list[Unit]], Iterator[Done]],
+    progress: Progress,
+) -> None:
+    manifest = _open_manifest(folder, plan)
+    folder.write_manifest(manifest)
+    units = plan.missing(folder.cells())
+    progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
+    left = Counter(unit.key for unit in units)
+    seconds: dict[str, float] = dict(manifest.get("seconds", {}))
+    start = time.perf_counter()
+    for done in run(job, units):
+        folder.write_rows(done.unit, done.rows)
+        left[done.unit.key] -= 1
+        if not left[done.unit.key]:
+            folder.clean_path(done.unit.key).unlink(missing_ok=True)
+        for kind, spent in done.seconds.items():
+            seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
+        progress.advance(done)
+    seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
+    folder.write_manifest({**manifest, "seconds": seconds, "finished": _now()})
+    Result(folder.path).write_summary()
+
+
+def _open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
+    """The folder's manifest brought up to date with this plan, or an error where the two do not belong together."""
+    identity = plan.identity()
+    old = folder.manifest() or {}
+    if old and old["identity_digest"] != identity_digest(identity):
+        differing = sorted(
+            k for k in identity.keys() | old["identity"].keys() if identity.get(k) != old["identity"].get(k)
+        )
+        raise RunError(
+            f"{folder.path} holds another run (it differs in: {', '.join(differing) or 'identity'}); "
+            "choose another folder with --output"
+        )
+    samples = {key: _fingerprint(plan, key) for key in plan.benchmark.keys}
+    before = old.get("samples", {})
+    changed = sorted(key for key in samples if before.get(key, samples[key]) != samples[key])
+    if changed:
+        raise RunError(
+            f"{folder.path} was made from other files for sample '{changed[0]}' ({len(changed)} differ); "
+            "choose another folder with --output"
+        )
+    selection = old.get("selection", {"corruptions": [], "severities": []})
+    return {
+        "identity": identity,
+        "identity_digest": identity_digest(identity),
+        "samples": before | samples,
+        "selection": {
+            "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
+            "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
+        },
+        "started": old.get("started", _now()),
+        "finished": None,
+        "seconds": old.get("seconds", {}),
+        "environment": environment(),
+    }
+
+
+def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
+    """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
+    try:
+        return [[path.name, path.stat().st_size] for path in plan.benchmark.dataset.files(key)]
+    except OSError as error:
+        raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
+
+
+def _identify(model: Any) -> tuple[ModelSpec | FlowModel | FlowLookup, dict[str, Any]]:
+    if isinstance(model, str):
+        model = ModelSpec(model)
+    if isinstance(model, ModelSpec):
+        return model, model.identity(model.load())
+    found = as_model(model, f"the model {model!r}")
+    return found, model_identity(found)
+
+
+def _engine(name: str | None, workers: int, timeout: float | None) -> Callable[[Job, list[Unit]], Iterator[Done]]:
+    if workers < 1:
+        raise UsageError(f"{workers} workers cannot work: give 1 or more")
+    if timeout is not None and timeout <= 0:
+        raise UsageError(f"a timeout of {timeout:g} s lets no model answer: give more than 0")
+    if name is None:
+        name = "processes" if workers > 1 or timeout is not None else "serial"
+    if name not in ENGINES:
+        raise unknown_name("engine", name, ENGINES)
+    if name == "processes":
+        return lambda job, units: processes(job, units, max(1, min(workers, len(units))), timeout)
+    if workers > 1 or timeout is not None:
+        raise UsageError("the serial engine has one worker and cannot stop a model that hangs; use --engine processes")
+    return serial
+
+
+def _default_output(plan: Plan, model: Any) -> Path:
+    name = model.name if isinstance(model, ModelSpec) else plan.model_identity.get("name", "model")
+    slug = re.sub(r"[^A-Za-z0-9_.-]+", "-", str(name)).strip("-.")[-40:] or "model"
+    return Path("runs") / f"{plan.benchmark.name}_{slug}_{plan.digest()[:8]}"
+
+
+def _union(first: Sequence[str], second: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys((*first, *second)))
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

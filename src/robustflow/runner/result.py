@@ -1,0 +1,104 @@
+"""`Result`: a run folder, read."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from ..atomic import write_bytes, write_json
+from ..errors import RunError
+from ..metrics.aggregate import summarize
+from ..metrics.rows import CLEAN
+from ..metrics.summary import Averaging, Summary
+from .plan import Cell
+from .store import RunFolder
+
+
+class Result:
+    """What a run measured, finished or not.
+
+    Args:
+        folder: the run's folder.
+
+    Raises:
+        RunError: no run there, or one that this version cannot read.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self._folder = RunFolder(folder)
+        self.path = self._folder.path
+        manifest = self._folder.manifest()
+        if manifest is None:
+            raise RunError(
+                f"{self.path} is not a run's folder (it has no manifest.json); give the folder that 'run' wrote"
+            )
+        self.manifest: dict[str, Any] = manifest
+
+    @cached_property
+    def rows(self) -> pl.DataFrame:
+        """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
+        return self._folder.rows()
+
+    @cached_property
+    def summary(self) -> Summary:
+        """The paper's means, and where they are incomplete."""
+        return self.summarize("image")
+
+    def summarize(self, averaging: Averaging = "image") -> Summary:
+        """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
+        return summarize(self.rows, averaging, self._planned())
+
+    @property
+    def epe_clean(self) -> float | None:
+        """Mean end-point error on the clean frames, pixels; None without ground truth."""
+        return self.summary.epe_clean
+
+    @property
+    def epe(self) -> float | None:
+        """Mean end-point error over severities and corruptions, pixels; None without ground truth."""
+        return self.summary.epe
+
+    @property
+    def cre(self) -> float | None:
+        """Corruption Robustness Error, pixels (paper Eq. 1); None without ground truth."""
+        return self.summary.cre
+
+    @property
+    def crer(self) -> float | None:
+        """Corruption Robustness Error ratio, CRE / clean EPE (paper Eq. 2); None without ground truth."""
+        return self.summary.crer
+
+    @property
+    def rcre(self) -> float | None:
+        """Relative Corruption Robustness Error, pixels (paper Eq. 3)."""
+        return self.summary.rcre
+
+    @property
+    def name(self) -> str:
+        """The model's name, for headings."""
+        model = self.manifest["identity"]["model"]
+        return str(model.get("spec") or model.get("name") or model.get("object"))
+
+    def table(self, metric: str = "epe") -> pl.DataFrame:
+        """One metric, corruption x severity, in the paper's order."""
+        return self.summary.table(metric)
+
+    def write_summary(self) -> None:
+        """Write `summary.json` and `report.html` into the run's folder."""
+        from ..report.html import render_report
+
+        summary = {"image": self.summary.model_dump(), "pixel": self.summarize("pixel").model_dump()}
+        document = {**summary["image"], "pooled": summary["pixel"], "run": self.manifest["identity_digest"]}
+        write_json(self.path / "summary.json", document)
+        write_bytes(self.path / "report.html", render_report(self).encode())
+
+    def _planned(self) -> list[Cell]:
+        selection = self.manifest["selection"]
+        cells: list[Cell] = []
+        for key in self.manifest["samples"]:
+            cells.append((key, CLEAN, 0))
+            cells += [(key, name, level) for name in selection["corruptions"] for level in selection["severities"]]
+        return cells

@@ -1,0 +1,155 @@
+"""A run folder: the rows on disk, who may write them, and what is already there.
+
+manifest.json      what ran: identity, versions, machine, selection
+rows/*.parquet     one shard per unit, written once, by rename
+clean/*.npy        clean flows of samples that are not finished yet
+summary.json, report.html
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import io
+import json
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
+from ..errors import RunError
+from ..metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
+from ..sample import Flow
+from .plan import Cell, Unit
+
+MANIFEST_SCHEMA = 1
+
+
+class RunFolder:
+    """One run's folder. `lock()` before writing; reading needs no lock."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path).expanduser()
+        self._lock: int | None = None
+
+    @property
+    def rows_folder(self) -> Path:
+        return self.path / "rows"
+
+    @property
+    def manifest_path(self) -> Path:
+        return self.path / "manifest.json"
+
+    def lock(self) -> None:
+        """Create the folder and hold it until this process ends; clear what a killed run left half-written."""
+        for folder in (self.path, self.rows_folder, self.path / "clean"):
+            make_folder(folder)
+        try:
+            self._lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self.unlock()
+            raise RunError(
+                f"{self.path} is held by another run; wait for it to end, or choose another folder with --output"
+            ) from None
+        except OSError as error:
+            raise RunError(
+                f"cannot write {self.path}: {error.strerror}; choose another folder with --output"
+            ) from error
+        for left in self.path.rglob(f"{TEMPORARY}*"):
+            left.unlink(missing_ok=True)
+
+    def unlock(self) -> None:
+        """Let go of the folder."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def manifest(self) -> dict[str, Any] | None:
+        """The manifest, or None in a folder that has none yet.
+
+        Raises:
+            RunError: it is not ours, damaged, or of another schema.
+        """
+        try:
+            found = json.loads(self.manifest_path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError) as error:
+            raise RunError(
+                f"{self.manifest_path} cannot be read ({error}); choose another folder with --output"
+            ) from error
+        schema = found.get("schema") if isinstance(found, dict) else None
+        if schema != MANIFEST_SCHEMA:
+            raise RunError(
+                f"{self.path} was written with run schema {schema}, this version reads {MANIFEST_SCHEMA}; "
+                "choose another folder with --output, or use the version that wrote it"
+            )
+        return dict(found)
+
+    def write_manifest(self, manifest: dict[str, Any]) -> None:
+        """Write the manifest atomically."""
+        write_json(self.manifest_path, {"schema": MANIFEST_SCHEMA, **manifest})
+
+    def write_rows(self, unit: Unit, rows: list[dict[str, Any]]) -> None:
+        """Write one unit's rows as one shard."""
+        shard = io.BytesIO()
+        rows_frame(rows).write_parquet(shard)
+        write_bytes(self.rows_folder / f"{_shard_name(unit)}.parquet", shard.getvalue())
+
+    def rows(self) -> pl.DataFrame:
+        """All rows, sorted by sample, corruption and severity; empty where nothing is finished."""
+        frames = []
+        for path in sorted(self.rows_folder.glob("*.parquet")):
+            if path.name.startswith(TEMPORARY):
+                continue
+            try:
+                frame = pl.read_parquet(path, glob=False)
+            except (pl.exceptions.PolarsError, OSError) as error:
+                raise RunError(f"{path} is damaged ({type(error).__name__}); delete it and run again") from error
+            if frame.schema != pl.Schema(ROW_SCHEMA):
+                raise RunError(
+                    f"{path} has other columns than this version writes; choose another folder with --output"
+                )
+            frames.append(frame)
+        if not frames:
+            return pl.DataFrame(schema=ROW_SCHEMA)
+        return pl.concat(frames).unique(subset=ROW_KEY, keep="any").sort(ROW_KEY)
+
+    def cells(self) -> set[Cell]:
+        """What is already there."""
+        return set(self.rows().select(ROW_KEY).iter_rows())
+
+    def clean_path(self, key: str) -> Path:
+        """Where the clean flow of a sample waits until the sample is finished."""
+        return self.path / "clean" / f"{_slug(key)}.npy"
+
+
+def write_clean(path: Path, flow: Flow) -> None:
+    """Keep a clean flow for the units of its sample that are still to come."""
+    file = io.BytesIO()
+    np.save(file, flow, allow_pickle=False)
+    write_bytes(path, file.getvalue())
+
+
+def read_clean(path: Path) -> Flow | None:
+    """A clean flow kept earlier, or None."""
+    try:
+        return np.asarray(np.load(path, allow_pickle=False), np.float32)
+    except FileNotFoundError:
+        return None
+
+
+def _shard_name(unit: Unit) -> str:
+    severities = "".join(str(severity) for severity in unit.severities)
+    return f"{_slug(unit.key)}.{_slug(unit.corruption)}.{severities}"
+
+
+def _slug(text: str) -> str:
+    """A file name for any text: readable, and different for different texts."""
+    digest = hashlib.blake2b(text.encode(), digest_size=4).hexdigest()
+    return f"{re.sub(r'[^A-Za-z0-9_-]+', '_', text)[-48:]}-{digest}"

@@ -1,0 +1,139 @@
+"""Compute one unit: corrupt, predict, measure. The same code in every engine."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..corruptions.api import corrupt_clip, load_corruption
+from ..corruptions.base import Corruption
+from ..datasets.base import Dataset, PreCorrupted
+from ..errors import DataError, ModelError
+from ..metrics.regions import Regions
+from ..metrics.rows import CLEAN, measure
+from ..models.base import FlowLookup, FlowModel, predict_checked
+from ..sample import Flow, Frame, Sample
+from .plan import Settings, Unit
+from .store import read_clean, write_clean
+
+
+@dataclass
+class _Loaded:
+    sample: Sample
+    regions: Regions | None
+    clean: Flow
+
+
+class Worker:
+    """Computes units of one run, keeping the last sample and its clean flow at hand.
+
+    Args:
+        clean_path: where a sample's clean flow is kept between units, so that it is computed once per sample.
+        on_predict: called with what is being predicted before each prediction and with None after it; the process
+            engine watches a model's time this way.
+    """
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        model: FlowModel | FlowLookup,
+        settings: Settings,
+        clean_path: Callable[[str], Path],
+        on_predict: Callable[[str | None], None] = lambda what: None,
+    ) -> None:
+        self._dataset = dataset
+        self._model = model
+        self._settings = settings
+        self._clean_path = clean_path
+        self._on_predict = on_predict
+        self._corruptions: dict[str, Corruption] = {}
+        self._loaded: _Loaded | None = None
+        self.seconds = {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
+
+    def run(self, unit: Unit) -> list[dict[str, Any]]:
+        """The rows of a unit, in the order of its severities."""
+        loaded = self._load(unit.key)
+        if unit.corruption == CLEAN:
+            return [self._row(loaded, loaded.clean, loaded.sample.frames, CLEAN, 0)]
+        rows = []
+        for severity in unit.severities:
+            frames = self._corrupt(loaded.sample, unit.corruption, severity)
+            flow = self._predict(frames, unit.key, unit.corruption, severity)
+            rows.append(self._row(loaded, flow, frames, unit.corruption, severity))
+        return rows
+
+    def _load(self, key: str) -> _Loaded:
+        if self._loaded is None or self._loaded.sample.key != key:
+            self._loaded = None  # let go of the last sample before the next one is read
+            start = time.perf_counter()
+            sample = self._dataset.load(key)
+            if sample.valid is not None and not sample.valid.any():
+                raise DataError(
+                    f"sample '{key}': its ground truth marks no pixel as valid, so no error can be measured; "
+                    "leave it out with --split, or repair the flow file"
+                )
+            regions = Regions.of(sample) if sample.flow is not None else None
+            self.seconds["load"] += time.perf_counter() - start
+            path = self._clean_path(key)
+            clean = read_clean(path)
+            if clean is None:
+                clean = self._predict(sample.frames, key, CLEAN, 0)
+                write_clean(path, clean)
+            self._loaded = _Loaded(sample, regions, clean)
+        return self._loaded
+
+    def _corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
+        start = time.perf_counter()
+        if isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
+            frames = self._dataset.corrupted(sample.key, name, severity)
+        else:
+            if name not in self._corruptions:
+                self._corruptions[name] = load_corruption(name, self._settings.variant)
+            corruption = self._corruptions[name]
+            frames = tuple(corrupt_clip(sample.frames, corruption, severity, self._settings.seed, sample.key))
+        self.seconds["corrupt"] += time.perf_counter() - start
+        return frames
+
+    def _predict(self, frames: tuple[Frame, ...], key: str, corruption: str, severity: int) -> Flow:
+        start = time.perf_counter()
+        self._on_predict(f"sample '{key}', {corruption}" + (f" severity {severity}" if severity else ""))
+        flow = predict_checked(self._model, frames, key, corruption, severity)
+        self._on_predict(None)
+        self.seconds["predict"] += time.perf_counter() - start
+        return flow
+
+    def _row(
+        self, loaded: _Loaded, flow: Flow, frames: tuple[Frame, ...], corruption: str, severity: int
+    ) -> dict[str, Any]:
+        start = time.perf_counter()
+        digest = frames_digest(frames)
+        row = measure(
+            flow,
+            loaded.clean,
+            loaded.sample,
+            loaded.regions,
+            corruption=corruption,
+            severity=severity,
+            frames_digest=digest,
+        )
+        if row["n_invalid"] and not self._settings.allow_invalid:
+            where = f"sample '{loaded.sample.key}', {corruption}" + (f" severity {severity}" if severity else "")
+            raise ModelError(
+                f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {where}; repair the model, "
+                "or give --allow-invalid to leave such pixels out and count them"
+            )
+        self.seconds["measure"] += time.perf_counter() - start
+        return row
+
+
+def frames_digest(frames: tuple[Frame, ...]) -> str:
+    """32 hexadecimal digits that name the exact bytes of some frames."""
+    digest = hashlib.blake2b(digest_size=16)
+    for frame in frames:
+        digest.update(str(frame.shape).encode())
+        digest.update(frame.tobytes())
+    return digest.hexdigest()
