@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from .api import corrupt, corrupt_clip, load_corruption
 from .base import SEVERITIES, Corruption
-from .catalog import CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
+from .catalog import CLIP, CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
 
 __all__ = [
+    "CLIP",
     "CORRUPTIONS",
     "FAMILIES",
     "IMAGE_PAIR",

@@ -19,13 +19,17 @@ FAMILIES: dict[str, tuple[str, ...]] = {
         "defocus_blur",
         "glass_blur",
         "camera_motion_blur",
+        "object_motion_blur",
         "psf_blur",
     ),
+    "video": ("h264_crf", "h264_abr", "bit_error"),
 }
 """Families of the paper (Sec. 3) and their corruptions, in the order of its tables' columns."""
 
 PAPER_ORDER: tuple[str, ...] = tuple(name for names in FAMILIES.values() for name in names)
-IMAGE_PAIR: tuple[str, ...] = PAPER_ORDER
+CLIP: tuple[str, ...] = ("object_motion_blur", *FAMILIES["video"])
+"""The corruptions that need the whole clip that the images come from."""
+IMAGE_PAIR: tuple[str, ...] = tuple(name for name in PAPER_ORDER if name not in CLIP)
 """The corruptions that need nothing but the two images."""
 
 CORRUPTIONS: Registry[type[Corruption]] = Registry("corruption", entry_point_group="robustflow.corruptions")
@@ -50,7 +54,11 @@ _CLASSES = {
     "defocus_blur": "blur.defocus:DefocusBlur",
     "glass_blur": "blur.glass:GlassBlur",
     "camera_motion_blur": "blur.camera_motion:CameraMotionBlur",
+    "object_motion_blur": "clip:ObjectMotionBlur",
     "psf_blur": "blur.psf:PsfBlur",
+    "h264_crf": "clip:H264Crf",
+    "h264_abr": "clip:H264Abr",
+    "bit_error": "clip:BitError",
     "elastic_transform": "elastic:ElasticTransform",
 }
 for _name, _target in _CLASSES.items():

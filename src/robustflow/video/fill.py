@@ -1,0 +1,99 @@
+"""Put decoded pictures back in their places, and fill the places that stayed empty.
+
+Damage can cost a stream any of its frames. Renaming what is left by order of output, as the reference code does,
+shifts every later frame by one per loss; here a picture belongs to its presentation time. A lost frame shows what a
+player shows, the picture before it; before the first decoded picture, that one.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+from ..errors import DataError
+from .colour import I420
+
+REORDER = 32
+"""Pictures held back to restore display order; H.264 itself never needs more than 16."""
+
+
+@dataclass
+class Fill:
+    """Which frames of a clip were lost and what stands in their place.
+
+    Attributes:
+        count: frames the clip has.
+        lost: runs of lost frames, `(first, last, source)`: frames first..last show decoded frame `source`.
+        dropped: pictures that came out twice, too late, or with a time outside the clip; they are not shown.
+    """
+
+    count: int
+    lost: list[tuple[int, int, int]] = field(default_factory=list)
+    dropped: int = 0
+
+    @property
+    def frames_lost(self) -> int:
+        """How many frames were filled."""
+        return sum(last - first + 1 for first, last, _ in self.lost)
+
+    def source_of(self, index: int) -> int:
+        """The decoded frame that is shown as frame `index`.
+
+        >>> Fill(9, [(3, 5, 2)]).source_of(4)
+        2
+        """
+        return next((source for first, last, source in self.lost if first <= index <= last), index)
+
+
+def in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
+    """Pictures by ascending index, each index once, with a bounded buffer; what does not fit counts as dropped."""
+    waiting: list[tuple[int, int, I420]] = []
+    last = -1
+    for arrival, (index, picture) in enumerate(decoded):
+        if index <= last or index >= fill.count or any(index == held[0] for held in waiting):
+            fill.dropped += 1
+            continue
+        heapq.heappush(waiting, (index, arrival, picture))
+        if len(waiting) > REORDER:
+            last, _, earliest = heapq.heappop(waiting)
+            yield last, earliest
+    while waiting:
+        last, _, earliest = heapq.heappop(waiting)
+        yield last, earliest
+
+
+def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
+    """Yield exactly `fill.count` pictures, index 0, 1, 2, ...; lost ones as the module says, recorded in `fill`.
+
+    Raises:
+        DataError: nothing at all could be decoded.
+
+    >>> import numpy as np
+    >>> picture = [np.full((3, 2), i, np.uint8) for i in range(6)]
+    >>> fill = Fill(6)
+    >>> [int(shown[0, 0]) for _, shown in fill_lost([(1, picture[1]), (4, picture[4])], fill)]
+    [1, 1, 1, 1, 4, 4]
+    >>> fill.lost
+    [(0, 0, 1), (2, 3, 1), (5, 5, 4)]
+    """
+    previous: tuple[int, I420] | None = None
+    next_index = 0
+    for index, picture in in_order(decoded, fill):
+        if index > next_index:
+            source, shown = previous or (index, picture)
+            fill.lost.append((next_index, index - 1, source))
+            for lost in range(next_index, index):
+                yield lost, shown
+        yield index, picture
+        previous = (index, picture)
+        next_index = index + 1
+    if previous is None:
+        raise DataError(
+            f"not one of {fill.count} frames could be decoded from the damaged stream; choose a milder damage"
+        )
+    if next_index < fill.count:
+        source, shown = previous
+        fill.lost.append((next_index, fill.count - 1, source))
+        for lost in range(next_index, fill.count):
+            yield lost, shown
