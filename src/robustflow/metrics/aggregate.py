@@ -105,7 +105,7 @@ def _checked(rows: pl.DataFrame) -> pl.DataFrame:
         raise RunError(
             f"rows lack the column '{absent[0]}': they are of another schema; run the benchmark again"
         )
-    rows = rows.select(ROW_SCHEMA).sort(ROW_KEY)
+    rows = rows.select(list(ROW_SCHEMA)).sort(ROW_KEY)
     twice = rows.filter(rows.select(ROW_KEY).is_duplicated())
     if twice.height:
         sample, corruption, severity = twice.select(ROW_KEY).row(0)
