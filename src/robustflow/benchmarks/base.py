@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..corruptions import CORRUPTIONS, SEVERITIES
+from ..corruptions import SEVERITIES, load_corruption
 from ..corruptions.base import check_severity
 from ..datasets.base import Dataset
 from ..errors import UsageError
@@ -47,7 +47,7 @@ class Benchmark:
             raise UsageError(f"limit {limit} leaves no samples: give 1 or more")
         chosen = self.corruptions if corruptions is None else tuple(dict.fromkeys(corruptions))
         for name in chosen:
-            CORRUPTIONS.get(name)
+            load_corruption(name)
         levels = self.severities if severities is None else tuple(sorted({check_severity(s) for s in severities}))
         if not chosen or not levels:
             raise UsageError("nothing to run: name at least one corruption and one severity")

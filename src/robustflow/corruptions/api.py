@@ -11,17 +11,20 @@ from ..sample import Frame, Sample
 from .base import Corruption, check_severity
 from .catalog import CORRUPTIONS
 from .rng import Rng
+from .stack import Stack, is_stack, parse_stack
 
 STREAM_VERSION = 1
 """Part of every stream's name: raised when a corruption's bytes change, so that old and new results never mix."""
 
 
 def load_corruption(name: str, variant: str = "default") -> Corruption:
-    """The corruption registered as `name`.
+    """The corruption registered as `name`, or the stack that a name such as `"fog+jpeg_compression:2"` spells.
 
     >>> load_corruption("gaussian_noise").parameter(1)
     0.08
     """
+    if is_stack(name):
+        return Stack([(load_corruption(part, variant), level) for part, level in parse_stack(name)])
     return CORRUPTIONS.get(name)(variant)
 
 

@@ -82,7 +82,9 @@ class FunctionModel:
 
 
 def as_model(found: Any, what: str) -> FlowModel | FlowLookup:
-    """An object with `predict` or `lookup` as it is; a function of two frames wrapped; anything else refused."""
+    """An object with `predict` or `lookup` as it is, a class built, a function of two frames wrapped."""
+    if inspect.isclass(found):
+        found = _construct(found, what, {})
     if isinstance(found, FlowModel | FlowLookup):
         return found
     if callable(found):

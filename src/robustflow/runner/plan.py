@@ -10,6 +10,7 @@ from typing import Any
 
 from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
+from ..corruptions.stack import levels_of
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 
 IDENTITY_VERSION = 1
@@ -53,7 +54,9 @@ class Plan:
         units = []
         for key in self.benchmark.keys:
             units.append(Unit(key, CLEAN, (0,)))
-            units += [Unit(key, name, self.benchmark.severities) for name in self.benchmark.corruptions]
+            units += [
+                Unit(key, name, levels_of(name, self.benchmark.severities)) for name in self.benchmark.corruptions
+            ]
         return units
 
     def missing(self, found: Iterable[Cell]) -> list[Unit]:

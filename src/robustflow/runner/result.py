@@ -9,6 +9,7 @@ from typing import Any
 import polars as pl
 
 from ..atomic import write_bytes, write_json
+from ..corruptions.stack import levels_of
 from ..errors import RunError
 from ..metrics.aggregate import summarize
 from ..metrics.rows import CLEAN
@@ -100,5 +101,6 @@ class Result:
         cells: list[Cell] = []
         for key in self.manifest["samples"]:
             cells.append((key, CLEAN, 0))
-            cells += [(key, name, level) for name in selection["corruptions"] for level in selection["severities"]]
+            for name in selection["corruptions"]:
+                cells += [(key, name, level) for level in levels_of(name, tuple(selection["severities"]))]
         return cells

@@ -1,0 +1,93 @@
+"""Several corruptions one after the other, as one: `"fog+jpeg_compression"`, `"fog:2+jpeg_compression:4"`.
+
+Real footage is foggy *and* compressed; the paper names this its first limitation. A part without a severity takes the
+stack's; a part with one keeps it. Order is kept, and every part draws from a stream of its own, named by its place.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from ..errors import UsageError
+from ..sample import Frame
+from .base import Corruption, check_severity
+from .catalog import CORRUPTIONS
+from .rng import Rng
+
+_PLUS, _COLON = "+", ":"
+
+
+def is_stack(name: str) -> bool:
+    """Whether a name means a stack rather than a registered corruption.
+
+    >>> is_stack("fog"), is_stack("fog+snow"), is_stack("fog:2")
+    (False, True, True)
+    """
+    return _PLUS in name or _COLON in name
+
+
+def parse_stack(name: str) -> list[tuple[str, int | None]]:
+    """The parts of a stack's name, each with its own severity or None.
+
+    Raises:
+        UsageError: an empty part, an unknown corruption, or a severity outside 1 to 5.
+
+    >>> parse_stack("fog:2+jpeg_compression")
+    [('fog', 2), ('jpeg_compression', None)]
+    """
+    parts: list[tuple[str, int | None]] = []
+    for part in name.split(_PLUS):
+        corruption, colon, level = (text.strip() for text in part.partition(_COLON))
+        if not corruption or (colon and not level.isdecimal()):
+            raise UsageError(f"'{name}' is no stack of corruptions: write NAME or NAME:SEVERITY, joined by '+'")
+        CORRUPTIONS.get(corruption)
+        parts.append((corruption, check_severity(int(level)) if level else None))
+    return parts
+
+
+def levels_of(name: str, severities: tuple[int, ...]) -> tuple[int, ...]:
+    """The severities at which a corruption differs: all, or, for a stack that fixes each part's, the highest of them.
+
+    >>> levels_of("fog:2+snow:4", (1, 2, 3)), levels_of("fog:2+snow", (1, 2, 3)), levels_of("fog", (1, 2))
+    ((4,), (1, 2, 3), (1, 2))
+    """
+    if is_stack(name):
+        own = [level for _, level in parse_stack(name)]
+        if None not in own:
+            return (max(level for level in own if level is not None),)
+    return severities
+
+
+class Stack(Corruption):
+    """Corruptions applied in order to every frame.
+
+    Args:
+        parts: each corruption with its own severity, or None to take the stack's.
+
+    >>> from robustflow.corruptions import load_corruption
+    >>> load_corruption("fog:2+jpeg_compression").name
+    'fog:2+jpeg_compression'
+    """
+
+    family: ClassVar[str] = "stack"
+    paper_severities: ClassVar[tuple[Any, ...]] = ("1", "2", "3", "4", "5")
+
+    def __init__(self, parts: list[tuple[Corruption, int | None]]) -> None:
+        super().__init__(parts[0][0].variant)
+        self._parts = parts
+        spelled = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
+        self.name = _PLUS.join(spelled)  # type: ignore[misc]  # a stack's name is its own
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> list[Any]:
+        """One state per part."""
+        check_severity(severity)
+        return [
+            part.draw(rng.spawn(place, part.name), severity if level is None else level, shape)
+            for place, (part, level) in enumerate(self._parts)
+        ]
+
+    def apply(self, frame: Frame, state: list[Any], index: int) -> Frame:
+        """Every part in turn."""
+        for (part, _), own in zip(self._parts, state, strict=True):
+            frame = part.apply(frame, own, index)
+        return frame

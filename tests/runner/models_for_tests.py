@@ -1,0 +1,61 @@
+"""Models that behave in ways a run must cope with. Loaded by name, as a user's own would be."""
+
+from __future__ import annotations
+
+import os
+import time
+import zlib
+
+import numpy as np
+
+
+class Logged:
+    """Notes every prediction in a file; its flow depends on what is asked, so that mixed-up rows would show."""
+
+    def __init__(self, log: str, shape: str = "500x741", pause: float = 0.0) -> None:
+        self._log = log
+        self._shape = tuple(int(side) for side in shape.split("x"))
+        self._pause = pause
+
+    def identity(self) -> dict[str, str]:
+        return {"name": "logged"}
+
+    def lookup(self, key: str, corruption: str, severity: int) -> np.ndarray:
+        time.sleep(self._pause)
+        with open(self._log, "a") as log:
+            log.write(f"{os.getpid()} {key} {corruption} {severity}\n")
+        value = zlib.crc32(f"{key} {corruption} {severity}".encode()) % 1000
+        return np.full((*self._shape, 2), value / 100, np.float32)
+
+
+def still(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    """No motion."""
+    return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+def with_nan(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    """One pixel is not a number."""
+    flow = np.zeros((*frame1.shape[:2], 2), np.float32)
+    flow[3, 5] = np.nan
+    return flow
+
+
+def wrong_shape(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    """Channels first, as many networks have it."""
+    return np.zeros((2, *frame1.shape[:2]), np.float32)
+
+
+def raises(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    """Fails."""
+    raise ValueError("no weights\nat all")
+
+
+def hangs(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    """Never answers."""
+    while True:
+        time.sleep(60)
+
+
+def dies(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    """Takes its process down, as a crash in native code would."""
+    os._exit(17)

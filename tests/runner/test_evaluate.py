@@ -1,0 +1,179 @@
+"""Whole runs: every engine, in pieces or whole, gives the same rows."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from polars.testing import assert_frame_equal
+
+import robustflow as rf
+from robustflow.errors import ModelError, RunError, UsageError
+from robustflow.models import ModelSpec
+from robustflow.runner.store import RunFolder
+
+from .conftest import FAST
+
+DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+
+
+def _run(folder, **options):
+    return rf.evaluate(DIS, "demo", output=folder, **{"corruptions": FAST, "severities": [1, 4], **options})
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return _run(tmp_path_factory.mktemp("whole") / "run")
+
+
+def test_rows_summary_and_report_are_there(whole):
+    assert whole.rows.height == 1 + len(FAST) * 2
+    assert whole.summary.complete
+    assert json.loads((whole.path / "summary.json").read_text())["cre"] == whole.cre
+    assert "contrast" in (whole.path / "report.html").read_text()
+    assert not list((whole.path / "clean").iterdir()), "clean flows of finished samples are let go"
+
+
+@pytest.mark.parametrize("options", [{"workers": 2}, {"workers": 4}, {"engine": "processes"}])
+def test_engines_agree_to_the_byte(whole, tmp_path, options):
+    other = _run(tmp_path / "run", **options)
+    assert_frame_equal(other.rows, whole.rows)
+    assert (other.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
+
+
+def test_two_halves_make_the_whole(whole, tmp_path):
+    _run(tmp_path / "run", corruptions=FAST[2:], severities=[4])
+    _run(tmp_path / "run", corruptions=FAST[:2], workers=2)
+    other = _run(tmp_path / "run")
+    assert (other.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
+
+
+def test_clean_error_equals_opencv(whole):
+    sample = rf.load_dataset("motorcycle", None).load("motorcycle")
+    grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in sample.frames]
+    cv2.setNumThreads(1)
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST).calc(*grey, None)
+    epe = np.linalg.norm(flow.astype(np.float64) - sample.flow, axis=2)[sample.valid].mean()
+    assert whole.epe_clean == pytest.approx(epe, abs=1e-6)
+
+
+def test_a_finished_run_computes_nothing_again(tmp_path, models_on_path):
+    log = tmp_path / "log"
+    spec = ModelSpec("models_for_tests:Logged", (("log", str(log)),))
+    first = rf.evaluate(spec, output=tmp_path / "run", corruptions=FAST, severities=[2, 3])
+    asked = log.read_text().splitlines()
+    assert len(asked) == len({line.split(" ", 1)[1] for line in asked}) == 1 + 2 * len(FAST)
+    again = rf.evaluate(spec, output=tmp_path / "run", corruptions=FAST, severities=[2, 3])
+    assert log.read_text().splitlines() == asked
+    assert_frame_equal(again.rows, first.rows)
+
+
+def test_the_seed_and_nothing_else_decides_the_bytes(tmp_path):
+    digests = {}
+    for seed in (0, 0, 1):
+        run = _run(
+            tmp_path / f"run{len(digests)}", seed=seed, corruptions=["impulse_noise", "contrast"], severities=[3]
+        )
+        digests.setdefault(seed, []).append(dict(run.rows.select("corruption", "frames_digest").iter_rows()))
+    assert digests[0][0] == digests[0][1]
+    assert digests[1][0]["impulse_noise"] != digests[0][0]["impulse_noise"]
+    assert digests[1][0]["contrast"] == digests[0][0]["contrast"], "contrast has nothing random"
+
+
+def test_another_model_seed_or_variant_is_refused_in_the_same_folder(whole):
+    with pytest.raises(RunError, match="differs in: seed"):
+        _run(whole.path, seed=1)
+    with pytest.raises(RunError, match="differs in: model"):
+        rf.evaluate("farneback", output=whole.path)
+
+
+def test_an_edited_model_file_does_not_continue_the_old_run(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    source = "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), {}, np.float32)\n"
+    (tmp_path / "mine_for_test.py").write_text(source.format(1))
+    rf.evaluate("mine_for_test:flow", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    (tmp_path / "mine_for_test.py").write_text(source.format(2))
+    with pytest.raises(RunError, match="differs in: model"):
+        rf.evaluate("mine_for_test:flow", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+
+
+def test_held_by_another_run(tmp_path):
+    held = RunFolder(tmp_path / "run")
+    held.lock()
+    try:
+        with pytest.raises(RunError, match="held by another run"):
+            _run(tmp_path / "run")
+    finally:
+        held.unlock()
+
+
+def test_an_older_schema_is_refused(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "manifest.json").write_text('{"schema": 0}')
+    with pytest.raises(RunError, match="run schema 0"):
+        _run(tmp_path / "run")
+
+
+def test_other_files_under_the_same_names_are_noticed(whole, tmp_path):
+    folder = RunFolder(whole.path)
+    manifest = folder.manifest()
+    changed = json.loads(json.dumps(manifest))
+    changed["samples"]["motorcycle"][0][1] += 1
+    other = RunFolder(tmp_path / "run")
+    (tmp_path / "run").mkdir()
+    other.write_manifest({key: value for key, value in changed.items() if key != "schema"})
+    with pytest.raises(RunError, match="other files for sample 'motorcycle'"):
+        _run(tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    "options", [{"workers": 0}, {"timeout": 0.0}, {"engine": "serial", "workers": 2}, {"limit": 0}]
+)
+def test_options_that_cannot_be_meant(tmp_path, options):
+    with pytest.raises(UsageError):
+        _run(tmp_path / "run", **options)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("model", "says"),
+    [
+        ("with_nan", "1 pixels that are NaN or infinite on sample 'motorcycle', clean"),
+        ("wrong_shape", r"returned float32 \(2, 500, 741\)"),
+        ("raises", "raised ValueError on sample 'motorcycle', clean: no weights"),
+    ],
+)
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_model_that_does_not_return_a_flow(tmp_path, models_on_path, model, says, workers):
+    with pytest.raises(ModelError, match=says):
+        rf.evaluate(f"models_for_tests:{model}", output=tmp_path / "run", corruptions=FAST, workers=workers)
+    assert not list((tmp_path / "run" / "rows").iterdir())
+
+
+def test_a_model_that_hangs_is_stopped(tmp_path, models_on_path):
+    with pytest.raises(ModelError, match=r"longer than 0\.5 s on sample 'motorcycle', clean"):
+        rf.evaluate("models_for_tests:hangs", output=tmp_path / "run", corruptions=FAST, timeout=0.5)
+
+
+def test_a_model_that_takes_its_process_down(tmp_path, models_on_path):
+    with pytest.raises(RunError, match="exit code 17"):
+        rf.evaluate("models_for_tests:dies", output=tmp_path / "run", corruptions=FAST, workers=2)
+
+
+def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path, models_on_path):
+    run = rf.evaluate(
+        "models_for_tests:with_nan",
+        output=tmp_path / "run",
+        corruptions=["contrast"],
+        severities=[1],
+        allow_invalid=True,
+    )
+    assert run.summary.n_invalid == 2
+    assert run.rows["n_all"].to_list() == [500 * 741 - 1] * 2
+
+
+def test_a_local_object_needs_the_serial_engine(tmp_path):
+    with pytest.raises(UsageError, match="engine='serial'"):
+        rf.evaluate(lambda a, b: np.zeros((*a.shape[:2], 2)), output=tmp_path / "run", workers=2)

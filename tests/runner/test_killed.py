@@ -1,0 +1,112 @@
+"""A run killed without warning loses the unit in flight and nothing else."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from robustflow.runner.store import RunFolder
+
+from .conftest import FAST
+
+WORKERS = 2
+
+
+def _start(folder: Path, log: Path) -> subprocess.Popen[bytes]:
+    arguments = ["--corruptions", ",".join(FAST), "--output", str(folder), "--workers", str(WORKERS)]
+    model = ["--model", "models_for_tests:Logged", "-O", f"log={log}", "-O", "pause=0.02"]
+    return subprocess.Popen(
+        [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", *model, *arguments],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+
+
+def _rows_so_far(folder: Path) -> pl.DataFrame:
+    """What a reader sees at any moment: whole shards, or none."""
+    return RunFolder(folder).rows() if folder.exists() else pl.DataFrame()
+
+
+def _kill_and_resume(tmp_path: Path, kills: int, seed: int) -> None:
+    undisturbed = _start(tmp_path / "whole", tmp_path / "whole.log")
+    started = time.monotonic()
+    assert undisturbed.wait(120) == 0, undisturbed.stderr.read().decode()
+    length = time.monotonic() - started
+
+    moments = random.Random(seed)
+    killed = 0
+    while killed < kills:
+        run = _start(tmp_path / "killed", tmp_path / "killed.log")
+        deadline = time.monotonic() + moments.uniform(0.3, 1.1) * length
+        while run.poll() is None and time.monotonic() < deadline:
+            _rows_so_far(tmp_path / "killed")
+            time.sleep(0.01)
+        if run.poll() is not None:  # finished before its moment came: begin the next run afresh
+            assert run.returncode == 0, run.stderr.read().decode()
+            _compare(tmp_path, killed)
+            for path in sorted((tmp_path / "killed").rglob("*"), reverse=True):
+                path.rmdir() if path.is_dir() else path.unlink()
+            (tmp_path / "killed.log").unlink()
+            killed_here = 0
+        else:
+            os.kill(run.pid, signal.SIGKILL)
+            run.wait()
+            killed_here = 1
+        killed += killed_here
+    last = _start(tmp_path / "killed", tmp_path / "killed.log")
+    assert last.wait(120) == 0, last.stderr.read().decode()
+    _compare(tmp_path, kills)
+
+
+def _compare(tmp_path: Path, kills: int) -> None:
+    assert_frame_equal(_rows_so_far(tmp_path / "killed"), _rows_so_far(tmp_path / "whole"))
+    assert (tmp_path / "killed/summary.json").read_bytes() == (tmp_path / "whole/summary.json").read_bytes()
+    asked = Counter(line.split(" ", 1)[1] for line in (tmp_path / "killed.log").read_text().splitlines())
+    again = sum(asked.values()) - len(asked)
+    in_flight = 5  # severities of the one unit each worker holds
+    assert again <= kills * WORKERS * in_flight
+    assert not list((tmp_path / "killed").rglob(".partial-*"))
+
+
+def test_killed_and_resumed(tmp_path):
+    _kill_and_resume(tmp_path, kills=3, seed=0)
+
+
+@pytest.mark.slow
+def test_killed_at_twenty_moments(tmp_path):
+    _kill_and_resume(tmp_path, kills=20, seed=1)
+
+
+def test_no_worker_outlives_its_run(tmp_path):
+    run = _start(tmp_path / "run", tmp_path / "log")
+    while not (tmp_path / "log").exists():
+        assert run.poll() is None, run.stderr.read().decode()
+        time.sleep(0.02)
+    workers = {int(line.split()[0]) for line in (tmp_path / "log").read_text().splitlines()}
+    os.kill(run.pid, signal.SIGKILL)
+    run.wait()
+    deadline = time.monotonic() + 10
+    while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
+
+
+def test_interrupted_run_says_what_is_kept(tmp_path):
+    run = _start(tmp_path / "run", tmp_path / "log")
+    while not (tmp_path / "log").exists():
+        assert run.poll() is None, run.stderr.read().decode()
+        time.sleep(0.02)
+    run.send_signal(signal.SIGTERM)
+    assert run.wait(20) == 130
+    assert "Give the same command again" in run.stderr.read().decode()
