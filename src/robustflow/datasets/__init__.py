@@ -1,5 +1,6 @@
 """Where samples come from: one reader per dataset, in the layout it is distributed in."""
 
 from .base import Dataset, PreCorrupted
+from .catalog import DATASETS, load_dataset
 
-__all__ = ["Dataset", "PreCorrupted"]
+__all__ = ["DATASETS", "Dataset", "PreCorrupted", "load_dataset"]

@@ -1,0 +1,63 @@
+"""Every dataset by name, without importing any of them; `load_dataset` opens one."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..errors import UsageError, unknown_name
+from ..registry import Registry
+from .base import Dataset
+
+DATASETS: Registry[Callable[..., Dataset]] = Registry("dataset", entry_point_group="robustflow.datasets")
+"""Targets take the root (where they have one) and keyword options, and return a `Dataset`."""
+
+_TARGETS = {
+    "motorcycle": "motorcycle:Motorcycle",
+    "kitti2015": "kitti:Kitti2015",
+    "kitti2012": "kitti:Kitti2012",
+    "middlebury": "middlebury:Middlebury",
+    "sintel": "sintel:Sintel",
+    "hd1k": "hd1k:HD1K",
+    "spring": "spring:Spring",
+    "flyingchairs": "flyingchairs:FlyingChairs",
+    "flyingthings3d": "flyingthings3d:FlyingThings3D",
+    "gopro": "gopro:GoPro",
+    "folder": "folder:open_folder",
+    "kitti_fc": "kitti_fc:KittiFC",
+}
+for _name, _target in _TARGETS.items():
+    DATASETS.add(_name, f"robustflow.datasets.{_target}")
+
+
+def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
+    """Open a dataset.
+
+    Args:
+        name: a name of `DATASETS`.
+        root: its folder; None for a dataset that needs none.
+        options: what the dataset takes besides (`step=2`, `render_pass="final"`).
+
+    Raises:
+        UsageError: an unknown name or option, or a root missing or too many.
+        DataError: the files are not there or not as they should be.
+
+    >>> load_dataset("motorcycle").keys()
+    ['motorcycle']
+    >>> load_dataset("motorcycel")
+    Traceback (most recent call last):
+    robustflow.errors.UsageError: unknown dataset 'motorcycel': did you mean 'motorcycle'? Known: ...
+    """
+    factory = DATASETS.get(name)
+    parameters = inspect.signature(factory).parameters
+    takes_root = "root" in parameters
+    if takes_root and root is None:
+        raise UsageError(f"dataset '{name}' lies in a folder of yours: name it with --data FOLDER (root=... in Python)")
+    if root is not None and not takes_root:
+        raise UsageError(f"dataset '{name}' needs no folder; leave out --data (root=... in Python)")
+    for option in options:
+        if option == "root" or option not in parameters:
+            raise unknown_name(f"option of dataset '{name}'", option, [p for p in parameters if p != "root"])
+    return factory(root, **options) if takes_root else factory(**options)

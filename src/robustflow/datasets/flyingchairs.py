@@ -1,0 +1,67 @@
+"""FlyingChairs: 22,872 synthetic pairs with dense ground truth.
+
+    data/00001_img1.ppm  00001_img2.ppm  00001_flow.flo
+    FlyingChairs_train_val.txt (or chairs_split.txt), beside or in data/: line i says 1 (train) or 2 (val) of pair i
+
+Source: Dosovitskiy et al., ICCV 2015.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import DataError
+from .layout import choice, locate, numbered, partner
+from .pairs import Pair, PairDataset
+
+_SPLIT_FILES = ("FlyingChairs_train_val.txt", "chairs_split.txt")
+
+
+class FlyingChairs(PairDataset):
+    """FlyingChairs. `root` holds `data/`, or is that folder.
+
+    Args:
+        split: "all", or "train" or "val" by the official list, which must then be there.
+
+    Raises:
+        DataError: another layout, a file of a pair is missing, or no usable split file.
+    """
+
+    name = "flyingchairs"
+
+    def __init__(self, root: str | Path, split: str = "all") -> None:
+        choice("split", split, ("all", "train", "val"))
+        folder = _data(Path(root).expanduser())
+        files = {
+            kind: numbered(folder, rf"(\d{{5}})_{kind}\.{'flo' if kind == 'flow' else 'ppm'}")
+            for kind in ("img1", "img2", "flow")
+        }
+        numbers = sorted(set().union(*files.values()))
+        for kind, found in files.items():
+            for number in numbers:
+                suffix = "flo" if kind == "flow" else "ppm"
+                whose = next(other[number] for other in files.values() if number in other)
+                if number not in found:
+                    partner(folder / f"{number:05d}_{kind}.{suffix}", whose)
+        if split != "all":
+            marks = _marks(folder, numbers)
+            numbers = [number for number in numbers if marks[number - 1] == {"train": "1", "val": "2"}[split]]
+        pairs = {f"{n:05d}": Pair((files["img1"][n], files["img2"][n]), files["flow"][n]) for n in numbers}
+        super().__init__(pairs, folder)
+
+
+def _data(root: Path) -> Path:
+    if root.is_dir() and next(root.glob("*_img1.ppm"), None) is not None:
+        return root
+    return locate("FlyingChairs", root, ["data"], expected="data/00001_img1.ppm, _img2.ppm and _flow.flo") / "data"
+
+
+def _marks(folder: Path, numbers: list[int]) -> list[str]:
+    places = (parent / name for parent in (folder, folder.parent) for name in _SPLIT_FILES)
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
+        raise DataError(f"{folder}: no {' or '.join(_SPLIT_FILES)} there or above; put it there, or use split 'all'")
+    marks = path.read_text(errors="replace").split()
+    if not set(marks) <= {"1", "2"} or len(marks) < max(numbers):
+        raise DataError(f"{path}: expected a 1 (train) or 2 (val) for each of at least {max(numbers)} pairs")
+    return marks

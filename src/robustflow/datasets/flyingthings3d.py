@@ -1,0 +1,65 @@
+"""FlyingThings3D: 2,247 training and 436 test scenes of ten frames, dense ground truth in .pfm.
+
+    frames_cleanpass/TRAIN/A/0000/left/0006.png ...     (frames_finalpass; .webp in the smaller download)
+    optical_flow/TRAIN/A/0000/into_future/left/OpticalFlowIntoFuture_0006_L.pfm ...
+
+Source: Mayer et al., CVPR 2016.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .layout import choice, consecutive, folders, locate, numbered, partner
+from .pairs import Pair, PairDataset
+
+
+class FlyingThings3D(PairDataset):
+    """FlyingThings3D. `root` holds `frames_cleanpass/` or `frames_finalpass/`, and `optical_flow/`.
+
+    Args:
+        render_pass: "clean" or "final".
+        split: "TRAIN" or "TEST".
+        side: "left" or "right" camera.
+        direction: "future" or "past".
+
+    Raises:
+        DataError: another layout, a frame missing within a scene, or a frame without its flow.
+    """
+
+    name = "flyingthings3d"
+
+    def __init__(
+        self,
+        root: str | Path,
+        render_pass: str = "clean",
+        split: str = "TRAIN",
+        side: str = "left",
+        direction: str = "future",
+    ) -> None:
+        choice("render_pass", render_pass, ("clean", "final"))
+        choice("split", split, ("TRAIN", "TEST"))
+        choice("side", side, ("left", "right"))
+        choice("direction", direction, ("future", "past"))
+        images = f"frames_{render_pass}pass/{split}"
+        folder = locate("FlyingThings3D", root, [images], expected=f"{images}/A/0000/ and optical_flow/{split}/")
+        pairs: dict[str, Pair] = {}
+        for letter in folders(folder / images):
+            for scene in folders(letter):
+                group = f"{split}/{letter.name}/{scene.name}"
+                truths = folder / "optical_flow" / group / f"into_{direction}" / side
+                pairs.update(_scene(scene / side, truths, group, side, direction))
+        super().__init__(pairs, folder)
+
+
+def _scene(images: Path, truths: Path, group: str, side: str, direction: str) -> dict[str, Pair]:
+    if not images.is_dir():
+        return {}
+    frames = numbered(images, r"(\d{4})\.(?:png|webp)")
+    pairs = {}
+    for before, after in consecutive(frames):
+        first, second = (before, after) if direction == "future" else (after, before)
+        name = f"OpticalFlowInto{direction.capitalize()}_{first:04d}_{side[0].upper()}.pfm"
+        flow = partner(truths / name, frames[first])
+        pairs[f"{group}/{first:04d}"] = Pair((frames[first], frames[second]), flow, group=group)
+    return pairs

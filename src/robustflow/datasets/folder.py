@@ -1,0 +1,99 @@
+"""Your own frames: a folder of pictures, a folder of such folders, or a video. No ground truth.
+
+Consecutive pictures in natural order ("frame2" before "frame10") are pairs. Pictures directly in the folder count,
+and its subfolders only where there are none.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ..errors import DataError
+from ..imageio import IMAGE_SUFFIXES, image_size
+from .layout import folders, positive
+from .pairs import Pair, PairDataset
+from .video import VIDEO_SUFFIXES, Video
+
+
+class FrameFolder(PairDataset):
+    """Pairs from a folder of frames, or from every folder of frames inside one.
+
+    Args:
+        root: the folder.
+        step: distance of the two frames of a pair, in frames; every frame with a partner begins a pair.
+
+    Raises:
+        DataError: no frames, fewer than `step` + 1 in a sequence, frames of different size in a sequence, or two
+            files with one name and different endings.
+    """
+
+    name = "folder"
+    has_flow = False
+
+    def __init__(self, root: Path, step: int = 1) -> None:
+        positive("step", step)
+        sequences = {"": _pictures(root)} if _pictures(root) else {f.name: _pictures(f) for f in folders(root)}
+        pairs: dict[str, Pair] = {}
+        for group, frames in sequences.items():
+            if not frames:
+                continue
+            _check(root / group, frames, step)
+            for first, second in zip(frames, frames[step:], strict=False):
+                pairs[f"{group}/{first.stem}" if group else first.stem] = Pair((first, second), group=group)
+        if not pairs:
+            kinds = ", ".join(IMAGE_SUFFIXES)
+            raise DataError(f"{root}: no pictures in it ({kinds}); give a folder of frames or a video file")
+        super().__init__(pairs, root)
+        order = sorted(pairs, key=lambda key: natural_order(pairs[key].frames[0].relative_to(root).as_posix()))
+        self._pairs = {key: pairs[key] for key in order}
+
+
+def open_folder(root: str | Path, step: int = 1) -> FrameFolder | Video:
+    """The dataset `folder`: a video file, or a folder of frames or of folders of frames.
+
+    Raises:
+        DataError: nothing there, or neither of these.
+    """
+    path = Path(root).expanduser()
+    if path.is_file():
+        return Video(path, step)
+    if not path.is_dir():
+        raise DataError(f"{path}: no such folder or video; check the path")
+    frames = _pictures(path) or any(_pictures(inner) for inner in folders(path))
+    videos = [inner for inner in sorted(path.iterdir()) if inner.suffix.lower() in VIDEO_SUFFIXES]
+    if videos and not frames:
+        raise DataError(f"{path}: holds videos, not frames; give one file, for example {videos[0]}")
+    return FrameFolder(path, step)
+
+
+def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
+    """A sort key in which numbers inside names count as numbers.
+
+    >>> sorted(["frame10.png", "frame9.png", "Frame1.png"], key=natural_order)
+    ['Frame1.png', 'frame9.png', 'frame10.png']
+    """
+    parts = re.findall(r"[0-9]+|[^0-9]+", name.casefold())
+    return tuple((0, int(part)) if part[0] in "0123456789" else (1, part) for part in parts), name
+
+
+def _pictures(folder: Path) -> list[Path]:
+    found = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    return sorted((p for p in found if p.is_file()), key=lambda path: natural_order(path.name))
+
+
+def _check(folder: Path, frames: list[Path], step: int) -> None:
+    if len(frames) <= step:
+        raise DataError(f"{folder}: {len(frames)} frame(s), but pairs at a step of {step} need {step + 1} or more")
+    stems: dict[str, Path] = {}
+    size = image_size(frames[0])
+    for frame in frames:
+        if frame.stem in stems:
+            raise DataError(f"{folder}: {stems[frame.stem].name} and {frame.name} share a name; remove one of them")
+        stems[frame.stem] = frame
+        if image_size(frame) != size:
+            (h, w), (other_h, other_w) = size, image_size(frame)
+            raise DataError(
+                f"frames differ in size: {frames[0]} is {w}x{h}, {frame} is {other_w}x{other_h}; "
+                "put them in folders of their own, or scale them"
+            )

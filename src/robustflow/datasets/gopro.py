@@ -1,0 +1,79 @@
+"""GoPro: frames of 33 hand-held sequences at 1280x720, no ground truth.
+
+    test/GOPR0384_11_00/sharp/000001.png ...    (GoPro_Large: blur, blur_gamma, sharp)
+    test/GOPR0384_11_00/000001.png ...          (GoPro_Large_all: the camera's 240 frames per second)
+
+Sequences may also lie directly in the root. Source: Nah, Kim and Lee, CVPR 2017.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import DataError
+from .layout import choice, consecutive, folders, locate, numbered, positive
+from .pairs import Pair, PairDataset
+
+_FRAME = r"(\d{1,9})\.png"
+_KINDS = ("sharp", "blur", "blur_gamma")
+
+
+class GoPro(PairDataset):
+    """GoPro. `root` holds `train/` and `test/`, or sequences.
+
+    Args:
+        split: "all", "train" or "test".
+        images: "sharp", "blur" or "blur_gamma", for sequences that have these folders.
+        step: distance of the two frames of a pair, in frames; every frame with a partner begins a pair.
+
+    Raises:
+        DataError: another layout, a frame missing within a sequence, or a sequence too short for `step`.
+    """
+
+    name = "gopro"
+    has_flow = False
+
+    def __init__(self, root: str | Path, split: str = "all", images: str = "sharp", step: int = 1) -> None:
+        choice("split", split, ("all", "train", "test"))
+        choice("images", images, _KINDS)
+        positive("step", step)
+        root = Path(root).expanduser()
+        pairs: dict[str, Pair] = {}
+        for sequence in _sequences(root, split):
+            group = sequence.relative_to(root).as_posix()
+            for first, second in _pairs(_frames(sequence, images), sequence, step):
+                pairs[f"{group}/{first.stem}"] = Pair((first, second), group=group)
+        super().__init__(pairs, root)
+
+
+def _sequences(root: Path, split: str) -> list[Path]:
+    parts = ("train", "test") if split == "all" else (split,)
+    found = [folder for part in parts for folder in folders(root / part)]
+    if found:
+        return found
+    plain = [folder for folder in folders(root) if _is_sequence(folder)]
+    if plain and split == "all":
+        return plain
+    expected = (
+        f"{' or '.join(f'{part}/' for part in parts)} with folders of sequences (GOPR0384_11_00/sharp/000001.png)"
+    )
+    return folders(locate("GoPro", root, list(parts), expected=expected))
+
+
+def _is_sequence(folder: Path) -> bool:
+    return any((folder / kind).is_dir() for kind in _KINDS) or bool(numbered(folder, _FRAME))
+
+
+def _frames(sequence: Path, images: str) -> dict[int, Path]:
+    kinds = [kind for kind in _KINDS if (sequence / kind).is_dir()]
+    if kinds and images not in kinds:
+        raise DataError(f"{sequence}: no folder {images}/ in it; choose images from {', '.join(kinds)}")
+    return numbered(sequence / images if kinds else sequence, _FRAME)
+
+
+def _pairs(frames: dict[int, Path], sequence: Path, step: int) -> list[tuple[Path, Path]]:
+    consecutive(frames, stride=None)
+    ordered = list(frames.values())
+    if len(ordered) <= step:
+        raise DataError(f"{sequence}: {len(ordered)} frames, too few for a step of {step}; take a smaller step")
+    return list(zip(ordered, ordered[step:], strict=False))

@@ -1,0 +1,49 @@
+"""HD1K: 36 sequences of driving with ground truth and uncertainties, 2560x1080, flow in KITTI's format.
+
+    hd1k_input/image_2/000000_0000.png ...      sequence_frame
+    hd1k_flow_gt/flow_occ/000000_0000.png ...   one per frame; the last of a sequence has no second frame
+
+Source: Kondermann et al., CVPR Workshops 2016.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from pathlib import Path
+
+from .layout import consecutive, locate, partner
+from .pairs import Pair, PairDataset
+
+
+class HD1K(PairDataset):
+    """HD1K. `root` holds `hd1k_input/` and `hd1k_flow_gt/`.
+
+    Raises:
+        DataError: another layout, a frame missing within a sequence, or a flow map without its frame.
+    """
+
+    name = "hd1k"
+
+    def __init__(self, root: str | Path) -> None:
+        expected = "hd1k_input/image_2/ and hd1k_flow_gt/flow_occ/"
+        folder = locate("HD1K", root, ["hd1k_flow_gt/flow_occ"], expected=expected)
+        images, truths = folder / "hd1k_input" / "image_2", folder / "hd1k_flow_gt" / "flow_occ"
+        locate("HD1K", folder, ["hd1k_input/image_2"], expected=expected)
+        for path in truths.glob("*_*.png"):
+            partner(images / path.name, path)
+        pairs = {}
+        for sequence, frames in _sequences(images).items():
+            for first, second in consecutive(frames, stride=None):
+                flow = partner(truths / frames[first].name, frames[first])
+                pairs[frames[first].stem] = Pair((frames[first], frames[second]), flow, group=sequence)
+        super().__init__(pairs, folder)
+
+
+def _sequences(images: Path) -> dict[str, dict[int, Path]]:
+    sequences: dict[str, dict[int, Path]] = defaultdict(dict)
+    for path in images.iterdir():
+        match = re.fullmatch(r"(\d{6})_(\d{4})\.png", path.name)
+        if match:
+            sequences[match[1]][int(match[2])] = path
+    return sequences

@@ -1,0 +1,106 @@
+"""KITTI flow 2015 and 2012: 200 and 194 training pairs of driving, sparse ground truth from a laser scanner.
+
+    training/image_2/000010_10.png  000010_11.png     (2012: colored_0, or image_0 in grey)
+    training/flow_occ/000010_10.png                   all pixels, those that leave the view included
+    training/flow_noc/000010_10.png                   non-occluded pixels only
+
+`flow_occ` is the ground truth, and a pixel with flow there but none in `flow_noc` is occluded. A folder that holds
+only `flow_noc` is read with that as ground truth and without occlusion maps; the two are never mixed within a run.
+Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from ..errors import DataError
+from ..flowio import read_flow
+from .layout import choice, locate, partner
+from .pairs import Pair, PairDataset, Truth
+
+
+class KittiPairs(PairDataset):
+    """Ground truth in KITTI's form: `Pair.flow` is occ or noc, `Pair.occlusion` the noc map beside an occ one."""
+
+    def truth(self, pair: Pair) -> Truth | None:
+        """Flow of occ, and as occluded what noc leaves out."""
+        if pair.flow is None:
+            return None
+        flow, valid = read_flow(pair.flow)
+        if pair.occlusion is None:
+            return Truth(flow, valid)
+        visible = read_flow(pair.occlusion)[1]
+        if visible.shape != valid.shape:
+            raise DataError(f"{pair.occlusion}: another size than {pair.flow}; they do not belong together")
+        return Truth(flow, valid, valid & ~visible)
+
+    def describe(self, pair: Pair) -> dict[str, Any]:
+        """Which of the two maps the flow is from."""
+        return {"ground_truth": pair.flow.parent.name.removeprefix("flow_")} if pair.flow else {}
+
+
+class Kitti2015(KittiPairs):
+    """KITTI 2015. `root` holds `training/`, or is that folder.
+
+    Raises:
+        DataError: another layout, or a file of a pair is missing.
+    """
+
+    name = "kitti2015"
+
+    def __init__(self, root: str | Path) -> None:
+        folder = locate("KITTI 2015", root, ["image_2"], ("", "training"), "image_2/ and flow_occ/")
+        super().__init__(kitti_pairs(folder, "image_2"), folder)
+
+
+class Kitti2012(KittiPairs):
+    """KITTI 2012. `root` holds `training/`, or is that folder.
+
+    Args:
+        images: "colour" (colored_0), "grey" (image_0), or "auto": colour where the folder exists.
+
+    Raises:
+        DataError: another layout, or a file of a pair is missing.
+    """
+
+    name = "kitti2012"
+
+    def __init__(self, root: str | Path, images: str = "auto") -> None:
+        kinds = {"auto": ["colored_0", "image_0"], "colour": ["colored_0"], "grey": ["image_0"]}
+        markers = kinds[choice("images", images, tuple(kinds))]
+        expected = f"{' or '.join(f'{marker}/' for marker in markers)} and flow_occ/"
+        folder = locate("KITTI 2012", root, markers, ("", "training"), expected)
+        frames = next(marker for marker in markers if (folder / marker).is_dir())
+        super().__init__(kitti_pairs(folder, frames), folder)
+
+
+def kitti_pairs(folder: Path, images: str) -> dict[str, Pair]:
+    """The pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc.
+
+    Raises:
+        DataError: no ground truth folder, or a file of a pair is missing.
+    """
+    occ, noc = (folder / kind if (folder / kind).is_dir() else None for kind in ("flow_occ", "flow_noc"))
+    truth = occ or noc
+    if truth is None:
+        raise DataError(
+            f"{folder}: no flow_occ/ or flow_noc/ beside {images}/; the training part has them, and frames without "
+            "ground truth can be measured as dataset 'folder'"
+        )
+    keys = {key for source in (folder / images, truth) for key in _firsts(source)}
+    pairs = {}
+    for key in keys:
+        first, flow = folder / images / f"{key}_10.png", truth / f"{key}_10.png"
+        partner(first, flow)
+        second = partner(folder / images / f"{key}_11.png", first)
+        partner(flow, first)
+        hidden = partner(noc / flow.name, flow) if occ and noc else None
+        pairs[key] = Pair((first, second), flow, hidden)
+    return pairs
+
+
+def _firsts(folder: Path) -> list[str]:
+    matches = (re.fullmatch(r"(\d{6})_10\.png", path.name) for path in folder.iterdir())
+    return [match[1] for match in matches if match]

@@ -1,0 +1,34 @@
+"""Middlebury flow: eight scenes with dense ground truth.
+
+    other-data/RubberWhale/frame10.png  frame11.png     (frame07 to frame14 where a scene has eight frames)
+    other-gt-flow/RubberWhale/flow10.flo
+
+Scenes of `other-data` whose ground truth was never released (Beanbags, DogDance, MiniCooper, Walking) are not samples.
+Source: Baker et al., IJCV 2011.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .layout import folders, locate, partner
+from .pairs import Pair, PairDataset
+
+
+class Middlebury(PairDataset):
+    """Middlebury. `root` holds `other-data/` and `other-gt-flow/`.
+
+    Raises:
+        DataError: another layout, or a file of a scene is missing.
+    """
+
+    name = "middlebury"
+
+    def __init__(self, root: str | Path) -> None:
+        folder = locate("Middlebury", root, ["other-gt-flow"], expected="other-data/ and other-gt-flow/")
+        pairs = {}
+        for scene in folders(folder / "other-gt-flow"):
+            flow = partner(scene / "flow10.flo", scene)
+            first, second = (folder / "other-data" / scene.name / f"frame{number}.png" for number in (10, 11))
+            pairs[scene.name] = Pair((partner(first, flow), partner(second, flow)), flow)
+        super().__init__(pairs, folder)

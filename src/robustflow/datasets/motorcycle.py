@@ -1,0 +1,65 @@
+"""One real pair with dense ground truth that comes with scikit-image: Middlebury 2014's Motorcycle, 741x500.
+
+A rectified stereo pair is optical flow without vertical motion: flow = (-disparity, 0) from the left to the right
+image, unknown where the disparity is not finite. Source: Scharstein et al., GCPR 2014.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import skimage
+
+from ..errors import AssetError, UsageError
+from ..imageio import read_image
+from ..sample import Sample
+
+
+class Motorcycle:
+    """The pair, under the key "motorcycle". Needs no root and no download.
+
+    Raises:
+        AssetError: the installed scikit-image comes without its pictures.
+
+    >>> sample = Motorcycle().load("motorcycle")
+    >>> sample.shape, float(sample.valid.mean().round(3)), bool((sample.flow[..., 1] == 0).all())
+    ((500, 741), 0.927, True)
+    """
+
+    name = "motorcycle"
+    has_flow = True
+
+    def __init__(self) -> None:
+        folder = Path(skimage.__file__).parent / "data"
+        self._files = [folder / f"motorcycle_{part}" for part in ("left.png", "right.png", "disp.npz")]
+        for path in self._files:
+            if not path.is_file():
+                raise AssetError(
+                    f"{path}: missing from this scikit-image; install its wheel anew: "
+                    "pip install --force-reinstall --no-deps scikit-image"
+                )
+
+    def keys(self) -> list[str]:
+        """See `Dataset.keys`."""
+        return ["motorcycle"]
+
+    def files(self, key: str) -> list[Path]:
+        """See `Dataset.files`."""
+        self._check(key)
+        return list(self._files)
+
+    def load(self, key: str) -> Sample:
+        """See `Dataset.load`."""
+        self._check(key)
+        left, right, disparities = self._files
+        with np.load(disparities, allow_pickle=False) as archive:
+            disparity = archive["arr_0"]
+        valid = np.isfinite(disparity)
+        flow = np.zeros((*disparity.shape, 2), np.float32)
+        flow[valid, 0] = -disparity[valid]
+        return Sample(key, (read_image(left), read_image(right)), flow, valid)
+
+    def _check(self, key: str) -> None:
+        if key != "motorcycle":
+            raise UsageError(f"motorcycle has no sample '{key}'; its only key is 'motorcycle'")

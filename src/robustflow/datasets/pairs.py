@@ -1,0 +1,117 @@
+"""A dataset of image pairs in files, found when it is opened so that a missing file shows before a run starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..errors import DataError, UsageError
+from ..flowio import read_flow
+from ..imageio import read_image
+from ..sample import Flow, Frame, Mask, Sample
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The files of one sample.
+
+    Attributes:
+        frames: the two pictures.
+        flow: the ground truth, or None.
+        occlusion: a map of which pixels are occluded, in the dataset's own form, or None.
+        invalid: a map of which pixels have no ground truth, where it is a file of its own, or None.
+        group: the sequence; empty where samples are independent.
+    """
+
+    frames: tuple[Path, Path]
+    flow: Path | None = None
+    occlusion: Path | None = None
+    invalid: Path | None = None
+    group: str = ""
+
+    def files(self) -> list[Path]:
+        """Every file of the pair."""
+        maps = (self.flow, self.occlusion, self.invalid)
+        return [*self.frames, *(path for path in maps if path is not None)]
+
+
+class Truth(NamedTuple):
+    """Ground truth: flow float32 (H, W, 2), valid bool (H, W), occluded bool (H, W) or None."""
+
+    flow: Flow
+    valid: Mask
+    occluded: Mask | None = None
+
+
+class PairDataset:
+    """Samples from `Pair`s; a reader finds the pairs, and says how its ground truth is read where that differs."""
+
+    name: str
+    has_flow: bool = True
+
+    def __init__(self, pairs: Mapping[str, Pair], where: Path) -> None:
+        if not pairs:
+            raise DataError(f"{where}: no image pair of {self.name} found in it; check that it is unpacked whole")
+        self._pairs = dict(sorted(pairs.items()))
+
+    def keys(self) -> list[str]:
+        """See `Dataset.keys`."""
+        return list(self._pairs)
+
+    def files(self, key: str) -> list[Path]:
+        """See `Dataset.files`."""
+        return self.pair(key).files()
+
+    def load(self, key: str) -> Sample:
+        """See `Dataset.load`."""
+        pair = self.pair(key)
+        frames = read_frames(pair.frames)
+        truth = self.truth(pair)
+        if truth is None:
+            return Sample(key, frames, group=pair.group)
+        if truth.flow.shape[:2] != frames[0].shape[:2]:
+            raise DataError(
+                f"{pair.flow}: the flow is {_size(truth.flow)}, the frame {pair.frames[0].name} is "
+                f"{_size(frames[0])}; they do not belong together"
+            )
+        if not truth.valid.any():
+            raise DataError(f"{pair.flow}: no pixel with known flow, so nothing to measure; restore the file")
+        return Sample(key, frames, truth.flow, truth.valid, truth.occluded, group=pair.group, meta=self.describe(pair))
+
+    def pair(self, key: str) -> Pair:
+        """The files of a sample, or a UsageError for a key that does not exist."""
+        if key not in self._pairs:
+            close = get_close_matches(key, self._pairs, n=1, cutoff=0.5) or [next(iter(self._pairs))]
+            raise UsageError(f"{self.name} has no sample '{key}'; keys look like '{close[0]}'")
+        return self._pairs[key]
+
+    def truth(self, pair: Pair) -> Truth | None:
+        """The ground truth of a pair; override where more than a flow file is read."""
+        return None if pair.flow is None else Truth(*read_flow(pair.flow))
+
+    def describe(self, pair: Pair) -> dict[str, Any]:
+        """What `Sample.meta` says about the ground truth."""
+        return {}
+
+
+def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:
+    """Read the frames of a pair.
+
+    Raises:
+        DataError: they differ in size; both files are named.
+    """
+    frames = tuple(read_image(path) for path in paths)
+    for path, frame in zip(paths, frames, strict=True):
+        if frame.shape != frames[0].shape:
+            raise DataError(
+                f"frames differ in size: {paths[0]} is {_size(frames[0])}, {path} is {_size(frame)}; "
+                "both frames of a pair must have the same size"
+            )
+    return frames
+
+
+def _size(array: Any) -> str:
+    return f"{array.shape[1]}x{array.shape[0]}"

@@ -1,0 +1,85 @@
+"""MPI-Sintel: 23 training scenes of an animated film, dense ground truth, occlusion maps.
+
+    training/clean/alley_1/frame_0001.png ...       (and final, albedo)
+    training/flow/alley_1/frame_0001.flo            one fewer than frames
+    training/occlusions/alley_1/frame_0001.png      white: occluded
+    training/invalid/alley_1/frame_0001.png         white: no reliable flow
+
+Source: Butler et al., ECCV 2012.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import DataError
+from ..flowio import read_flow
+from ..imageio import read_mask
+from ..sample import Mask
+from .layout import consecutive, folders, locate, numbered, partner
+from .pairs import Pair, PairDataset, Truth
+
+_MAPS = ("flow", "occlusions", "invalid", "flow_viz")
+
+
+class Sintel(PairDataset):
+    """Sintel. `root` holds `training/`, or is that folder.
+
+    Args:
+        render_pass: "clean", "final", or another folder of pictures beside `flow`.
+
+    Raises:
+        DataError: another layout, no such pass, or a file of a pair is missing.
+    """
+
+    name = "sintel"
+
+    def __init__(self, root: str | Path, render_pass: str = "clean") -> None:
+        folder = locate("MPI-Sintel", root, ["flow"], ("training", ""), "a pass (clean/ or final/) and flow/")
+        passes = [path.name for path in folders(folder) if path.name not in _MAPS]
+        if render_pass not in passes:
+            found = ", ".join(passes) or "none"
+            raise DataError(f"{folder}: no pass '{render_pass}'; found: {found}; choose one with render_pass")
+        scenes = {path.name for kind in (render_pass, "flow") for path in folders(folder / kind)}
+        pairs: dict[str, Pair] = {}
+        for scene in sorted(scenes):
+            pairs.update(_scene(folder, render_pass, scene))
+        super().__init__(pairs, folder)
+
+    def truth(self, pair: Pair) -> Truth | None:
+        """Flow, less what `invalid` marks; occluded as in `occlusions`."""
+        if pair.flow is None:
+            return None
+        flow, valid = read_flow(pair.flow)
+        if pair.invalid is not None:
+            valid &= ~_fitting(pair.invalid, valid.shape)
+            flow[~valid] = 0
+        return Truth(flow, valid, None if pair.occlusion is None else _fitting(pair.occlusion, valid.shape))
+
+
+def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, Pair]:
+    frames = {}
+    if (folder / render_pass / scene).is_dir():
+        frames = numbered(folder / render_pass / scene, r"frame_(\d{4})\.png")
+    truths = {}
+    if (folder / "flow" / scene).is_dir():
+        truths = numbered(folder / "flow" / scene, r"frame_(\d{4})\.flo")
+    for number, flow in truths.items():
+        for needed in (number, number + 1):
+            partner(folder / render_pass / scene / f"frame_{needed:04d}.png", flow)
+    pairs = {}
+    for first, second in consecutive(frames):
+        flow = partner(folder / "flow" / scene / f"frame_{first:04d}.flo", frames[first])
+        occlusion, invalid = (
+            partner(folder / kind / scene / f"frame_{first:04d}.png", flow) if (folder / kind).is_dir() else None
+            for kind in ("occlusions", "invalid")
+        )
+        pairs[f"{scene}/frame_{first:04d}"] = Pair((frames[first], frames[second]), flow, occlusion, invalid, scene)
+    return pairs
+
+
+def _fitting(path: Path, shape: tuple[int, ...]) -> Mask:
+    mask = read_mask(path)
+    if mask.shape != shape:
+        raise DataError(f"{path}: {mask.shape[1]}x{mask.shape[0]} pixels, the flow has {shape[1]}x{shape[0]}")
+    return mask

@@ -1,0 +1,90 @@
+"""Which samples are evaluated and which are left for training.
+
+The paper evaluates 80 of KITTI's 200 training pairs and fine-tunes on the other 120; its list is a sample nobody
+seeded. Ours is reproducible: every key is hashed together with the seed, and the 80 smallest hashes are evaluated.
+A pair's rank does not depend on which other pairs there are, or on their order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import NamedTuple
+
+from ..corruptions.rng import key_of
+from ..errors import DataError
+
+KITTI_SPLIT_SEED = 0
+"""The seed of the project's KITTI split. It is not the run's seed: another run seed keeps the same pairs."""
+
+_PAIRS = 200
+_EVALUATED = 80
+
+
+class Split(NamedTuple):
+    """Keys to evaluate and keys to train on, each in the order of the dataset."""
+
+    evaluation: list[str]
+    training: list[str]
+
+
+def kitti_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
+    """80 pairs to evaluate and the rest to train on; of fewer than 200 pairs, all are evaluated.
+
+    >>> keys = [f"{number:06d}" for number in range(200)]
+    >>> split = kitti_split(keys)
+    >>> len(split.evaluation), len(split.training)
+    (80, 120)
+    >>> kitti_split(keys[:3]).evaluation
+    ['000000', '000001', '000002']
+    """
+    if len(keys) < _PAIRS:
+        return Split(list(keys), [])
+    ranked = sorted(keys, key=lambda key: (key_of("kitti-split", seed, key), key))
+    chosen = set(ranked[:_EVALUATED])
+    return Split([key for key in keys if key in chosen], [key for key in keys if key not in chosen])
+
+
+def read_split(path: str | Path, keys: Sequence[str]) -> list[str]:
+    """The keys a file selects, in the order of the dataset.
+
+    The file holds one key per line, or, as KITTI's own lists do, a 0 or 1 for every pair in order, where 1 means
+    evaluate. Empty lines and lines that begin with # do not count.
+
+    Raises:
+        DataError: no such file, a key that does not exist or comes twice, a list of another length, or nothing left.
+    """
+    path = Path(path).expanduser()
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a text file"
+        raise DataError(f"{path}: cannot be read as a split ({reason}); give a text file, one key per line") from error
+    lines = [line.strip() for line in text.splitlines()]
+    entries = [line for line in lines if line and not line.startswith("#")]
+    if entries and set(entries) <= {"0", "1"} and not set(entries) <= set(keys):
+        if len(entries) != len(keys):
+            raise DataError(f"{path}: {len(entries)} zeros and ones for {len(keys)} pairs; give one per pair")
+        chosen = {key for key, mark in zip(keys, entries, strict=True) if mark == "1"}
+    else:
+        chosen = _listed(path, entries, keys)
+    if not chosen:
+        raise DataError(f"{path}: selects no sample; list one key per line, for example {keys[0]}")
+    return [key for key in keys if key in chosen]
+
+
+def _listed(path: Path, entries: list[str], keys: Sequence[str]) -> set[str]:
+    known, chosen = set(keys), set[str]()
+    for entry in entries:
+        if entry not in known:
+            close = get_close_matches(entry, keys, n=1) or [keys[0]]
+            missing = sum(other not in known for other in entries)
+            raise DataError(
+                f"{path}: no sample '{entry}' in the dataset ({missing} of {len(entries)} are unknown); "
+                f"did you mean '{close[0]}'?"
+            )
+        if entry in chosen:
+            raise DataError(f"{path}: '{entry}' is listed twice; list every key once")
+        chosen.add(entry)
+    return chosen
