@@ -37,9 +37,7 @@ _WHOLE = {
 """Metric: (column of its sum, column of its count, factor)."""
 
 
-def summarize(
-    rows: pl.DataFrame, averaging: Averaging = "image", planned: Iterable[Unit] | None = None
-) -> Summary:
+def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Iterable[Unit] | None = None) -> Summary:
     """The means of a run.
 
     Args:
@@ -102,9 +100,7 @@ def _checked(rows: pl.DataFrame) -> pl.DataFrame:
     """The columns of the schema in key order, or the reason why these are no rows of a run."""
     absent = [name for name in ROW_SCHEMA if name not in rows.columns]
     if absent:
-        raise RunError(
-            f"rows lack the column '{absent[0]}': they are of another schema; run the benchmark again"
-        )
+        raise RunError(f"rows lack the column '{absent[0]}': they are of another schema; run the benchmark again")
     rows = rows.select(list(ROW_SCHEMA)).sort(ROW_KEY)
     twice = rows.filter(rows.select(ROW_KEY).is_duplicated())
     if twice.height:
@@ -137,21 +133,15 @@ def _scores(
     clean_rows = rows.filter(pl.col("corruption") == CLEAN)
     clean = Scores(**_means(clean_rows, columns, averaging))
     partner = clean_rows.select("sample", _clean_sum=total, _clean_n=count)
-    settings = rows.filter(pl.col("corruption") != CLEAN).join(
-        partner, on="sample", how="left", maintain_order="left"
-    )
+    settings = rows.filter(pl.col("corruption") != CLEAN).join(partner, on="sample", how="left", maintain_order="left")
     by_setting = {}
-    for key, group in settings.partition_by(
-        "corruption", "severity", as_dict=True, maintain_order=True
-    ).items():
+    for key, group in settings.partition_by("corruption", "severity", as_dict=True, maintain_order=True).items():
         corruption, severity = key
         both = group.filter((pl.col(count) > 0) & (pl.col("_clean_n") > 0))
         paired = _means(both, {"epe": columns["epe"], "before": ("_clean_sum", "_clean_n", 1.0)}, averaging)
         scores = Scores(**_means(group, columns, averaging))
         moved = cre(paired["epe"], paired["before"])
-        by_setting[corruption, severity] = scores.model_copy(
-            update={"cre": moved, "crer": crer(moved, clean.epe)}
-        )
+        by_setting[corruption, severity] = scores.model_copy(update={"cre": moved, "crer": crer(moved, clean.epe)})
     return clean, by_setting
 
 
@@ -162,10 +152,9 @@ def _means(rows: pl.DataFrame, columns: _Columns, averaging: Averaging) -> dict[
         measured = rows.filter(pl.col(count) > 0)
         sums, counts = measured[total].to_list(), measured[count].to_list()
         if averaging == "image":
-            mean = _mean([s / n for s, n in zip(sums, counts, strict=True)])
+            out[metric] = _mean([factor * s / n for s, n in zip(sums, counts, strict=True)])
         else:
-            mean = math.fsum(sums) / sum(counts) if counts else None
-        out[metric] = None if mean is None else factor * mean
+            out[metric] = factor * math.fsum(sums) / sum(counts) if counts else None
     return out
 
 

@@ -33,9 +33,7 @@ _OUTSIDE = 255
 _GRID = np.arange(_LABELS).reshape(2, 3, 3)
 _MEMBERS: dict[str, npt.NDArray[np.int64]] = {
     name: part.ravel()
-    for name, part in zip(
-        REGIONS, (*_GRID, *_GRID.transpose(1, 0, 2), *_GRID.transpose(2, 0, 1)), strict=True
-    )
+    for name, part in zip(REGIONS, (*_GRID, *_GRID.transpose(1, 0, 2), *_GRID.transpose(2, 0, 1)), strict=True)
 }
 _LABELS_TYPE = types.Array(types.uint8, 2, "C", readonly=True)
 
@@ -86,9 +84,7 @@ class Regions:
         valid = np.ascontiguousarray(sample.valid, np.bool_)
         magnitude = magnitude_map(sample.flow)
         if np.isnan(magnitude[valid]).any():
-            raise DataError(
-                f"sample '{sample.key}': ground truth marked valid is not finite; mark such pixels invalid"
-            )
+            raise DataError(f"sample '{sample.key}': ground truth marked valid is not finite; mark such pixels invalid")
         occluded = np.zeros(valid.shape, np.int64) if sample.occluded is None else sample.occluded
         distance = edge_distance(motion_edges(sample.flow, valid))
         label = np.ravel_multi_index(
@@ -129,9 +125,7 @@ class Regions:
 
 
 @njit(
-    types.Tuple((types.int64[:, ::1], types.float64[:, ::1]))(
-        ERRORS_TYPE, ERRORS_TYPE, ERRORS_TYPE, _LABELS_TYPE
-    ),
+    types.Tuple((types.int64[:, ::1], types.float64[:, ::1]))(ERRORS_TYPE, ERRORS_TYPE, ERRORS_TYPE, _LABELS_TYPE),
     cache=True,
 )
 def _label_sums(errors: Any, rcre: Any, magnitude: Any, labels: Any) -> Any:

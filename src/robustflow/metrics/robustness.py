@@ -11,6 +11,8 @@ so CRE may be negative (a corruption that helps), and RCRE >= |CRE| over the sam
 
 from __future__ import annotations
 
+import math
+
 from ..sample import Flow, Mask
 from .epe import epe_map, error_sum
 
@@ -25,12 +27,15 @@ def cre(epe: float | None, epe_clean: float | None) -> float | None:
 
 
 def crer(cre: float | None, epe_clean: float | None) -> float | None:
-    """Corruption Robustness Error ratio. None where it is not defined: no CRE, or a clean error of 0.
+    """Corruption Robustness Error ratio. None where it is not defined: no CRE, or a clean error of (nearly) 0.
 
     >>> crer(0.5, 2.0)
     0.25
     """
-    return None if cre is None or not epe_clean else cre / epe_clean
+    if cre is None or not epe_clean:
+        return None
+    ratio = cre / epe_clean
+    return ratio if math.isfinite(ratio) else None
 
 
 def rcre(flow: Flow, clean_flow: Flow, valid: Mask | None = None) -> float | None:

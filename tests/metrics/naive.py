@@ -1,0 +1,104 @@
+"""The metrics once more, as plain Python loops over float64 pixels, written from their definitions."""
+
+from __future__ import annotations
+
+import math
+
+
+def distance(a, b):
+    """|a - b| of two (u, v), or None where one is not finite."""
+    numbers = [float(value) for value in (*a, *b)]
+    if not all(math.isfinite(value) for value in numbers):
+        return None
+    du, dv = numbers[0] - numbers[2], numbers[1] - numbers[3]
+    return math.sqrt(du * du + dv * dv)
+
+
+def pixels(array):
+    """(y, x) of every pixel in row order."""
+    return [(y, x) for y in range(array.shape[0]) for x in range(array.shape[1])]
+
+
+def wauc(error):
+    """One pixel's weighted area under the inlier curve, over all 100 thresholds."""
+    weights = [1 - (i - 1) / 100 for i in range(1, 101)]
+    return sum(w for i, w in enumerate(weights, 1) if error <= i / 20) / sum(weights)
+
+
+def is_fl(error, truth):
+    return error > 3 and error > 0.05 * distance(truth, (0, 0))
+
+
+def edges(flow, valid):
+    """Motion edges, comparing every pixel with the next valid one to its right and below."""
+    found = set()
+    for y, x in pixels(valid):
+        if not valid[y, x]:
+            continue
+        for dy, dx in ((0, 1), (1, 0)):
+            for gap in range(1, 6):
+                other = (y + gap * dy, x + gap * dx)
+                if other[0] >= valid.shape[0] or other[1] >= valid.shape[1]:
+                    break
+                if not valid[other]:
+                    continue
+                longer = max(distance(flow[y, x], (0, 0)), distance(flow[other], (0, 0)))
+                if distance(flow[y, x], flow[other]) > gap * max(1, 0.05 * longer):
+                    found |= {(y, x), other}
+                break
+    return found
+
+
+def edge_distance(y, x, found):
+    return min((math.sqrt((y - a) ** 2 + (x - b) ** 2) for a, b in found), default=math.inf)
+
+
+def regions_of(y, x, flow, occluded, found):
+    """Names of the regions a valid pixel lies in."""
+    length = distance(flow[y, x], (0, 0))
+    away = edge_distance(y, x, found)
+    names = {"s0_10" if length < 10 else "s10_40" if length < 40 else "s40"}
+    names |= {"d0_10" if away < 10 else "d10_60" if away < 60 else "d60"}
+    if occluded is not None:
+        names |= {"occ" if occluded[y, x] else "noc"}
+    return names
+
+
+def row(pred, clean, flow, valid, occluded):
+    """All sums and counts of a row, in row order of the pixels; None for regions that do not exist."""
+    columns = ("n_valid", "fl_count", "px1_count", "px3_count", "px5_count", "n_all", "n_invalid")
+    out = dict.fromkeys(columns, 0)
+    out |= dict.fromkeys(
+        ("epe_sum", "rcre_sum", "magnitude_sum", "rcre_all_sum", "pred_magnitude_sum", "wauc_sum"), 0.0
+    )
+    names = ["s0_10", "s10_40", "s40", "d0_10", "d10_60", "d60"]
+    if occluded is not None:
+        names += ["occ", "noc"]
+    for name in names:
+        out |= {f"n_{name}": 0, f"epe_sum_{name}": 0.0, f"rcre_sum_{name}": 0.0, f"fl_count_{name}": 0}
+    found = edges(flow, valid)
+    for y, x in pixels(valid):
+        out["n_invalid"] += distance(pred[y, x], (0, 0)) is None
+        moved = distance(pred[y, x], clean[y, x])
+        if moved is None:
+            continue
+        out["n_all"] += 1
+        out["rcre_all_sum"] += moved
+        out["pred_magnitude_sum"] += distance(pred[y, x], (0, 0))
+        if not valid[y, x]:
+            continue
+        error = distance(pred[y, x], flow[y, x])
+        out["n_valid"] += 1
+        out["epe_sum"] += error
+        out["rcre_sum"] += moved
+        out["magnitude_sum"] += distance(flow[y, x], (0, 0))
+        out["fl_count"] += is_fl(error, flow[y, x])
+        for threshold in (1, 3, 5):
+            out[f"px{threshold}_count"] += error > threshold
+        out["wauc_sum"] += wauc(error)
+        for name in regions_of(y, x, flow, occluded, found):
+            out[f"n_{name}"] += 1
+            out[f"epe_sum_{name}"] += error
+            out[f"rcre_sum_{name}"] += moved
+            out[f"fl_count_{name}"] += is_fl(error, flow[y, x])
+    return out

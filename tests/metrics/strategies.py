@@ -1,0 +1,33 @@
+"""Random flows, masks and samples; values that lie on the metrics' thresholds are drawn often."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from robustflow.sample import Sample
+
+_ON_THRESHOLDS = st.sampled_from([0.0, 0.05, 0.15, 0.6, 0.8, 1.0, 3.0, 4.0, 5.0, 6.0, 8.0, 24.0, 32.0, 40.0, -3.0])
+_FINITE = _ON_THRESHOLDS | st.floats(-60, 60, width=32) | st.floats(-1e6, 1e6, width=32)
+_ANY = _FINITE | st.sampled_from([np.nan, np.inf, -np.inf, 3e38])
+
+shapes = st.tuples(st.integers(1, 8), st.integers(1, 30))
+
+
+def flows(shape, finite=True):
+    return hnp.arrays(np.float32, (*shape, 2), elements=_FINITE if finite else _ANY, fill=_FINITE)
+
+
+def masks(shape):
+    return hnp.arrays(np.bool_, shape)
+
+
+@st.composite
+def cases(draw, finite=True):
+    """(prediction, clean prediction, sample with ground truth)."""
+    shape = draw(shapes)
+    frame = np.zeros((*shape, 3), np.uint8)
+    occluded = draw(st.none() | masks(shape))
+    sample = Sample("s", (frame, frame), draw(flows(shape)), draw(masks(shape)), occluded)
+    return draw(flows(shape, finite)), draw(flows(shape, finite)), sample

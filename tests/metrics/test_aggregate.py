@@ -1,0 +1,315 @@
+from __future__ import annotations
+
+import itertools
+import random
+
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.corruptions.catalog import FAMILIES
+from robustflow.errors import RunError, UsageError
+from robustflow.metrics.aggregate import summarize
+from robustflow.metrics.rows import ROW_SCHEMA, rows_frame
+from robustflow.metrics.summary import METRICS
+
+COUNTS = ("fl_count", "px1_count", "px3_count", "px5_count")
+
+
+def row(sample, corruption="clean", severity=0, n=10, epe=0.0, rcre=0.0, **columns):
+    """A row of mean errors `epe` and `rcre` over `n` valid pixels, of twice as many."""
+    filled = dict.fromkeys(ROW_SCHEMA) | {
+        "sample": sample,
+        "group": sample,
+        "corruption": corruption,
+        "severity": severity,
+        "frames_digest": "",
+        "height": 2,
+        "width": n,
+        "n_invalid": 0,
+        "n_all": 2 * n,
+        "rcre_all_sum": 3 * rcre * n,
+        "pred_magnitude_sum": 0.0,
+        "n_valid": n,
+        "epe_sum": epe * n,
+        "rcre_sum": rcre * n,
+        "magnitude_sum": 0.0,
+        "wauc_sum": 0.0,
+    }
+    return filled | dict.fromkeys(COUNTS, 0) | columns
+
+
+TWO_IMAGES = [
+    row("a", n=10, epe=1.0),
+    row("b", n=30, epe=3.0),
+    row("a", "fog", 1, n=10, epe=2.0, rcre=4.0),
+    row("b", "fog", 1, n=30, epe=5.0, rcre=8.0),
+    row("a", "fog", 2, n=10, epe=4.0, rcre=6.0),
+    row("b", "fog", 2, n=30, epe=9.0, rcre=10.0),
+    row("a", "snow", 1, n=10, epe=0.0, rcre=1.0),
+    row("b", "snow", 1, n=30, epe=2.0, rcre=1.0),
+]
+
+
+def test_image_averaging_by_hand():
+    """Images first: clean (1 + 3) / 2; fog 3.5 and 6.5; snow 1.0."""
+    summary = summarize(rows_frame(TWO_IMAGES))
+    assert summary.epe_clean == 2.0
+    fog, snow = summary.corruptions["fog"], summary.corruptions["snow"]
+    assert fog.by_severity["epe"] == [3.5, 6.5]
+    assert fog.by_severity["cre"] == [1.5, 4.5]
+    assert (fog.epe, fog.cre, fog.crer, fog.rcre, fog.rcre_all) == (5.0, 3.0, 1.5, 7.0, 10.5)
+    assert (snow.epe, snow.cre, snow.crer, snow.rcre) == (1.0, -1.0, -0.5, 1.0)
+    # Corruptions weigh alike, whatever their number of severities.
+    assert (summary.epe, summary.cre, summary.crer, summary.rcre) == (3.0, 1.0, 0.5, 4.0)
+    assert summary.complete
+    assert summary.averaging == "image"
+
+
+def test_pixel_averaging_by_hand():
+    """Pixels first: clean (10 + 90) / 40; fog (20 + 150) / 40 and (40 + 270) / 40; snow (0 + 60) / 40."""
+    summary = summarize(rows_frame(TWO_IMAGES), "pixel")
+    assert summary.epe_clean == 2.5
+    assert summary.corruptions["fog"].by_severity["epe"] == [4.25, 7.75]
+    assert summary.corruptions["fog"].by_severity["rcre"] == [7.0, 9.0]
+    assert (summary.epe, summary.cre, summary.crer, summary.rcre) == (3.75, 1.25, 0.5, 4.5)
+
+
+def test_shares_are_percentages_and_averaged_alike():
+    rows = [
+        row("a", n=10, fl_count=1, px1_count=5, px3_count=3, px5_count=2, wauc_sum=8.0),
+        row("b", n=30, fl_count=30, px1_count=30, px3_count=30, px5_count=30, wauc_sum=0.0),
+    ]
+    clean = summarize(rows_frame(rows)).clean
+    assert (clean.fl, clean.px1, clean.px3, clean.px5, clean.wauc) == (55.0, 75.0, 65.0, 60.0, 40.0)
+    pooled = summarize(rows_frame(rows), "pixel").clean
+    assert (pooled.fl, pooled.wauc) == (77.5, 20.0)
+
+
+def _inside(region, n, epe, rcre=0.0, fl=0):
+    return {
+        f"n_{region}": n,
+        f"epe_sum_{region}": epe * n,
+        f"rcre_sum_{region}": rcre * n,
+        f"fl_count_{region}": fl,
+    }
+
+
+def test_regions_average_over_the_images_that_have_them():
+    rows = [
+        row("a", n=10, **_inside("occ", 4, 2.0)),
+        row("b", n=10, **_inside("occ", 0, 0.0)),
+        row("c", n=10),
+        row("a", "fog", 1, **_inside("occ", 4, 5.0, rcre=4.0, fl=2)),
+        row("b", "fog", 1, **_inside("occ", 0, 0.0)),
+        row("c", "fog", 1),
+    ]
+    regions = summarize(rows_frame(rows)).regions
+    assert list(regions) == ["occ"]
+    occ = regions["occ"]
+    assert (occ.epe_clean, occ.epe, occ.cre, occ.crer, occ.rcre) == (2.0, 5.0, 3.0, 1.5, 4.0)
+    assert (occ.fl_clean, occ.fl, occ.share) == (0.0, 50.0, 20.0)
+
+
+def test_only_the_papers_corruptions_are_averaged():
+    rows = [row("a", epe=1.0), row("a", "fog", 1, epe=2.0)]
+    extra = [
+        row("a", name, 1, epe=100.0) for name in ("elastic_transform", "fog+jpeg_compression", "my_own_corruption")
+    ]
+    alone, beside = summarize(rows_frame(rows)), summarize(rows_frame(rows + extra))
+    assert beside.averaged_over == ["fog"]
+    assert (beside.epe, beside.cre, beside.families) == (alone.epe, alone.cre, alone.families)
+    for name in ("elastic_transform", "fog+jpeg_compression", "my_own_corruption"):
+        assert beside.corruptions[name].cre == 99.0
+        assert not beside.corruptions[name].averaged
+        assert beside.corruptions[name].family is None
+    nothing = summarize(rows_frame([rows[0], *extra]))
+    assert (nothing.epe, nothing.averaged_over) == (None, [])
+
+
+def test_order_is_the_papers_then_by_name():
+    names = ["zoom", "snow", "fog", "elastic_transform", "gaussian_noise", "contrast"]
+    rows = [row("a", epe=1.0)] + [row("a", name, 1) for name in names]
+    order = ["contrast", "fog", "snow", "gaussian_noise", "elastic_transform", "zoom"]
+    assert list(summarize(rows_frame(rows)).corruptions) == order
+
+
+def test_families_average_their_corruptions():
+    summary = summarize(rows_frame(TWO_IMAGES))
+    assert list(summary.families) == ["weather"]
+    assert summary.families["weather"].cre == 1.0
+    assert summary.corruptions["fog"].family == "weather"
+    for family, names in FAMILIES.items():
+        rows = [row("a", epe=1.0)] + [row("a", name, 1, epe=1.0 + i) for i, name in enumerate(names)]
+        assert summarize(rows_frame(rows)).families[family].epe == pytest.approx(1 + (len(names) - 1) / 2)
+
+
+def test_what_is_missing_is_listed_and_cre_compares_the_same_images():
+    partial = [r for r in TWO_IMAGES if (r["sample"], r["corruption"], r["severity"]) != ("a", "fog", 1)]
+    summary = summarize(rows_frame(partial))
+    assert not summary.complete
+    assert [unit.model_dump() for unit in summary.missing] == [{"corruption": "fog", "severity": 1, "samples": ["a"]}]
+    fog = summary.corruptions["fog"]
+    assert fog.severities == [1, 2]
+    assert fog.by_severity["epe"] == [5.0, 6.5]
+    assert fog.by_severity["cre"] == [2.0, 4.5]
+
+
+def test_a_missing_clean_row_is_listed():
+    summary = summarize(rows_frame([row("a", epe=1.0), row("a", "fog", 1, epe=3.0), row("b", "fog", 1, epe=9.0)]))
+    assert [(unit.corruption, unit.samples) for unit in summary.missing] == [("clean", ["b"])]
+    assert summary.cre == 2.0
+
+
+def test_the_plan_decides_what_is_missing():
+    rows = rows_frame(TWO_IMAGES)
+    planned = list(rows.select("sample", "corruption", "severity").iter_rows())
+    assert summarize(rows, planned=planned).complete
+    summary = summarize(rows, planned=[*planned, ("b", "snow", 2), ("a", "snow", 2), ("c", "clean", 0)])
+    assert [(unit.corruption, unit.severity, unit.samples) for unit in summary.missing] == [
+        ("clean", 0, ["c"]),
+        ("snow", 2, ["a", "b"]),
+    ]
+    assert summary.epe == summarize(rows).epe
+
+
+def test_rows_without_a_pixel_to_measure_are_listed_not_averaged():
+    lost = row("b", "fog", 1, n=0, n_all=0, n_invalid=60)
+    summary = summarize(rows_frame([row("a", epe=1.0), row("b", epe=3.0), row("a", "fog", 1, epe=2.0), lost]))
+    assert not summary.complete
+    assert summary.n_invalid == 60
+    assert [(unit.corruption, unit.samples) for unit in summary.unmeasured] == [("fog", ["b"])]
+    assert (summary.epe, summary.cre, summary.epe_clean) == (2.0, 1.0, 2.0)
+
+
+NO_TRUTH = {name: None for name in ROW_SCHEMA if name in {"n_valid", "epe_sum", "rcre_sum", "wauc_sum", *COUNTS}}
+
+
+def test_without_ground_truth_rcre_is_over_all_pixels_and_the_rest_is_none():
+    rows = [row("a", **NO_TRUTH), row("a", "fog", 1, n=10, **NO_TRUTH | {"rcre_all_sum": 40.0})]
+    summary = summarize(rows_frame(rows))
+    assert summary.complete
+    assert (summary.rcre, summary.rcre_all) == (2.0, 2.0)
+    assert {getattr(summary, m) for m in METRICS if not m.startswith("rcre")} == {None}
+    assert (summary.epe_clean, summary.regions) == (None, {})
+
+
+def test_a_perfect_clean_flow_has_no_crer():
+    summary = summarize(rows_frame([row("a", epe=0.0), row("a", "fog", 1, epe=2.0)]))
+    assert (summary.cre, summary.crer) == (2.0, None)
+
+
+def test_no_rows_have_no_means():
+    summary = summarize(rows_frame([]))
+    assert (summary.epe, summary.epe_clean, summary.samples, summary.corruptions) == (None, None, 0, {})
+
+
+def test_rows_twice_and_foreign_tables_are_refused():
+    with pytest.raises(RunError, match="sample 'b', fog severity 2 are there twice"):
+        summarize(rows_frame([*TWO_IMAGES, TWO_IMAGES[5]]))
+    with pytest.raises(RunError, match="lack the column 'n_all'"):
+        summarize(rows_frame(TWO_IMAGES).drop("n_all"))
+    with pytest.raises(UsageError, match="choose from image, pixel"):
+        summarize(rows_frame(TWO_IMAGES), "pixels")  # type: ignore[arg-type]
+
+
+sums = st.floats(0, 1e6)
+
+
+@st.composite
+def runs(draw):
+    """Rows of a run in which anything may be missing, without ground truth, or without a measured pixel."""
+    samples = draw(st.lists(st.sampled_from("abcdef"), min_size=1, unique=True))
+    truth = {sample: draw(st.booleans()) for sample in samples}
+    rows = []
+    for sample, (corruption, severity) in itertools.product(
+        samples, [("clean", 0), ("fog", 1), ("fog", 2), ("snow", 5), ("elastic_transform", 1)]
+    ):
+        if draw(st.integers(0, 9)) == 0:
+            continue
+        n = draw(st.integers(0, 50))
+        counts = {name: draw(st.integers(0, n)) for name in COUNTS}
+        n_occ = draw(st.integers(0, n))
+        occ = {"n_occ": n_occ, "epe_sum_occ": draw(sums), "rcre_sum_occ": draw(sums), "fl_count_occ": n_occ // 2}
+        values = {name: draw(sums) for name in ("epe_sum", "rcre_sum", "rcre_all_sum", "wauc_sum")}
+        r = row(sample, corruption, severity, n, **counts | values | occ)
+        rows.append(r if truth[sample] else r | NO_TRUTH | dict.fromkeys(occ))
+    return rows
+
+
+@settings(deadline=None, max_examples=40)
+@given(runs(), st.sampled_from(["image", "pixel"]), st.randoms(use_true_random=False))
+def test_order_of_rows_changes_no_byte(rows, averaging, rng: random.Random):
+    shuffled = rng.sample(rows, len(rows))
+    expected = summarize(rows_frame(rows), averaging).model_dump_json(indent=1)
+    assert summarize(rows_frame(shuffled), averaging).model_dump_json(indent=1) == expected
+    halves = pl.concat([rows_frame(shuffled[::2]), rows_frame(shuffled[1::2])])
+    assert summarize(halves, averaging).model_dump_json(indent=1) == expected
+
+
+def _naive_mean(pairs, averaging):
+    """Of (sum, count) per image."""
+    pairs = [(total, n) for total, n in pairs if n]
+    if not pairs:
+        return None
+    if averaging == "image":
+        return sum(total / n for total, n in pairs) / len(pairs)
+    return sum(total for total, _ in pairs) / sum(n for _, n in pairs)
+
+
+def _naive_scores(rows, averaging, total="epe_sum", moved="rcre_sum", count="n_valid"):
+    """EPE, CRE and RCRE of every setting, straight from the definitions."""
+    by_key = {(r["sample"], r["corruption"], r["severity"]): r for r in rows}
+    out = {}
+    for corruption, severity in sorted({(c, s) for _, c, s in by_key}):
+        found = {sample: r for (sample, c, s), r in by_key.items() if (c, s) == (corruption, severity)}
+        both = [
+            (found[s], by_key[s, "clean", 0])
+            for s in found
+            if found[s][count] and by_key.get((s, "clean", 0), {}).get(count)
+        ]
+        after = _naive_mean([(r[total], r[count]) for r, _ in both], averaging)
+        before = _naive_mean([(r[total], r[count]) for _, r in both], averaging)
+        anywhere = [
+            (r["rcre_all_sum"], r["n_all"]) if count == "n_valid" and r[count] is None else (r[moved], r[count])
+            for r in found.values()
+        ]
+        out[corruption, severity] = {
+            "epe": _naive_mean([(r[total], r[count]) for r in found.values()], averaging),
+            "cre": None if after is None else after - before,
+            "rcre": _naive_mean(anywhere, averaging),
+        }
+    return out
+
+
+def _close(value):
+    return value if value is None else pytest.approx(value, rel=1e-9, abs=1e-6)
+
+
+@settings(deadline=None, max_examples=60)
+@given(runs(), st.sampled_from(["image", "pixel"]))
+def test_equals_the_naive_loop(rows, averaging):
+    summary = summarize(rows_frame(rows), averaging)
+    expected = _naive_scores(rows, averaging)
+    assert summary.epe_clean == _close(expected.get(("clean", 0), {}).get("epe"))
+    for name, scores in summary.corruptions.items():
+        for metric in ("epe", "cre", "rcre"):
+            values = [expected[name, severity][metric] for severity in scores.severities]
+            assert scores.by_severity[metric] == [_close(value) for value in values]
+            known = [value for value in values if value is not None]
+            assert getattr(scores, metric) == _close(sum(known) / len(known) if known else None)
+    for metric in ("epe", "cre", "rcre"):
+        parts = [getattr(summary.corruptions[name], metric) for name in summary.averaged_over]
+        known = [part for part in parts if part is not None]
+        assert getattr(summary, metric) == _close(sum(known) / len(known) if known else None)
+    if "occ" in summary.regions:
+        inside = _naive_scores(rows, averaging, "epe_sum_occ", "rcre_sum_occ", "n_occ")
+        assert summary.regions["occ"].epe_clean == _close(inside.get(("clean", 0), {}).get("epe"))
+        for metric in ("epe", "cre", "rcre"):
+            fog = [inside[key][metric] for key in inside if key[0] == "fog"]
+            snow = [inside[key][metric] for key in inside if key[0] == "snow"]
+            parts = [[v for v in values if v is not None] for values in (fog, snow)]
+            means = [sum(values) / len(values) for values in parts if values]
+            expected_mean = sum(means) / len(means) if means else None
+            assert getattr(summary.regions["occ"], metric) == _close(expected_mean)

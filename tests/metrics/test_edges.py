@@ -1,0 +1,70 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.errors import DataError
+from robustflow.metrics.edges import edge_distance, motion_edges
+
+from . import naive
+from .strategies import flows, masks, shapes
+
+
+@given(st.data())
+def test_edges_and_distances_equal_the_naive_loop(data):
+    shape = data.draw(shapes)
+    flow, valid = data.draw(flows(shape)), data.draw(masks(shape))
+    expected = naive.edges(flow, valid)
+    edges = motion_edges(flow, valid)
+    assert {tuple(p) for p in np.argwhere(edges).tolist()} == expected
+    distance = edge_distance(edges)
+    for y, x in naive.pixels(valid):
+        assert distance[y, x] == naive.edge_distance(y, x, expected)
+
+
+@given(st.data())
+def test_what_is_invalid_has_no_say(data):
+    shape = data.draw(shapes)
+    flow, valid = data.draw(flows(shape)), data.draw(masks(shape))
+    garbage = np.where(valid[..., None], flow, np.float32(np.nan))
+    edges = motion_edges(flow, valid)
+    np.testing.assert_array_equal(motion_edges(garbage, valid), edges)
+    assert not edges[~valid].any()
+
+
+def _step(jump, background, gap=1):
+    """One row, two motions `gap` pixels apart."""
+    flow = np.zeros((1, 20, 2), np.float32)
+    flow[..., 0] = background
+    flow[:, 10:, 0] += jump
+    valid = np.ones((1, 20), np.bool_)
+    valid[:, 10 - gap + 1 : 10] = False
+    return motion_edges(flow, valid)
+
+
+def test_a_jump_counts_above_one_pixel_and_above_five_percent():
+    assert not _step(1.0, 0).any()
+    assert _step(1.01, 0).sum() == 2
+    assert not _step(1.5, 100).any()
+    assert _step(5.3, 100).sum() == 2
+
+
+def test_a_hole_is_bridged_up_to_five_pixels_and_asks_for_a_larger_jump():
+    assert np.argwhere(_step(8, 0, gap=5)[0]).ravel().tolist() == [5, 10]
+    assert not _step(4, 0, gap=5).any()
+    assert not _step(60, 0, gap=6).any()
+
+
+def test_a_slanted_plane_has_no_edge():
+    ramp = np.linspace(0, 60, 80, dtype=np.float32)
+    flow = np.stack(np.broadcast_arrays(ramp, ramp[:, None]), axis=2)
+    sparse = np.random.default_rng(3).random((80, 80)) < 0.3
+    assert not motion_edges(flow, np.ones((80, 80), np.bool_)).any()
+    assert not motion_edges(flow, sparse).any()
+
+
+def test_a_mask_of_another_size_is_refused():
+    with pytest.raises(DataError, match="differ in size"):
+        motion_edges(np.zeros((4, 4, 2), np.float32), np.ones((9, 9), np.bool_))

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.errors import DataError
+from robustflow.flowio import read_flow
+from robustflow.metrics.epe import epe_map, error_sum, magnitude_map, mean_epe
+
+from . import naive
+from .strategies import flows, masks, shapes
+
+
+@given(st.data())
+def test_error_map_and_sum_equal_the_naive_loop_to_the_bit(data):
+    shape = data.draw(shapes)
+    a, b = data.draw(flows(shape, finite=False)), data.draw(flows(shape, finite=False))
+    mask = data.draw(masks(shape))
+    errors = epe_map(a, b)
+    n, total = 0, 0.0
+    for y, x in naive.pixels(mask):
+        expected = naive.distance(a[y, x], b[y, x])
+        if expected is None:
+            assert np.isnan(errors[y, x])
+        else:
+            assert errors[y, x] == expected
+            n, total = (n + 1, total + expected) if mask[y, x] else (n, total)
+    assert error_sum(errors, mask) == (n, total)
+
+
+@given(st.data())
+def test_magnitude_is_the_distance_from_no_motion(data):
+    flow = data.draw(flows(data.draw(shapes), finite=False))
+    np.testing.assert_array_equal(magnitude_map(flow), epe_map(flow, np.zeros_like(flow)))
+
+
+def _unaligned(flow):
+    bytes_ = np.zeros(flow.nbytes + 1, np.uint8)
+    view = bytes_[1:].view(np.float32).reshape(flow.shape)
+    view[...] = flow
+    return view
+
+
+def _read_only(flow):
+    copy = flow.copy()
+    copy.flags.writeable = False
+    return copy
+
+
+LAYOUTS = {
+    "column order": np.asfortranarray,
+    "planes first": lambda flow: np.ascontiguousarray(flow.transpose(2, 0, 1)).transpose(1, 2, 0),
+    "mirrored": lambda flow: np.ascontiguousarray(flow[::-1, ::-1])[::-1, ::-1],
+    "every second": lambda flow: np.repeat(flow, 2, axis=1)[:, ::2],
+    "read-only": _read_only,
+    "unaligned": _unaligned,
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_memory_layout_changes_no_bit(name):
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(0, 9, (2, 37, 53, 2)).astype(np.float32)
+    mask = rng.random((37, 53)) < 0.7
+    changed = LAYOUTS[name](a)
+    np.testing.assert_array_equal(changed, a)
+    errors = epe_map(changed, b)
+    assert errors.tobytes() == epe_map(a, b).tobytes()
+    assert error_sum(np.asfortranarray(errors), np.asfortranarray(mask)) == error_sum(errors, mask)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [np.zeros((3, 4, 2)), np.zeros((3, 4, 3), np.float32), np.zeros((3, 4), np.float32), [[[0.0, 0.0]]]],
+    ids=["float64", "three channels", "no channels", "a list"],
+)
+def test_what_is_no_flow_is_refused(wrong):
+    with pytest.raises(DataError, match="float32 array of shape"):
+        epe_map(wrong, np.zeros((3, 4, 2), np.float32))
+
+
+def test_sizes_that_differ_are_refused():
+    flow = np.zeros((3, 4, 2), np.float32)
+    with pytest.raises(DataError, match="4x3, its reference 3x4"):
+        epe_map(flow, np.zeros((4, 3, 2), np.float32))
+    with pytest.raises(DataError, match="differ in size"):
+        mean_epe(flow, flow, np.ones((30, 40), np.bool_))
+
+
+def test_no_pixel_has_no_mean():
+    flow = np.zeros((3, 4, 2), np.float32)
+    assert mean_epe(flow, flow, np.zeros((3, 4), np.bool_)) is None
+    assert mean_epe(np.full_like(flow, np.nan), flow) is None
+
+
+@settings(max_examples=30)
+@given(st.data())
+def test_mean_error_of_a_constant_offset_is_its_length(data):
+    shape = data.draw(shapes)
+    truth = np.zeros((*shape, 2), np.float32)
+    assert mean_epe(truth + np.float32([6, -8]), truth) == 10.0
+
+
+def test_lucas_kanade_estimate_of_kitti_2012(shared):
+    """Known figure of this published estimate against its noc map: EPE 10.6271 px."""
+    folder = shared("data/kitti2012_colour_noc_only")
+    (estimate,) = (folder / "LKflow").glob("*.png")
+    flow, _ = read_flow(estimate)
+    truth, valid = read_flow(folder / "training" / "flow_noc" / estimate.name.removeprefix("LKflow_"))
+    assert mean_epe(flow, truth, valid) == pytest.approx(10.6271, abs=5e-5)

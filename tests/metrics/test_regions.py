@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from robustflow.errors import DataError, UsageError
+from robustflow.metrics.epe import epe_map
+from robustflow.metrics.regions import REGIONS, Regions
+from robustflow.sample import Sample
+
+from . import naive
+from .strategies import cases
+
+
+@given(cases())
+def test_every_mask_equals_the_naive_loop(case):
+    sample = case[2]
+    regions = Regions.of(sample)
+    found = naive.edges(sample.flow, sample.valid)
+    masks = {name: regions.mask(name) for name in regions.names}
+    assert set(REGIONS) - set(masks) == (set() if sample.occluded is not None else {"noc", "occ"})
+    for y, x in naive.pixels(sample.valid):
+        inside = {name for name, mask in masks.items() if mask[y, x]}
+        if sample.valid[y, x]:
+            assert inside == naive.regions_of(y, x, sample.flow, sample.occluded, found)
+        else:
+            assert not inside
+
+
+def _sample(height=30, width=150, **fields):
+    frame = np.zeros((height, width, 3), np.uint8)
+    flow = np.zeros((height, width, 2), np.float32)
+    defaults = {"flow": flow, "valid": np.ones((height, width), np.bool_)}
+    return Sample("a", (frame, frame), **(defaults | fields))
+
+
+def test_distance_bins_start_at_ten_and_sixty_pixels():
+    flow = np.zeros((1, 150, 2), np.float32)
+    flow[:, :3] = 9.0
+    regions = Regions.of(_sample(1, flow=flow))
+    edge = 3
+    assert np.argwhere(regions.mask("d0_10")[0]).max() == edge + 9
+    assert np.argwhere(regions.mask("d10_60")[0]).ravel().tolist() == list(range(edge + 10, edge + 60))
+    assert np.argwhere(regions.mask("d60")[0]).min() == edge + 60
+
+
+def test_magnitude_bins_start_at_ten_and_forty_pixels():
+    flow = np.zeros((1, 4, 2), np.float32)
+    flow[0, :, 0] = [np.nextafter(np.float32(10), np.float32(0)), 10, np.nextafter(np.float32(40), np.float32(0)), 40]
+    regions = Regions.of(_sample(1, 4, flow=flow))
+    assert regions.mask("s0_10").tolist() == [[True, False, False, False]]
+    assert regions.mask("s10_40").tolist() == [[False, True, True, False]]
+    assert regions.mask("s40").tolist() == [[False, False, False, True]]
+
+
+def test_one_motion_is_far_from_any_edge():
+    regions = Regions.of(_sample())
+    assert regions.mask("d60").all()
+
+
+def test_without_ground_truth_there_are_no_regions():
+    assert Regions.of(_sample(flow=None, valid=None)) is None
+
+
+def test_ground_truth_that_is_valid_but_not_finite_is_refused():
+    sample = _sample()
+    sample.flow[2, 3] = np.inf
+    with pytest.raises(DataError, match=r"sample 'a'.*not finite"):
+        Regions.of(sample)
+    sample.valid[2, 3] = False
+    assert not Regions.of(sample).mask("s0_10")[2, 3]
+
+
+def test_unknown_or_absent_regions_are_named():
+    with pytest.raises(UsageError, match="did you mean 's10_40'"):
+        Regions.of(_sample()).mask("s10_4")
+    with pytest.raises(UsageError, match="unknown region of this sample 'occ'"):
+        Regions.of(_sample()).mask("occ")
+
+
+def test_errors_of_another_size_are_refused():
+    small = np.zeros((4, 4, 2), np.float32)
+    with pytest.raises(DataError, match="differ in size"):
+        Regions.of(_sample()).sums(epe_map(small, small), epe_map(small, small))

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.metrics.epe import mean_epe
+from robustflow.metrics.robustness import cre, crer, rcre
+
+from . import naive
+from .strategies import cases
+
+errors = st.floats(0, 1e4)
+
+
+@given(errors, errors, errors)
+def test_cre_telescopes(a, b, c):
+    assert cre(c, a) == pytest.approx(cre(b, a) + cre(c, b), abs=1e-9)
+    assert cre(a, b) == -cre(b, a)
+
+
+@given(st.floats(0.001, 1e4), errors)
+def test_crer_times_the_clean_error_is_cre(clean, corrupted):
+    assert crer(cre(corrupted, clean), clean) * clean == pytest.approx(corrupted - clean, rel=1e-12)
+
+
+def test_undefined_stays_undefined():
+    assert cre(None, 1.0) is None
+    assert cre(1.0, None) is None
+    assert crer(None, 1.0) is None
+    assert crer(1.0, 0.0) is None
+    assert crer(1.0, 5e-324) is None
+    assert crer(1.0, None) is None
+
+
+@given(cases())
+def test_rcre_bounds_the_change_of_the_error(case):
+    """Triangle inequality, pixel by pixel, hence for every mean over the same pixels."""
+    pred, clean, sample = case
+    moved = rcre(pred, clean, sample.valid)
+    change = cre(mean_epe(pred, sample.flow, sample.valid), mean_epe(clean, sample.flow, sample.valid))
+    if moved is None:
+        assert change is None
+    else:
+        assert moved >= abs(change) * (1 - 1e-12) - 1e-9
+
+
+@given(cases(finite=False))
+def test_rcre_equals_the_naive_loop(case):
+    pred, clean, _ = case
+    moved = [naive.distance(pred[p], clean[p]) for p in naive.pixels(pred)]
+    known = [m for m in moved if m is not None]
+    expected = math.fsum(known) / len(known) if known else None
+    assert rcre(pred, clean) == (None if expected is None else pytest.approx(expected, rel=1e-12))
+
+
+def test_rcre_is_symmetric_and_needs_no_ground_truth():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(0, 5, (2, 20, 30, 2)).astype(np.float32)
+    assert rcre(a, b) == rcre(b, a) > 0
+    assert rcre(a, a) == 0

@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.errors import DataError
+from robustflow.metrics.regions import Regions
+from robustflow.metrics.rows import ROW_SCHEMA, measure, rows_frame
+from robustflow.sample import Sample
+
+from . import naive
+from .strategies import cases
+
+LABELS = ("sample", "group", "corruption", "severity", "frames_digest", "height", "width")
+
+
+@given(cases(finite=False))
+def test_every_column_equals_the_naive_loop(case):
+    pred, clean, sample = case
+    row = measure(pred, clean, sample, Regions.of(sample), corruption="fog", severity=2, frames_digest="ab")
+    assert list(row) == list(ROW_SCHEMA)
+    assert [row[name] for name in LABELS] == ["s", "s", "fog", 2, "ab", *sample.shape]
+    expected = naive.row(pred, clean, sample.flow, sample.valid, sample.occluded)
+    for name in ROW_SCHEMA:
+        if name in LABELS:
+            continue
+        if name not in expected:
+            assert sample.occluded is None
+            assert row[name] is None
+        elif name == "wauc_sum" or name.startswith(("epe_sum_", "rcre_sum_")):
+            assert row[name] == pytest.approx(expected[name], rel=1e-12)
+        else:
+            assert row[name] == expected[name], name
+
+
+@given(cases(finite=False), st.sampled_from(["epe_sum", "rcre_sum", "fl_count", "n"]))
+def test_each_family_of_regions_splits_the_valid_pixels(case, column):
+    pred, clean, sample = case
+    row = measure(pred, clean, sample, Regions.of(sample))
+    whole = row["n_valid"] if column == "n" else row[column]
+    for names in (("noc", "occ"), ("s0_10", "s10_40", "s40"), ("d0_10", "d10_60", "d60")):
+        if names[0] == "noc" and sample.occluded is None:
+            continue
+        assert sum(row[f"{column}_{name}"] for name in names) == pytest.approx(whole, rel=1e-9)
+
+
+@given(cases())
+def test_finite_predictions_count_every_pixel(case):
+    pred, clean, sample = case
+    row = measure(pred, clean, sample, Regions.of(sample))
+    assert row["n_invalid"] == 0
+    assert row["n_all"] == pred.shape[0] * pred.shape[1]
+    assert row["n_valid"] == np.count_nonzero(sample.valid)
+    assert row["rcre_sum"] <= row["rcre_all_sum"] * (1 + 1e-12)
+
+
+@given(cases(finite=False))
+def test_without_ground_truth_only_rcre_over_all_pixels_remains(case):
+    pred, clean, sample = case
+    blind = Sample(sample.key, sample.frames)
+    row = measure(pred, clean, blind, Regions.of(blind))
+    seen = measure(pred, clean, sample, Regions.of(sample))
+    everywhere = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum")
+    for name in ROW_SCHEMA:
+        assert row[name] == (seen[name] if name in (*LABELS, *everywhere) else None)
+
+
+def test_invalid_pixels_are_counted_and_leave_the_sums_finite():
+    frame = np.zeros((4, 5, 3), np.uint8)
+    truth = np.zeros((4, 5, 2), np.float32)
+    sample = Sample("a", (frame, frame), truth, np.ones((4, 5), np.bool_))
+    pred, clean = truth + 3, truth + 0
+    pred[0, 0, 0], pred[1, 1, 1], clean[2, 2] = np.nan, np.inf, np.nan
+    row = measure(pred, clean, sample, Regions.of(sample))
+    assert row["n_invalid"] == 2
+    assert row["n_valid"] == row["n_all"] == 17
+    assert row["epe_sum"] == row["rcre_sum"] == pytest.approx(17 * 18**0.5)
+    lost = measure(np.full_like(truth, np.nan), clean, sample, Regions.of(sample))
+    assert (lost["n_invalid"], lost["n_valid"], lost["n_all"], lost["epe_sum"]) == (20, 0, 0, 0.0)
+
+
+def test_memory_layout_changes_no_bit():
+    rng = np.random.default_rng(5)
+    pred, clean, truth = rng.normal(0, 20, (3, 40, 60, 2)).astype(np.float32)
+    valid, occluded = rng.random((2, 40, 60)) < 0.6
+    frame = np.zeros((40, 60, 3), np.uint8)
+    rows = []
+    for order in (np.ascontiguousarray, np.asfortranarray):
+        sample = Sample("a", (frame, frame), order(truth), order(valid), order(occluded))
+        rows.append(json.dumps(measure(order(pred), order(clean), sample, Regions.of(sample))))
+    assert rows[0] == rows[1]
+
+
+def test_what_does_not_fit_the_sample_is_refused():
+    frame = np.zeros((4, 5, 3), np.uint8)
+    flow = np.zeros((4, 5, 2), np.float32)
+    sample = Sample("a", (frame, frame), flow, np.ones((4, 5), np.bool_))
+    regions = Regions.of(sample)
+    small = np.zeros((2, 2, 2), np.float32)
+    with pytest.raises(DataError, match="sample 'a' is 5x4"):
+        measure(small, small, sample, regions)
+    with pytest.raises(DataError, match="5x4, its reference 2x2"):
+        measure(flow, small, sample, regions)
+    with pytest.raises(DataError, match=r"pass Regions\.of"):
+        measure(flow, flow, sample, None)
+    with pytest.raises(DataError, match=r"pass Regions\.of"):
+        measure(flow, flow, dataclasses.replace(sample, flow=None, valid=None), regions)
+    with pytest.raises(DataError, match="float32"):
+        measure(flow.astype(np.float64), flow, sample, regions)
+
+
+def test_frame_has_the_schema_and_survives_parquet(tmp_path):
+    frame = np.zeros((4, 5, 3), np.uint8)
+    flow = np.ones((4, 5, 2), np.float32)
+    sample = Sample("a", (frame, frame), 0 * flow, np.ones((4, 5), np.bool_))
+    blind = Sample("b", (frame, frame))
+    rows = [measure(flow, flow, blind, None), measure(flow, 0 * flow, sample, Regions.of(sample))]
+    table = rows_frame(rows)
+    assert dict(table.schema) == ROW_SCHEMA
+    table.write_parquet(tmp_path / "rows.parquet")
+    assert pl.read_parquet(tmp_path / "rows.parquet").equals(table)
+    assert table.rows(named=True) == rows

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from pydantic import ValidationError
+
+from robustflow.errors import UsageError
+from robustflow.metrics.aggregate import summarize
+from robustflow.metrics.rows import rows_frame
+from robustflow.metrics.summary import METRICS, Scores, Summary
+
+from .test_aggregate import TWO_IMAGES, row
+
+
+@pytest.fixture
+def summary():
+    return summarize(rows_frame(TWO_IMAGES))
+
+
+def test_table_is_corruption_by_severity(summary):
+    assert summary.table("cre").rows(named=True) == [
+        {"corruption": "fog", "family": "weather", "1": 1.5, "2": 4.5, "mean": 3.0},
+        {"corruption": "snow", "family": "weather", "1": -1.0, "2": None, "mean": -1.0},
+    ]
+
+
+@pytest.mark.parametrize("metric", METRICS)
+def test_every_metric_has_a_table(summary, metric):
+    table = summary.table(metric)
+    assert table.columns == ["corruption", "family", "1", "2", "mean"]
+    assert table["mean"].to_list() == [getattr(scores, metric) for scores in summary.corruptions.values()]
+
+
+def test_table_of_the_clean_frames_alone_is_empty():
+    assert summarize(rows_frame([row("a", epe=1.0)])).table().height == 0
+
+
+def test_unknown_metric_is_named(summary):
+    with pytest.raises(UsageError, match="did you mean 'rcre'"):
+        summary.table("rcree")
+
+
+def test_json_has_the_documented_names_and_reads_back(summary):
+    text = summary.model_dump_json()
+    assert Summary.model_validate_json(text) == summary
+    loaded = json.loads(text)
+    assert {"epe_clean", "epe", "cre", "crer", "rcre", "corruptions", "regions", "families"} <= set(loaded)
+    assert loaded["corruptions"]["fog"]["by_severity"]["epe"] == [3.5, 6.5]
+    assert loaded["corruptions"]["fog"]["severities"] == [1, 2]
+
+
+def test_a_mean_that_is_not_finite_cannot_be_written():
+    with pytest.raises(ValidationError):
+        Scores(epe=float("nan"))
