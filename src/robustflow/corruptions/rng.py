@@ -1,8 +1,8 @@
 """A counter-based random generator: value `i` of stream `key` is a hash of (key, i).
 
 Nothing is carried from call to call but a position, so a stream can be read from anywhere, in any order, by any
-number of threads, and gives the same values on every machine: all arithmetic is on 64-bit integers, and the
-conversion to floating point is exact. Streams are named by what they are for (`Rng.of(seed, "fog", 3, "000010")`),
+number of threads, and gives the same values on every machine: all arithmetic is on 64-bit integers, the conversion to
+floating point is exact, and normal numbers need nothing but the operations that IEEE 754 fixes to the bit. Streams are named by what they are for (`Rng.of(seed, "fog", 3, "000010")`),
 not by when they were made.
 
 The hash is two rounds of the 64-bit finaliser of MurmurHash3 as improved by Stafford ("variant 13", used by
@@ -12,18 +12,19 @@ SplitMix64; Steele, Lea and Flood 2014), keyed by adding the key before each rou
 from __future__ import annotations
 
 import hashlib
-import math
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit, uint64
 
+from .normal import normals_from_bits
+
 _GOLDEN = 0x9E3779B97F4A7C15
 _MASK = (1 << 64) - 1
 
 
-@njit(uint64(uint64, uint64), inline="always", cache=True)
+@njit(uint64(uint64, uint64), inline="always", cache=True, nogil=True)
 def hash64(key: Any, counter: Any) -> Any:
     """64 random bits for position `counter` of stream `key`. For use inside compiled loops."""
     z = (counter + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15) + key
@@ -35,7 +36,7 @@ def hash64(key: Any, counter: Any) -> Any:
     return z ^ (z >> np.uint64(31))
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fill_bits(key: Any, start: Any, out: Any) -> None:
     for i in range(out.size):
         out[i] = hash64(key, start + np.uint64(i))
@@ -96,8 +97,7 @@ class Rng:
         return low + ((int(self.bits(1)[0]) * (high - low)) >> 64)
 
     def normals(self, count: int) -> npt.NDArray[np.float64]:
-        """`count` standard normal numbers, float64 (Box-Muller)."""
-        pairs = (count + 1) // 2
-        radius = np.sqrt(-2.0 * np.log1p(-self.uniforms(pairs)))
-        angle = 2.0 * math.pi * self.uniforms(pairs)
-        return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1).ravel()[:count]
+        """`count` standard normal numbers, float64, one per position, the same bits on every machine."""
+        out = np.empty(count, np.float64)
+        normals_from_bits(self.bits(count), out)
+        return out
