@@ -1,0 +1,12 @@
+"""Without the torch extra the modules that need it are not collected for doctests; their tests skip, with a reason."""
+
+from importlib.util import find_spec
+
+collect_ignore_glob: list[str] = []
+if find_spec("torch") is None:
+    collect_ignore_glob += [
+        "src/robustflow/models/blocks/*",
+        "src/robustflow/models/nets/*",
+        "src/robustflow/models/torch_model.py",
+        "src/robustflow/video/flavr.py",
+    ]

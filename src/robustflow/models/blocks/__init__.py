@@ -1,0 +1,1 @@
+"""Building blocks that several networks truly share. Every module here needs the torch extra."""

@@ -1,0 +1,101 @@
+"""All-pairs correlation: the pyramid and its window lookup (RAFT, Teed and Deng 2020, section 3.2)."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+
+def pixel_grid(like: Tensor) -> Tensor:
+    """The coordinates (x, y) of every pixel of a map, float32 (N, 2, H, W), in pixels.
+
+    >>> pixel_grid(torch.zeros(1, 5, 2, 3))[0, :, 1, 2].tolist()
+    [2.0, 1.0]
+    """
+    n, _, height, width = like.shape
+    y, x = torch.meshgrid(
+        torch.arange(height, device=like.device, dtype=torch.float32),
+        torch.arange(width, device=like.device, dtype=torch.float32),
+        indexing="ij",
+    )
+    return torch.stack((x, y))[None].repeat(n, 1, 1, 1)
+
+
+def all_pairs(features1: Tensor, features2: Tensor) -> Tensor:
+    """Dot product of every pixel of map 1 with every pixel of map 2, divided by sqrt(C), always in float32.
+
+    Args:
+        features1: (N, C, H1, W1).
+        features2: (N, C, H2, W2).
+
+    Returns:
+        (N * H1 * W1, 1, H2, W2): one map of map 2's size per pixel of map 1, row by row.
+    """
+    n, channels, height, width = features1.shape
+    with torch.autocast(features1.device.type, enabled=False):
+        rows = features1.float().flatten(2).transpose(1, 2)
+        volume = rows @ features2.float().flatten(2) / channels**0.5
+    return volume.reshape(n * height * width, 1, *features2.shape[2:])
+
+
+def sample_window(maps: Tensor, centres: Tensor, radius: int) -> Tensor:
+    """Sample a square window of every map around its own centre: bilinear, zero outside.
+
+    The order is RAFT's: sample `i * (2 * radius + 1) + j` lies at x offset `i - radius`, y offset `j - radius`.
+
+    Args:
+        maps: (M, C, H, W).
+        centres: (M, 2), (x, y) in pixels of the maps, need not be whole.
+        radius: half the window's width, in pixels of the maps.
+
+    Returns:
+        (M, C, (2 * radius + 1) ** 2).
+    """
+    height, width = maps.shape[2:]
+    offsets = torch.arange(-radius, radius + 1, device=centres.device, dtype=centres.dtype)
+    side = len(offsets)
+    x = (centres[:, 0, None, None] + offsets[None, :, None]).expand(-1, side, side)
+    y = (centres[:, 1, None, None] + offsets[None, None, :]).expand(-1, side, side)
+    # Half-pixel normalisation means the same positions as align_corners=True with size - 1, and a map one pixel
+    # wide (the last level of a small image) does not divide by zero.
+    grid = torch.stack(((2 * x + 1) / width - 1, (2 * y + 1) / height - 1), dim=-1)
+    return F.grid_sample(maps, grid, mode="bilinear", padding_mode="zeros", align_corners=False).flatten(2)
+
+
+class CorrelationPyramid:
+    """The correlation volume of two feature maps, with its second map average-pooled 2 x 2 between levels.
+
+    Args:
+        features1: (N, C, H, W).
+        features2: (N, C, H, W).
+        levels: number of levels, the full resolution among them.
+        radius: of the lookup window, in pixels of each level.
+
+    >>> features = torch.randn(1, 16, 8, 12)
+    >>> CorrelationPyramid(features, features).lookup(pixel_grid(features)).shape
+    torch.Size([1, 324, 8, 12])
+    """
+
+    def __init__(self, features1: Tensor, features2: Tensor, levels: int = 4, radius: int = 4) -> None:
+        self.radius = radius
+        self.volumes = [all_pairs(features1, features2)]
+        for _ in range(levels - 1):
+            finest = self.volumes[-1]
+            # Below two pixels there is nothing left to pool.
+            pool = (min(2, finest.shape[2]), min(2, finest.shape[3]))
+            self.volumes.append(F.avg_pool2d(finest, pool, stride=2))
+
+    def lookup(self, coordinates: Tensor) -> Tensor:
+        """Correlations around where each pixel of map 1 goes.
+
+        Args:
+            coordinates: (N, 2, H, W), (x, y) in pixels of map 2 at full resolution.
+
+        Returns:
+            float32 (N, levels * (2 * radius + 1) ** 2, H, W), level by level in the order of `sample_window`.
+        """
+        n, _, height, width = coordinates.shape
+        centres = coordinates.float().permute(0, 2, 3, 1).reshape(n * height * width, 2)
+        levels = [sample_window(volume, centres / 2**i, self.radius) for i, volume in enumerate(self.volumes)]
+        return torch.cat(levels, dim=2).reshape(n, height, width, -1).permute(0, 3, 1, 2).contiguous()

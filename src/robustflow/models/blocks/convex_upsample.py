@@ -1,0 +1,30 @@
+"""Convex upsampling: a fine pixel is a weighted mean of 3 x 3 coarse ones (RAFT, Teed and Deng 2020, section 3.3)."""
+
+from __future__ import annotations
+
+import torch.nn.functional as F
+from torch import Tensor
+
+
+def convex_upsample(flow: Tensor, mask: Tensor, factor: int = 8) -> Tensor:
+    """Enlarge a flow by a predicted mask.
+
+    Args:
+        flow: (N, C, H, W), in coarse pixels (C is 2 for a flow).
+        mask: (N, 9 * factor ** 2, H, W) logits; channel `(k * factor + dy) * factor + dx` weighs neighbour `k` (row by
+            row) of the 3 x 3 for the fine pixel at row `dy`, column `dx` of its cell. Softmax is taken here.
+        factor: fine pixels per coarse pixel, along each axis.
+
+    Returns:
+        (N, C, factor * H, factor * W), in fine pixels: values are multiplied by `factor`.
+
+    >>> import torch
+    >>> convex_upsample(torch.ones(1, 2, 4, 6), torch.zeros(1, 576, 4, 6))[0, 0, 16, 24].item()
+    8.0
+    """
+    n, channels, height, width = flow.shape
+    weights = mask.float().view(n, 1, 9, factor, factor, height, width).softmax(dim=2)
+    neighbours = F.unfold(factor * flow.float(), kernel_size=3, padding=1)
+    neighbours = neighbours.view(n, channels, 9, 1, 1, height, width)
+    fine = (weights * neighbours).sum(dim=2).permute(0, 1, 4, 2, 5, 3)
+    return fine.reshape(n, channels, factor * height, factor * width)

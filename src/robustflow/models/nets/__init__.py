@@ -1,0 +1,1 @@
+"""Network definitions with the state-dict keys of the authors' checkpoints. Every module here needs the torch extra."""
