@@ -41,13 +41,16 @@ def _step(jump, background, gap=1):
     flow[:, 10:, 0] += jump
     valid = np.ones((1, 20), np.bool_)
     valid[:, 10 - gap + 1 : 10] = False
-    return motion_edges(flow, valid)
+    edges = motion_edges(flow, valid)
+    np.testing.assert_array_equal(motion_edges(flow.transpose(1, 0, 2), valid.T), edges.T)
+    return edges
 
 
 def test_a_jump_counts_above_one_pixel_and_above_five_percent():
     assert not _step(1.0, 0).any()
     assert _step(1.01, 0).sum() == 2
     assert not _step(1.5, 100).any()
+    assert not _step(5.2, 100).any()
     assert _step(5.3, 100).sum() == 2
 
 

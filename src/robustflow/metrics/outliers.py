@@ -69,11 +69,9 @@ def _wauc_points(error: Any) -> Any:
     """The pixel's WAUC in units of 1 / 10100."""
     if error > WAUC_STEPS / WAUC_PER_PIXEL:
         return 0
-    # The product may round across a threshold i / 20, which is itself rounded: settle it on the thresholds.
     k = max(1, math.ceil(error * WAUC_PER_PIXEL))
-    while k > 1 and error <= (k - 1) / WAUC_PER_PIXEL:
-        k -= 1
-    while error > k / WAUC_PER_PIXEL:
+    # The product may round down onto the threshold of an error just above it.
+    if error > k / WAUC_PER_PIXEL:
         k += 1
     return (WAUC_STEPS + 1 - k) * (WAUC_STEPS + 2 - k)
 
