@@ -23,6 +23,7 @@ class Benchmark:
         corruptions: the corruptions, in the paper's order.
         severities: 1 to 5 unless narrowed.
         protocol: whatever else decides the numbers (which split, which ground truth), for the run's identity.
+        closed: the corrupted frames come from files, so no other corruption or severity can be asked for.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Benchmark:
     corruptions: tuple[str, ...]
     severities: tuple[int, ...] = SEVERITIES
     protocol: dict[str, Any] = field(default_factory=dict)
+    closed: bool = False
 
     def narrowed(
         self,
@@ -49,6 +51,11 @@ class Benchmark:
         for name in chosen:
             load_corruption(name)
         levels = self.severities if severities is None else tuple(sorted({check_severity(s) for s in severities}))
+        if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
+            raise UsageError(
+                f"these frames were corrupted beforehand, with {', '.join(self.corruptions)} at severities "
+                f"{', '.join(map(str, self.severities))}; choose among them, or give the uncorrupted data"
+            )
         if not chosen or not levels:
             raise UsageError("nothing to run: name at least one corruption and one severity")
         return replace(self, keys=self.keys[:limit], corruptions=chosen, severities=levels)

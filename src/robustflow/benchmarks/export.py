@@ -15,14 +15,12 @@ from pathlib import Path
 from ..atomic import make_folder, write_json
 from ..corruptions import Corruption, corrupt_clip, load_corruption
 from ..corruptions.api import STREAM_VERSION
+from ..datasets.kitti_fc import DISK_NAMES
 from ..errors import DataError, RunError
 from ..flowio import write_flow
 from ..imageio import write_image
 from ..sample import Frame, Sample
 from .base import Benchmark
-
-DISK_NAMES = {"high_light": "brightness"}
-"""Corruptions whose folders the released benchmark names otherwise."""
 
 RECORD = "export.json"
 

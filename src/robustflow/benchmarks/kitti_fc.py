@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..corruptions import IMAGE_PAIR
+from ..corruptions import IMAGE_PAIR, SEVERITIES
 from ..datasets import load_dataset
-from ..datasets.split import KITTI_SPLIT_SEED, kitti_split, read_split
-from ..errors import UsageError
+from ..datasets.kitti_fc import KittiFC
+from ..datasets.split import kitti_split, read_split
+from ..errors import DataError, UsageError
 from .base import Benchmark
 
 
@@ -20,10 +21,22 @@ def kitti_fc(data: Path | None, split: Path | None) -> Benchmark:
     if data is None:
         raise UsageError("kitti-fc needs the KITTI-2015 folder: give --data PATH (the folder that holds training/)")
     if (data / "clean").is_dir():
-        released = load_dataset("kitti_fc", data)
-        keys = read_split(split, released.keys()) if split else released.keys()
-        return Benchmark("kitti-fc", released, tuple(keys), IMAGE_PAIR, protocol={"frames": "released"})
+        return _released(KittiFC(data), split)
     dataset = load_dataset("kitti2015", data)
-    if split:
-        return Benchmark("kitti-fc", dataset, tuple(read_split(split, dataset.keys())), IMAGE_PAIR)
-    return Benchmark("kitti-fc", dataset, tuple(kitti_split(dataset.keys(), KITTI_SPLIT_SEED)), IMAGE_PAIR)
+    keys = read_split(split, dataset.keys()) if split else kitti_split(dataset.keys()).evaluation
+    return Benchmark("kitti-fc", dataset, tuple(keys), IMAGE_PAIR)
+
+
+def _released(dataset: KittiFC, split: Path | None) -> Benchmark:
+    """The corruptions and severities that the folder holds, and no others: nothing is made on the fly beside them."""
+    keys = read_split(split, dataset.keys()) if split else dataset.keys()
+    found = {name: dataset.severities(name) for name in IMAGE_PAIR if dataset.has_corrupted(name)}
+    severities = tuple(level for level in SEVERITIES if all(level in levels for levels in found.values()))
+    if not found or not severities:
+        raise DataError(
+            f"{dataset.root}: holds clean frames but no corruption with a severity common to all; expected folders "
+            "such as fog_3/val/image_2"
+        )
+    return Benchmark(
+        "kitti-fc", dataset, tuple(keys), tuple(found), severities, protocol={"frames": "released"}, closed=True
+    )

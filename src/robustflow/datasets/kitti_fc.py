@@ -35,9 +35,9 @@ class KittiFC(KittiPairs):
     def __init__(self, root: str | Path, split: str = "val") -> None:
         choice("split", split, ("val", "training"))
         marker = f"clean/{split}/image_2"
-        self._root = locate("KITTI-FC", root, [marker], expected=f"{marker}/ and <corruption>_<severity>/{split}/")
+        self.root = locate("KITTI-FC", root, [marker], expected=f"{marker}/ and <corruption>_<severity>/{split}/")
         self._split = split
-        super().__init__(kitti_pairs(self._root / "clean" / split, "image_2"), self._root)
+        super().__init__(kitti_pairs(self.root / "clean" / split, "image_2"), self.root)
 
     def has_corrupted(self, corruption: str) -> bool:
         """See `PreCorrupted.has_corrupted`."""
@@ -46,12 +46,12 @@ class KittiFC(KittiPairs):
     def severities(self, corruption: str) -> tuple[int, ...]:
         """The severities there are of a corruption, ascending."""
         pattern = re.escape(DISK_NAMES.get(corruption, corruption)) + r"_([1-5])"
-        matches = (re.fullmatch(pattern, folder.name) for folder in folders(self._root))
+        matches = (re.fullmatch(pattern, folder.name) for folder in folders(self.root))
         return tuple(sorted(int(match[1]) for match in matches if match))
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
         """See `PreCorrupted.corrupted_files`."""
-        setting = self._root / f"{DISK_NAMES.get(corruption, corruption)}_{severity}"
+        setting = self.root / f"{DISK_NAMES.get(corruption, corruption)}_{severity}"
         if not setting.is_dir():
             known = ", ".join(map(str, self.severities(corruption))) or "none"
             raise DataError(f"{setting}: no such folder; severities of {corruption} in this release: {known}")

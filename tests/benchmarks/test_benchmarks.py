@@ -1,0 +1,146 @@
+"""Which samples and corruptions a benchmark consists of; export and reading back."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from skimage import data
+
+import robustflow as rf
+from robustflow.benchmarks import load_benchmark
+from robustflow.benchmarks.export import export
+from robustflow.errors import DataError, RunError, UsageError
+from robustflow.models import ModelSpec
+
+DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+
+
+def make_kitti(root, pairs: int) -> None:
+    """A folder as KITTI-2015 is distributed, of photographs that move by (3, 1)."""
+    texture = data.astronaut()
+    for folder in ("image_2", "flow_occ", "flow_noc"):
+        (root / "training" / folder).mkdir(parents=True)
+    for number in range(pairs):
+        x = number % 100
+        for frame, (dx, dy) in (("10", (0, 0)), ("11", (3, 1))):
+            crop = texture[10 - dy : 74 - dy, 10 + x - dx : 138 + x - dx, ::-1]
+            cv2.imwrite(str(root / "training" / "image_2" / f"{number:06d}_{frame}.png"), crop)
+        flow = np.broadcast_to(np.float32([3, 1]), (64, 128, 2))
+        valid = np.ones((64, 128), bool)
+        valid[:20] = False
+        rf.write_flow(root / "training" / "flow_occ" / f"{number:06d}_10.png", flow, valid)
+        valid = valid.copy()
+        valid[:, 100:] = False
+        rf.write_flow(root / "training" / "flow_noc" / f"{number:06d}_10.png", flow, valid)
+
+
+@pytest.fixture(scope="module")
+def kitti(tmp_path_factory):
+    root = tmp_path_factory.mktemp("kitti")
+    make_kitti(root, 3)
+    return root
+
+
+def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs(kitti):
+    benchmark = load_benchmark("kitti-fc", kitti)
+    assert len(benchmark.corruptions) == 20
+    assert benchmark.keys == ("000000", "000001", "000002")
+
+
+def test_a_split_file_chooses(kitti, tmp_path):
+    (tmp_path / "split.txt").write_text("000002\n")
+    assert load_benchmark("kitti-fc", kitti, tmp_path / "split.txt").keys == ("000002",)
+
+
+def test_narrowing(kitti):
+    benchmark = load_benchmark("kitti-fc", kitti)
+    narrow = benchmark.narrowed(["snow", "fog", "snow"], [5, 1], 2)
+    assert (narrow.corruptions, narrow.severities, narrow.keys) == (("snow", "fog"), (1, 5), benchmark.keys[:2])
+    for wrong in (
+        {"corruptions": ["sno"]},
+        {"severities": [0]},
+        {"severities": [6]},
+        {"limit": 0},
+        {"corruptions": []},
+    ):
+        with pytest.raises(UsageError):
+            benchmark.narrowed(**wrong)
+
+
+@pytest.mark.parametrize(("name", "data"), [("kitti-fc", None), ("folder", None), ("demo", "somewhere")])
+def test_data_where_it_is_needed_and_only_there(name, data):
+    with pytest.raises(UsageError, match="--data"):
+        load_benchmark(name, data)
+
+
+def test_export_reads_back_to_the_same_rows(kitti, tmp_path):
+    chosen = ["high_light", "impulse_noise"]
+    benchmark = load_benchmark("kitti-fc", kitti).narrowed(chosen, [2, 3], 2)
+    written = list(export(benchmark, tmp_path / "fc", seed=5))
+    assert len(written) == 2 * (1 + 2 * 2)
+    assert all(step.fresh for step in written)
+    assert (tmp_path / "fc" / "brightness_2" / "val" / "image_2" / "000001_11.png").is_file()
+
+    released = rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "released")
+    direct = rf.evaluate(DIS, benchmark, output=tmp_path / "direct", seed=5)
+    assert released.rows.equals(direct.rows)
+    assert released.summary.regions["occ"].epe_clean is not None
+
+
+def test_an_export_goes_on_and_never_mixes(kitti, tmp_path):
+    benchmark = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
+    list(export(benchmark, tmp_path / "fc"))
+    frame = tmp_path / "fc" / "contrast_1" / "val" / "image_2" / "000000_11.png"
+    before = frame.read_bytes()
+    frame.unlink()
+    assert [step.fresh for step in export(benchmark, tmp_path / "fc")] == [False, True]
+    assert frame.read_bytes() == before
+    with pytest.raises(RunError, match="holds another export"):
+        list(export(benchmark, tmp_path / "fc", seed=1))
+
+
+def test_a_released_folder_is_not_topped_up(kitti, tmp_path):
+    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1, 3], 1), tmp_path / "fc"))
+    released = load_benchmark("kitti-fc", tmp_path / "fc")
+    assert (released.corruptions, released.severities) == (("contrast",), (1, 3))
+    with pytest.raises(UsageError, match="corrupted beforehand"):
+        released.narrowed(["fog"])
+    with pytest.raises(DataError, match="no corruption"):
+        load_benchmark("kitti-fc", _only_clean(tmp_path))
+
+
+def _only_clean(tmp_path):
+    (tmp_path / "fc" / "contrast_1").rename(tmp_path / "moved_1")
+    (tmp_path / "fc" / "contrast_3").rename(tmp_path / "moved_3")
+    return tmp_path / "fc"
+
+
+def test_ground_truth_without_a_valid_pixel(kitti, tmp_path):
+    make_kitti(tmp_path, 1)
+    nothing = np.zeros((64, 128), bool)
+    for name in ("flow_occ", "flow_noc"):
+        rf.write_flow(tmp_path / "training" / name / "000000_10.png", np.zeros((64, 128, 2), np.float32), nothing)
+    with pytest.raises(DataError, match="no pixel as valid"):
+        rf.evaluate(DIS, "kitti-fc", tmp_path, tmp_path / "run", corruptions=["contrast"])
+
+
+def test_clean_errors_of_the_real_pairs_equal_a_direct_computation(shared, tmp_path):
+    root = shared("data", "kitti2015")
+    expected = {}
+    for path in sorted((root / "training" / "flow_occ").glob("*_10.png")):
+        raw = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)[..., ::-1].astype(np.float64)
+        flow, valid = (raw[..., :2] - 2**15) / 64, raw[..., 2] > 0
+        images = [root / "training" / "image_2" / path.name.replace("_10", f"_{n}") for n in (10, 11)]
+        grey = [cv2.cvtColor(cv2.imread(str(image)), cv2.COLOR_BGR2GRAY) for image in images]
+        predictions = {
+            "dis": cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(*grey, None),
+            "farneback": cv2.calcOpticalFlowFarneback(*grey, None, 0.5, 3, 15, 3, 5, 1.2, 0),
+        }
+        for model, prediction in predictions.items():
+            expected[model, path.name[:6]] = np.linalg.norm(prediction - flow, axis=2)[valid].mean()
+    for model in ("dis", "farneback"):
+        run = rf.evaluate(model, "kitti-fc", root, tmp_path / model, corruptions=["contrast"], severities=[1])
+        clean = run.rows.filter(run.rows["corruption"] == "clean")
+        for key, total, count in clean.select("sample", "epe_sum", "n_valid").iter_rows():
+            assert total / count == pytest.approx(expected[model, key], abs=1e-4)

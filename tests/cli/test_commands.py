@@ -1,0 +1,188 @@
+"""The command line as a person meets it: output, exit codes, one-line errors."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow.cli.main import main
+
+
+@pytest.fixture
+def robustflow(monkeypatch, capsys, tmp_path):
+    """Run the command line in `tmp_path`; returns (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["robustflow", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+def _frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(0)
+    paths = []
+    for index, size in enumerate(sizes):
+        paths.append(folder / f"{index:03d}.png")
+        cv2.imwrite(str(paths[-1]), rng.integers(0, 255, (*size, 3)).astype(np.uint8))
+    return paths
+
+
+def test_run_then_show(robustflow):
+    code, out, _ = robustflow("run", "--model", "dis", "-c", "contrast,jpeg_compression", "-s", "1,5", "-o", "run")
+    assert code == 0
+    assert "jpeg_compression" in out
+    assert "CREr" in out
+    summary = json.loads(Path("run/summary.json").read_text())
+    assert summary["corruptions"]["contrast"]["severities"] == [1, 5]
+    code, again, _ = robustflow("show", "run")
+    assert (code, again) == (0, out)
+    code, table, _ = robustflow("show", "run", "--metric", "rcre")
+    assert code == 0
+    assert "digital" in table
+
+
+def test_own_frames_have_no_ground_truth(robustflow, tmp_path):
+    _frames(tmp_path / "frames", [(64, 96)] * 3)
+    code, out, _ = robustflow("run", "-m", "dis", "-b", "folder", "-d", "frames", "-c", "contrast", "-o", "run")
+    assert code == 0
+    assert "no ground truth" in out
+    assert json.loads(Path("run/summary.json").read_text())["epe_clean"] is None
+
+
+def test_corrupt_writes_what_the_library_makes(robustflow, tmp_path):
+    import robustflow as rf
+
+    first, second = _frames(tmp_path)
+    code, out, _ = robustflow("corrupt", first, second, "-c", "impulse_noise", "-s", "2,4", "--seed", 3, "-o", "out")
+    assert (code, out.split()) == (0, ["out/impulse_noise_2", "out/impulse_noise_4"])
+    frames = [cv2.imread(str(path))[..., ::-1].copy() for path in (first, second)]
+    expected = rf.corrupt(*frames, "impulse_noise", 4, seed=3, key=first.stem)
+    for path, frame in zip((first, second), expected, strict=True):
+        np.testing.assert_array_equal(cv2.imread(f"out/impulse_noise_4/{path.name}")[..., ::-1], frame)
+
+
+@pytest.mark.parametrize("kind", ["models", "corruptions", "benchmarks", "datasets", "all"])
+def test_list(robustflow, kind):
+    code, out, _ = robustflow("list", kind)
+    assert code == 0
+    assert {"models": "farneback", "corruptions": "glass_blur", "benchmarks": "kitti-fc", "datasets": "sintel"}.get(
+        kind, "sintel"
+    ) in out
+
+
+def _truncated_png(folder: Path) -> None:
+    first, _ = _frames(folder)
+    first.write_bytes(first.read_bytes()[:-2000])
+
+
+def _kitti_with_8_bit_flow(folder: Path) -> None:
+    _frames(folder / "training" / "image_2")
+    for index, number in (("000", "10"), ("001", "11")):
+        path = folder / "training" / "image_2" / f"{index}.png"
+        path.rename(path.with_name(f"000000_{number}.png"))
+    (folder / "training" / "flow_occ").mkdir()
+    cv2.imwrite(str(folder / "training" / "flow_occ" / "000000_10.png"), np.zeros((64, 96, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "code", "says"),
+    [
+        (None, "run -m dis -b kitti-fc -d nowhere", 1, "nowhere"),
+        (lambda f: f.mkdir(), "run -m dis -b kitti-fc -d data", 1, "data"),
+        (lambda f: f.mkdir(), "run -m dis -b folder -d data", 1, "data"),
+        (_truncated_png, "run -m dis -b folder -d data -c contrast", 1, "damaged"),
+        (lambda f: _frames(f, [(64, 96), (64, 98)]), "run -m dis -b folder -d data -c contrast", 1, "size"),
+        (_kitti_with_8_bit_flow, "run -m dis -b kitti-fc -d data -c contrast", 1, "16"),
+        (None, "run -m diss", 2, "did you mean 'dis'"),
+        (None, "run -m dis -b kiti-fc", 2, "did you mean 'kitti-fc'"),
+        (None, "run -m dis -c frosst", 2, "did you mean 'frost'"),
+        (None, "run -m dis -s 0", 2, "severity 0"),
+        (None, "run -m dis -s 1,6", 2, "severity 6"),
+        (None, "run -m dis -s high", 2, "whole numbers"),
+        (None, "run -m dis --variant other", 2, "default, reference, paper"),
+        (None, "run -m dis -O presetfast", 2, "KEY=VALUE"),
+        (None, "run -m dis --engine cluster", 2, "engine"),
+        (None, "show nowhere", 1, "manifest.json"),
+        (None, "list weather", 2, "models"),
+        (_frames, "corrupt data/000.png data/001.png -c fog -s 9", 2, "severity 9"),
+        (_frames, "corrupt data/000.png data/none.png -c contrast", 1, "none.png"),
+        (_truncated_png, "corrupt data/000.png data/001.png -c contrast", 1, "damaged"),
+        (lambda f: _frames(f, [(64, 96), (64, 98)]), "corrupt data/000.png data/001.png -c contrast", 1, "same size"),
+        (None, "export demo -d x", 2, "--data"),
+    ],
+)
+def test_bad_input_is_one_line_that_says_what_to_do(robustflow, tmp_path, make, arguments, code, says):
+    if make:
+        make(tmp_path / "data")
+    got, out, err = robustflow(*arguments.split(), *(["-o", "run"] if arguments.startswith("run") else []))
+    lines = [line for line in err.splitlines() if line.startswith("robustflow:")]
+    assert got == code
+    assert len(lines) == 1
+    assert says in lines[0]
+    assert "Traceback" not in err + out
+    assert not list(Path().rglob("*.parquet"))
+    assert not list(Path().rglob(".partial-*"))
+
+
+def test_usage_errors_of_the_command_line_itself(robustflow):
+    assert robustflow("run")[0] == 2
+    assert robustflow("run", "--no-such-option")[0] == 2
+    assert robustflow("nonsense")[0] == 2
+
+
+def test_a_folder_that_cannot_be_written(robustflow, tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    code, _, err = robustflow("run", "-m", "dis", "-c", "contrast", "-o", "file/run")
+    assert code == 1
+    assert err.count("\n") == 1
+    assert "file/run" in err
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk(robustflow, tmp_path, monkeypatch):
+    """The real error of a real full device, met where a shard is renamed into place."""
+    import robustflow.atomic as atomic
+
+    real = open
+
+    def full(path, *mode):
+        if str(path).endswith(".parquet") and ".partial-" in str(path):
+            Path(path).symlink_to("/dev/full")
+            return real(path, "wb", buffering=0)
+        return real(path, *mode)
+
+    monkeypatch.setattr(atomic, "open", full, raising=False)
+    code, _, err = robustflow("run", "-m", "dis", "-c", "contrast", "-o", "run")
+    assert code == 1
+    assert "No space left on device" in err
+    assert not list(Path("run").rglob("*.parquet"))
+    assert not list(Path("run").rglob(".partial-*"))
+
+
+def test_version_and_help_do_not_import_the_heavy_parts():
+    script = (
+        "import sys; sys.argv = ['robustflow', '--help']\n"
+        "from robustflow.cli.main import main\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'cv2', 'polars', 'numba', 'scipy', 'torch', 'matplotlib'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "robustflow run --model dis" in done.stdout

@@ -1,0 +1,123 @@
+"""Models are found by name, by module and attribute, or in a folder."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robustflow import load_model, write_flow
+from robustflow.errors import ModelError, UsageError
+from robustflow.models import FlowLookup, FlowModel, FunctionModel, ModelSpec
+from robustflow.models.loading import as_model
+
+FRAME = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
+
+SOURCE = """
+import numpy as np
+
+def still(a, b):
+    return np.zeros((*a.shape[:2], 2), np.float32)
+
+class Model:
+    def __init__(self, value=1.0):
+        self.value = value
+    def predict(self, a, b):
+        return np.full((*a.shape[:2], 2), self.value, np.float32)
+
+built = Model(7.0)
+
+def factory(value=3.0):
+    return Model(value)
+
+class Broken:
+    def __init__(self):
+        raise RuntimeError("weights are missing")
+
+number = 5
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch, request):
+    name = f"users_{abs(hash(request.node.name)) % 10**8}"
+    (tmp_path / f"{name}.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+    return name
+
+
+@pytest.mark.parametrize(
+    ("attribute", "options", "value"),
+    [
+        ("still", {}, 0.0),
+        ("Model", {}, 1.0),
+        ("Model", {"value": 2.5}, 2.5),
+        ("built", {}, 7.0),
+        ("built.predict", {}, 7.0),
+        ("factory", {}, 3.0),
+        ("factory", {"value": 4.0}, 4.0),
+    ],
+)
+def test_module_and_attribute(module, attribute, options, value):
+    model = load_model(f"{module}:{attribute}", **options)
+    assert isinstance(model, FlowModel)
+    assert (model.predict(FRAME, FRAME) == value).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "error", "says"),
+    [
+        ("{module}:Modell", {}, UsageError, "did you mean 'Model'"),
+        ("{module}:Model", {"valu": 1}, UsageError, "did you mean 'value'"),
+        ("{module}:built", {"value": 1}, UsageError, "takes no options"),
+        ("{module}:Broken", {}, ModelError, "weights are missing"),
+        ("{module}:number", {}, ModelError, "no method predict"),
+        ("no_such_module_here:Model", {}, ModelError, "cannot import 'no_such_module_here'"),
+        ("diss", {}, UsageError, "did you mean 'dis'"),
+        ("dis", {"presset": "fast"}, UsageError, "did you mean 'preset'"),
+        ("dis", {"preset": "slow"}, UsageError, "unknown DIS preset 'slow'"),
+    ],
+)
+def test_what_cannot_be_loaded(module, name, options, error, says):
+    with pytest.raises(error, match=says):
+        load_model(name.format(module=module), **options)
+
+
+def test_objects_classes_and_functions_are_models():
+    class Mine:
+        def predict(self, frame1, frame2):
+            return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+    mine = Mine()
+    assert as_model(mine, "it") is mine
+    assert isinstance(as_model(Mine, "it"), Mine)
+    assert isinstance(as_model(lambda a, b: None, "it"), FunctionModel)
+    with pytest.raises(ModelError, match="no method predict"):
+        as_model(3, "it")
+
+
+def test_a_folder_of_flows(tmp_path):
+    flow = np.linspace(-5, 5, 64 * 96 * 2, dtype=np.float32).reshape(64, 96, 2)
+    for folder, suffix, values in (("clean", "flo", flow), ("fog_2", "pfm", flow + 1)):
+        (tmp_path / folder / "scene").mkdir(parents=True)
+        write_flow(tmp_path / folder / "scene" / f"a.{suffix}", values)
+    known = np.ones((64, 96), bool)
+    known[3, 4] = False
+    (tmp_path / "snow_1" / "scene").mkdir(parents=True)
+    write_flow(tmp_path / "snow_1" / "scene" / "a.flo", flow, known)
+
+    model = load_model(str(tmp_path))
+    assert isinstance(model, FlowLookup)
+    np.testing.assert_array_equal(model.lookup("scene/a", "clean", 0), flow)
+    np.testing.assert_array_equal(model.lookup("scene/a", "fog", 2), flow + 1)
+    assert (np.isnan(model.lookup("scene/a", "snow", 1)).any(axis=2) == ~known).all()
+    with pytest.raises(ModelError, match="no flow for sample 'scene/a' under fog_3"):
+        model.lookup("scene/a", "fog", 3)
+
+
+def test_other_flows_are_another_model(tmp_path):
+    (tmp_path / "clean").mkdir()
+    before = ModelSpec(str(tmp_path)).load().identity()
+    write_flow(tmp_path / "clean" / "a.flo", np.zeros((4, 4, 2), np.float32))
+    assert ModelSpec(str(tmp_path)).load().identity() != before
+    with pytest.raises(ModelError, match="no folder 'clean'"):
+        load_model("precomputed", folder=str(tmp_path / "clean"))

@@ -1,0 +1,46 @@
+"""The OpenCV methods, on motion that is known."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from skimage import data
+
+from robustflow import load_model
+
+
+@pytest.fixture(scope="module")
+def moved():
+    """A photograph moved by (5, -3) pixels."""
+    texture = data.astronaut()
+    return texture[100:356, 100:420].copy(), texture[103:359, 95:415].copy()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "tolerance"),
+    [("farneback", {}, 0.5), ("dis", {}, 0.1), ("dis", {"preset": "fast"}, 0.2), ("dis", {"preset": "ultrafast"}, 0.4)],
+)
+def test_known_translation_right_and_up(moved, name, options, tolerance):
+    flow = load_model(name, **options).predict(*moved)
+    inside = flow[32:-32, 32:-32].reshape(-1, 2)
+    np.testing.assert_allclose(np.median(inside, axis=0), (5, -3), atol=tolerance)
+
+
+@pytest.mark.parametrize("name", ["farneback", "dis"])
+def test_the_number_of_opencv_threads_changes_nothing(moved, name):
+    before = cv2.getNumThreads()
+    flows = []
+    for threads in (1, 4):
+        cv2.setNumThreads(threads)
+        flows.append(load_model(name).predict(*moved))
+        assert cv2.getNumThreads() == threads, "the caller's setting is left as it was"
+    cv2.setNumThreads(before)
+    np.testing.assert_array_equal(*flows)
+
+
+def test_a_pair_does_not_remember_the_one_before(moved):
+    model = load_model("dis")
+    first = model.predict(*moved)
+    model.predict(moved[1], moved[0])
+    np.testing.assert_array_equal(model.predict(*moved), first)
