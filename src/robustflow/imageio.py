@@ -1,13 +1,14 @@
 """Read and write pictures: RGB uint8 in, RGB uint8 out, and nothing converted that would lose something.
 
-Pillow decodes, because it is strict: on every truncation of small files, and with bytes flipped, it raises
-instead of returning a partly filled picture. It does not miss the end marker of a PNG; that is checked here.
+Pillow decodes, because it is strict: on every truncation of small files it raises instead of returning a partly
+filled picture. It overlooks damage in the last chunk of a PNG, so the check sums are verified here.
 """
 
 from __future__ import annotations
 
 import io
 import struct
+import warnings
 import zlib
 from pathlib import Path
 from typing import NamedTuple
@@ -28,7 +29,6 @@ MAX_PIXELS = 2**27
 
 _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-_PNG_END = b"IEND\xaeB`\x82"
 _INFLATE = 1100
 """Deflate cannot shrink data by more than 1032:1; a PNG that claims more holds no such picture."""
 
@@ -55,9 +55,11 @@ def read_image(path: str | Path) -> Frame:
     path = Path(path)
     data = _contents(path)
     try:
-        with _open(path, data) as image:
-            image.load()
-            return _rgb(path, ImageOps.exif_transpose(image))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what matters of a damaged file is raised, in one line
+            with _open(path, data) as image:
+                image.load()
+                return _rgb(path, ImageOps.exif_transpose(image))
     except DataError:
         raise
     except (
@@ -116,17 +118,24 @@ def write_image(path: str | Path, image: Frame) -> None:
 
 
 def check_png(path: Path, data: bytes) -> PngHeader:
-    """The header of a PNG that is there to its end, or DataError. Allocates nothing."""
+    """The header of a PNG whose every chunk is there and unharmed, or DataError. Decodes nothing."""
     if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
         raise DataError(f"{path}: not a PNG file, or cut short; check or copy it again")
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
     header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
-    if data.rfind(_PNG_END) < 0:
-        raise DataError(f"{path}: cut short, the end of the PNG is missing; copy or download it again")
     if width * height * bits * header.channels > 8 * _INFLATE * len(data):
-        raise DataError(
-            f"{path}: {len(data)} bytes cannot hold the {width}x{height} pixels claimed; it is damaged"
-        )
+        raise DataError(f"{path}: {len(data)} bytes cannot hold the {width}x{height} pixels claimed; it is damaged")
+    view, start, name = memoryview(data), 8, b""
+    while name != b"IEND":
+        length = int.from_bytes(view[start : start + 4], "big")
+        end = start + 12 + length
+        if end > len(data):
+            raise DataError(f"{path}: cut short, the end of the PNG is missing; copy or download it again")
+        name = data[start + 4 : start + 8]
+        # Pillow stops reading when it has all rows, before the check sum of the last chunk.
+        if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
+            raise DataError(f"{path}: damaged, a check sum of the PNG is wrong; copy or download it again")
+        start = end
     return header
 
 
@@ -136,9 +145,7 @@ def _contents(path: Path) -> bytes:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise DataError(
-            f"{path}: cannot be read ({error.strerror or error}); check its permissions"
-        ) from error
+        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
     if not data:
         raise DataError(f"{path}: the file is empty; copy or download it again")
     return data
@@ -150,16 +157,12 @@ def _open(path: Path, data: bytes) -> Image.Image:
         image = Image.open(io.BytesIO(data), formats=_FORMATS)
     except Image.UnidentifiedImageError as error:
         kinds = "PNG, JPEG, PPM, BMP, TIFF or WebP"
-        raise DataError(
-            f"{path}: not a picture ({kinds}), or damaged at its start; check the file"
-        ) from error
+        raise DataError(f"{path}: not a picture ({kinds}), or damaged at its start; check the file") from error
     width, height = image.size
     if width * height > MAX_PIXELS:
         raise DataError(f"{path}: {width}x{height} pixels are more than {MAX_PIXELS}; scale the picture down")
     if deep or _is_deep(image):
-        raise DataError(
-            f"{path}: more than 8 bits per channel; convert it to 8 bits (a flow map is no picture)"
-        )
+        raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (a flow map is no picture)")
     return image
 
 
@@ -180,9 +183,7 @@ def _rgb(path: Path, image: Image.Image) -> Frame:
         if image.getchannel("A").getextrema() != (255, 255):
             raise DataError(f"{path}: has transparent pixels; flatten it onto a background first")
     if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
-        raise DataError(
-            f"{path}: colours of kind {image.mode} are not supported; convert it to plain RGB, 8 bits"
-        )
+        raise DataError(f"{path}: colours of kind {image.mode} are not supported; convert it to plain RGB, 8 bits")
     return np.array(image.convert("RGB"))
 
 

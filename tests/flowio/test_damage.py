@@ -1,0 +1,143 @@
+"""Files that are cut short, lie about their size, or are something else: one line, and nothing allocated."""
+
+from __future__ import annotations
+
+import struct
+import tracemalloc
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow.errors import DataError
+from robustflow.flowio import FLOW_SUFFIXES, read_flow, write_flow
+
+FLOW = np.linspace(-3, 4, 4 * 5 * 2, dtype=np.float32).reshape(4, 5, 2)
+
+
+def refused(path: Path, match: str | None = None) -> str:
+    with pytest.raises(DataError, match=match) as caught:
+        read_flow(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(path) in message
+    return message
+
+
+@pytest.mark.parametrize("suffix", FLOW_SUFFIXES)
+def test_cut_at_every_byte(tmp_path: Path, suffix: str) -> None:
+    if suffix == ".flo5":
+        pytest.importorskip("h5py")
+    path = tmp_path / f"flow{suffix}"
+    write_flow(path, FLOW, np.eye(4, 5, dtype=bool))
+    whole = path.read_bytes()
+    cut = tmp_path / f"cut{suffix}"
+    step = 37 if suffix == ".flo5" else 1  # an HDF5 file is thousands of bytes, most of them empty
+    for length in [*range(0, len(whole), step), len(whole) - 1]:
+        cut.write_bytes(whole[:length])
+        refused(cut)
+
+
+@pytest.mark.parametrize("suffix", [".flo", ".pfm"])
+def test_a_byte_too_many(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"flow{suffix}"
+    write_flow(path, FLOW)
+    path.write_bytes(path.read_bytes() + b"\0")
+    refused(path, "too long")
+
+
+def test_a_flipped_byte_of_a_png_is_noticed_or_harmless(tmp_path: Path) -> None:
+    path = tmp_path / "flow.png"
+    write_flow(path, FLOW)
+    expected, _ = read_flow(path)
+    whole = path.read_bytes()
+    for position in range(len(whole)):
+        path.write_bytes(whole[:position] + bytes([whole[position] ^ 0x55]) + whole[position + 1 :])
+        try:
+            flow, _ = read_flow(path)
+        except DataError:
+            continue
+        np.testing.assert_array_equal(flow, expected)
+
+
+HOSTILE = {
+    "huge.flo": b"PIEH" + struct.pack("<ii", 99999, 99999) + bytes(64),
+    "negative.flo": b"PIEH" + struct.pack("<ii", -4, -5) + bytes(160),
+    "zero.flo": b"PIEH" + struct.pack("<ii", 0, 7),
+    "overflow.flo": b"PIEH" + struct.pack("<ii", 2**31 - 1, 2**31 - 1) + bytes(64),
+    "magic.flo": b"PIEX" + struct.pack("<ii", 2, 2) + bytes(32),
+    "big_endian.flo": b"HEIP" + struct.pack(">ii", 2, 2) + bytes(32),
+    "huge.pfm": b"PF\n99999 99999\n-1.0\n" + bytes(64),
+    "long.pfm": b"PF\n" + b"9" * 500,
+    "zero.pfm": b"PF\n0 3\n-1.0\n",
+    "scale0.pfm": b"PF\n1 1\n0\n" + bytes(12),
+    "scale2.pfm": b"PF\n1 1\n-2.0\n" + bytes(12),
+    "scale.pfm": b"PF\n1 1\n1e-e-\n" + bytes(12),
+    "grey.pfm": b"Pf\n1 1\n-1.0\n" + bytes(4),
+    "picture.pfm": b"P6\n1 1\n255\n" + bytes(3),
+    "huge.png": b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
+    + struct.pack(">IIBBBBB", 90000, 90000, 16, 2, 0, 0, 0)
+    + bytes(40)
+    + b"\0\0\0\0IEND\xaeB`\x82",
+    "text.png": b"<!DOCTYPE html><html></html>",
+    "text.flo5": b"<!DOCTYPE html><html></html>",
+    "empty.flo": b"",
+    "empty.png": b"",
+    "empty.pfm": b"",
+    "empty.flo5": b"",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_headers_cost_no_memory(tmp_path: Path, name: str) -> None:
+    if name.endswith(".flo5"):
+        pytest.importorskip("h5py")
+    (tmp_path / name).write_bytes(HOSTILE[name])
+    tracemalloc.start()
+    try:
+        refused(tmp_path / name)
+        assert tracemalloc.get_traced_memory()[1] < 2_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_hostile_flo5(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    path = tmp_path / "flow.flo5"
+    other = tmp_path / "other.h5"
+    with h5py.File(other, "w") as file:
+        file["flow"] = FLOW
+    cases = {
+        "stores": lambda file: file.create_dataset("flow", (9000, 9000, 2), "f4", chunks=(100, 100, 2)),
+        "claims": lambda file: file.create_dataset("flow", (90_000, 90_000, 2), "f4", chunks=(1, 1, 2)),
+        "header claims": lambda file: file.create_dataset("flow", (2**31, 2, 2), "f4", chunks=(1, 1, 2)),
+        "float \\(H, W, 2\\)": lambda file: file.create_dataset("flow", data=FLOW[..., 0]),
+        "holds float": lambda file: file.create_dataset("flow", data=FLOW.astype("i4")),
+        "no dataset 'flow'": lambda file: file.create_dataset("disparity", data=FLOW),
+        "plain dataset": lambda file: file.create_group("flow"),
+        "so not a Spring": lambda file: file.__setitem__("flow", h5py.ExternalLink(str(other), "flow")),
+    }
+    for match, write in cases.items():
+        with h5py.File(path, "w") as file:
+            write(file)
+        refused(path, match)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_a_picture_is_no_flow(tmp_path: Path, channels: int) -> None:
+    picture = np.zeros((4, 5, channels), np.uint8)
+    cv2.imwrite(str(tmp_path / "8.png"), picture)
+    assert "8-bit PNG" in refused(tmp_path / "8.png")
+
+
+def test_a_16_bit_grey_png_is_no_flow(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "disparity.png"), np.zeros((4, 5), np.uint16))
+    assert "16-bit PNG with 1 channel" in refused(tmp_path / "disparity.png")
+
+
+def test_other_names(tmp_path: Path) -> None:
+    assert "unknown flow format '.tif'" in refused(tmp_path / "flow.tif")
+    assert "no such flow file" in refused(tmp_path / "missing.flo")
+    (tmp_path / "folder.flo").mkdir()
+    assert "no such flow file" in refused(tmp_path / "folder.flo")
