@@ -30,4 +30,8 @@ def cases(draw, finite=True):
     frame = np.zeros((*shape, 3), np.uint8)
     occluded = draw(st.none() | masks(shape))
     sample = Sample("s", (frame, frame), draw(flows(shape)), draw(masks(shape)), occluded)
-    return draw(flows(shape, finite)), draw(flows(shape, finite)), sample
+    pred, clean = draw(flows(shape, finite)), draw(flows(shape, finite))
+    if draw(st.booleans()):  # Errors of the size of the thresholds, on motion of any length.
+        with np.errstate(invalid="ignore"):
+            pred, clean = sample.flow + pred % 8, sample.flow + clean % 8
+    return pred, clean, sample

@@ -149,12 +149,12 @@ def _means(rows: pl.DataFrame, columns: _Columns, averaging: Averaging) -> dict[
     """The mean of each metric over images; images without a pixel to measure are left out."""
     out: dict[str, float | None] = {}
     for metric, (total, count, factor) in columns.items():
-        measured = rows.filter(pl.col(count) > 0)
-        sums, counts = measured[total].to_list(), measured[count].to_list()
+        images = [(s, n) for s, n in zip(rows[total].to_list(), rows[count].to_list(), strict=True) if n]
         if averaging == "image":
-            out[metric] = _mean([factor * s / n for s, n in zip(sums, counts, strict=True)])
+            out[metric] = _mean([factor * s / n for s, n in images])
         else:
-            out[metric] = factor * math.fsum(sums) / sum(counts) if counts else None
+            pixels = sum(n for _, n in images)
+            out[metric] = factor * math.fsum(s for s, _ in images) / pixels if pixels else None
     return out
 
 

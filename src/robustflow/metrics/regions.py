@@ -85,18 +85,13 @@ class Regions:
         magnitude = magnitude_map(sample.flow)
         if np.isnan(magnitude[valid]).any():
             raise DataError(f"sample '{sample.key}': ground truth marked valid is not finite; mark such pixels invalid")
-        occluded = np.zeros(valid.shape, np.int64) if sample.occluded is None else sample.occluded
         distance = edge_distance(motion_edges(sample.flow, valid))
-        label = np.ravel_multi_index(
-            (
-                occluded.astype(np.int64),
-                np.digitize(np.where(valid, magnitude, 0.0), MAGNITUDE_BOUNDS),
-                np.digitize(distance, DISTANCE_BOUNDS),
-            ),
-            _GRID.shape,
-        )
+        label = 3 * _bin(magnitude, MAGNITUDE_BOUNDS) + _bin(distance, DISTANCE_BOUNDS)
+        if sample.occluded is not None:
+            label[np.asarray(sample.occluded, np.bool_)] += 9
+        label[~valid] = _OUTSIDE
         names = REGIONS if sample.occluded is not None else REGIONS[2:]
-        return cls(names, valid, magnitude, np.where(valid, label, _OUTSIDE).astype(np.uint8))
+        return cls(names, valid, magnitude, label)
 
     def mask(self, name: str) -> Mask:
         """The pixels of one region: bool (H, W), a part of `valid`."""
@@ -122,6 +117,11 @@ class Regions:
                 int(count[1, labels].sum()),
             )
         return out
+
+
+def _bin(values: Errors, bounds: tuple[float, float]) -> npt.NDArray[np.uint8]:
+    """0, 1 or 2: how many bounds each value reaches."""
+    return (values >= bounds[0]).astype(np.uint8) + (values >= bounds[1]).astype(np.uint8)
 
 
 @njit(
