@@ -1,0 +1,113 @@
+"""High light, low light, over and under exposure: a change of V in HSV (paper, appendix "Illumination corruptions").
+
+Hue and saturation stay, so every channel is scaled by V'/V where V = max(R, G, B): one table of 256 x 256 bytes, row V,
+column the channel's value, holds the whole corruption, and is computed once in float64.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ..sample import Frame
+from .base import Corruption
+from .rng import Rng
+
+Table = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class LightState:
+    """The table for corrupted frames, and which frames those are (by index modulo 2; None for all)."""
+
+    table: Table
+    exposed: int | None = None
+
+
+class _Light(Corruption):
+    family = "illumination"
+
+    def apply(self, frame: Frame, state: LightState, index: int) -> Frame:
+        if state.exposed is not None and index % 2 != state.exposed:
+            return np.array(frame, order="C")
+        source = np.ascontiguousarray(frame)
+        out = np.empty_like(source)
+        _look_up(source, state.table, out)
+        return out
+
+
+class HighLight(_Light):
+    """V' = V + c on [0, 1]; `severities` are c (paper, "High-Light"; `brightness` in the reference code)."""
+
+    name = "high_light"
+    paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
+        shift = 255.0 * self.parameter(severity)
+        return LightState(value_table(lambda value: value + shift))
+
+
+class LowLight(_Light):
+    """V' = V - c on [0, 1]; `severities` are c (paper, "Low-Light")."""
+
+    name = "low_light"
+    paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
+        shift = 255.0 * self.parameter(severity)
+        return LightState(value_table(lambda value: value - shift))
+
+
+class OverExposure(_Light):
+    """V' = V 2**ev in one of two successive frames, by the toss of a coin (paper, "Over Exposure").
+
+    `severities` are ev. The paper says "one image"; which one is random, as in the reference code. In a clip every
+    second frame is exposed.
+    """
+
+    name = "over_exposure"
+    temporal = True
+    paper_severities = (0.4, 0.8, 1.2, 1.6, 2.0)
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
+        factor = 2.0 ** self.parameter(severity)
+        return LightState(value_table(lambda value: value * factor), rng.integer(0, 2))
+
+
+class UnderExposure(OverExposure):
+    """As `OverExposure`, with negative ev (paper, "Under Exposure")."""
+
+    name = "under_exposure"
+    paper_severities = (-0.4, -0.8, -1.2, -1.6, -2.0)
+
+
+def value_table(change: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]) -> Table:
+    """For V = 0 .. 255 (rows) and a channel's value (columns), the channel's new value, uint8 (256, 256).
+
+    `change` maps V to V' in grey levels, float64; V' is clipped to [0, 255]. Black has no hue and becomes grey V'.
+    A value above V does not occur.
+
+    >>> table = value_table(lambda value: value + 51.0)
+    >>> int(table[102, 102]), int(table[102, 50]), int(table[0, 0])
+    (153, 75, 51)
+    """
+    value = np.arange(256.0)
+    changed = np.clip(change(value), 0.0, 255.0)
+    table = value[None, :] * changed[:, None] / np.maximum(value, 1.0)[:, None]
+    table[0] = changed[0]
+    return np.rint(np.minimum(table, 255.0)).astype(np.uint8)
+
+
+@njit(cache=True, nogil=True)
+def _look_up(source: Any, table: Any, out: Any) -> None:
+    for y in range(source.shape[0]):
+        s, o = source[y], out[y]
+        for x in range(s.shape[0]):
+            r, g, b = s[x, 0], s[x, 1], s[x, 2]
+            row = table[max(r, max(g, b))]
+            o[x, 0], o[x, 1], o[x, 2] = row[r], row[g], row[b]
