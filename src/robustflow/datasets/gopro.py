@@ -54,6 +54,8 @@ def _sequences(root: Path, split: str) -> list[Path]:
     plain = [folder for folder in folders(root) if _is_sequence(folder)]
     if plain and split == "all":
         return plain
+    if root.is_dir() and _is_sequence(root):
+        raise DataError(f"{root}: a single sequence; give the folder above it, or read it as dataset 'folder'")
     expected = (
         f"{' or '.join(f'{part}/' for part in parts)} with folders of sequences (GOPR0384_11_00/sharp/000001.png)"
     )

@@ -6,6 +6,7 @@
 
 `flow_occ` is the ground truth, and a pixel with flow there but none in `flow_noc` is occluded. A folder that holds
 only `flow_noc` is read with that as ground truth and without occlusion maps; the two are never mixed within a run.
+(In 2015 both maps hold the same vectors. In 2012 they differ by up to some pixels, as they were filled in separately.)
 Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
 """
 

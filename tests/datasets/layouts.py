@@ -1,0 +1,52 @@
+"""Small folders in the layouts of the real datasets, with content that tells every file from every other."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from robustflow.flowio import write_flow
+
+HEIGHT, WIDTH = 6, 8
+
+
+def picture(path: Path, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
+    """Write a picture whose colour depends on its path; returns it as RGB."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image = np.full((height, width, 3), zlib.crc32(path.as_posix().encode()) % 251, np.uint8)
+    image[..., 0] += np.arange(width, dtype=np.uint8)
+    assert cv2.imwrite(str(path), image[..., ::-1])
+    return image
+
+
+def flow(path: Path, valid: np.ndarray | None = None, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
+    """Write a flow whose values depend on its path; returns it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    values = np.full((height, width, 2), zlib.crc32(path.as_posix().encode()) % 97 / 4, np.float32)
+    values[..., 1] = np.arange(width)
+    write_flow(path, values, valid)
+    return values
+
+
+def mask(path: Path, values: np.ndarray) -> None:
+    """Write a black and white picture."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), values.astype(np.uint8) * 255)
+
+
+def kitti(folder: Path, keys: list[str], images: str = "image_2", noc: bool = True, occ: bool = True) -> None:
+    """Pairs in KITTI's layout; the first column is occluded, the last row unknown."""
+    known = np.ones((HEIGHT, WIDTH), bool)
+    known[-1] = False
+    visible = known.copy()
+    visible[:, 0] = False
+    for key in keys:
+        picture(folder / images / f"{key}_10.png")
+        picture(folder / images / f"{key}_11.png")
+        if occ:
+            flow(folder / "flow_occ" / f"{key}_10.png", known)
+        if noc:
+            flow(folder / "flow_noc" / f"{key}_10.png", visible)

@@ -1,0 +1,175 @@
+"""The user's own frames: pictures, folders of pictures, videos."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from robustflow.datasets import Dataset, load_dataset
+from robustflow.datasets.videoreader import VideoReader
+from robustflow.errors import DataError, UsageError
+from robustflow.imageio import read_image
+
+from .layouts import picture
+
+
+def refused(root: Path, match: str, **options: object) -> None:
+    with pytest.raises(DataError, match=match) as caught:
+        load_dataset("folder", root, **options)
+    assert "\n" not in str(caught.value)
+
+
+def test_frames_in_natural_order(tmp_path: Path) -> None:
+    for number in (1, 2, 9, 10, 11):
+        picture(tmp_path / f"frame{number}.png")
+    (tmp_path / "notes.txt").write_text("no frame")
+    (tmp_path / ".frame0.png").write_bytes(b"hidden")
+    dataset = load_dataset("folder", tmp_path)
+    assert isinstance(dataset, Dataset)
+    assert dataset.keys() == ["frame1", "frame2", "frame9", "frame10"]
+    sample = dataset.load("frame9")
+    np.testing.assert_array_equal(sample.frames[1], read_image(tmp_path / "frame10.png"))
+    assert sample.flow is None
+    assert not dataset.has_flow
+    dataset = load_dataset("folder", tmp_path, step=3)
+    assert dataset.keys() == ["frame1", "frame2"]
+    assert [path.name for path in dataset.files("frame2")] == ["frame2.png", "frame11.png"]
+
+
+def test_folder_of_folders(tmp_path: Path) -> None:
+    for clip, height in (("clip10", 6), ("clip9", 12)):
+        for number in (1, 2, 3):
+            picture(tmp_path / clip / f"{number}.png", height)
+    dataset = load_dataset("folder", tmp_path)
+    assert dataset.keys() == ["clip9/1", "clip9/2", "clip10/1", "clip10/2"]
+    assert dataset.load("clip10/2").group == "clip10"
+
+
+def test_frames_that_are_no_sequence(tmp_path: Path) -> None:
+    picture(tmp_path / "a.png")
+    refused(tmp_path, r"1 frame\(s\), but pairs at a step of 1 need 2")
+    picture(tmp_path / "b.png", height=9)
+    refused(tmp_path, r"a\.png is 8x6, .*b\.png is 8x9")
+    picture(tmp_path / "b.png")
+    refused(tmp_path, "need 3 or more", step=2)
+    picture(tmp_path / "b.bmp")
+    refused(tmp_path, r"b\.(png|bmp) and b\.(png|bmp) share a name")
+    with pytest.raises(UsageError, match="step 0"):
+        load_dataset("folder", tmp_path, step=0)
+    (tmp_path / "b.bmp").write_bytes(b"")
+    refused(tmp_path, "cannot be read as a picture|share a name")
+
+
+def write_video(path: Path, count: int, gop: int, codec: str = "libx264", **options: str) -> None:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=25, options=options)
+        stream.width, stream.height, stream.pix_fmt, stream.gop_size = 64, 48, "yuv420p", gop
+        y, x = np.mgrid[:48, :64]
+        for index in range(count):
+            image = np.stack([(x * 3 + index * 5) % 256, (y * 4 + index * 2) % 256, (x + y) % 256], axis=-1)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(image.astype(np.uint8), format="rgb24")):
+                container.mux(packet)
+        container.mux(stream.encode())
+
+
+def decoded(path: Path) -> list[np.ndarray]:
+    """Every frame, by plain decoding from the start."""
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+
+
+VIDEOS = {
+    "b_frames.mp4": {"gop": 12, "bf": "3"},
+    "open_gop.mkv": {"gop": 12, "x264-params": "open-gop=1:bframes=3"},
+    "one_key.mp4": {"gop": 1000},
+    "old.avi": {"gop": 10, "codec": "mpeg4"},
+    "stream.ts": {"gop": 15, "codec": "mpeg2video"},
+}
+
+
+@pytest.mark.parametrize("name", VIDEOS)
+def test_frames_by_number_equal_plain_decoding(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    write_video(path, 130, **VIDEOS[name])
+    expected = decoded(path)
+    reader = VideoReader(path)
+    assert len(reader) == len(expected)
+    order = [0, 1, 2, 5, 60, 59, 129, 0, 128, 77, 78, 12, 11, 13, 129]
+    for index in [*order, *range(len(expected))]:
+        np.testing.assert_array_equal(reader.frame(index), expected[index], err_msg=f"frame {index}")
+
+
+def test_video_pairs(tmp_path: Path) -> None:
+    path = tmp_path / "clip.mp4"
+    write_video(path, 20, 6)
+    expected = decoded(path)
+    dataset = load_dataset("folder", path, step=3)
+    assert isinstance(dataset, Dataset)
+    assert dataset.keys() == [f"{index:06d}" for index in range(17)]
+    for key in ("000000", "000001", "000016", "000004"):
+        sample = pickle.loads(pickle.dumps(dataset)).load(key) if key == "000004" else dataset.load(key)
+        np.testing.assert_array_equal(sample.frames[0], expected[int(key)])
+        np.testing.assert_array_equal(sample.frames[1], expected[int(key) + 3])
+    assert sample.group == "clip"
+    assert dataset.files("000004") == [path]
+    for key in ("000017", "4", "x", "-00001"):
+        with pytest.raises(UsageError, match="keys go from '000000' to '000016'"):
+            dataset.load(key)
+    refused(path, "20 frame", step=20)
+    refused(tmp_path, "holds videos, not frames; give one file, for example")
+
+
+def test_a_pickled_reader_carries_no_frame_and_no_open_file(tmp_path: Path) -> None:
+    write_video(tmp_path / "clip.mp4", 20, 6)
+    reader = VideoReader(tmp_path / "clip.mp4")
+    frame = reader.frame(7)
+    data = pickle.dumps(reader)
+    assert len(data) < frame.nbytes / 2
+    np.testing.assert_array_equal(pickle.loads(data).frame(7), frame)
+    reader.frame(7)[:] = 0
+    np.testing.assert_array_equal(reader.frame(7), frame)
+
+
+def test_damaged_videos(tmp_path: Path) -> None:
+    write_video(tmp_path / "clip.mp4", 20, 6)
+    whole = (tmp_path / "clip.mp4").read_bytes()
+    for name, content in {"half.mp4": whole[: len(whole) // 2], "text.mp4": b"no video", "empty.mp4": b""}.items():
+        (tmp_path / name).write_bytes(content)
+        refused(tmp_path / name, f"{name}: not a readable video")
+    with av.open(str(tmp_path / "sound.wav"), "w") as container:
+        container.add_stream("pcm_s16le", rate=8000)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), layout="mono")
+        frame.rate = 8000
+        container.mux(container.streams.audio[0].encode(frame))
+    refused(tmp_path / "sound.wav", "no video stream")
+
+
+def test_a_stream_cut_short_ends_with_its_last_whole_frame(tmp_path: Path) -> None:
+    """Transport streams have no index at the end, so a cut one still plays; every frame counted can be read."""
+    write_video(tmp_path / "whole.ts", 60, 15, codec="mpeg2video")
+    whole = (tmp_path / "whole.ts").read_bytes()
+    (tmp_path / "cut.ts").write_bytes(whole[: len(whole) * 2 // 3])
+    expected = decoded(tmp_path / "cut.ts")
+    reader = VideoReader(tmp_path / "cut.ts")
+    assert 30 <= len(reader) == len(expected) < 60
+    for index in (len(expected) - 1, 0, len(expected) // 2):
+        np.testing.assert_array_equal(reader.frame(index), expected[index])
+
+
+@pytest.mark.parametrize("start", [0, 40])
+def test_real_videos(shared, start: int) -> None:
+    for path in sorted(shared("data/video").iterdir()):
+        expected = []
+        with av.open(str(path)) as container:
+            for index, frame in enumerate(container.decode(video=0)):
+                if index >= start:
+                    expected.append(frame.to_ndarray(format="rgb24"))
+                if index == start + 3:
+                    break
+        reader = VideoReader(path)
+        for offset in (3, 0, 1, 2):
+            np.testing.assert_array_equal(reader.frame(start + offset), expected[offset])

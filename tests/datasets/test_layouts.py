@@ -1,0 +1,365 @@
+"""Every reader on a small folder in the dataset's own layout: which files go together, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robustflow.datasets import Dataset, PreCorrupted, load_dataset
+from robustflow.errors import DataError, UsageError
+from robustflow.flowio import read_flow
+from robustflow.imageio import read_image
+
+from .layouts import HEIGHT, WIDTH, flow, kitti, mask, picture
+
+
+def refused(name: str, root: Path, match: str, **options: object) -> None:
+    with pytest.raises(DataError, match=match) as caught:
+        load_dataset(name, root, **options)
+    assert "\n" not in str(caught.value)
+
+
+def check(dataset: Dataset, key: str, first: Path, second: Path, truth: Path | None) -> None:
+    """The sample holds exactly these files' contents, and says so."""
+    sample = dataset.load(key)
+    np.testing.assert_array_equal(sample.frames[0], read_image(first))
+    np.testing.assert_array_equal(sample.frames[1], read_image(second))
+    assert dataset.files(key)[:2] == [first, second]
+    assert dataset.has_flow == (truth is not None)
+    if truth is not None:
+        np.testing.assert_array_equal(sample.flow, read_flow(truth)[0])
+        np.testing.assert_array_equal(sample.valid, read_flow(truth)[1])
+        assert truth in dataset.files(key)
+
+
+@pytest.mark.parametrize("name", ["kitti2015", "kitti2012"])
+@pytest.mark.parametrize("images", ["image_2", "image_0", "colored_0"])
+def test_kitti(tmp_path: Path, name: str, images: str) -> None:
+    folder = tmp_path / "training"
+    kitti(folder, ["000010", "000002"], images)
+    picture(folder / images / "000010_09.png")  # the multi-view extension has more frames
+    if (name == "kitti2015") != (images == "image_2"):
+        refused(name, tmp_path, "not laid out as KITTI")
+        return
+    for root in (tmp_path, folder):
+        dataset = load_dataset(name, root)
+        assert dataset.keys() == ["000002", "000010"]
+        shots = [folder / images / f"000010_{number}.png" for number in (10, 11)]
+        check(dataset, "000010", *shots, folder / "flow_occ" / "000010_10.png")
+        sample = dataset.load("000010")
+        assert sample.occluded[:-1, 0].all()
+        assert not sample.occluded[:, 1:].any()
+        assert not sample.occluded[~sample.valid].any()
+        assert sample.meta == {"ground_truth": "occ"}
+        assert sample.group == "000010"
+
+
+def test_kitti_with_one_kind_of_map(tmp_path: Path) -> None:
+    kitti(tmp_path / "noc", ["000000"], occ=False)
+    kitti(tmp_path / "occ", ["000000"], noc=False)
+    noc, occ = (load_dataset("kitti2015", tmp_path / kind).load("000000") for kind in ("noc", "occ"))
+    assert noc.occluded is None
+    assert noc.meta == {"ground_truth": "noc"}
+    assert occ.occluded is None
+    assert occ.valid.sum() > noc.valid.sum()
+
+
+@pytest.mark.parametrize(
+    "lost", ["image_2/000001_10.png", "image_2/000001_11.png", "flow_occ/000001_10.png", "flow_noc/000001_10.png"]
+)
+def test_kitti_never_pairs_the_wrong_files(tmp_path: Path, lost: str) -> None:
+    kitti(tmp_path, ["000000", "000001", "000002"])
+    (tmp_path / lost).unlink()
+    refused("kitti2015", tmp_path, f"{lost}: missing")
+
+
+def test_kitti2012_chooses_colour_or_grey(tmp_path: Path) -> None:
+    kitti(tmp_path, ["000000"], "image_0")
+    kitti(tmp_path, ["000000"], "colored_0")
+    for images, folder in {"auto": "colored_0", "colour": "colored_0", "grey": "image_0"}.items():
+        assert load_dataset("kitti2012", tmp_path, images=images).files("000000")[0].parent.name == folder
+
+
+def test_kitti_fc_release(tmp_path: Path) -> None:
+    kitti(tmp_path / "clean" / "val", ["000003", "000004"], noc=False)
+    kitti(tmp_path / "clean" / "training", ["000005"], noc=False)
+    for setting in ("fog_2", "fog_3", "brightness_5"):
+        kitti(tmp_path / setting / "val", ["000003", "000004"], noc=False)
+    dataset = load_dataset("kitti_fc", tmp_path)
+    assert isinstance(dataset, PreCorrupted)
+    assert dataset.keys() == ["000003", "000004"]
+    assert load_dataset("kitti_fc", tmp_path, split="training").keys() == ["000005"]
+    clean = tmp_path / "clean" / "val"
+    shots = [clean / "image_2" / f"000004_{number}.png" for number in (10, 11)]
+    check(dataset, "000004", *shots, clean / "flow_occ" / "000004_10.png")
+    assert [name for name in ("fog", "high_light", "brightness", "snow") if dataset.has_corrupted(name)] == [
+        "fog",
+        "high_light",
+        "brightness",
+    ]
+    for frame, number in zip(dataset.corrupted("000004", "high_light", 5), (10, 11), strict=True):
+        expected = tmp_path / "brightness_5" / "val" / "image_2" / f"000004_{number}.png"
+        np.testing.assert_array_equal(frame, read_image(expected))
+    with pytest.raises(DataError, match=r"fog_1: no such folder; severities of fog in this release: 2, 3"):
+        dataset.corrupted("000003", "fog", 1)
+    lost = tmp_path / "fog_2" / "val" / "image_2" / "000003_11.png"
+    lost.unlink()
+    with pytest.raises(DataError, match=r"000003_11\.png: missing"):
+        dataset.corrupted("000003", "fog", 2)
+    picture(lost, HEIGHT + 2)
+    with pytest.raises(DataError, match="frames differ in size"):
+        dataset.corrupted("000003", "fog", 2)
+
+
+def test_middlebury(tmp_path: Path) -> None:
+    for scene in ("Venus", "Urban2", "Walking"):
+        for number in range(7, 15):
+            picture(tmp_path / "other-data" / scene / f"frame{number:02d}.png")
+    truths = [flow(tmp_path / "other-gt-flow" / scene / "flow10.flo") for scene in ("Venus", "Urban2")]
+    assert not np.array_equal(*truths)
+    dataset = load_dataset("middlebury", tmp_path)
+    assert dataset.keys() == ["Urban2", "Venus"]
+    shots = [tmp_path / "other-data" / "Venus" / f"frame{number}.png" for number in (10, 11)]
+    check(dataset, "Venus", *shots, tmp_path / "other-gt-flow" / "Venus" / "flow10.flo")
+    shots[1].unlink()
+    refused("middlebury", tmp_path, r"frame11\.png: missing")
+
+
+def sintel(root: Path, maps: bool = True) -> Path:
+    folder = root / "training"
+    hidden = np.eye(HEIGHT, WIDTH, dtype=bool)
+    for scene in ("alley_1", "market_2"):
+        for number in (1, 2, 3):
+            picture(folder / "clean" / scene / f"frame_{number:04d}.png")
+            picture(folder / "final" / scene / f"frame_{number:04d}.png")
+            if maps:  # the last frame has an invalid map too, but no flow
+                mask(folder / "invalid" / scene / f"frame_{number:04d}.png", ~hidden[::-1])
+        for number in (1, 2):
+            flow(folder / "flow" / scene / f"frame_{number:04d}.flo")
+            if maps:
+                mask(folder / "occlusions" / scene / f"frame_{number:04d}.png", hidden)
+    return folder
+
+
+def test_sintel(tmp_path: Path) -> None:
+    folder = sintel(tmp_path)
+    for render_pass in ("clean", "final"):
+        dataset = load_dataset("sintel", tmp_path, render_pass=render_pass)
+        assert dataset.keys() == [f"{scene}/frame_{n:04d}" for scene in ("alley_1", "market_2") for n in (1, 2)]
+        sample = dataset.load("market_2/frame_0002")
+        assert sample.group == "market_2"
+        names = [path.relative_to(folder).as_posix() for path in dataset.files("market_2/frame_0002")]
+        assert names == [
+            f"{render_pass}/market_2/frame_0002.png",
+            f"{render_pass}/market_2/frame_0003.png",
+            "flow/market_2/frame_0002.flo",
+            "occlusions/market_2/frame_0002.png",
+            "invalid/market_2/frame_0002.png",
+        ]
+        np.testing.assert_array_equal(sample.frames[1], read_image(folder / names[1]))
+        np.testing.assert_array_equal(sample.occluded, np.eye(HEIGHT, WIDTH, dtype=bool))
+        np.testing.assert_array_equal(sample.valid, np.eye(HEIGHT, WIDTH, dtype=bool)[::-1])
+        assert (sample.flow[~sample.valid] == 0).all()
+
+
+def test_sintel_without_maps_and_other_passes(tmp_path: Path) -> None:
+    folder = sintel(tmp_path, maps=False)
+    (folder / "clean").rename(folder / "my_pass")
+    refused("sintel", tmp_path, r"no pass 'clean'; found: final, my_pass")
+    shots = [folder / "my_pass" / "alley_1" / f"frame_000{n}.png" for n in (1, 2)]
+    dataset = load_dataset("sintel", folder, render_pass="my_pass")
+    check(dataset, "alley_1/frame_0001", *shots, folder / "flow" / "alley_1" / "frame_0001.flo")
+    assert dataset.load("alley_1/frame_0001").occluded is None
+
+
+@pytest.mark.parametrize(
+    "lost",
+    ["clean/alley_1/frame_0002.png", "clean/alley_1/frame_0003.png", "flow/alley_1/frame_0001.flo",
+     "occlusions/alley_1/frame_0002.png", "invalid/alley_1/frame_0002.png"],
+)  # fmt: skip
+def test_sintel_missing_files(tmp_path: Path, lost: str) -> None:
+    folder = sintel(tmp_path)
+    (folder / lost).unlink()
+    refused("sintel", tmp_path, f"{lost}: missing")
+
+
+def test_hd1k(tmp_path: Path) -> None:
+    images, truths = tmp_path / "hd1k_input" / "image_2", tmp_path / "hd1k_flow_gt" / "flow_occ"
+    for sequence, count in (("000000", 3), ("000001", 2)):
+        for number in range(count):
+            picture(images / f"{sequence}_{number:04d}.png")
+            flow(truths / f"{sequence}_{number:04d}.png")
+    dataset = load_dataset("hd1k", tmp_path)
+    assert dataset.keys() == ["000000_0000", "000000_0001", "000001_0000"]
+    shots = [images / f"000000_000{n}.png" for n in (1, 2)]
+    check(dataset, "000000_0001", *shots, truths / "000000_0001.png")
+    assert dataset.load("000000_0001").group == "000000"
+    (truths / "000000_0000.png").unlink()
+    refused("hd1k", tmp_path, r"flow_occ/000000_0000\.png: missing")
+    flow(truths / "000000_0000.png")
+    (images / "000000_0001.png").unlink()
+    refused("hd1k", tmp_path, r"image_2/000000_0001\.png: missing")
+
+
+def spring(root: Path) -> Path:
+    for sequence in ("0001", "0007"):
+        for number in (1, 2, 3):
+            for side in ("left", "right"):
+                picture(root / "train" / sequence / f"frame_{side}" / f"frame_{side}_{number:04d}.png")
+                if number < 3:
+                    name = f"flow_FW_{side}"
+                    flow(root / "train" / sequence / name / f"{name}_{number:04d}.flo5", None, 2 * HEIGHT, 2 * WIDTH)
+                if number > 1:
+                    name = f"flow_BW_{side}"
+                    flow(root / "train" / sequence / name / f"{name}_{number:04d}.flo5", None, 2 * HEIGHT, 2 * WIDTH)
+    return root / "train"
+
+
+def test_spring(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    train = spring(tmp_path)
+    for root in (tmp_path, train):
+        assert load_dataset("spring", root).keys() == ["0001/0001", "0001/0002", "0007/0001", "0007/0002"]
+    for side in ("left", "right"):
+        forward = load_dataset("spring", tmp_path, side=side)
+        backward = load_dataset("spring", tmp_path, side=side, direction="BW")
+        assert backward.keys() == ["0001/0002", "0001/0003", "0007/0002", "0007/0003"]
+        for dataset, kind, other in ((forward, "FW", 3), (backward, "BW", 1)):
+            sample = dataset.load("0007/0002")
+            name = f"flow_{kind}_{side}"
+            stored, valid = read_flow(train / "0007" / name / f"{name}_0002.flo5")
+            np.testing.assert_array_equal(sample.flow, stored[::2, ::2])
+            np.testing.assert_array_equal(sample.valid, valid[::2, ::2])
+            for frame, number in zip(sample.frames, (2, other), strict=True):
+                path = train / "0007" / f"frame_{side}" / f"frame_{side}_{number:04d}.png"
+                np.testing.assert_array_equal(frame, read_image(path))
+    (train / "0001" / "frame_left" / "frame_left_0002.png").unlink()
+    refused("spring", tmp_path, r"frame_left_0002\.png: missing")
+    (train / "0007" / "flow_FW_right" / "flow_FW_right_0001.flo5").unlink()
+    refused("spring", tmp_path, r"flow_FW_right_0001\.flo5: missing", side="right")
+
+
+def test_flyingchairs(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    for number in (1, 2, 3):
+        picture(data / f"{number:05d}_img1.ppm")
+        picture(data / f"{number:05d}_img2.ppm")
+        flow(data / f"{number:05d}_flow.flo")
+    for root in (tmp_path, data):
+        dataset = load_dataset("flyingchairs", root)
+        assert dataset.keys() == ["00001", "00002", "00003"]
+        shots = [data / f"00002_img{n}.ppm" for n in (1, 2)]
+        check(dataset, "00002", *shots, data / "00002_flow.flo")
+    refused("flyingchairs", tmp_path, "FlyingChairs_train_val.txt", split="val")
+    (tmp_path / "FlyingChairs_train_val.txt").write_text("1\n2\n1\n")
+    assert load_dataset("flyingchairs", tmp_path, split="val").keys() == ["00002"]
+    assert load_dataset("flyingchairs", data, split="train").keys() == ["00001", "00003"]
+    (tmp_path / "FlyingChairs_train_val.txt").write_text("1\n2\n")
+    refused("flyingchairs", tmp_path, "at least 3 pairs", split="val")
+    (data / "00002_img2.ppm").unlink()
+    refused("flyingchairs", tmp_path, r"00002_img2\.ppm: missing")
+
+
+def test_flyingthings3d(tmp_path: Path) -> None:
+    for split, scene in (("TRAIN", "A/0000"), ("TRAIN", "C/0012"), ("TEST", "B/0001")):
+        for side in ("left", "right"):
+            for number in (6, 7, 8):
+                for kind in ("cleanpass", "finalpass"):
+                    picture(tmp_path / f"frames_{kind}" / split / scene / side / f"{number:04d}.png")
+                for time in ("Future", "Past"):
+                    folder = tmp_path / "optical_flow" / split / scene / f"into_{time.lower()}" / side
+                    flow(folder / f"OpticalFlowInto{time}_{number:04d}_{side[0].upper()}.pfm")
+    dataset = load_dataset("flyingthings3d", tmp_path)
+    assert dataset.keys() == [f"TRAIN/{scene}/{n:04d}" for scene in ("A/0000", "C/0012") for n in (6, 7)]
+    images, truths = tmp_path / "frames_cleanpass/TRAIN/A/0000/left", tmp_path / "optical_flow/TRAIN/A/0000"
+    truth = truths / "into_future/left/OpticalFlowIntoFuture_0006_L.pfm"
+    check(dataset, "TRAIN/A/0000/0006", images / "0006.png", images / "0007.png", truth)
+    options = {"render_pass": "final", "split": "TEST", "side": "right", "direction": "past"}
+    dataset = load_dataset("flyingthings3d", tmp_path, **options)
+    assert dataset.keys() == ["TEST/B/0001/0007", "TEST/B/0001/0008"]
+    images, truths = tmp_path / "frames_finalpass/TEST/B/0001/right", tmp_path / "optical_flow/TEST/B/0001"
+    truth = truths / "into_past/right/OpticalFlowIntoPast_0008_R.pfm"
+    check(dataset, "TEST/B/0001/0008", images / "0008.png", images / "0007.png", truth)
+    truth.unlink()
+    refused("flyingthings3d", tmp_path, r"OpticalFlowIntoPast_0008_R\.pfm: missing", **options)
+    (tmp_path / "frames_cleanpass/TRAIN/A/0000/left/0007.png").unlink()
+    refused("flyingthings3d", tmp_path, r"the frame 1 after 0006\.png is missing")
+
+
+def test_gopro(tmp_path: Path) -> None:
+    for split, sequence in (("train", "GOPR0372_07_00"), ("test", "GOPR0384_11_00")):
+        for kind in ("blur", "sharp"):
+            for number in range(47, 52):
+                picture(tmp_path / split / sequence / kind / f"{number:06d}.png")
+    group = "test/GOPR0384_11_00"
+    dataset = load_dataset("gopro", tmp_path, split="test", step=2)
+    assert dataset.keys() == [f"{group}/{n:06d}" for n in (47, 48, 49)]
+    shots = [tmp_path / group / "sharp" / f"{n:06d}.png" for n in (48, 50)]
+    check(dataset, f"{group}/000048", *shots, None)
+    assert dataset.load(f"{group}/000048").group == group
+    assert len(load_dataset("gopro", tmp_path).keys()) == 8
+    assert load_dataset("gopro", tmp_path, images="blur").files(f"{group}/000047")[0].parent.name == "blur"
+    refused("gopro", tmp_path, r"no folder blur_gamma/", images="blur_gamma")
+    refused("gopro", tmp_path, r"5 frames, too few for a step of 5", step=5)
+    shots[0].unlink()
+    refused("gopro", tmp_path, r"the frame 1 after 000047\.png is missing")
+
+
+def test_gopro_plain_sequences(tmp_path: Path) -> None:
+    for number in (1, 9, 17):  # every eighth frame
+        picture(tmp_path / "GOPR0384_11_00" / f"{number:06d}.png")
+    dataset = load_dataset("gopro", tmp_path)
+    assert dataset.keys() == ["GOPR0384_11_00/000001", "GOPR0384_11_00/000009"]
+    refused("gopro", tmp_path / "GOPR0384_11_00", "a single sequence; give the folder above it")
+
+
+ROOTS = {
+    "kitti2015": lambda root: kitti(root / "training", ["000000"]),
+    "kitti2012": lambda root: kitti(root / "training", ["000000"], "image_0"),
+    "sintel": sintel,
+    "spring": spring,
+    "kitti_fc": lambda root: kitti(root / "clean" / "val", ["000000"]),
+}
+
+
+@pytest.mark.parametrize("name", ROOTS)
+def test_one_level_too_high_or_low_is_pointed_out(tmp_path: Path, name: str) -> None:
+    if name == "spring":
+        pytest.importorskip("h5py")
+    root = tmp_path / "here"
+    ROOTS[name](root)
+    load_dataset(name, root)
+    refused(name, tmp_path, rf"not laid out as .*expected .*did you mean {root}")
+    low = next(path for path in sorted(root.rglob("*")) if path.is_file()).parent
+    refused(name, low, "did you mean")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["kitti2015", "kitti2012", "middlebury", "sintel", "hd1k", "spring", "flyingchairs", "flyingthings3d", "gopro",
+     "kitti_fc", "folder"],
+)  # fmt: skip
+def test_missing_and_empty_roots(tmp_path: Path, name: str) -> None:
+    refused(name, tmp_path / "missing", "missing: no such folder")
+    (tmp_path / "empty").mkdir()
+    refused(name, tmp_path / "empty", "the folder is empty, expected|no pictures in it")
+    with pytest.raises(UsageError, match="--data FOLDER"):
+        load_dataset(name)
+
+
+def test_ground_truth_that_does_not_fit(tmp_path: Path) -> None:
+    kitti(tmp_path, ["000000", "000001", "000002"], noc=False)
+    flow(tmp_path / "flow_occ" / "000000_10.png", None, HEIGHT + 1, WIDTH)
+    flow(tmp_path / "flow_occ" / "000001_10.png", np.zeros((HEIGHT, WIDTH), bool))
+    picture(tmp_path / "image_2" / "000002_11.png", HEIGHT, WIDTH + 1)
+    dataset = load_dataset("kitti2015", tmp_path)
+    with pytest.raises(DataError, match=r"the flow is 8x7, the frame 000000_10\.png is 8x6"):
+        dataset.load("000000")
+    with pytest.raises(DataError, match="no pixel with known flow"):
+        dataset.load("000001")
+    with pytest.raises(DataError, match=r"000002_10\.png is 8x6, .*000002_11\.png is 9x6"):
+        dataset.load("000002")
+    with pytest.raises(UsageError, match="no sample '000009'; keys look like"):
+        dataset.load("000009")

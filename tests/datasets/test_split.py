@@ -1,0 +1,77 @@
+"""Splits do not depend on order, and refuse what they cannot mean."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.datasets.split import KITTI_SPLIT_SEED, kitti_split, read_split
+from robustflow.errors import DataError
+
+KEYS = [f"{number:06d}" for number in range(200)]
+
+
+@given(order=st.permutations(KEYS), seed=st.integers(0, 5))
+@settings(max_examples=20, deadline=None)
+def test_80_and_120_whatever_the_order(order: list[str], seed: int) -> None:
+    evaluation, training = kitti_split(KEYS, seed)
+    assert len(evaluation) == 80
+    assert sorted(evaluation + training) == KEYS
+    assert evaluation == sorted(evaluation)
+    shuffled = kitti_split(order, seed)
+    assert set(shuffled.evaluation) == set(evaluation)
+    assert shuffled.evaluation == [key for key in order if key in set(evaluation)]
+
+
+def test_the_seed_matters_and_the_default_is_fixed() -> None:
+    """Golden: the first pairs of the project's split, on which published numbers rest."""
+    assert kitti_split(KEYS, 1) != kitti_split(KEYS, 2)
+    assert kitti_split(KEYS) == kitti_split(KEYS, KITTI_SPLIT_SEED)
+    first = [int(key) for key in kitti_split(KEYS).evaluation[:8]]
+    assert first == [0, 1, 3, 5, 7, 8, 9, 10]
+
+
+@given(count=st.integers(1, 199))
+def test_fewer_than_200_pairs_are_all_evaluated(count: int) -> None:
+    assert kitti_split(KEYS[:count]) == (KEYS[:count], [])
+
+
+def test_keys_one_per_line(tmp_path: Path) -> None:
+    path = tmp_path / "split.txt"
+    path.write_text("\ufeff# mine\r\n000010\r\n\r\n 000002 \r\n", encoding="utf-8")
+    assert read_split(path, KEYS) == ["000002", "000010"]
+
+
+def test_zeros_and_ones(tmp_path: Path) -> None:
+    path = tmp_path / "split.txt"
+    path.write_text("0\n1\n1\n")
+    assert read_split(path, ["a", "b", "c"]) == ["b", "c"]
+    path.write_text("0 \n1\n")
+    assert read_split(path, ["0", "1", "2"]) == ["0", "1"]  # keys that look like marks are keys
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("000010\n00011\n", r"no sample '00011' in the dataset \(1 of 2 are unknown\); did you mean '0"),
+        ("000010\n000010\n", "'000010' is listed twice"),
+        ("0\n1\n", "2 zeros and ones for 200 pairs"),
+        ("0\n" * 200, "selects no sample"),
+        ("# nothing\n\n", "selects no sample"),
+        ("\x00\xff\xfe", "not a text file"),
+    ],
+)
+def test_what_a_split_cannot_mean(tmp_path: Path, text: str, match: str) -> None:
+    path = tmp_path / "split.txt"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(DataError, match=match) as caught:
+        read_split(path, KEYS)
+    assert str(path) in str(caught.value)
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="No such file"):
+        read_split(tmp_path / "missing.txt", KEYS)
