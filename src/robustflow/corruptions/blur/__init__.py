@@ -1,0 +1,1 @@
+"""Gaussian, defocus, glass, camera-motion and lens blur."""

@@ -1,0 +1,31 @@
+"""Gaussian blur."""
+
+from __future__ import annotations
+
+from ...sample import Frame
+from ..base import Corruption
+from ..rng import Rng
+from ..separable import FLOOR, gaussian_frame
+
+
+class GaussianBlur(Corruption):
+    """Both frames through a Gaussian filter (paper, appendix "Corruption Details", blur).
+
+    A severity is the standard deviation in pixels. Borders repeat the edge and the kernel is cut at four standard
+    deviations, as the reference code does. `variant="reference"` also cuts the fraction off instead of rounding.
+
+    >>> GaussianBlur().parameter(5)
+    6.0
+    """
+
+    name = "gaussian_blur"
+    family = "blur"
+    paper_severities = (1.0, 2.0, 3.0, 4.0, 6.0)
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
+        """Nothing is random; the state is the standard deviation."""
+        return float(self.parameter(severity))
+
+    def apply(self, frame: Frame, state: float, index: int) -> Frame:
+        """Blur one frame."""
+        return gaussian_frame(frame, state, FLOOR if self.variant == "reference" else 0.0)

@@ -1,0 +1,1 @@
+"""Spatter, fog, frost and snow."""

@@ -1,0 +1,58 @@
+"""Fog."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...sample import Frame
+from ..base import Corruption
+from ..rng import Rng
+from .plasma import plasma_corner
+
+FogMap = npt.NDArray[np.float32]
+"""float32 (H, W) in [0, 1]."""
+
+
+class Fog(Corruption):
+    """A plasma fractal added to both frames, and the contrast lowered (paper, appendix, weather).
+
+    A severity is (strength c, decay of the fractal); the numbers are the reference code's, the paper gives none.
+    out = (x + c * map) * m / (m + c) in [0, 1], with m the largest value of the frame. One map for the pair.
+    """
+
+    name = "fog"
+    family = "weather"
+    paper_severities = ((1.5, 2.0), (2.0, 2.0), (2.5, 1.7), (2.5, 1.5), (3.0, 1.4))
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, FogMap]:
+        """(strength, the map)."""
+        strength, decay = self.parameter(severity)
+        return float(strength), plasma_corner(rng, *shape, decay)
+
+    def apply(self, frame: Frame, state: tuple[float, FogMap], index: int) -> Frame:
+        """Lay the fog over one frame."""
+        strength, fog = state
+        frame = np.ascontiguousarray(frame)
+        brightest = float(frame.max()) / 255
+        gain = brightest / (brightest + strength)
+        out = np.empty_like(frame)
+        _blend(frame, fog, np.float32(gain), np.float32(gain * strength * 255), out)
+        return out
+
+
+@njit(cache=True, nogil=True)
+def _blend(frame: Any, fog: Any, gain: Any, strength: Any, out: Any) -> None:
+    """gain * frame + strength * fog; both at most 255 together, as gain * (1 + strength / brightest) is 1."""
+    height, width = fog.shape
+    added = np.empty(3 * width, np.float32)
+    for y in range(height):
+        layer = fog[y]
+        for x in range(width):
+            added[3 * x] = added[3 * x + 1] = added[3 * x + 2] = strength * layer[x]
+        source, target = frame[y].reshape(3 * width), out[y].reshape(3 * width)
+        for i in range(3 * width):
+            target[i] = np.uint8(np.rint(min(gain * np.float32(source[i]) + added[i], np.float32(255))))

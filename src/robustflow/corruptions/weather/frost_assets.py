@@ -1,0 +1,164 @@
+"""The photographs of frost: where they are looked for, how they are fetched, and that they are the right ones.
+
+They belong to the Python package `imagecorruptions` (Apache-2.0) and are not part of this one. Looked for in
+
+1. the folder named by the environment variable ROBUSTFLOW_FROST_DIR (nothing else is tried where it is set),
+2. an installed `imagecorruptions` or `imagecorruptions-imaug`, which is located but never imported,
+3. the user's cache (XDG_CACHE_HOME, else the platform's cache folder) under robustflow/frost,
+4. the package's wheel, fetched once through pip without its dependencies into that cache.
+
+Every file is checked against its SHA-256 each time it is read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+import tempfile
+import zipfile
+from importlib.util import find_spec
+from pathlib import Path
+
+from ...errors import AssetError
+
+FOLDER_VARIABLE = "ROBUSTFLOW_FROST_DIR"
+WHEEL = "imagecorruptions==1.1.2"
+_INSIDE = "imagecorruptions/frost"
+_PIP_SECONDS = 600
+
+TEXTURES: dict[str, str] = {
+    "frost1.png": "ff9f907860bd7a835d459e32f9d588062b7f61ee267343cc7222b56753a14755",
+    "frost2.png": "fe211a89b336999c207a852ce05818d4545d0b57c5beadd824b4cc9d9a9b6137",
+    "frost3.png": "2d0d50b4a9bb213f38b024ef7768731bb83cc08d2f26b5766bbc167cdfa0e504",
+    "frost4.jpg": "3f8b91ca1a9fa7167b09e773da53f5ae60d0a1fd88f02a783f6e328a72887f6e",
+    "frost5.jpg": "5fc6a19df4a429ba68abdcc8f8a4278d4c9f81c9ccafd2c92ab0c8cf8992ebd2",
+}
+"""File names and SHA-256 of the five textures that are drawn from, in the reference code's order."""
+
+_REMEDY = (
+    f"copy {', '.join(TEXTURES)} of the package imagecorruptions into a folder and name it in {FOLDER_VARIABLE}, "
+    f"or run `python -m pip install --no-deps {WHEEL}` while online"
+)
+
+
+def read_texture(slot: int) -> bytes:
+    """The file of texture `slot` (0 to 4), verified.
+
+    Raises:
+        AssetError: it is nowhere on this machine and cannot be fetched, or a named folder holds something else.
+    """
+    name = list(TEXTURES)[slot]
+    named = os.environ.get(FOLDER_VARIABLE)
+    if named:
+        return _read_named(Path(named).expanduser(), name)
+    for folder in (*_installed_folders(), cache_folder()):
+        content = _read(folder / name)
+        if content is not None and _is_genuine(name, content):
+            return content
+        if content is not None:
+            _say(f"{folder / name} is not the photograph of {WHEEL} (SHA-256 differs); looking further")
+    _fetch(cache_folder())
+    content = _read(cache_folder() / name)
+    if content is None or not _is_genuine(name, content):
+        raise AssetError(f"frost texture {cache_folder() / name} vanished or changed while it was read; run again")
+    return content
+
+
+def cache_folder() -> Path:
+    """Where fetched textures are kept."""
+    if base := os.environ.get("XDG_CACHE_HOME"):
+        root = Path(base)
+    elif sys.platform == "win32":
+        root = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        root = Path.home() / "Library" / "Caches"
+    else:
+        root = Path.home() / ".cache"
+    return root / "robustflow" / "frost"
+
+
+def _read_named(folder: Path, name: str) -> bytes:
+    content = _read(folder / name)
+    if content is None:
+        raise AssetError(f"frost texture {name} not found in {FOLDER_VARIABLE}={folder}; {_REMEDY}")
+    if not _is_genuine(name, content):
+        raise AssetError(
+            f"{folder / name} is not the photograph of {WHEEL}: its SHA-256 is {_sha256(content)[:12]}..., "
+            f"expected {TEXTURES[name][:12]}...; {_REMEDY}"
+        )
+    return content
+
+
+def _installed_folders() -> list[Path]:
+    spec = find_spec("imagecorruptions")
+    return [Path(place) / "frost" for place in (spec.submodule_search_locations or ())] if spec else []
+
+
+def _read(path: Path) -> bytes | None:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return None
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _is_genuine(name: str, content: bytes) -> bool:
+    return _sha256(content) == TEXTURES[name]
+
+
+def _say(message: str) -> None:
+    print(f"robustflow: {message}", file=sys.stderr, flush=True)
+
+
+def _fetch(folder: Path) -> None:
+    """Fetch the wheel into a folder of its own and move the five files into place, each in one step.
+
+    Several processes may do so at once: each move puts the same verified bytes there.
+    """
+    _say(f"frost needs the photographs of {WHEEL}; fetching its wheel through pip into {folder}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix="fetch-", dir=folder) as temporary:
+            wheel = _download(Path(temporary))
+            for name, content in _unpack(wheel).items():
+                fresh = Path(temporary) / name
+                fresh.write_bytes(content)
+                os.replace(fresh, folder / name)
+    except OSError as error:
+        raise AssetError(f"cannot keep frost textures in {folder}: {error.strerror or error}; {_REMEDY}") from error
+
+
+def _download(folder: Path) -> Path:
+    command = [sys.executable, "-m", "pip", "--no-input", "--disable-pip-version-check", "download", "--quiet"]
+    command += ["--no-deps", "--only-binary=:all:", "--retries", "1", "--dest", str(folder), WHEEL]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_PIP_SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        raise AssetError(f"pip gave no {WHEEL} within {_PIP_SECONDS} s; {_REMEDY}") from None
+    wheels = list(folder.glob("*.whl"))
+    if done.returncode != 0 or len(wheels) != 1:
+        reasons = [line for line in done.stderr.splitlines() if line.startswith("ERROR")] or done.stderr.splitlines()
+        reason = reasons[-1].strip() if reasons else f"exit status {done.returncode}"
+        raise AssetError(f"pip could not fetch {WHEEL} ({reason}); {_REMEDY}")
+    return wheels[0]
+
+
+def _unpack(wheel: Path) -> dict[str, bytes]:
+    """The five files of the wheel, verified; nothing else of it is touched."""
+    found = {}
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            for name in TEXTURES:
+                with archive.open(f"{_INSIDE}/{name}") as member:
+                    found[name] = member.read(8 << 20)
+    except (zipfile.BadZipFile, KeyError) as error:
+        raise AssetError(f"the wheel pip fetched for {WHEEL} is not usable ({error}); {_REMEDY}") from error
+    for name, content in found.items():
+        if not _is_genuine(name, content):
+            raise AssetError(f"{name} in the wheel pip fetched for {WHEEL} has the wrong SHA-256; {_REMEDY}")
+    return found
