@@ -1,0 +1,81 @@
+"""The convolutions of the PWC family (Sun et al. 2018), as ARFlow and UPFlow hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+
+def conv(
+    inputs: int, outputs: int, kernel: int = 3, stride: int = 1, dilation: int = 1, linear: bool = False
+) -> nn.Sequential:
+    """A convolution that keeps the size (up to its stride), then LeakyReLU(0.1) unless `linear`. Key: `0`."""
+    padding = (kernel - 1) // 2 * dilation
+    layers: list[nn.Module] = [nn.Conv2d(inputs, outputs, kernel, stride, padding, dilation)]
+    return nn.Sequential(*layers if linear else [*layers, nn.LeakyReLU(0.1)])
+
+
+class FeaturePyramid(nn.Module):
+    """Two convolutions per level, the first with stride 2. Keys: `convs.<level>.<0|1>.0`.
+
+    Args:
+        channels: of the image, then of each level.
+    """
+
+    def __init__(self, channels: Sequence[int]) -> None:
+        super().__init__()
+        self.convs = nn.ModuleList(
+            nn.Sequential(conv(before, after, stride=2), conv(after, after)) for before, after in pairwise(channels)
+        )
+
+    def forward(self, image: Tensor) -> list[Tensor]:
+        """(N, 3, H, W) to the levels, finest (1/2) first."""
+        levels = [image]
+        for level in self.convs:
+            levels.append(level(levels[-1]))
+        return levels[1:]
+
+
+class ContextNetwork(nn.Module):
+    """Seven dilated convolutions that end in a flow residual. Keys: `convs.<0..6>.0`."""
+
+    def __init__(self, inputs: int) -> None:
+        super().__init__()
+        widths = (inputs, 128, 128, 128, 96, 64, 32)
+        dilations = (1, 2, 4, 8, 16, 1)
+        layers = [
+            conv(before, after, dilation=dilation)
+            for before, after, dilation in zip(widths[:-1], widths[1:], dilations, strict=True)
+        ]
+        self.convs = nn.Sequential(*layers, conv(widths[-1], 2, linear=True))
+
+    def forward(self, features: Tensor) -> Tensor:
+        """(N, inputs, H, W) to (N, 2, H, W), in pixels of this level."""
+        return self.convs(features)
+
+
+class DenseEstimator(nn.Module):
+    """Five convolutions, each fed with everything before it, and a linear one. Keys: `conv1.0 ... conv5.0 conv_last.0`.
+
+    Args:
+        inputs: channels in.
+        widths: channels of the five.
+        outputs: channels of the linear one.
+    """
+
+    def __init__(self, inputs: int, widths: Sequence[int], outputs: int) -> None:
+        super().__init__()
+        for i, width in enumerate(widths, 1):
+            self.add_module(f"conv{i}", conv(inputs, width))
+            inputs += width
+        self.conv_last = conv(inputs, outputs, linear=True)
+        self.channels = inputs
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Everything that was computed, newest first, (N, channels, H, W), and the output (N, outputs, H, W)."""
+        for step in (self.conv1, self.conv2, self.conv3, self.conv4, self.conv5):
+            features = torch.cat((step(features), features), dim=1)
+        return features, self.conv_last(features)

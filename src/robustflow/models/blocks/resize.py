@@ -1,0 +1,22 @@
+"""Change the size of a flow, and its values with it."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+
+def resize(maps: Tensor, size: tuple[int, int]) -> Tensor:
+    """Bilinear, corner pixels kept at the corners: (N, C, H, W) to float32 (N, C, *size)."""
+    return F.interpolate(maps.float(), size=size, mode="bilinear", align_corners=True)
+
+
+def resize_flow(flow: Tensor, size: tuple[int, int]) -> Tensor:
+    """Resize a flow (N, 2, H, W) to (N, 2, *size); u is multiplied by the widths' ratio, v by the heights'.
+
+    >>> resize_flow(torch.ones(1, 2, 4, 4), (8, 12))[0, :, 0, 0].tolist()
+    [3.0, 2.0]
+    """
+    ratios = flow.new_tensor([size[1] / flow.shape[3], size[0] / flow.shape[2]], dtype=torch.float32)
+    return resize(flow, size) * ratios.view(1, 2, 1, 1)

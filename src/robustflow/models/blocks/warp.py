@@ -1,0 +1,50 @@
+"""Backward warping: fetch what a flow points at, as coarse-to-fine networks do between levels."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from .allpairs import pixel_grid
+
+
+def warp(maps: Tensor, flow: Tensor, padding: str = "zeros", align_corners: bool = True) -> Tensor:
+    """Sample `maps` bilinearly at pixel + flow.
+
+    Args:
+        maps: (N, C, H, W).
+        flow: (N, 2, H, W), (u right, v down) in pixels of `maps`.
+        padding: outside the map: "zeros" or "border".
+        align_corners: True samples exactly at pixel + flow. False keeps the coordinates but lets the sampler read
+            them as counted from the corners of the outer pixels, which shifts and stretches by up to half a pixel:
+            what code written for PyTorch before 1.3 does on later versions.
+
+    Returns:
+        float32 (N, C, H, W).
+
+    >>> maps = torch.arange(4.0).reshape(1, 1, 1, 4).repeat(1, 1, 2, 1)
+    >>> flow = torch.tensor([1.0, 0.0]).reshape(1, 2, 1, 1).expand(1, 2, 2, 4)
+    >>> warp(maps, flow)[0, 0, 0].tolist()
+    [1.0, 2.0, 3.0, 0.0]
+    """
+    height, width = maps.shape[2:]
+    with torch.autocast(maps.device.type, enabled=False):
+        x, y = (pixel_grid(maps) + flow.float()).unbind(dim=1)
+        grid = torch.stack((2 * x / max(width - 1, 1) - 1, 2 * y / max(height - 1, 1) - 1), dim=-1)
+        return F.grid_sample(maps.float(), grid, mode="bilinear", padding_mode=padding, align_corners=align_corners)
+
+
+def inside_mask(flow: Tensor, threshold: float, align_corners: bool = True) -> Tensor:
+    """Where the flow points into the map: 1 where bilinear weights inside it sum to at least `threshold`, else 0.
+
+    Args:
+        flow: (N, 2, H, W), in pixels.
+        threshold: of the summed weights. At exactly 1.0 rounding decides for interior pixels too, differently on
+            every machine.
+
+    Returns:
+        float32 (N, 1, H, W).
+    """
+    ones = torch.ones_like(flow[:, :1], dtype=torch.float32)
+    return (warp(ones, flow, align_corners=align_corners) >= threshold).float()
