@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import zlib
+import hashlib
 from pathlib import Path
 
 import cv2
@@ -13,11 +13,14 @@ from robustflow.flowio import write_flow
 HEIGHT, WIDTH = 6, 8
 
 
+def _digest(path: Path) -> np.ndarray:
+    return np.frombuffer(hashlib.blake2b(path.as_posix().encode()).digest(), np.uint8)
+
+
 def picture(path: Path, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
-    """Write a picture whose colour depends on its path; returns it as RGB."""
+    """Write a picture whose content depends on its path; returns it as RGB."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    image = np.full((height, width, 3), zlib.crc32(path.as_posix().encode()) % 251, np.uint8)
-    image[..., 0] += np.arange(width, dtype=np.uint8)
+    image = np.resize(_digest(path), (height, width, 3))
     assert cv2.imwrite(str(path), image[..., ::-1])
     return image
 
@@ -25,8 +28,7 @@ def picture(path: Path, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
 def flow(path: Path, valid: np.ndarray | None = None, height: int = HEIGHT, width: int = WIDTH) -> np.ndarray:
     """Write a flow whose values depend on its path; returns it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    values = np.full((height, width, 2), zlib.crc32(path.as_posix().encode()) % 97 / 4, np.float32)
-    values[..., 1] = np.arange(width)
+    values = np.resize(_digest(path).astype(np.float32) / 4 - 32, (height, width, 2))
     write_flow(path, values, valid)
     return values
 
