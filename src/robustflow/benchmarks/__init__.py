@@ -20,6 +20,7 @@ class BenchmarkFactory(Protocol):
 BENCHMARKS: Registry[BenchmarkFactory] = Registry("benchmark", entry_point_group="robustflow.benchmarks")
 BENCHMARKS.add("demo", "robustflow.benchmarks.demo:demo")
 BENCHMARKS.add("kitti-fc", "robustflow.benchmarks.kitti_fc:kitti_fc")
+BENCHMARKS.add("gopro-fc", "robustflow.benchmarks.gopro_fc:gopro_fc")
 BENCHMARKS.add("folder", "robustflow.benchmarks.folder:folder")
 
 
@@ -27,8 +28,8 @@ def load_benchmark(name: str, data: str | Path | None = None, split: str | Path 
     """A benchmark by name.
 
     Args:
-        name: "demo", "kitti-fc" or "folder".
-        data: the folder (or, for "folder", also a video file) that holds its samples; "demo" needs none.
+        name: "demo", "kitti-fc", "gopro-fc" or "folder".
+        data: the folder that holds its samples (for "folder" and "gopro-fc" also a video file); "demo" needs none.
         split: a file naming the samples to evaluate, one key a line ("kitti-fc").
 
     Raises:

@@ -11,6 +11,7 @@ from ..errors import RobustFlowError
 from .corrupt import corrupt
 from .export import export
 from .listing import list_things
+from .prepare import prepare
 from .run import run
 from .show import show
 
@@ -28,6 +29,7 @@ app.command("show")(show)
 app.command("list")(list_things)
 app.command("corrupt")(corrupt)
 app.command("export")(export)
+app.add_typer(prepare, name="prepare")
 
 
 def _version(wanted: bool) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from ..sample import Frame, Sample
 
@@ -53,3 +53,14 @@ class PreCorrupted(Protocol):
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
         """The files `corrupted` reads."""
+
+
+@runtime_checkable
+class FromClips(Protocol):
+    """A `PreCorrupted` dataset that makes its frames from whole clips when they are asked for."""
+
+    def with_variant(self, variant: str) -> Dataset:
+        """The same data under another variant of the corruptions' parameters."""
+
+    def clip_records(self) -> list[dict[str, Any]]:
+        """What each corruption of a clip did so far (bytes changed, frames lost, "warnings"), for the manifest."""

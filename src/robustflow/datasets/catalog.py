@@ -27,6 +27,8 @@ _TARGETS = {
     "gopro": "gopro:GoPro",
     "folder": "folder:open_folder",
     "kitti_fc": "kitti_fc:KittiFC",
+    "gopro_fc": "gopro_fc:GoProFC",
+    "gopro_fc_released": "gopro_fc_released:GoProFCReleased",
 }
 for _name, _target in _TARGETS.items():
     DATASETS.add(_name, f"robustflow.datasets.{_target}")

@@ -147,6 +147,24 @@ METADATA: dict[str, DatasetMetadata] = {
             citation="the KITTI-FC and GoPro-FC paper; Menze and Geiger, CVPR 2015",
             layout="clean/val/image_2, clean/val/flow_occ, fog_3/val/image_2",
         ),
+        DatasetMetadata(
+            name="gopro_fc",
+            title="GoPro-FC, prepared",
+            description="Pairs of key frames of clips at 960 frames per second, made by robustflow prepare gopro-fc.",
+            ground_truth="none",
+            licence="CC BY 4.0 (derived from GoPro)",
+            citation="the KITTI-FC and GoPro-FC paper; Nah, Kim and Lee, CVPR 2017",
+            layout="gopro_fc.json, GOPR0374_11_02/clip.json, GOPR0374_11_02/master.mp4, GOPR0374_11_02/keyframes",
+        ),
+        DatasetMetadata(
+            name="gopro_fc_released",
+            title="GoPro-FC, released files",
+            description="Pairs of key frames of five GoPro sequences as released with every corruption applied.",
+            ground_truth="none",
+            licence="CC BY 4.0 (derived from GoPro)",
+            citation="the KITTI-FC and GoPro-FC paper; Nah, Kim and Lee, CVPR 2017",
+            layout="clean/GOPR0374_11_02, fog_3/GOPR0374_11_02",
+        ),
     )
 }
 """Metadata of the built-in datasets, by name. Datasets that other packages register have none here."""

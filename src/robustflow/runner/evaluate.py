@@ -6,11 +6,14 @@ import re
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
 from ..benchmarks import Benchmark, load_benchmark
+from ..corruptions import load_corruption
+from ..datasets.base import FromClips
 from ..errors import RunError, UsageError, unknown_name
 from ..models import FlowLookup, FlowModel, ModelSpec
 from ..models.base import model_identity
@@ -91,7 +94,11 @@ def evaluate(
     0.0
     """
     chosen = load_benchmark(benchmark, data, split) if isinstance(benchmark, str) else benchmark
+    if isinstance(chosen.dataset, FromClips):
+        chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
     chosen = chosen.narrowed(corruptions, severities, limit)
+    for name in chosen.corruptions:
+        load_corruption(name, variant)
     spec, identity = _identify(model)
     plan = Plan(chosen, Settings(seed, variant, allow_invalid), identity)
     run = _engine(engine, workers, timeout)
@@ -127,6 +134,8 @@ def _fill(
             seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
         progress.advance(done)
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
+    if isinstance(job.dataset, FromClips):
+        manifest["clips"] = job.dataset.clip_records()
     folder.write_manifest({**manifest, "seconds": seconds, "finished": _now()})
     Result(folder.path).write_summary()
 

@@ -81,18 +81,15 @@ class Encoder:
         height, width: of the pictures, both even.
         fps: frames per second; rate control needs it.
 
-    `header` holds the parameter sets that a decoder needs; read it after the first picture went in.
+    `header` holds the parameter sets that a decoder needs.
     """
 
     def __init__(self, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:
         self._context: Any = av.CodecContext.create("libx264", "w")
         self._fps = fps
         configure(self._context, height, width, fps, encoding)
-
-    @property
-    def header(self) -> bytes:
-        """SPS and PPS."""
-        return bytes(self._context.extradata or b"")
+        self._context.open()
+        self.header = bytes(self._context.extradata or b"")
 
     def encode(self, pictures: Iterable[tuple[int, I420]]) -> Iterator[Packet]:
         """Packets of (index, picture) pairs given in display order."""

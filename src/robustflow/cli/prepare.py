@@ -1,0 +1,86 @@
+"""`robustflow prepare`: make a benchmark's data from the recordings it starts from."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import UsageError
+
+prepare = typer.Typer(help="Make a benchmark's data from recordings.", no_args_is_help=True)
+
+
+@prepare.callback()
+def _group() -> None:
+    pass
+
+
+@prepare.command("gopro-fc")
+def gopro_fc(
+    data: Annotated[
+        Path,
+        typer.Option("--data", "-d", help="GoPro_Large_all, a video file, a folder of frames, or a folder of those."),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for masters and key frames.")],
+    fps: Annotated[
+        str | None, typer.Option(help="Frames per second of the recording; 240 for GoPro, a video says its own.")
+    ] = None,
+    factor: Annotated[int, typer.Option(help="How many times the frame rate, by interpolation; 1 for none.")] = 4,
+    step: Annotated[
+        int | None, typer.Option(help="Master frames between key frames; 30 pairs per second by default.")
+    ] = None,
+    interpolator: Annotated[
+        str | None, typer.Option(help="flavr (the paper's, needs --checkpoint) or flow (DIS, needs no weights).")
+    ] = None,
+    checkpoint: Annotated[Path | None, typer.Option(help="FLAVR's official 4x weights.")] = None,
+    device: Annotated[str, typer.Option(help="Where FLAVR runs: cpu, cuda, cuda:0.")] = "cpu",
+    preset: Annotated[str, typer.Option(help="x264's for the master: no pixel depends on it, bit errors do.")] = (
+        "veryslow"
+    ),
+    workers: Annotated[int, typer.Option(help="Clips prepared at once.")] = 1,
+    cache_gb: Annotated[float, typer.Option(help="Limit for transcoded variants, made during run.")] = 20.0,
+    estimate_only: Annotated[bool, typer.Option("--estimate", help="Say how much disk it takes, and stop.")] = False,
+) -> None:
+    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. Stopped, it goes on where it was.
+
+    \b
+    Examples:
+      robustflow prepare gopro-fc -d GoPro_Large_all -o gopro-fc --interpolator flavr --checkpoint FLAVR_4x.pth
+      robustflow prepare gopro-fc -d clip.mp4 -o mine --interpolator flow
+      robustflow prepare gopro-fc -d frames/ -o mine --fps 120 --factor 1 --step 4
+    """
+    from ..video.disk import check_room, estimate_disk
+    from ..video.prepare import Settings
+    from ..video.prepare_folder import find_sources, prepare_folder
+    from .video_progress import VideoProgress
+
+    rate = _rate(fps)
+    settings = Settings(rate, factor, step, interpolator, checkpoint, device, preset)
+    limit = round(cache_gb * 1e9)
+    if limit < 0:
+        raise UsageError(f"a cache of {cache_gb:g} GB is not possible: give 0 or more")
+    sources = find_sources(data, evenly=rate is not None)
+    estimate = estimate_disk(sources, output, settings, limit, workers)
+    typer.echo(str(estimate), err=True)
+    if estimate_only:
+        return
+    check_room(estimate, output)
+    with VideoProgress() as progress:
+        clips = prepare_folder(sources, output, settings, workers, limit, progress)
+    pairs = sum(len(clip.pairs) for clip in clips)
+    typer.echo(f"{output}: {len(clips)} clips, {pairs} pairs; now: robustflow run --benchmark gopro-fc --data {output}")
+
+
+def _rate(text: str | None) -> Fraction | None:
+    if text is None:
+        return None
+    try:
+        rate = Fraction(text)
+    except (ValueError, ZeroDivisionError):
+        rate = Fraction(0)
+    if rate <= 0:
+        raise UsageError(f"--fps {text} is not a frame rate: give a number such as 240 or 30000/1001")
+    return rate

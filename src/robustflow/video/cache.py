@@ -1,0 +1,105 @@
+"""Folders made once and kept while there is room: the least recently used ones go first."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+from ..atomic import make_folder
+from ..errors import DataError
+
+T = TypeVar("T")
+
+
+class FolderCache:
+    """Folders by name below `root`, at most `limit` bytes in all, shared between processes.
+
+    An entry appears by rename, so it is whole or not there. Two processes that want the same entry make it once.
+
+    >>> from tempfile import mkdtemp
+    >>> cache = FolderCache(Path(mkdtemp()), limit=10)
+    >>> def make(folder):
+    ...     folder.mkdir()
+    ...     (folder / "a").write_text("made")
+    >>> cache.use("x", make, lambda folder: (folder / "a").read_text())
+    'made'
+    """
+
+    def __init__(self, root: Path, limit: int) -> None:
+        self.root = root
+        self.limit = limit
+
+    def use(self, name: str, make: Callable[[Path], object], read: Callable[[Path], T]) -> T:
+        """Read the entry `name`, making it first where it is not there.
+
+        Args:
+            make: fills a folder that does not exist yet.
+            read: called with the entry's folder; nothing is evicted while it runs.
+
+        Raises:
+            DataError: the cache's folder cannot be written.
+        """
+        make_folder(self.root)
+        entry = self.root / name
+        while True:
+            with self._lock(f"{name}.lock"):
+                if not entry.is_dir():
+                    self._make(entry, make)
+            with self._lock("all.lock"):
+                if entry.is_dir():  # another process may have evicted it in between
+                    os.utime(entry)
+                    return read(entry)
+
+    def bytes_used(self) -> int:
+        """What the entries take."""
+        return sum(_size(entry) for entry in self.entries())
+
+    def _make(self, entry: Path, make: Callable[[Path], object]) -> None:
+        temporary = self.root / f".making-{entry.name}"
+        shutil.rmtree(temporary, ignore_errors=True)  # what a killed process left behind
+        try:
+            make(temporary)
+            temporary.rename(entry)
+        except OSError as error:
+            raise DataError(f"cannot write {entry}: {error.strerror or error}; is the disk full?") from error
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
+        self._evict(keep=entry)
+
+    def _evict(self, keep: Path) -> None:
+        with self._lock("all.lock"):
+            entries = sorted((e for e in self.entries() if e != keep), key=lambda e: e.stat().st_mtime)
+            used = _size(keep) + sum(map(_size, entries))
+            for entry in entries:
+                if used <= self.limit:
+                    return
+                used -= _size(entry)
+                shutil.rmtree(entry, ignore_errors=True)
+
+    def entries(self) -> list[Path]:
+        if not self.root.is_dir():
+            return []
+        return sorted(entry for entry in self.root.iterdir() if entry.is_dir() and not entry.name.startswith("."))
+
+    @contextmanager
+    def _lock(self, name: str) -> Iterator[None]:
+        """Held by one process at a time; the system lets go when its holder dies."""
+        with open(self.root / f".{name}", "wb") as file:
+            if sys.platform == "win32":
+                import msvcrt
+
+                msvcrt.locking(file.fileno(), msvcrt.LK_LOCK, 1)
+            else:
+                import fcntl
+
+                fcntl.flock(file, fcntl.LOCK_EX)
+            yield
+
+
+def _size(folder: Path) -> int:
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())

@@ -1,0 +1,74 @@
+"""FLAVR behind the interpolator's protocol: uint8 frames in, the network's tensors, uint8 frames out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import UsageError
+from ..sample import Frame
+from .prepared import sha256_of
+
+MULTIPLE = 8
+"""Frame sides the network takes are multiples of this; others are padded by repeating the border, then cropped."""
+
+
+class FlavrInterpolator:
+    """The interpolator called "flavr", 4x (Kalluri et al., WACV 2023; the paper's choice). Needs the torch extra.
+
+    Whole frames go through the network: its gates average over the whole picture, so tiles would change the result.
+
+    Args:
+        checkpoint: the official 4x weights.
+        device: "cpu", "cuda", "cuda:0", ...
+    """
+
+    name = "flavr"
+
+    def __init__(self, checkpoint: Path, device: str = "cpu") -> None:
+        from .flavr import load_flavr
+
+        self._model: Any = load_flavr(checkpoint, device)
+        self._device = device
+        self._sha256 = sha256_of(checkpoint)
+
+    def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
+        """The three frames between the middle two.
+
+        Raises:
+            UsageError: a factor other than 4.
+        """
+        if factor != 4:
+            raise UsageError(
+                f"FLAVR's 4x weights cannot do a factor of {factor}: give --factor 4, or --interpolator flow"
+            )
+        import torch
+
+        height, width = window[0].shape[:2]
+        pad = ((0, -height % MULTIPLE), (0, -width % MULTIPLE), (0, 0))
+        tensors = [
+            torch.from_numpy(np.pad(frame, pad, mode="edge")).permute(2, 0, 1)[None].to(self._device).float() / 255
+            for frame in window
+        ]
+        with torch.inference_mode():
+            outputs = self._model(tensors)
+        return [self._frame(output)[:height, :width] for output in outputs]
+
+    def describe(self) -> dict[str, Any]:
+        """Method, checkpoint hash, versions and device."""
+        import torch
+
+        return {
+            "name": self.name,
+            "checkpoint_sha256": self._sha256,
+            "torch": torch.__version__,
+            "device": self._device,
+        }
+
+    @staticmethod
+    def _frame(output: Any) -> Frame:
+        scaled = (output[0] * 255).clamp(0, 255).round().permute(1, 2, 0)
+        return np.ascontiguousarray(scaled.to("cpu").numpy().astype(np.uint8))

@@ -1,0 +1,70 @@
+"""Object motion blur: the mean of 2c + 1 master frames around a key frame (paper appendix, "Object Motion Blur")."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..errors import UsageError
+from ..sample import Frame
+
+
+def mean_of_windows(frame_at: Callable[[int], Frame], centre: int, reaches: Sequence[int]) -> dict[int, Frame]:
+    """The means over [centre - c, centre + c] for every c in `reaches`, in one pass over the longest window.
+
+    Args:
+        frame_at: RGB uint8 (H, W, 3) of a master frame; asked in ascending order.
+        centre: the key frame.
+        reaches: values of c, 0 or more.
+
+    Returns:
+        c -> RGB uint8 (H, W, 3), rounded to the nearest; an odd number of frames leaves no ties.
+
+    >>> import numpy as np
+    >>> ramp = lambda index: np.full((1, 1, 3), index * index, np.uint8)
+    >>> {c: int(mean[0, 0, 0]) for c, mean in mean_of_windows(ramp, 5, [0, 1, 3]).items()}
+    {0: 25, 1: 26, 3: 29}
+    """
+    if not reaches or min(reaches) < 0:
+        raise UsageError(f"object motion blur over {list(reaches)} frames to either side is not possible")
+    longest = max(reaches)
+    sums: dict[int, np.ndarray] = {}
+    for index in range(centre - longest, centre + longest + 1):
+        frame = frame_at(index)
+        for reach in reaches:
+            if abs(index - centre) <= reach:
+                if reach not in sums:
+                    sums[reach] = frame.astype(np.uint32)
+                else:
+                    sums[reach] += frame
+    return {reach: _rounded(sums[reach], 2 * reach + 1) for reach in reaches}
+
+
+def _rounded(total: np.ndarray, count: int) -> Frame:
+    return ((2 * total + count) // (2 * count)).astype(np.uint8)
+
+
+class ObjectMotion:
+    """Blurred key frames of one clip; the last few are remembered, since every key frame serves two pairs.
+
+    Args:
+        frame_at: RGB uint8 of a master frame.
+        reaches: the values of c that will be asked for; all are made at once.
+        keep: key frames remembered.
+    """
+
+    def __init__(self, frame_at: Callable[[int], Frame], reaches: Sequence[int], keep: int = 3) -> None:
+        self._frame_at = frame_at
+        self._reaches = tuple(dict.fromkeys(reaches))
+        self._keep = keep
+        self._made: OrderedDict[int, dict[int, Frame]] = OrderedDict()
+
+    def blurred(self, centre: int, reach: int) -> Frame:
+        """Key frame `centre` averaged over `reach` frames to either side."""
+        if centre not in self._made:
+            self._made[centre] = mean_of_windows(self._frame_at, centre, self._reaches)
+            if len(self._made) > self._keep:
+                self._made.popitem(last=False)
+        return self._made[centre][reach]

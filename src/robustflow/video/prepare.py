@@ -1,0 +1,212 @@
+"""From a clip's source to its lossless master and key frames, resumable, in memory that does not grow with length.
+
+A source is interpolated in segments, each a lossless file of its own that a stopped run keeps; then one encoder makes
+the master from all of them (so it is the same file whether or not there was a stop) and the key frames are written
+as they pass; `clip.json` comes last.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import islice
+from pathlib import Path
+
+from ..atomic import make_folder, write_json
+from ..errors import DataError, UsageError
+from ..imageio import write_image
+from .clip import ClipFile, read_pictures, write_clip
+from .codec import encoder_versions, lossless
+from .colour import I420, even_size, i420_to_rgb, rgb_to_i420
+from .interpolation import WINDOW, Interpolator, fill_gaps, interpolated_count, load_interpolator, windows
+from .prepared import (
+    CLIP_RECORD,
+    KEY_FRAMES,
+    MASTER,
+    REACH,
+    VERSION,
+    ClipRecord,
+    PreparedClip,
+    choose_key_frames,
+    sha256_of,
+)
+from .source import Source
+
+SEGMENT = 64
+"""Gaps between source frames that are interpolated into one segment: what a stop can cost."""
+
+PAIR_FPS = 30
+"""Pairs per second where no step is given; the paper's."""
+
+Progress = Callable[[str, str, int, int], None]
+"""Called with (clip, what is being done, frames done, frames in all)."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How clips are prepared.
+
+    Attributes:
+        fps: frames per second of the source, over what the source says; None to believe the source.
+        factor: how many times the frame rate; 4 is the paper's (240 -> 960).
+        step: master frames from one key frame to the next; None for 30 pairs per second.
+        interpolator: "flavr" or "flow"; needed where `factor` is above 1.
+        checkpoint, device: of FLAVR.
+        preset: of x264 for the master; it changes the file, and so what bit errors hit, but no pixel.
+    """
+
+    fps: Fraction | None = None
+    factor: int = 4
+    step: int | None = None
+    interpolator: str | None = None
+    checkpoint: Path | None = None
+    device: str = "cpu"
+    preset: str = "veryslow"
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What the settings make of one source: rate and length of the master, and its key frames."""
+
+    fps: Fraction
+    count: int
+    step: int
+    key_frames: tuple[int, ...]
+
+
+def geometry(source: Source, settings: Settings) -> Geometry:
+    """Plan one clip.
+
+    Raises:
+        UsageError: no frame rate known, or a factor or step below 1.
+        DataError: too short for a single pair.
+    """
+    rate = settings.fps or source.fps
+    if rate is None or rate <= 0:
+        raise UsageError(f"{source.name}: pictures do not say how many there are per second; give --fps")
+    if settings.factor < 1:
+        raise UsageError(f"a factor of {settings.factor} is not possible: give 1 or more")
+    fps = rate * settings.factor
+    step = max(1, round(fps / PAIR_FPS)) if settings.step is None else settings.step
+    if step < 1:
+        raise UsageError(f"a step of {step} is not possible: give 1 or more")
+    count = interpolated_count(source.count, settings.factor)
+    keys = choose_key_frames(count, step)
+    if len(keys) < 2:
+        needed = next(n for n in range(count, count + 4 * step + 4 * REACH) if len(choose_key_frames(n, step)) > 1)
+        frames = -(-needed // settings.factor) + (WINDOW if settings.factor > 1 else 0)
+        raise DataError(
+            f"{source.name}: {source.count} frames are too few for one pair of key frames {step} apart with "
+            f"{REACH} more on each side; give a clip of {frames} frames, or a smaller --step"
+        )
+    return Geometry(fps, count, step, tuple(keys))
+
+
+def prepare_clip(
+    source: Source, folder: Path, settings: Settings, progress: Progress = lambda clip, what, done, total: None
+) -> PreparedClip:
+    """Prepare one clip in `folder`; what an earlier call finished is not done again.
+
+    Raises:
+        DataError: a source that cannot be read to its end, or a folder that holds the clip prepared otherwise.
+    """
+    plan = geometry(source, settings)
+    interpolator = load_interpolator(settings.interpolator, settings.factor, settings.checkpoint, settings.device)
+    wanted = ClipRecord(
+        version=VERSION,
+        name=source.name,
+        count=plan.count,
+        fps=str(plan.fps),
+        height=source.size[0],
+        width=source.size[1],
+        factor=settings.factor,
+        step=plan.step,
+        key_frames=list(plan.key_frames),
+        padded_to_even=source.size != even_size(*source.size),
+        preset=settings.preset,
+        source=source.describe() | {"frames": source.count},
+        interpolator=interpolator.describe() if interpolator else None,
+        encoder=encoder_versions(),
+        master_sha256="",
+    )
+    done = _finished(folder, wanted)
+    if done is not None:
+        return done
+    make_folder(folder / KEY_FRAMES)
+    work = folder / f".segments-{_digest(wanted)}"
+    pictures = _converted(source) if interpolator is None else _segments(source, work, wanted, interpolator, progress)
+    written = _with_key_frames(pictures, folder, wanted, progress)
+    size = (wanted.height, wanted.width)
+    master = write_clip(folder / MASTER, written, size, plan.fps, lossless(settings.preset))
+    if master.count != plan.count:
+        raise DataError(f"{source.name}: {master.count} frames came out where {plan.count} were expected; check it")
+    record = wanted.model_copy(update={"master_sha256": sha256_of(folder / MASTER)})
+    write_json(folder / CLIP_RECORD, record.model_dump())
+    for leftover in folder.glob(".segments-*"):
+        shutil.rmtree(leftover, ignore_errors=True)
+    return PreparedClip(folder, record)
+
+
+def _finished(folder: Path, wanted: ClipRecord) -> PreparedClip | None:
+    """The clip if it is there, made the same way; encoder versions may differ, no pixel depends on them."""
+    path = folder / CLIP_RECORD
+    if not path.is_file():
+        return None
+    try:
+        found = ClipRecord.model_validate_json(path.read_bytes())
+    except ValueError:
+        found = None
+    same = {"master_sha256": "", "encoder": {}}
+    if found is None or found.model_copy(update=same) != wanted.model_copy(update=same):
+        raise DataError(f"{folder} holds this clip prepared with other settings; choose another --output or delete it")
+    return PreparedClip(folder, found)
+
+
+def _converted(source: Source) -> Iterator[I420]:
+    return (rgb_to_i420(frame) for frame in source.frames())
+
+
+def _segments(
+    source: Source, work: Path, wanted: ClipRecord, interpolator: Interpolator, progress: Progress
+) -> Iterator[I420]:
+    """The interpolated clip, from segments on disk; those that are missing are made first."""
+    make_folder(work)
+    gaps = source.count - WINDOW + 1
+    size, factor, fps = (wanted.height, wanted.width), wanted.factor, Fraction(wanted.fps)
+    parts: list[ClipFile] = []
+    around = windows(source.frames())
+    for start in range(0, gaps, SEGMENT):
+        length = min(SEGMENT, gaps - start)
+        part = ClipFile(work / f"{start:06d}.mp4", length * factor + (start == 0), fps, *size)
+        if part.path.is_file():
+            deque(islice(around, length), maxlen=0)
+        else:
+            made = fill_gaps(islice(around, length), interpolator, factor, first=start == 0)
+            write_clip(part.path, map(rgb_to_i420, made), size, fps, lossless("ultrafast"))
+        parts.append(part)
+        progress(wanted.name, "interpolate", start + length, gaps)
+    for _ in around:
+        raise DataError(f"{source.name}: the source has more frames than at first; leave it alone while it is prepared")
+    for part in parts:
+        for _, picture in read_pictures(part):
+            yield picture
+
+
+def _with_key_frames(pictures: Iterator[I420], folder: Path, wanted: ClipRecord, progress: Progress) -> Iterator[I420]:
+    """Pass pictures on, writing key frames as PNG: what a lossless yuv420p master decodes to."""
+    keys = set(wanted.key_frames)
+    for index, picture in enumerate(pictures):
+        if index in keys:
+            write_image(folder / KEY_FRAMES / f"{index:06d}.png", i420_to_rgb(picture, wanted.height, wanted.width))
+        yield picture
+        progress(wanted.name, "encode", index + 1, wanted.count)
+
+
+def _digest(wanted: ClipRecord) -> str:
+    spelled = json.dumps(wanted.model_dump(), sort_keys=True)
+    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()

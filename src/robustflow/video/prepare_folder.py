@@ -1,0 +1,127 @@
+"""All clips of a prepared folder: which ones, in how many processes, and the folder's record."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from fractions import Fraction
+from pathlib import Path
+
+from ..atomic import make_folder, write_json
+from ..datasets.layout import folders
+from ..errors import DataError, UsageError
+from .prepare import Progress, Settings, prepare_clip
+from .prepared import CACHE_LIMIT, FOLDER_RECORD, VERSION, FolderRecord, PreparedClip, read_folder
+from .source import PictureFolder, Source, VideoFile, pictures_in
+
+SEQUENCES = ("GOPR0374_11_02", "GOPR0379_11_00", "GOPR0384_11_02", "GOPR0385_11_00", "GOPR0386_11_00")
+"""The five of the paper (appendix, "GoPro-FC")."""
+
+CAMERA_FPS = Fraction(240)
+
+
+def find_sources(data: Path, evenly: bool = False) -> list[Source]:
+    """The clips in `data`: GoPro's five sequences, one video, one folder of pictures, or a folder of such folders.
+
+    Args:
+        data: the GoPro folder as downloaded (GoPro_Large_all, with or without train/ and test/), or any of the above.
+        evenly: take a video's frames as evenly spaced (its rate is given by hand).
+
+    Raises:
+        DataError: nothing usable, some of the five sequences missing, or the 7-to-13-frames-apart GoPro_Large.
+    """
+    if data.is_file():
+        return [VideoFile(data, evenly=evenly)]
+    if not data.is_dir():
+        raise DataError(f"{data}: no such file or folder; check the path")
+    found = {name: path for name in SEQUENCES if (path := _sequence(data, name)) is not None}
+    if found:
+        missing = [name for name in SEQUENCES if name not in found]
+        if missing:
+            raise DataError(f"{data}: {', '.join(missing)} missing of the five sequences; add them, or name one folder")
+        return [_camera(found[name], name) for name in SEQUENCES]
+    if pictures_in(data):
+        return [PictureFolder(data)]
+    inner = [folder for folder in folders(data) if pictures_in(folder)]
+    if not inner:
+        raise DataError(
+            f"{data}: neither GoPro sequences ({SEQUENCES[0]}, ...) nor pictures nor folders of pictures are in it"
+        )
+    return [PictureFolder(folder) for folder in inner]
+
+
+def prepare_folder(
+    sources: Sequence[Source],
+    output: Path,
+    settings: Settings,
+    workers: int = 1,
+    cache_limit: int = CACHE_LIMIT,
+    progress: Progress = lambda clip, what, done, total: None,
+) -> list[PreparedClip]:
+    """Prepare all clips below `output`. Every number of workers gives the same files.
+
+    Raises:
+        DataError: `output` holds other clips already, or a source fails.
+    """
+    if workers < 1:
+        raise UsageError(f"{workers} workers are not possible: give 1 or more")
+    record = FolderRecord(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
+    if len(set(record.clips)) != len(record.clips):
+        raise DataError(f"two clips have the same name: {', '.join(record.clips)}; rename one")
+    _claim(output, record)
+    if workers == 1 or len(sources) == 1:
+        for source in sources:
+            prepare_clip(source, output / source.name, settings, progress)
+    else:
+        _in_processes(sources, output, settings, workers, progress)
+    return read_folder(output)[1]
+
+
+def _in_processes(
+    sources: Sequence[Source], output: Path, settings: Settings, workers: int, progress: Progress
+) -> None:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        tasks = {pool.submit(prepare_clip, s, output / s.name, settings): s for s in sources}
+        try:
+            for finished, task in enumerate(as_completed(tasks), start=1):
+                task.result()
+                progress(tasks[task].name, "clips", finished, len(sources))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _claim(output: Path, record: FolderRecord) -> None:
+    make_folder(output)
+    path = output / FOLDER_RECORD
+    if path.is_file():
+        try:
+            found = FolderRecord.model_validate_json(path.read_bytes())
+        except ValueError:
+            found = None
+        if found is None or found.clips != record.clips:
+            raise DataError(f"{output} holds other prepared clips; choose another --output")
+    write_json(path, record.model_dump())
+
+
+def _sequence(data: Path, name: str) -> Path | None:
+    return next((data / part / name for part in ("", "train", "test") if (data / part / name).is_dir()), None)
+
+
+def _camera(folder: Path, name: str) -> PictureFolder:
+    if not pictures_in(folder) and any((folder / kind).is_dir() for kind in ("sharp", "blur")):
+        raise DataError(
+            f"{folder}: this is GoPro_Large, whose frames are several apart; GoPro-FC needs the camera's 240 frames "
+            "per second, which are in GoPro_Large_all"
+        )
+    source = PictureFolder(folder, name)
+    source.fps = CAMERA_FPS
+    return source
+
+
+def cache_folder() -> Path:
+    """Where clips prepared on the fly are kept: `$XDG_CACHE_HOME/robustflow`, else `~/.cache/robustflow`."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "robustflow"

@@ -1,0 +1,139 @@
+"""What `robustflow prepare` leaves behind, and what reads it back.
+
+gopro_fc.json                      the clips, and how they were made
+GOPR0374_11_02/clip.json           written last: a clip without it is not finished
+GOPR0374_11_02/master.mp4          every frame, lossless yuv420p
+GOPR0374_11_02/keyframes/000032.png
+variants/...                       transcoded on demand, see `cache`
+"""
+
+from __future__ import annotations
+
+import hashlib
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from ..errors import DataError
+from .clip import ClipFile
+
+FOLDER_RECORD = "gopro_fc.json"
+CLIP_RECORD = "clip.json"
+MASTER = "master.mp4"
+KEY_FRAMES = "keyframes"
+VERSION = 1
+
+REACH = 15
+"""Object motion blur looks this many master frames to either side of a key frame at its most severe."""
+
+CACHE_LIMIT = 20 * 10**9
+
+
+class ClipRecord(BaseModel):
+    """`clip.json`. Frame numbers count the master's frames from 0; `fps` is the master's, as a fraction."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: int
+    name: str
+    count: int
+    fps: str
+    height: int
+    width: int
+    factor: int
+    step: int
+    key_frames: list[int]
+    padded_to_even: bool
+    preset: str
+    source: dict[str, Any]
+    interpolator: dict[str, Any] | None
+    encoder: dict[str, str]
+    master_sha256: str
+
+
+class FolderRecord(BaseModel):
+    """`gopro_fc.json`: the clips, and how many bytes of transcoded variants may be kept."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: int
+    clips: list[str]
+    cache_limit: int = CACHE_LIMIT
+
+
+R = TypeVar("R", ClipRecord, FolderRecord)
+
+
+class PreparedClip:
+    """One finished clip of a prepared folder."""
+
+    def __init__(self, folder: Path, record: ClipRecord) -> None:
+        self.folder = folder
+        self.record = record
+
+    @property
+    def name(self) -> str:
+        """The clip's (sequence's) name."""
+        return self.record.name
+
+    @property
+    def master(self) -> ClipFile:
+        """The lossless master."""
+        r = self.record
+        return ClipFile(self.folder / MASTER, r.count, Fraction(r.fps), r.height, r.width)
+
+    def key_frame_path(self, index: int) -> Path:
+        """The PNG of master frame `index`."""
+        return self.folder / KEY_FRAMES / f"{index:06d}.png"
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Master indices of adjacent key frames."""
+        return list(zip(self.record.key_frames, self.record.key_frames[1:], strict=False))
+
+
+def choose_key_frames(count: int, step: int) -> list[int]:
+    """Every `step`-th frame, the first and the last such frame dropped (paper appendix, "GoPro-FC").
+
+    Frames nearer than `REACH` to an end are dropped as well, which only happens for steps below 16.
+
+    >>> choose_key_frames(161, 32)
+    [32, 64, 96, 128]
+    """
+    inner = range(0, count, step)[1:-1]
+    return [index for index in inner if REACH <= index < count - REACH]
+
+
+def read_folder(root: Path) -> tuple[FolderRecord, list[PreparedClip]]:
+    """The clips of a prepared folder.
+
+    Raises:
+        DataError: no such folder, not one of ours, or a clip that was not finished.
+    """
+    record = _read(root / FOLDER_RECORD, FolderRecord)
+    clips = []
+    for name in record.clips:
+        if not (root / name / CLIP_RECORD).is_file():
+            raise DataError(f"{root}: {name} is not finished; give the same robustflow prepare command again")
+        clips.append(PreparedClip(root / name, _read(root / name / CLIP_RECORD, ClipRecord)))
+    return record, clips
+
+
+def sha256_of(path: Path) -> str:
+    """Of a file of any size."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _read(path: Path, kind: type[R]) -> R:
+    try:
+        record = kind.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); is this a folder made by prepare?") from error
+    except ValidationError as error:
+        raise DataError(f"{path}: not what prepare writes, or damaged; prepare the clips again") from error
+    if record.version != VERSION:
+        raise DataError(f"{path}: of another version of RobustFlow; prepare the clips again")
+    return record

@@ -1,0 +1,194 @@
+"""What a clip is made from: a folder of pictures, or somebody's video file, checked before any work begins."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Protocol
+
+import av
+import numpy as np
+
+from ..errors import DataError
+from ..imageio import IMAGE_SUFFIXES, image_size, read_image
+from ..sample import Frame
+
+CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yuv4mpegpipe,gif"
+"""Demuxers that a video may be read with; never a playlist, which could name other files or addresses."""
+
+
+class Source(Protocol):
+    """Frames of one clip in order, as often as asked for."""
+
+    name: str
+    count: int
+    size: tuple[int, int]
+    fps: Fraction | None
+    """Frames per second, None where the source does not say (pictures)."""
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        """RGB uint8 (H, W, 3) from frame `start` on, one at a time."""
+
+    def describe(self) -> dict[str, Any]:
+        """What it is, for the manifest."""
+
+
+class PictureFolder:
+    """All pictures of a folder, sorted by name: one clip."""
+
+    fps: Fraction | None = None
+
+    def __init__(self, folder: Path, name: str = "") -> None:
+        self.folder = folder
+        self.name = name or folder.name
+        self.paths = pictures_in(folder)
+        if not self.paths:
+            raise DataError(f"{folder}: there are no pictures in it; give the folder that holds a clip's frames")
+        self.count = len(self.paths)
+        self.size = image_size(self.paths[0])
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        """RGB uint8 (H, W, 3); a picture of another size than the first is a DataError."""
+        for path in self.paths[start:]:
+            frame = read_image(path)
+            if frame.shape[:2] != self.size:
+                raise DataError(
+                    f"{path}: {frame.shape[1]}x{frame.shape[0]}, but the clip began with "
+                    f"{self.size[1]}x{self.size[0]}; one clip has one size"
+                )
+            yield frame
+
+    def describe(self) -> dict[str, Any]:
+        """Kind, and first and last name."""
+        return {"kind": "pictures", "first": self.paths[0].name, "last": self.paths[-1].name}
+
+
+class VideoFile:
+    """The video stream of a file; sound is ignored, rotation applied, more than 8 bits reduced to 8.
+
+    Args:
+        evenly: take frames as evenly spaced whatever their times say (for a variable frame rate).
+
+    Raises:
+        DataError: no such file, not a video, cut short, or a variable frame rate without `evenly`.
+    """
+
+    def __init__(self, path: Path, name: str = "", evenly: bool = False) -> None:
+        self.path = path
+        self.name = name or path.stem
+        with self._open() as container:
+            stream = container.streams.video[0]
+            declared, rate, tick = stream.frames, stream.average_rate or stream.guessed_rate, stream.time_base
+            self._pixels = stream.codec_context.pix_fmt or "unknown"
+            self._codec = stream.codec_context.name
+            times, self.count = self._times(container, stream)
+        if self.count < declared:
+            raise DataError(f"{path}: cut short, {self.count} of {declared} frames are there; copy it again")
+        self.fps = None if rate is None else Fraction(rate)
+        self.variable = _variable(times, tick)
+        if self.variable and not evenly:
+            low, high = self.variable
+            raise DataError(
+                f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); convert it to "
+                "a constant one, or give --fps to take its frames as evenly spaced"
+            )
+        first = next(self.frames(), None)
+        if first is None:
+            raise DataError(f"{path}: not one frame can be decoded; is it a video?")
+        self.size = (first.shape[0], first.shape[1])
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        """RGB uint8 (H, W, 3), rotated as the file asks.
+
+        Raises:
+            DataError: a frame that cannot be decoded, or the file ends early.
+        """
+        size: tuple[int, ...] | None = None
+        read = 0
+        with self._open() as container:
+            stream = container.streams.video[0]
+            stream.codec_context.thread_count, stream.thread_type = 1, "NONE"
+            try:
+                for read, picture in enumerate(container.decode(stream), start=1):
+                    if read <= start:
+                        continue
+                    frame = _upright(picture, self.path)
+                    size = size or frame.shape
+                    if frame.shape != size:
+                        raise DataError(f"{self.path}: the picture size changes at frame {read - 1}; cut it there")
+                    yield frame
+            except (av.error.FFmpegError, OSError) as error:
+                raise DataError(f"{self.path}: damaged at frame {read} ({_reason(error)}); convert it again") from error
+        if read < self.count:
+            raise DataError(f"{self.path}: {read} of {self.count} frames can be decoded; copy or convert it again")
+
+    def describe(self) -> dict[str, Any]:
+        """Kind, codec, pixel format, declared rate, and the frame gaps where the rate is variable."""
+        return {
+            "kind": "video",
+            "file": self.path.name,
+            "codec": self._codec,
+            "pixels": self._pixels,
+            "fps": None if self.fps is None else str(self.fps),
+            "variable_rate": bool(self.variable),
+        }
+
+    def _open(self) -> Any:
+        if not self.path.is_file():
+            raise DataError(f"{self.path}: no such file; check the path")
+        try:
+            options = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
+            container = av.open(str(self.path.absolute()), options=options)
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            raise DataError(f"{self.path}: not a video, or damaged ({_reason(error)}); check the file") from error
+        if not container.streams.video:
+            container.close()
+            raise DataError(f"{self.path}: has no video stream; check the file")
+        return container
+
+    def _times(self, container: Any, stream: Any) -> tuple[list[int], int]:
+        """Presentation times of the frames to show, and how many there are; nothing is decoded."""
+        times: list[int] = []
+        count = 0
+        try:
+            for packet in container.demux(stream):
+                if packet.size and not packet.is_discard:
+                    count += 1
+                    if packet.pts is not None:
+                        times.append(packet.pts)
+        except (av.error.FFmpegError, OSError) as error:
+            raise DataError(f"{self.path}: damaged ({_reason(error)}); copy or convert it again") from error
+        return sorted(times), count
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """The pictures directly in a folder, by name."""
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+
+
+def _variable(times: list[int], tick: Fraction) -> tuple[float, float] | None:
+    """The shortest and longest gap in seconds where they differ by more than rounding to ticks explains, else None.
+
+    >>> _variable([0, 33, 67, 100, 133], Fraction(1, 1000)) is None
+    True
+    >>> _variable([0, 33, 67, 133], Fraction(1, 1000))
+    (0.033, 0.066)
+    """
+    gaps = [later - earlier for earlier, later in pairwise(times)]
+    if not gaps or max(gaps) - min(gaps) <= max(2, 0.02 * min(gaps)):
+        return None
+    return float(min(gaps) * tick), float(max(gaps) * tick)
+
+
+def _upright(picture: Any, path: Path) -> Frame:
+    """RGB of a decoded picture, turned as its display matrix asks."""
+    quarter, rest = divmod(int(picture.rotation), 90)
+    if rest:
+        raise DataError(f"{path}: rotated by {picture.rotation} degrees; only quarter turns can be followed")
+    return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24"), quarter % 4))
+
+
+def _reason(error: BaseException) -> str:
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__

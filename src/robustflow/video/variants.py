@@ -1,0 +1,124 @@
+"""The clip as H.264 CRF, H.264 ABR and Bit Error leave it (paper appendix, "Video corruptions").
+
+A variant holds the clip's key frames only, as lossless yuv420p in which every frame stands alone. It is made
+in one pass over the master, in memory that does not grow with the clip's length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..atomic import make_folder
+from ..errors import UsageError
+from ..imageio import read_image
+from .clip import ClipFile, read_header, read_packets, read_pictures, write_clip
+from .codec import Decoder, Encoder, Packet, abr, crf, encoder_versions, lossless
+from .colour import I420, i420_to_rgb
+from .damage import Damage, damage_packets
+from .fill import Fill, fill_lost
+from .prepared import PreparedClip
+
+FRAMES_FILE = "keyframes.mp4"
+
+
+@dataclass
+class Stream:
+    """A corrupted master: its pictures, and what is known once they have all been read."""
+
+    pictures: Iterator[tuple[int, I420]]
+    decoder: Decoder
+    fill: Fill
+    damage: Damage | None = None
+    bytes_coded: int = 0
+
+
+def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Stream:
+    """Every picture of the master after a video corruption, in order, none missing.
+
+    Args:
+        corruption: "h264_crf", "h264_abr" or "bit_error".
+        parameter: CRF, bit/s, or N of the noise filter.
+    """
+    height, width = master.stored_size
+    fill = Fill(master.count)
+    if corruption == "bit_error":
+        damage = Damage(parameter)
+        decoder = Decoder(read_header(master), height, width)
+        packets = damage_packets(read_packets(master), damage)
+        return Stream(fill_lost(decoder.decode(packets), fill), decoder, fill, damage)
+    if corruption not in ("h264_crf", "h264_abr"):
+        raise UsageError(f"'{corruption}' is not a video corruption: choose h264_crf, h264_abr or bit_error")
+    encoding = crf(parameter) if corruption == "h264_crf" else abr(parameter)
+    encoder = Encoder(height, width, master.fps, encoding)
+    decoder = Decoder(encoder.header, height, width)
+    stream = Stream(iter(()), decoder, fill)
+
+    def counted() -> Iterator[Packet]:
+        for packet in encoder.encode(read_pictures(master)):
+            stream.bytes_coded += len(packet.data)
+            yield packet
+
+    stream.pictures = fill_lost(decoder.decode(counted()), fill)
+    return stream
+
+
+def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Path) -> dict[str, Any]:
+    """Write the variant's key frames into `folder`, and return the record of what happened."""
+    make_folder(folder)
+    master, keys = clip.master, clip.record.key_frames
+    stream = corrupted_stream(master, corruption, parameter)
+    wanted, changed = set(keys), 0
+
+    def key_pictures() -> Iterator[I420]:
+        nonlocal changed
+        for index, picture in stream.pictures:
+            if index in wanted:
+                shown = i420_to_rgb(picture, master.height, master.width)
+                changed += not (shown == read_image(clip.key_frame_path(index))).all()
+                yield picture
+
+    encoding = lossless("ultrafast", every_frame=True)
+    write_clip(folder / FRAMES_FILE, key_pictures(), (master.height, master.width), master.fps, encoding)
+    return _record(clip, corruption, parameter, stream, changed)
+
+
+def warnings_of(record: dict[str, Any]) -> list[str]:
+    """What a person should know about a variant before believing its numbers."""
+    where = f"{record['corruption']} (parameter {record['parameter']}) on {record['clip']}"
+    if record["corruption"] == "bit_error" and not record["bytes_changed"]:
+        return [
+            f"{where}: not one of {record['bytes_coded']} bytes was changed; the clip is too small for this severity, "
+            "and its frames are the clean ones"
+        ]
+    if record["frames_lost"]:
+        return [f"{where}: {record['frames_lost']} of {record['frames']} frames were lost and show their predecessor"]
+    return []
+
+
+def _record(clip: PreparedClip, corruption: str, parameter: int, stream: Stream, changed: int) -> dict[str, Any]:
+    damage = stream.damage
+    record: dict[str, Any] = {
+        "clip": clip.name,
+        "corruption": corruption,
+        "parameter": parameter,
+        "master_sha256": clip.record.master_sha256,
+        "encoder": encoder_versions(),
+        "frames": stream.fill.count,
+        "bytes_coded": damage.bytes_total if damage else stream.bytes_coded,
+        "packets_refused": stream.decoder.log.refused_packets,
+        "pictures_dropped": stream.fill.dropped + stream.decoder.log.strange_pictures,
+        "frames_lost": stream.fill.frames_lost,
+        "lost": [list(run) for run in stream.fill.lost],
+        "key_frames": len(clip.record.key_frames),
+        "key_frames_changed": changed,
+    }
+    if damage:
+        record |= {
+            "bytes_changed": damage.bytes_changed,
+            "frames_hit": len(damage.frames_hit),
+            "hit": sorted(damage.frames_hit),
+        }
+    return record | {"warnings": warnings_of(record)}
