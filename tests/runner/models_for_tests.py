@@ -10,10 +10,11 @@ import numpy as np
 
 
 class Logged:
-    """Notes every prediction in a file; its flow depends on what is asked, so that mixed-up rows would show."""
+    """Notes every prediction in the file PREDICTION_LOG names; its flow depends on what is asked, so that mixed-up rows
+    would show."""
 
-    def __init__(self, log: str, shape: str = "500x741", pause: float = 0.0) -> None:
-        self._log = log
+    def __init__(self, shape: str = "500x741", pause: float = 0.0) -> None:
+        self._log = os.environ["PREDICTION_LOG"]
         self._shape = tuple(int(side) for side in shape.split("x"))
         self._pause = pause
 
