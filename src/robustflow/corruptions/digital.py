@@ -16,6 +16,7 @@ from ..sample import Frame
 from .base import Corruption
 from .box_resize import pixelated
 from .rng import Rng
+from .rounding import to_bytes
 
 
 class _Digital(Corruption):
@@ -54,6 +55,7 @@ class Contrast(_Digital):
     """(I - mean) c + mean; `severities` are c (paper, "Contrast").
 
     The mean is per channel, as in the code; `variant="paper"` takes one mean over the frame, as its formula reads.
+    `variant="reference"` cuts fractions of a grey level off, as the code does.
     """
 
     name = "contrast"
@@ -67,14 +69,15 @@ class Contrast(_Digital):
         means = np.full(3, sums.sum() / (3 * pixels)) if self.variant == "paper" else sums / pixels
         levels = (np.arange(256.0)[None, :] - means[:, None]) * state + means[:, None]
         out = np.empty_like(source)
-        _look_up_channels(source.reshape(-1), np.rint(np.clip(levels, 0.0, 255.0)).astype(np.uint8), out.reshape(-1))
+        _look_up_channels(source.reshape(-1), to_bytes(levels, self.variant == "reference"), out.reshape(-1))
         return out
 
 
 class Saturate(_Digital):
     """S' = S alpha + beta in HSV; `severities` are (alpha, beta) (paper, "Saturate").
 
-    The reference code has the first two severities the other way round (`variant="reference"`). Hue and V stay, so
+    The reference code has the first two severities the other way round and cuts fractions of a grey level off
+    (`variant="reference"`). Hue and V stay, so
     with V = max(R, G, B) and m = min(R, G, B) a channel c becomes V - V S' (V - c) / (V - m). Grey has hue 0: where
     beta > 0 it turns red.
     """
@@ -90,7 +93,7 @@ class Saturate(_Digital):
         source = np.ascontiguousarray(frame)
         out = np.empty_like(source)
         alpha, beta = (np.float32(10.0 * value) for value in state)
-        _saturate(source.reshape(-1), alpha, beta, out.reshape(-1))
+        _saturate(source.reshape(-1), alpha, beta, self.variant == "reference", out.reshape(-1))
         return out
 
 
@@ -122,10 +125,11 @@ def _look_up_channels(source: Any, table: Any, out: Any) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _saturate(source: Any, alpha: Any, beta: Any, out: Any) -> None:
+def _saturate(source: Any, alpha: Any, beta: Any, floor: bool, out: Any) -> None:
     """`alpha` and `beta` are ten times the paper's, float32, so that all but the quotient is exact for its numbers."""
     ten, one, zero = np.float32(10), np.float32(1), np.float32(0)
-    half_even = np.float32(2**23)  # adding and subtracting it rounds to an integer, half to even
+    # Adding and subtracting 2**23 rounds to an integer, half to even; the conversion to an integer cuts off.
+    half_even = zero if floor else np.float32(2**23)
     for i in range(source.size // 3):
         r, g, b = np.float32(source[3 * i]), np.float32(source[3 * i + 1]), np.float32(source[3 * i + 2])
         value = max(r, max(g, b))

@@ -17,6 +17,7 @@ from numba import njit
 from ..sample import Frame
 from .base import Corruption
 from .rng import Rng
+from .rounding import to_bytes
 
 Table = npt.NDArray[np.uint8]
 
@@ -42,14 +43,17 @@ class _Light(Corruption):
 
 
 class HighLight(_Light):
-    """V' = V + c on [0, 1]; `severities` are c (paper, "High-Light"; `brightness` in the reference code)."""
+    """V' = V + c on [0, 1]; `severities` are c (paper, "High-Light"; `brightness` in the reference code).
+
+    `variant="reference"` cuts fractions of a grey level off, as the code does here and nowhere else in the family.
+    """
 
     name = "high_light"
     paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
         shift = 255.0 * self.parameter(severity)
-        return LightState(value_table(lambda value: value + shift))
+        return LightState(value_table(lambda value: value + shift, floor=self.variant == "reference"))
 
 
 class LowLight(_Light):
@@ -86,7 +90,7 @@ class UnderExposure(OverExposure):
     paper_severities = (-0.4, -0.8, -1.2, -1.6, -2.0)
 
 
-def value_table(change: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]]) -> Table:
+def value_table(change: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]], floor: bool = False) -> Table:
     """For V = 0 .. 255 (rows) and a channel's value (columns), the channel's new value, uint8 (256, 256).
 
     `change` maps V to V' in grey levels, float64; V' is clipped to [0, 255]. Black has no hue and becomes grey V'.
@@ -100,7 +104,7 @@ def value_table(change: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float
     changed = np.clip(change(value), 0.0, 255.0)
     table = value[None, :] * changed[:, None] / np.maximum(value, 1.0)[:, None]
     table[0] = changed[0]
-    return np.rint(np.minimum(table, 255.0)).astype(np.uint8)
+    return to_bytes(table, floor)
 
 
 @njit(cache=True, nogil=True)

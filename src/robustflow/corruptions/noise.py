@@ -21,6 +21,7 @@ from ..sample import Frame
 from .alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
 from .base import Corruption
 from .rng import Rng, hash64
+from .rounding import to_bytes
 
 _BLOCK = 256
 """Hash words computed at a time: they stay in the first-level cache, and their loop vectorises."""
@@ -51,6 +52,7 @@ class GaussianNoise(_Noise):
 
     The noise is drawn as an integer number of grey levels, from the exact probabilities of the rounded normal
     distribution in units of 2**-23; what lies beyond +-255 saturates every sample and is lumped.
+    `variant="reference"` cuts fractions of a grey level off instead of rounding, as the code does.
     """
 
     name = "gaussian_noise"
@@ -59,14 +61,20 @@ class GaussianNoise(_Noise):
     def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
         source = np.ascontiguousarray(frame)
         out = np.empty_like(source)
-        _add_noise(source.reshape(-1), gaussian_table(state.parameter), state.key(index), out.reshape(-1))
+        _add_noise(
+            source.reshape(-1),
+            gaussian_table(state.parameter, self.variant == "reference"),
+            state.key(index),
+            out.reshape(-1),
+        )
         return out
 
 
 class ShotNoise(_Noise):
     """n / c with n ~ Poisson(I c) per sample, I on [0, 1]; `severities` are c (paper, "Shot Noise").
 
-    One alias table per grey level, exact in units of 2**-22.
+    One alias table per grey level, exact in units of 2**-22. `variant="reference"` cuts fractions of a grey level off
+    instead of rounding, as the code does.
     """
 
     name = "shot_noise"
@@ -75,7 +83,7 @@ class ShotNoise(_Noise):
     def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
         source = np.ascontiguousarray(frame)
         out = np.empty_like(source)
-        tables, column_bits = shot_tables(state.parameter)
+        tables, column_bits = shot_tables(state.parameter, self.variant == "reference")
         shift, height_shift = np.uint32(column_bits), np.uint32(32 - column_bits - height_bits(8))
         _replace_levels(source.reshape(-1), tables, shift, height_shift, state.key(index), out.reshape(-1))
         return out
@@ -103,32 +111,34 @@ class ImpulseNoise(_Noise):
 
 
 @lru_cache(maxsize=16)
-def gaussian_table(scale: float) -> npt.NDArray[np.uint32]:
+def gaussian_table(scale: float, floor: bool = False) -> npt.NDArray[np.uint32]:
     """Alias table, uint32 (512,), of round(255 * scale * n) + 255 with n ~ N(0, 1), clipped to 0 .. 510."""
     total = 1 << (9 + height_bits(9))
     deviation = Decimal(repr(scale)) * 255
-    cdf = [normal_cdf((Decimal(k) + Decimal("0.5")) / deviation) for k in range(255)]
-    upper = [total // 2, *(round(total * p) for p in cdf), total]
-    positive = [after - before for before, after in pairwise(upper[1:])]
-    return alias_table([*reversed(positive), 2 * (upper[1] - upper[0]), *positive], 9, 9)
+    offset = Decimal(0) if floor else Decimal("0.5")
+    upper = [round(total * normal_cdf((k + offset) / deviation)) for k in range(256)]
+    shift = int(floor)
+    edges = [upper[k + shift] if k + shift >= 0 else total - upper[-k - 1] for k in range(-255, 255)]
+    counts = [after - before for before, after in pairwise([0, *edges, total])]
+    return alias_table(counts, column_bits=9, value_bits=9)
 
 
 @lru_cache(maxsize=8)
-def shot_tables(photons: float) -> tuple[npt.NDArray[np.uint32], int]:
+def shot_tables(photons: float, floor: bool = False) -> tuple[npt.NDArray[np.uint32], int]:
     """Alias tables of the 256 grey levels, one after the other, uint32 (256 << column_bits,), and column_bits.
 
-    Level v at `photons` per unit of light becomes min(255, rint(255 n / photons)), n ~ Poisson(v / 255 * photons).
+    Level v at `photons` per unit of light becomes min(255, 255 n / photons), rounded, n ~ Poisson(v / 255 * photons).
     """
     rate = Decimal(repr(photons))
     outcomes = int(np.ceil(photons)) + 1
-    levels = np.rint(np.minimum(255.0, 255.0 * np.arange(outcomes) / photons)).astype(int)
+    levels = to_bytes(np.arange(outcomes) / photons * 255.0, floor)
     column_bits = 6 if outcomes <= 64 else 8
     last = np.append(np.flatnonzero(np.diff(levels)), outcomes - 1)
     tables = []
     for level in range(256):
         cdf = poisson_cdf(rate * level / 255, outcomes)
         counts = counts_from_cdf([cdf[i] for i in last], 1 << (column_bits + height_bits(8)))
-        tables.append(_relabel(alias_table(counts, column_bits, 8), levels[last]))
+        tables.append(_relabel(alias_table(counts, column_bits, value_bits=8), levels[last]))
     return np.concatenate(tables), column_bits
 
 

@@ -1,0 +1,20 @@
+"""From real grey levels to bytes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+
+def to_bytes(levels: npt.NDArray[np.floating[Any]], floor: bool = False) -> npt.NDArray[np.uint8]:
+    """Clip to 0 .. 255 and round, half to even; `floor` cuts the fraction off, as parts of the reference code do.
+
+    >>> to_bytes(np.array([-3.0, 0.5, 1.5, 254.9, 300.0])).tolist()
+    [0, 0, 2, 255, 255]
+    >>> to_bytes(np.array([1.5, 254.9]), floor=True).tolist()
+    [1, 254]
+    """
+    clipped = np.clip(levels, 0.0, 255.0)
+    return (np.floor(clipped) if floor else np.rint(clipped)).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""Comparison with the outputs of the reference implementation."""

@@ -1,0 +1,73 @@
+"""The reference folder: its frames, its pictures, its numbers. All it knows of the pair comes from the folder."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow.corruptions import load_corruption
+from robustflow.errors import AssetError
+
+from ..shared_data import shared_root
+from .stats import flows
+
+FOLDER = shared_root() / "corruption-reference"
+OUR_NAMES = {"brightness": "high_light"}
+
+
+@cache
+def table():
+    """reference.json, or None where the shared data is absent."""
+    path = FOLDER / "reference.json"
+    return json.loads(path.read_text()) if path.exists() else None
+
+
+def cases(group):
+    """(name, key) of every entry of a group of the table, as test parameters; one skipped where there is none."""
+    if table() is None:
+        reason = f"no reference in {FOLDER}; set ROBUSTFLOW_SHARED to the folder that holds it"
+        return [pytest.param("none", "s0", marks=pytest.mark.skip(reason=reason))]
+    return [(name, key) for name, entries in table()[group].items() for key in entries]
+
+
+def read_image(name):
+    """A picture of the folder as RGB uint8, or None."""
+    image = cv2.imread(str(FOLDER / name), cv2.IMREAD_COLOR)
+    return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+@cache
+def clean():
+    """The two clean frames."""
+    return read_image("clean_1.png"), read_image("clean_2.png")
+
+
+@cache
+def clean_flows():
+    return flows(clean())
+
+
+@cache
+def truth():
+    """(flow, valid) of the pair, from the KITTI encoding."""
+    raw = cv2.imread(str(FOLDER / "flow_occ.png"), cv2.IMREAD_UNCHANGED)
+    return (raw[..., 2:0:-1].astype(np.float64) - 32768) / 64, raw[..., 0] > 0
+
+
+def ours(name):
+    """Our corruption of that name, as the reference code does it."""
+    return load_corruption(OUR_NAMES.get(name, name), "reference")
+
+
+def corrupted(corruption, rng, severity, adjust=lambda state: state):
+    """The clean pair, whole, corrupted; skips where an asset is neither there nor to be fetched."""
+    frames = clean()
+    try:
+        state = adjust(corruption.draw(rng, severity, frames[0].shape[:2]))
+        return [corruption.apply(frame, state, index) for index, frame in enumerate(frames)]
+    except AssetError as error:
+        pytest.skip(str(error))

@@ -1,0 +1,92 @@
+"""The statistics by which a corrupted pair is compared with the reference's, in our own words.
+
+Definitions are those of the reference folder's README: PSNR and SSIM against the clean frame, per-channel mean and
+standard deviation, mean gradient, share of black and white samples, correlation of the residuals of the two frames,
+and what two classical flow methods make of the pair.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+_TAPS = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
+_TAPS /= _TAPS.sum()
+
+
+def grey(frame):
+    return cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
+
+
+def psnr(clean, other):
+    error = np.square(np.subtract(clean, other, dtype=np.int32)).sum(dtype=np.int64) / clean.size
+    return 99.0 if error == 0 else 10.0 * np.log10(255.0**2 / error)
+
+
+def ssim(clean, other):
+    """Mean structural similarity of the grey images: 11 x 11 Gaussian window of sigma 1.5, mirrored borders."""
+
+    def window(image):
+        return cv2.sepFilter2D(image, cv2.CV_64F, _TAPS, _TAPS, borderType=cv2.BORDER_REFLECT_101)
+
+    a, b = grey(clean).astype(np.float64), grey(other).astype(np.float64)
+    mean_a, mean_b = window(a), window(b)
+    variances = window(a * a + b * b) - mean_a**2 - mean_b**2
+    covariance = window(a * b) - mean_a * mean_b
+    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+    luminance = (2 * mean_a * mean_b + c1) / (mean_a**2 + mean_b**2 + c1)
+    return float((luminance * (2 * covariance + c2) / (variances + c2)).mean())
+
+
+def mean_gradient(frame):
+    image = grey(frame).astype(np.float64)
+    return float(np.hypot(np.diff(image, axis=1)[:-1], np.diff(image, axis=0)[:, :-1]).mean())
+
+
+def image_stats(clean, corrupted):
+    """Statistics of a pair without flow: names as in the reference's table; None where one is undefined."""
+    out, residuals = {}, []
+    for number, (before, after) in enumerate(zip(clean, corrupted, strict=True), start=1):
+        residual = after.astype(np.float64) - before
+        residuals.append(residual)
+        out[f"psnr_{number}"] = psnr(before, after)
+        out[f"ssim_{number}"] = ssim(before, after)
+        for channel, letter in enumerate("rgb"):
+            out[f"mean_{letter}_{number}"] = float(after[..., channel].mean())
+            out[f"std_{letter}_{number}"] = float(after[..., channel].std())
+        out[f"grad_{number}"] = mean_gradient(after)
+        out[f"frac0_{number}"] = np.count_nonzero(after == 0) / after.size
+        out[f"frac255_{number}"] = np.count_nonzero(after == 255) / after.size
+        out[f"resid_std_{number}"] = float(residual.std())
+    constant = any(residual.std() == 0 for residual in residuals)
+    correlation = None if constant else np.corrcoef(residuals[0].ravel(), residuals[1].ravel())[0, 1]
+    return out | {"resid_corr": correlation}
+
+
+FLOWS = {
+    "farneback": lambda a, b: cv2.calcOpticalFlowFarneback(a, b, None, 0.5, 3, 15, 3, 5, 1.2, 0),
+    "dis": lambda a, b: cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(a, b, None),
+}
+
+
+def flows(frames):
+    """Flow of a pair by every method, {name: (H, W, 2)}."""
+    return {name: estimate(grey(frames[0]), grey(frames[1])) for name, estimate in FLOWS.items()}
+
+
+def epe(flow, truth, where):
+    """Mean end-point error over the pixels `where`."""
+    difference = (flow.astype(np.float64) - truth)[where]
+    return float(np.hypot(difference[:, 0], difference[:, 1]).mean())
+
+
+def flow_stats(corrupted, clean_flows, truth, valid):
+    """CRE (error gained) and RCRE (flow changed, on valid pixels and on all) of every method."""
+    everywhere = np.ones(valid.shape, bool)
+    out = {}
+    for name, flow in flows(corrupted).items():
+        before = clean_flows[name]
+        out[f"cre_{name}"] = epe(flow, truth, valid) - epe(before, truth, valid)
+        out[f"rcre_{name}"] = epe(flow, before, valid)
+        out[f"rcre_all_{name}"] = epe(flow, before, everywhere)
+    return out
