@@ -24,6 +24,9 @@ from ..separable import FLOOR
 _NEGLIGIBLE = 1e-9
 """Taps of g below this are zero: at a smoothing of 0.1 they are 1e-22."""
 
+_ROOM = 8
+"""The array reaches this far from its centre, or as far as the disk if that is farther."""
+
 _STRIP = 640
 """Columns worked on at a time: few enough for the rows that a sum reads to stay in the first-level cache."""
 
@@ -59,7 +62,7 @@ def disk_kernel(radius: int, smoothing: float) -> npt.NDArray[np.float64]:
     >>> [round(float(disk_kernel(r, 0.5).sum()), 3) for r in (6, 8, 10)]
     [1.0, 1.013, 1.011]
     """
-    axis = np.arange(-max(radius, 8), max(radius, 8) + 1)
+    axis = np.arange(-max(radius, _ROOM), max(radius, _ROOM) + 1)
     disk = (axis[:, None] ** 2 + axis[None, :] ** 2 <= radius**2).astype(np.float64)
     taps = _smoothing_taps(radius, smoothing)
     taps = np.concatenate([taps[:0:-1], taps])
@@ -72,7 +75,7 @@ def _smoothing_taps(radius: int, smoothing: float) -> npt.NDArray[np.float64]:
     """Half of g, centre first; only the centre where there is no smoothing."""
     if smoothing == 0:
         return np.ones(1)
-    half = np.exp(-0.5 * (np.arange(2 if radius <= 8 else 3) / smoothing) ** 2)
+    half = np.exp(-0.5 * (np.arange(2 if radius <= _ROOM else 3) / smoothing) ** 2)
     half /= half[0] + 2 * half[1:].sum()
     return half[half > _NEGLIGIBLE]
 
@@ -83,7 +86,7 @@ def _disk(radius: int, smoothing: float) -> _Disk:
     taps = _smoothing_taps(radius, smoothing)
     area = int((2 * widths + 1).sum() * 2 - (2 * widths[0] + 1))
     scale = area**-0.5
-    rim = _mirrored_rim(radius, taps) if radius >= 8 else []
+    rim = _mirrored_rim(radius, taps)
     rows = np.array([(d, widths[row]) for d, row, _ in rim], np.int64).reshape(-1, 2)
     # a rim segment is weighted once by g's tap and once more by the blur across it
     weights = np.array([weight * scale for *_, weight in rim], np.float32)
@@ -91,22 +94,15 @@ def _disk(radius: int, smoothing: float) -> _Disk:
 
 
 def _mirrored_rim(radius: int, taps: npt.NDArray[np.float64]) -> list[tuple[int, int, float]]:
-    """(distance d, row of the disk, weight): what mirroring at `radius` adds to, and takes from, the blurred disk.
+    """(distance d, row of the disk, weight): what mirroring adds to, and takes from, the blurred disk.
 
     Narrowest rows first.
     """
-    reach = len(taps) - 1
-    inside = [
-        (radius + over - j, radius - over, float(taps[j]))
-        for over in range(1, reach + 1)
-        for j in range(over, reach + 1)
-    ]
-    outside = [
-        (radius + over, radius + over - j, -float(taps[j]))
-        for over in range(1, reach + 1)
-        for j in range(over, reach + 1)
-    ]
-    return sorted(inside + outside, key=lambda segment: -segment[1])
+    edge, reach = max(radius, _ROOM), len(taps) - 1
+    pairs = [(over, j) for over in range(1, reach + 1) for j in range(over, reach + 1)]
+    inside = [(edge + over - j, edge - over, float(taps[j])) for over, j in pairs]
+    outside = [(edge + over, edge + over - j, -float(taps[j])) for over, j in pairs]
+    return sorted((s for s in inside + outside if s[1] <= radius), key=lambda s: -s[1])
 
 
 @njit(cache=True, nogil=True)

@@ -14,6 +14,7 @@ from ..base import Corruption
 from ..normal_field import UNIT, normal_field
 from ..rng import Rng
 from ..separable import Plane, gaussian_plane
+from .chamfer import edge_distance, floor_of_mean
 
 WATER = (175.0, 238.0, 238.0)
 MUD = (63.0, 42.0, 20.0)
@@ -71,9 +72,8 @@ class Spatter(Corruption):
 
 
 def _water(liquid: npt.NDArray[np.uint8], strength: float) -> Plane:
-    """Opacity of drops that are bright at their rims: OpenCV's integer paths, as the reference code composes them."""
-    from_rim = cv2.distanceTransform(255 - cv2.Canny(liquid, 50, 150), cv2.DIST_L2, 5)
-    near = cv2.blur(np.minimum(from_rim, np.float32(20)), (3, 3)).astype(np.uint8)
+    """Opacity of drops that are bright at their rims: the reference code's steps, in integers up to the last."""
+    near = floor_of_mean(edge_distance(cv2.Canny(liquid, 50, 150), limit=20), unit=10_000)
     emboss = np.array([[-2, -1, 0], [-1, 1, 1], [0, 1, 2]])
     relief = cv2.blur(cv2.filter2D(cv2.equalizeHist(near), cv2.CV_8U, emboss), (3, 3))
     opacity = liquid * relief.astype(np.float32)

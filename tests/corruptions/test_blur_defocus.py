@@ -1,0 +1,80 @@
+"""The disk sums against direct convolution with the kernel as the reference code builds it."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import correlate
+
+from robustflow.corruptions.blur.defocus import DefocusBlur
+from robustflow.corruptions.blur.disk import convolve_disk, disk_kernel
+from robustflow.corruptions.rng import Rng
+
+
+def opencv_kernel(radius, smoothing):
+    """A flat disk in an array that just holds it (at least 17 x 17), smoothed by OpenCV's Gaussian."""
+    half = max(radius, 8)
+    y, x = np.mgrid[-half : half + 1, -half : half + 1]
+    disk = (x**2 + y**2 <= radius**2).astype(np.float64)
+    size = 3 if radius <= 8 else 5
+    return cv2.GaussianBlur(disk / disk.sum(), (size, size), sigmaX=smoothing)
+
+
+def direct(frame, kernel):
+    planes = [correlate(frame[..., c].astype(np.float64), kernel, mode="mirror") for c in range(3)]
+    return np.clip(np.stack(planes, axis=-1), 0, 255)
+
+
+def random_frame(height, width, seed=0):
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+@pytest.mark.parametrize(("radius", "smoothing"), DefocusBlur.paper_severities)
+def test_the_kernel_is_the_reference_codes(radius, smoothing):
+    assert np.abs(disk_kernel(radius, smoothing) - opencv_kernel(radius, smoothing)).max() < 1e-8
+
+
+def test_the_two_widest_kernels_brighten():
+    assert disk_kernel(8, 0.5).sum() == pytest.approx(1.013, abs=5e-4)
+    assert disk_kernel(10, 0.5).sum() == pytest.approx(1.011, abs=5e-4)
+
+
+@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("shape", [(16, 16), (41, 53)])
+def test_every_severity_rounds_the_float64_result(severity, shape):
+    frame = random_frame(*shape)
+    blur = DefocusBlur()
+    expected = direct(frame, disk_kernel(*blur.parameter(severity)))
+    assert np.abs(blur.apply(frame, blur.draw(Rng.of(0), severity, shape), 0) - expected).max() < 0.501
+
+
+@pytest.mark.parametrize("severity", [1, 4, 5])
+def test_wide_frames_have_no_seam_between_strips(severity):
+    frame = random_frame(18, 1400)
+    parameter = DefocusBlur().parameter(severity)
+    assert np.abs(convolve_disk(frame, *parameter) - direct(frame, disk_kernel(*parameter))).max() < 0.501
+
+
+def test_the_paper_variant_is_the_plain_disk_and_keeps_brightness():
+    frame = np.full((30, 30, 3), 201, np.uint8)
+    blur = DefocusBlur("paper")
+    state = blur.draw(Rng.of(0), 5, (30, 30))
+    assert state == (10, 0.0)
+    assert (blur.apply(frame, state, 0) == 201).all()
+
+
+def test_the_reference_variant_cuts_the_fraction_off():
+    frame = random_frame(40, 40)
+    blur = DefocusBlur("reference")
+    error = direct(frame, disk_kernel(6, 0.5)) - blur.apply(frame, (6, 0.5), 0)
+    assert error.min() > -0.01
+    assert error.max() < 1.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 12), st.sampled_from([0.0, 0.3, 0.5]), st.integers(0, 99))
+def test_any_size_and_radius(height, width, radius, smoothing, seed):
+    frame = random_frame(height, width, seed)
+    expected = direct(frame, disk_kernel(radius, smoothing))
+    assert np.abs(convolve_disk(frame, radius, smoothing) - expected).max() < 0.501
