@@ -1,7 +1,7 @@
 """Uniform noise blurred by a wide Gaussian, in a time that does not grow with the Gaussian's width.
 
 A field blurred with standard deviation s varies slowly, so it is computed at every (s / 2.5)-th row and column only and
-interpolated by cubics between them, which is exact to about 0.2 % of its standard deviation.
+interpolated by cubics between them, which leaves an error of about half a percent of the field's standard deviation.
 """
 
 from __future__ import annotations

@@ -1,0 +1,66 @@
+"""The smooth field against SciPy on the same noise, and the warp against `map_coordinates`."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from robustflow.corruptions.elastic import ElasticTransform, displacement
+from robustflow.corruptions.rng import Rng, hash64
+from robustflow.corruptions.smooth_field import field_row, smooth_field
+
+
+def noise_of(rng, height, width):
+    """The noise a field is blurred from: 16 bits of the stream per pixel, four to a word, rows begin a word."""
+    words = (width + 3) // 4
+    bits = np.array([hash64(np.uint64(rng.key), np.uint64(i)) for i in range(height * words)], np.uint64)
+    return bits.astype("<u8").view("<i2").reshape(height, 4 * words)[:, :width] / 32768
+
+
+def rows_of(field, height, width):
+    out = np.empty((height, width), np.float32)
+    for y in range(height):
+        field_row(*field, y, out[y])
+    return out
+
+
+@pytest.mark.parametrize(
+    ("shape", "sigmas"),
+    [((60, 90), (0.6, 0.9)), ((75, 130), (3.75, 12.4)), ((150, 170), (21.6, 9.0)), ((16, 16), (0.16, 0.16))],
+)
+def test_the_field_is_blurred_noise(shape, sigmas):
+    rng = Rng.of("field", *shape)
+    expected = 10 * gaussian_filter(noise_of(rng, *shape), sigmas, mode="reflect", truncate=3)
+    got = rows_of(smooth_field(rng, shape, sigmas, 10.0), *shape)
+    # the kernel is cut where it is still 0.011 high, and interpolation smooths that step
+    assert np.sqrt(np.mean((got - expected) ** 2)) < 0.01 * expected.std()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(16, 70), st.integers(16, 70), st.integers(1, 5), st.sampled_from(["default", "reference"]))
+def test_the_warp_is_bilinear_with_mirrored_borders(height, width, severity, variant):
+    frame = np.random.default_rng(height).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    elastic = ElasticTransform(variant)
+    state = elastic.draw(Rng.of("warp", width), severity, (height, width))
+    field = displacement(state, (height, width)).astype(np.float64)
+    y, x = np.mgrid[:height, :width]
+    at = [y + field[..., 1], x + field[..., 0]]
+    expected = [map_coordinates(frame[..., c].astype(np.float64), at, order=1, mode="reflect") for c in range(3)]
+    assert np.abs(elastic.apply(frame, state, 0) - np.stack(expected, axis=-1)).max() < 0.51
+
+
+def test_the_paper_displaces_ten_times_as_far_as_the_code():
+    rng = Rng.of("scale")
+    paper = displacement(ElasticTransform().draw(rng, 3, (50, 80)), (50, 80))
+    code = displacement(ElasticTransform("reference").draw(rng, 3, (50, 80)), (50, 80))
+    assert np.allclose(paper, 10 * code, rtol=1e-4)
+
+
+def test_both_frames_move_alike_and_the_two_directions_do_not():
+    elastic = ElasticTransform()
+    state = elastic.draw(Rng.of("pair"), 2, (64, 64))
+    frame = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    assert np.array_equal(elastic.apply(frame, state, 0), elastic.apply(frame, state, 1))
+    field = displacement(state, (64, 64))
+    assert abs(np.corrcoef(field[..., 0].ravel(), field[..., 1].ravel())[0, 1]) < 0.2

@@ -1,0 +1,222 @@
+"""Frost: where the textures come from, and how they are laid over a frame."""
+
+import hashlib
+import os
+import subprocess
+import sys
+import zipfile
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow.corruptions.rng import Rng
+from robustflow.corruptions.weather import frost_assets, frost_textures
+from robustflow.corruptions.weather.frost import Frost
+from robustflow.corruptions.weather.frost_textures import enlarged_shape, enlarged_texture, resize_cubic
+from robustflow.errors import AssetError
+
+
+@pytest.fixture
+def invented(monkeypatch, tmp_path):
+    """Five made-up textures in a folder, with their hashes in place of the real ones; no installed package, no pip."""
+    folder = tmp_path / "textures"
+    folder.mkdir()
+    hashes = {}
+    for slot, name in enumerate(frost_assets.TEXTURES):
+        image = np.random.default_rng(slot).integers(0, 256, (40 + slot, 60, 3), dtype=np.uint8)
+        content = cv2.imencode(".png", image)[1].tobytes()
+        (folder / name).write_bytes(content)
+        hashes[name] = hashlib.sha256(content).hexdigest()
+    monkeypatch.setattr(frost_assets, "TEXTURES", hashes)
+    monkeypatch.setattr(frost_assets, "find_spec", lambda name: None)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv(frost_assets.FOLDER_VARIABLE, raising=False)
+    forget()
+    yield folder
+    forget()
+
+
+def forget():
+    frost_textures.texture.cache_clear()
+    frost_textures._enlarged.clear()
+
+
+def wheel_of(folder, path, tamper=None):
+    with zipfile.ZipFile(path, "w") as archive:
+        for file in folder.iterdir():
+            content = b"something else" if file.name == tamper else file.read_bytes()
+            archive.writestr(f"imagecorruptions/frost/{file.name}", content)
+        archive.writestr("imagecorruptions/__init__.py", "raise SystemExit('imported')")
+        archive.writestr("../outside.txt", "escaped")
+
+
+@pytest.fixture
+def pip(monkeypatch, invented):
+    """Stands in for pip: puts a wheel of the invented textures into the folder it is told."""
+    calls = []
+
+    def download(command, **_):
+        calls.append(command)
+        wheel_of(invented, os.path.join(command[command.index("--dest") + 1], "it.whl"), tamper=pip.tamper)
+        return subprocess.CompletedProcess(command, 0, "", "")
+
+    pip = type("Pip", (), {"calls": calls, "tamper": None})()
+    monkeypatch.setattr(frost_assets.subprocess, "run", download)
+    return pip
+
+
+def test_a_named_folder_is_used(invented, monkeypatch):
+    monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
+    assert frost_assets.read_texture(3) == (invented / "frost4.jpg").read_bytes()
+
+
+def test_a_named_folder_without_the_file_is_an_error_and_nothing_else_is_tried(invented, monkeypatch, tmp_path, pip):
+    monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(tmp_path))
+    with pytest.raises(AssetError, match=r"frost1\.png not found .*pip install") as caught:
+        frost_assets.read_texture(0)
+    assert "\n" not in str(caught.value)
+    assert pip.calls == []
+
+
+def test_a_named_folder_with_another_picture_is_an_error(invented, monkeypatch):
+    (invented / "frost2.png").write_bytes(b"snow")
+    monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
+    with pytest.raises(AssetError, match="SHA-256"):
+        frost_assets.read_texture(1)
+
+
+def test_an_installed_package_is_found_but_not_imported(invented, monkeypatch, tmp_path):
+    package = tmp_path / "site" / "imagecorruptions"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("raise SystemExit('imported')")
+    invented.rename(package / "frost")
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    monkeypatch.setattr(frost_assets, "find_spec", __import__("importlib.util").util.find_spec)
+    assert frost_assets.read_texture(0) == (package / "frost" / "frost1.png").read_bytes()
+    assert "imagecorruptions" not in sys.modules
+
+
+def test_fetched_once_verified_and_kept(invented, pip, capsys, tmp_path):
+    assert frost_assets.read_texture(0) == (invented / "frost1.png").read_bytes()
+    assert "fetching its wheel through pip" in capsys.readouterr().err
+    frost_assets.read_texture(4)
+    assert len(pip.calls) == 1
+    assert "--no-deps" in pip.calls[0]
+    assert sorted(path.name for path in frost_assets.cache_folder().iterdir()) == sorted(frost_assets.TEXTURES)
+    assert not list(tmp_path.rglob("outside.txt"))
+
+
+def test_a_damaged_cache_is_said_and_fetched_again(invented, pip, capsys):
+    frost_assets.read_texture(0)
+    (frost_assets.cache_folder() / "frost1.png").write_bytes(b"half")
+    assert frost_assets.read_texture(0) == (invented / "frost1.png").read_bytes()
+    assert "SHA-256 differs" in capsys.readouterr().err
+    assert len(pip.calls) == 2
+
+
+def test_a_wheel_with_another_picture_is_refused_and_nothing_is_kept(invented, pip):
+    pip.tamper = "frost3.png"
+    with pytest.raises(AssetError, match=r"frost3\.png in the wheel .* wrong SHA-256"):
+        frost_assets.read_texture(0)
+    assert list(frost_assets.cache_folder().iterdir()) == []
+
+
+def test_offline_pip_is_one_line_that_names_both_remedies(invented, monkeypatch):
+    monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
+    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
+    for name in ("PIP_EXTRA_INDEX_URL", "PIP_FIND_LINKS"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(AssetError) as caught:
+        frost_assets.read_texture(0)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert frost_assets.FOLDER_VARIABLE in message
+    assert "pip install --no-deps imagecorruptions" in message
+    assert list(frost_assets.cache_folder().iterdir()) == []
+
+
+FETCH_IN_A_PROCESS = """
+import json, os, shutil, subprocess, sys
+from robustflow.corruptions.weather import frost_assets
+frost_assets.TEXTURES = json.loads(sys.argv[1])
+frost_assets.find_spec = lambda name: None
+def download(command, **_):
+    shutil.copy(sys.argv[2], command[command.index("--dest") + 1])
+    return subprocess.CompletedProcess(command, 0, "", "")
+frost_assets.subprocess.run = download
+for _ in range(20):
+    for slot in range(5):
+        frost_assets.read_texture(slot)
+    frost_assets._fetch(frost_assets.cache_folder())
+"""
+
+
+def test_two_processes_at_once(invented, tmp_path):
+    import json
+
+    wheel_of(invented, tmp_path / "it.whl")
+    command = [sys.executable, "-c", FETCH_IN_A_PROCESS, json.dumps(frost_assets.TEXTURES), str(tmp_path / "it.whl")]
+    processes = [subprocess.Popen(command, stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    for process in processes:
+        _, said = process.communicate(timeout=120)
+        assert process.returncode == 0, said
+        assert "SHA-256" not in said
+    assert sorted(path.name for path in frost_assets.cache_folder().iterdir()) == sorted(frost_assets.TEXTURES)
+
+
+def test_resizing_is_opencvs_cubic():
+    image = np.random.default_rng(0).integers(0, 256, (31, 47, 3), dtype=np.uint8)
+    for shape in ((31, 47), (90, 52), (35, 140)):
+        expected = cv2.resize(image.astype(np.float64), shape[::-1], interpolation=cv2.INTER_CUBIC)
+        assert np.abs(resize_cubic(image, shape) - np.clip(expected, 0, 255)).max() < 0.51
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (41, 30), (30, 200), (150, 100)])
+def test_the_frame_is_mixed_with_a_cut_of_the_enlarged_texture(invented, monkeypatch, shape):
+    monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
+    frost = Frost()
+    frame = np.random.default_rng(5).integers(0, 256, (*shape, 3), dtype=np.uint8)
+    for severity in (1, 5):
+        state = frost.draw(Rng.of("mix", severity), severity, shape)
+        height, width = enlarged_shape(state.slot, shape)
+        assert 0 <= state.top < height - shape[0] + 1
+        assert 0 <= state.left < width - shape[1] + 1
+        cut = enlarged_texture(state.slot, shape)[state.top :, state.left :][: shape[0], : shape[1]]
+        a, b = frost.parameter(severity)
+        expected = np.clip(a * frame + b * cut.astype(np.float64), 0, 255)
+        assert np.abs(frost.apply(frame, state, 0) - expected).max() < 0.501
+
+
+def test_all_five_slots_are_drawn_and_cuts_differ(invented, monkeypatch):
+    monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
+    states = [Frost().draw(Rng.of("slots", seed), 3, (20, 20)) for seed in range(100)]
+    counts = np.bincount([state.slot for state in states], minlength=5)
+    assert counts.min() >= 8
+    assert len({(state.top, state.left) for state in states}) > 80
+
+
+def test_enlarged_textures_are_kept_within_the_bound(invented, monkeypatch):
+    monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
+    monkeypatch.setattr(frost_textures, "_KEPT_BYTES", 100_000)
+    first = enlarged_texture(0, (50, 80))
+    assert enlarged_texture(0, (50, 80)) is first
+    for size in range(60, 120, 5):
+        enlarged_texture(1, (size, size))
+        assert sum(image.nbytes for image in frost_textures._enlarged.values()) <= 100_000 or (
+            len(frost_textures._enlarged) == 1
+        )
+
+
+def test_the_real_textures():
+    forget()
+    try:
+        pictures = [frost_textures.texture(slot) for slot in range(5)]
+    except AssetError as error:
+        pytest.skip(f"no frost textures here: {error}")
+    assert all(picture.ndim == 3 and picture.dtype == np.uint8 for picture in pictures)
+    assert np.array_equal(pictures[1], pictures[2])
+    frame = np.zeros((64, 96, 3), np.uint8)
+    frost = Frost()
+    corrupted = frost.apply(frame, frost.draw(Rng.of("real"), 5, (64, 96)), 0)
+    assert corrupted.std() > 1
