@@ -130,6 +130,7 @@ def _fill(
         left[done.unit.key] -= 1
         if not left[done.unit.key]:
             folder.clean_path(done.unit.key).unlink(missing_ok=True)
+            folder.merge(done.unit.key)
         for kind, spent in done.seconds.items():
             seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
         progress.advance(done)

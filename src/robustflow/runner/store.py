@@ -97,28 +97,36 @@ class RunFolder:
 
     def write_rows(self, unit: Unit, rows: list[dict[str, Any]]) -> None:
         """Write one unit's rows as one shard."""
-        shard = io.BytesIO()
-        rows_frame(rows).write_parquet(shard)
-        write_bytes(self.rows_folder / f"{_shard_name(unit)}.parquet", shard.getvalue())
+        _write_shard(self.rows_folder / f"{_shard_name(unit)}.parquet", rows_frame(rows))
+
+    def merge(self, key: str) -> None:
+        """Put the shards of a finished sample into one: a file per unit is much to open, and memory, for a reader.
+
+        The merged shard is there before the others go, so a reader finds every row at least once.
+        """
+        merged = self.rows_folder / f"{_slug(key)}.parquet"
+        shards = self._shards(f"{_slug(key)}.")
+        _write_shard(merged, _read_shards(shards))
+        for path in shards:
+            if path != merged:
+                path.unlink(missing_ok=True)
 
     def rows(self) -> pl.DataFrame:
-        """All rows, sorted by sample, corruption and severity; empty where nothing is finished."""
-        frames = []
-        for path in sorted(self.rows_folder.glob("*.parquet")):
-            if path.name.startswith(TEMPORARY):
-                continue
+        """All rows, sorted by sample, corruption and severity; empty where nothing is finished.
+
+        Raises:
+            RunError: a shard is damaged, or of another schema.
+        """
+        while True:
+            paths = self._shards()
             try:
-                frame = pl.read_parquet(path, glob=False)
-            except (pl.exceptions.PolarsError, OSError) as error:
-                raise RunError(f"{path} is damaged ({type(error).__name__}); delete it and run again") from error
-            if frame.schema != pl.Schema(ROW_SCHEMA):
-                raise RunError(
-                    f"{path} has other columns than this version writes; choose another folder with --output"
-                )
-            frames.append(frame)
-        if not frames:
-            return pl.DataFrame(schema=ROW_SCHEMA)
-        return pl.concat(frames).unique(subset=ROW_KEY, keep="any").sort(ROW_KEY)
+                return _read_shards(paths)
+            except FileNotFoundError:  # merged between listing and reading: list again
+                continue
+
+    def _shards(self, prefix: str = "") -> list[Path]:
+        paths = self.rows_folder.glob("*.parquet")
+        return sorted(path for path in paths if path.name.startswith(prefix) and not path.name.startswith(TEMPORARY))
 
     def cells(self) -> set[Cell]:
         """What is already there."""
@@ -127,6 +135,38 @@ class RunFolder:
     def clean_path(self, key: str) -> Path:
         """Where the clean flow of a sample waits until the sample is finished."""
         return self.path / "clean" / f"{_slug(key)}.npy"
+
+
+def _write_shard(path: Path, rows: pl.DataFrame) -> None:
+    shard = io.BytesIO()
+    rows.write_parquet(shard)
+    write_bytes(path, shard.getvalue())
+
+
+def _read_shards(paths: list[Path]) -> pl.DataFrame:
+    """The rows of some shards, each once, in the order of their keys."""
+    if not paths:
+        return rows_frame([])
+    try:
+        rows = pl.read_parquet(paths, glob=False)
+    except (pl.exceptions.PolarsError, OSError):
+        for path in paths:  # one of them is the reason: say which
+            _check_shard(path)
+        raise
+    if rows.schema != pl.Schema(ROW_SCHEMA):
+        raise RunError(f"{paths[0]} has other columns than this version writes; choose another folder with --output")
+    return rows.unique(subset=ROW_KEY, keep="any").sort(ROW_KEY)
+
+
+def _check_shard(path: Path) -> None:
+    try:
+        schema = pl.read_parquet(path, glob=False).schema
+    except FileNotFoundError:
+        raise
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise RunError(f"{path} is damaged ({type(error).__name__}); delete it and run again") from error
+    if schema != pl.Schema(ROW_SCHEMA):
+        raise RunError(f"{path} has other columns than this version writes; choose another folder with --output")
 
 
 def write_clean(path: Path, flow: Flow) -> None:
