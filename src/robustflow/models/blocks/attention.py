@@ -1,0 +1,48 @@
+"""Multi-head attention on token lists, without the projections, which every network names in its own way."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+
+def attend(query: Tensor, key: Tensor, value: Tensor, heads: int = 1, bias: Tensor | None = None) -> Tensor:
+    """Softmax attention with scale 1 / sqrt(head width); heads are consecutive groups of channels.
+
+    Args:
+        query: (..., N, C).
+        key: (..., M, C).
+        value: (..., M, D).
+        heads: number of heads; divides C and D.
+        bias: added to the logits, broadcastable to (..., heads, N, M).
+
+    Returns:
+        (..., N, D).
+
+    >>> tokens = torch.ones(2, 5, 8)
+    >>> attend(tokens, tokens, tokens, heads=4).shape
+    torch.Size([2, 5, 8])
+    """
+    query, key, value = (t.unflatten(-1, (heads, -1)).transpose(-2, -3) for t in (query, key, value))
+    return F.scaled_dot_product_attention(query, key, value, attn_mask=bias).transpose(-2, -3).flatten(-2)
+
+
+def linear_sine(coordinates: Tensor, channels: int) -> Tensor:
+    """FlowFormer's position code: sine and cosine at frequencies that grow linearly (Huang et al. 2022).
+
+    The published weights were trained with 3.14 in the place of pi and a period unit of 200 pixels at 1/8 resolution.
+
+    Args:
+        coordinates: (..., 2), (x, y) in pixels.
+        channels: width of the code, a multiple of 4: a quarter each of sin x, cos x, sin y, cos y.
+
+    Returns:
+        (..., channels).
+
+    >>> linear_sine(torch.zeros(1, 2), 8).tolist()
+    [[0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]]
+    """
+    bands = torch.arange(channels // 4, dtype=coordinates.dtype, device=coordinates.device)
+    angle_x, angle_y = (3.14 * coordinates[..., axis, None] * bands / 200 for axis in (0, 1))
+    return torch.cat((angle_x.sin(), angle_x.cos(), angle_y.sin(), angle_y.cos()), dim=-1)

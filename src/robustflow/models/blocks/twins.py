@@ -1,0 +1,147 @@
+"""The first two stages of Twins-SVT (Chu et al. 2021), the image encoder of FlowFormer and its descendants."""
+
+from __future__ import annotations
+
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .attention import attend
+from .windows import from_windows, to_windows
+
+# Width of the last of the four stages; only its norm is left in the checkpoints, and nothing runs it.
+_LARGE = ((128, 256), (4, 8), 1024)
+_SMALL = ((64, 128), (2, 4), 512)
+
+
+class Mlp(nn.Module):
+    """Linear, exact GELU, linear. Keys: `fc1 fc2`."""
+
+    def __init__(self, width: int, hidden: int) -> None:
+        super().__init__()
+        self.fc1 = nn.Linear(width, hidden)
+        self.fc2 = nn.Linear(hidden, width)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return self.fc2(F.gelu(self.fc1(x)))
+
+
+class WindowAttention(nn.Module):
+    """Self-attention inside windows of 7 x 7. Keys: `qkv proj`."""
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.qkv = nn.Linear(width, 3 * width)
+        self.proj = nn.Linear(width, width)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, H, W, C) to (N, H, W, C)."""
+        query, key, value = self.qkv(to_windows(x, 7)).chunk(3, dim=-1)
+        return self.proj(from_windows(attend(query, key, value, self.heads), *x.shape[1:3]))
+
+
+class ReducedAttention(nn.Module):
+    """Attention of every pixel to the whole map shrunk by a strided convolution. Keys: `q kv proj sr norm`."""
+
+    def __init__(self, width: int, heads: int, reduction: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.q = nn.Linear(width, width)
+        self.kv = nn.Linear(width, 2 * width)
+        self.proj = nn.Linear(width, width)
+        self.sr = nn.Conv2d(width, width, reduction, stride=reduction)
+        self.norm = nn.LayerNorm(width)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, H, W, C) to (N, H, W, C)."""
+        shrunk = self.sr(x.permute(0, 3, 1, 2)).flatten(2).transpose(1, 2)
+        key, value = self.kv(self.norm(shrunk)).chunk(2, dim=-1)
+        return self.proj(attend(self.q(x.flatten(1, 2)), key, value, self.heads)).reshape(x.shape)
+
+
+class Block(nn.Module):
+    """Pre-norm attention and MLP, each with a residual. Keys: `norm1 attn norm2 mlp`."""
+
+    def __init__(self, width: int, attention: nn.Module) -> None:
+        super().__init__()
+        self.norm1 = nn.LayerNorm(width, eps=1e-6)
+        self.attn = attention
+        self.norm2 = nn.LayerNorm(width, eps=1e-6)
+        self.mlp = Mlp(width, 4 * width)
+
+    def forward(self, x: Tensor) -> Tensor:
+        x = x + self.attn(self.norm1(x))
+        return x + self.mlp(self.norm2(x))
+
+
+class PatchEmbedding(nn.Module):
+    """A strided convolution and a norm. Keys: `proj norm`."""
+
+    def __init__(self, inputs: int, width: int, patch: int) -> None:
+        super().__init__()
+        self.proj = nn.Conv2d(inputs, width, patch, stride=patch)
+        self.norm = nn.LayerNorm(width)
+
+    def forward(self, x: Tensor, dense: bool = False) -> Tensor:
+        """(N, C, H, W) to (N, H / patch, W / patch, width), or (N, H, W, width) where `dense`: one patch per pixel,
+        which ends at that pixel, with zeros above and to the left of the map."""
+        if dense:
+            before = self.proj.kernel_size[0] - 1
+            x = F.conv2d(F.pad(x, (before, 0, before, 0)), self.proj.weight, self.proj.bias)
+        else:
+            x = self.proj(x)
+        return self.norm(x.permute(0, 2, 3, 1))
+
+
+class PositionConv(nn.Module):
+    """A depthwise 3 x 3 convolution with a residual, which tells tokens where they are. Keys: `proj.0`."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.proj = nn.Sequential(nn.Conv2d(width, width, 3, padding=1, groups=width))
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.proj(x.permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
+
+
+class _Stages(nn.Module):
+    def __init__(self, widths: tuple[int, int], heads: tuple[int, int], last: int) -> None:
+        super().__init__()
+        self.patch_embeds = nn.ModuleList(
+            PatchEmbedding(*shape) for shape in ((3, widths[0], 4), (widths[0], widths[1], 2))
+        )
+        self.blocks = nn.ModuleList(
+            nn.ModuleList(
+                (Block(width, WindowAttention(width, n)), Block(width, ReducedAttention(width, n, reduction)))
+            )
+            for width, n, reduction in zip(widths, heads, (8, 4), strict=True)
+        )
+        self.pos_block = nn.ModuleList(PositionConv(width) for width in widths)
+        self.norm = nn.LayerNorm(last, eps=1e-6)
+
+
+class Twins(nn.Module):
+    """Twins-SVT, stages one (1/4 resolution) and two (1/8), under the key `svt`.
+
+    Args:
+        large: Twins-SVT-Large (128 and 256 channels), else Small (64 and 128).
+
+    >>> import torch
+    >>> Twins(large=False)(torch.zeros(1, 3, 64, 96)).shape
+    torch.Size([1, 128, 8, 12])
+    """
+
+    def __init__(self, large: bool = True) -> None:
+        super().__init__()
+        self.svt = _Stages(*(_LARGE if large else _SMALL))
+
+    def stage(self, index: int, x: Tensor, dense: bool = False) -> Tensor:
+        """One stage: (N, C, H, W) to (N, width, H / patch, W / patch); with `dense` as `PatchEmbedding` has it."""
+        x = self.svt.patch_embeds[index](x, dense)
+        local, reduced = self.svt.blocks[index]
+        x = reduced(self.svt.pos_block[index](local(x)))
+        return x.permute(0, 3, 1, 2).contiguous()
+
+    def forward(self, image: Tensor) -> Tensor:
+        """(N, 3, H, W), scaled to -1..1, H and W multiples of 8, to (N, width, H / 8, W / 8)."""
+        return self.stage(1, self.stage(0, image))

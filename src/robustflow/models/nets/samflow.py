@@ -1,0 +1,87 @@
+"""SAMFlow (Zhou et al., AAAI 2024): FlowFormer whose context also sees Segment Anything's features of image 1."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from ..blocks.twins import Twins
+from .cost_memory import MemoryEncoder
+from .memory_decoder import MemoryDecoder
+from .sam_adapter import ContextAdapter, FusionBlock, TaskToken
+from .sam_vit import VIT_B, VIT_H, SamVit
+from .tiny_vit import TinyVit
+
+_SAM_MEAN, _SAM_STD = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
+
+
+class _WeightedAdd(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.add_weight = nn.Parameter(torch.tensor([1.0, 0.0]))
+
+    def forward(self, first: Tensor, second: Tensor) -> Tensor:
+        return self.add_weight[0] * first + self.add_weight[1] * second
+
+
+class SamFlow(nn.Module):
+    """The published model in one of its four sizes; keys are those of the authors' checkpoints.
+
+    Args:
+        size: "tiny" (TinyViT), "base" (ViT-B), "huge" (ViT-H, trained on FlyingThings), or "huge_finetuned" (ViT-H,
+            fine-tuned on Sintel), which weighs the adapter's output and reads other rows of SAM's position tables.
+    """
+
+    def __init__(self, size: Literal["tiny", "base", "huge", "huge_finetuned"] = "tiny") -> None:
+        super().__init__()
+        self.memory_encoder = MemoryEncoder()
+        self.memory_decoder = MemoryDecoder()
+        self.context_encoder = Twins(large=True)
+        if size == "tiny":
+            self.sam_encoder: nn.Module = TinyVit()
+        else:
+            self.sam_encoder = SamVit(VIT_B if size == "base" else VIT_H, first_rows=size == "huge_finetuned")
+        self.wadd_1 = None if size == "huge" else _WeightedAdd()
+        self.up_layer8 = nn.Sequential(
+            nn.Conv2d(256, 96, 3, padding=1), nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False)
+        )
+        self.CFM = nn.Sequential(FusionBlock(256 + 96), FusionBlock(256))
+        self.LTSE = TaskToken()
+        self.CAM = ContextAdapter()
+        self.register_buffer("sam_mean", torch.tensor(_SAM_MEAN).view(3, 1, 1), persistent=False)
+        self.register_buffer("sam_std", torch.tensor(_SAM_STD).view(3, 1, 1), persistent=False)
+
+    def fused_context(self, image1: Tensor) -> Tensor:
+        """The context network's and SAM's features of RGB (N, 3, H, W) in 0..255, fused: (N, 256, H / 8, W / 8)."""
+        sam = self.up_layer8(self.sam_encoder((image1 - self.sam_mean) / self.sam_std))
+        return self.CFM(torch.cat((self.context_encoder(2 * image1 / 255 - 1), sam), dim=1))
+
+    def context(self, image1: Tensor) -> Tensor:
+        """The fused context and what the adapter makes of it, added."""
+        fused = self.fused_context(image1)
+        adapted = self.CAM(fused, self.LTSE.LTSE_embed.weight)
+        return fused + adapted if self.wadd_1 is None else self.wadd_1(fused, adapted)
+
+    def forward(self, image1: Tensor, image2: Tensor, iterations: int = 12) -> Tensor:
+        """The flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
+        return self.flows(image1, image2, iterations, every=False)[0][-1]
+
+    def flows(
+        self, image1: Tensor, image2: Tensor, iterations: int = 12, every: bool = True
+    ) -> tuple[list[Tensor], Tensor]:
+        """The flow after each iteration.
+
+        Args:
+            image1: RGB (N, 3, H, W) in 0..255; H and W multiples of 16.
+            image2: the same.
+            iterations: of the decoder; the authors train with 12 and evaluate with 24 on KITTI, 32 on Sintel.
+            every: enlarge the flow of every iteration, not of the last alone.
+
+        Returns:
+            see `MemoryDecoder.forward`.
+        """
+        context = self.context(image1)
+        cost_maps, memory = self.memory_encoder(2 * image1 / 255 - 1, 2 * image2 / 255 - 1, context)
+        return self.memory_decoder(cost_maps, memory, context, iterations, every)
