@@ -1,0 +1,75 @@
+"""Illumination corruptions against exact fractions and the HSV round trip; which frame is exposed."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from skimage.color import hsv2rgb, rgb2hsv
+
+from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
+from robustflow.corruptions.rng import Rng
+
+SEVERITIES = (1, 2, 3, 4, 5)
+COLOURS = np.random.default_rng(6).integers(0, 256, (64, 97, 3), dtype=np.uint8)
+EXPOSURES = ("over_exposure", "under_exposure")
+
+
+def exposed(name, severity):
+    """The corruption and a state whose frame 0 is corrupted."""
+    corruption = load_corruption(name)
+    states = (corruption.draw(Rng.of(seed), severity, (64, 97)) for seed in range(100))
+    return corruption, next(state for state in states if not state.exposed)
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+@pytest.mark.parametrize(("name", "sign"), [("high_light", 1), ("low_light", -1)])
+def test_shift_of_v_to_the_last_half(name, sign, severity):
+    corruption, state = exposed(name, severity)
+    shift = sign * 255 * Fraction(str(corruption.parameter(severity)))
+    pixels = np.concatenate([np.zeros((1, 3), np.uint8), COLOURS.reshape(-1, 3)[:3000]])
+    for pixel, found in zip(pixels.tolist(), corruption.apply(pixels[None], state, 0)[0].tolist(), strict=True):
+        value = max(pixel)
+        new = min(max(value + shift, 0), 255)
+        assert found == [round(Fraction(channel * new, value) if value else new) for channel in pixel], pixel
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+@pytest.mark.parametrize("name", ["high_light", "low_light", *EXPOSURES])
+def test_hsv_round_trip(name, severity):
+    corruption, state = exposed(name, severity)
+    hsv, c = rgb2hsv(COLOURS), corruption.parameter(severity)
+    change = {"high_light": hsv[..., 2] + c, "low_light": hsv[..., 2] - c}
+    hsv[..., 2] = np.clip(change.get(name, hsv[..., 2] * 2.0**c), 0, 1)
+    off = corruption.apply(COLOURS, state, 0) - hsv2rgb(hsv) * 255
+    assert np.abs(off).max() < 0.5 + 1e-9
+
+
+@pytest.mark.parametrize("name", EXPOSURES)
+def test_last_bit_of_the_exposure_factor_decides_no_byte(name):
+    """2**ev comes from libm: moving it by a part in 10**12 changes nothing, unless the factor is a power of two."""
+    for parameter in load_corruption(name).severities[:4]:
+        value = np.arange(256.0)
+        changed = np.minimum(value * 2.0**parameter, 255.0)
+        levels = value[None, :] * changed[:, None] / np.maximum(value, 1.0)[:, None]
+        halves = np.abs(levels - np.floor(levels) - 0.5)
+        inexact = changed[:, None].repeat(256, axis=1) < 255.0
+        assert halves[inexact & (value[None, :] <= value[:, None])].min() > 1e-9
+
+
+@pytest.mark.parametrize("name", EXPOSURES)
+def test_one_frame_is_exposed_by_the_toss_of_a_coin(name):
+    which = []
+    for seed in range(200):
+        first, second = corrupt(COLOURS, COLOURS, name, 3, seed=seed)
+        changed = [not (frame == COLOURS).all() for frame in (first, second)]
+        assert sum(changed) == 1
+        which.append(changed[1])
+    assert 65 < sum(which) < 135
+
+
+@pytest.mark.parametrize("name", EXPOSURES)
+def test_every_second_frame_of_a_clip(name):
+    changed = [not (frame == COLOURS).all() for frame in corrupt_clip([COLOURS] * 6, name, 2, seed=1)]
+    assert changed in ([True, False] * 3, [False, True] * 3)

@@ -1,0 +1,108 @@
+"""Noise: exact distributions, sample by sample from the generator's lanes, independent between frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from robustflow.corruptions import load_corruption
+from robustflow.corruptions.noise import gaussian_table, shot_tables
+from robustflow.corruptions.rng import Rng, hash64
+
+from .test_alias import counts_of
+
+NAMES = ("gaussian_noise", "shot_noise", "impulse_noise")
+SHAPE = (45, 67)
+FRAME = np.random.default_rng(3).integers(0, 256, (*SHAPE, 3), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("floor", [False, True])
+@pytest.mark.parametrize("scale", [0.003, *load_corruption("gaussian_noise").severities, 1.5])
+def test_gaussian_table_holds_the_rounded_normal_distribution(scale, floor):
+    edges = np.arange(-255, 255) + (1.0 if floor else 0.5)
+    expected = np.diff(stats.norm.cdf(edges, scale=255 * scale), prepend=0, append=1)
+    found = counts_of(gaussian_table(scale, floor), 9)[:511] / 2**23
+    np.testing.assert_allclose(found, expected, atol=1.01 * 2**-23)
+
+
+@pytest.mark.parametrize("floor", [False, True])
+@pytest.mark.parametrize("photons", [*load_corruption("shot_noise").severities, 300, 7.3])
+def test_shot_tables_hold_the_poisson_distributions(photons, floor):
+    tables, column_bits = shot_tables(photons, floor)
+    numbers = np.arange(0, int(np.ceil(photons)) + 1)
+    levels = np.minimum(255, numbers / photons * 255)
+    levels = (np.floor(levels) if floor else np.rint(levels)).astype(int)
+    for grey in (0, 1, 17, 100, 254, 255):
+        cdf = stats.poisson.cdf(numbers, grey / 255 * photons)
+        cdf[-1] = 1
+        expected = np.bincount(levels, np.diff(cdf, prepend=0), minlength=256)
+        found = counts_of(tables[grey << column_bits : (grey + 1) << column_bits], 8)
+        np.testing.assert_allclose(found / 2 ** (column_bits + 16), expected, atol=1.01 * 2**-22)
+
+
+def lane(key, sample, bits):
+    """The random bits of a sample, in Python's integers."""
+    per_word = 64 // bits
+    return int(hash64(key, np.uint64(sample // per_word))) >> bits * (sample % per_word) & (1 << bits) - 1
+
+
+def naive_sample(name, state, key, sample, value):
+    if name == "impulse_noise":
+        u = lane(key, sample, 16)
+        return 0 if u < round(state.parameter * 2**15) else 255 if u < round(state.parameter * 2**16) else value
+    u = lane(key, sample, 32)
+    if name == "gaussian_noise":
+        entry = int(gaussian_table(state.parameter)[u >> 23])
+        noise = entry & 511 if (u >> 9 & 16383) < entry >> 18 else entry >> 9 & 511
+        return min(max(value + noise - 255, 0), 255)
+    tables, column_bits = shot_tables(state.parameter)
+    entry = int(tables[(value << column_bits) + (u >> (32 - column_bits))])
+    return entry & 255 if (u >> (16 - column_bits) & 65535) < entry >> 16 else entry >> 8 & 255
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("severity", [1, 5])
+def test_every_sample_by_a_naive_loop(name, severity):
+    corruption = load_corruption(name)
+    state = corruption.draw(Rng.of("naive", severity), severity, SHAPE)
+    for index in (0, 1):
+        found = corruption.apply(FRAME, state, index).reshape(-1)
+        key = state.key(index)
+        for sample in range(0, FRAME.size, 13):
+            assert found[sample] == naive_sample(name, state, key, sample, int(FRAME.reshape(-1)[sample]))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rows_above_do_not_depend_on_rows_below(name):
+    corruption = load_corruption(name)
+    state = corruption.draw(Rng.of("rows"), 3, SHAPE)
+    whole = corruption.apply(FRAME, state, 0)
+    assert (corruption.apply(FRAME[:20], state, 0) == whole[:20]).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_frames_channels_and_neighbours_are_independent(name):
+    grey = np.full((300, 400, 3), 110, np.uint8)
+    corruption = load_corruption(name)
+    state = corruption.draw(Rng.of("independent"), 2, grey.shape[:2])
+    first, second = (corruption.apply(grey, state, index).astype(float) for index in (0, 1))
+    pairs = [(first, second), (first[..., 0], first[..., 1]), (first[..., 1], first[..., 2])]
+    pairs += [(first[:, 1:], first[:, :-1]), (first[1:], first[:-1])]
+    for one, other in pairs:
+        assert abs(np.corrcoef(one.ravel(), other.ravel())[0, 1]) < 5 / np.sqrt(one.size)
+
+
+@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
+def test_impulses_are_as_many_as_the_paper_says(severity):
+    grey = np.full((500, 700, 3), 110, np.uint8)
+    share = load_corruption("impulse_noise").parameter(severity)
+    for variant, independent in (("default", grey.size), ("paper", grey.size // 3)):
+        corruption = load_corruption("impulse_noise", variant)
+        out = corruption.apply(grey, corruption.draw(Rng.of(severity), severity, grey.shape[:2]), 0)
+        spread = np.sqrt(share / 2 / independent)
+        assert abs((out == 0).mean() - share / 2) < 5 * spread
+        assert abs((out == 255).mean() - share / 2) < 5 * spread
+        assert set(np.unique(out)) == {0, 110, 255}
+        whole_pixels = (out == out[..., :1]).all()
+        assert whole_pixels == (variant == "paper")
