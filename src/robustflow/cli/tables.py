@@ -39,16 +39,19 @@ def _overview(name: str, summary: Summary) -> Table:
     ]
     for metric in shown:
         table.add_column(metric.upper().replace("CRER", "CREr"), justify="right")
-    table.add_column("RCRE by severity", justify="right")
+    levels = summary.severities()
+    for level in levels:
+        table.add_column(f"RCRE {level}" if level == levels[0] else str(level), justify="right")
     family = None
     for corruption, scores in summary.corruptions.items():
         if family is not None and scores.family != family:
             table.add_section()
         family = scores.family
-        levels = "  ".join(cell(value) for value in scores.by_severity["rcre"])
-        table.add_row(corruption, *(cell(getattr(scores, metric)) for metric in shown), levels)
+        rcre = dict(zip(scores.severities, scores.by_severity["rcre"], strict=True))
+        means = [getattr(scores, metric) for metric in shown]
+        table.add_row(corruption, *map(cell, means), *(cell(rcre.get(level)) for level in levels))
     table.add_section()
-    table.add_row("mean", *(cell(getattr(summary, metric)) for metric in shown), "", style="bold")
+    table.add_row("mean", *(cell(getattr(summary, metric)) for metric in shown), *[""] * len(levels), style="bold")
     return table
 
 

@@ -119,6 +119,10 @@ class Summary(Scores):
     families: dict[str, Scores]
     regions: dict[str, RegionScores]
 
+    def severities(self) -> list[int]:
+        """The severities that occur, ascending."""
+        return sorted({level for scores in self.corruptions.values() for level in scores.severities})
+
     def table(self, metric: str = "epe") -> pl.DataFrame:
         """One metric, corruption x severity, in the paper's order.
 
@@ -131,7 +135,7 @@ class Summary(Scores):
         """
         if metric not in METRICS:
             raise unknown_name("metric", metric, METRICS)
-        severities = sorted({s for scores in self.corruptions.values() for s in scores.severities})
+        severities = self.severities()
         records = []
         for name, scores in self.corruptions.items():
             cells = dict(zip(scores.severities, scores.by_severity[metric], strict=True))

@@ -19,7 +19,12 @@ def render_report(result: Result) -> str:
     summary = result.summary
     shown = {m: label for m, label in _METRICS.items() if getattr(summary, m) is not None}
     return environment.get_template("report.html").render(
-        result=result, summary=summary, metrics=shown, heat=_heat(summary.table("rcre")), facts=_facts(result)
+        result=result,
+        summary=summary,
+        metrics=shown,
+        levels=summary.severities(),
+        heat=_heat(summary.table("rcre")),
+        facts=_facts(result),
     )
 
 
