@@ -7,6 +7,7 @@ counts pictures to know where they belong.
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -44,18 +45,28 @@ def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
     return Encoding("lossless", tuple(options))
 
 
+EXACT = (("x264-params", "asm=MMX2" if platform.machine().lower() in ("x86_64", "amd64") else "asm=0"),)
+"""Options of every lossy encoding, so that equal pictures make equal streams on every machine.
+
+x264's macroblock tree decides how good each part of a picture must be. Its AVX-512 code (core 165) reads memory that
+nobody wrote, so the stream differs from call to call; SSSE3 and later round its sums unlike the C code, and SSE2 uses
+reciprocals that differ between makers of processors. With MMX2 the tree runs in C, and the rest is integer arithmetic
+that is exact at any level. Lossless encoding has no such tree and may use whatever the processor offers.
+"""
+
+
 def crf(value: int) -> Encoding:
     """Constant rate factor, 0 (lossless) to 51, preset medium, as the reference's call without a preset."""
     if not 0 <= value <= 51:
         raise UsageError(f"a CRF of {value} does not exist: choose 0 (lossless) to 51")
-    return Encoding(f"crf_{value}", (("crf", str(value)),))
+    return Encoding(f"crf_{value}", (("crf", str(value)), *EXACT))
 
 
 def abr(rate: int) -> Encoding:
     """Average bit rate in bit/s, with maxrate = bufsize = rate as in the reference code."""
     if rate <= 0:
         raise UsageError(f"a bit rate of {rate} is not possible: give bits per second")
-    return Encoding(f"abr_{rate}", (("b", str(rate)), ("maxrate", str(rate)), ("bufsize", str(rate))))
+    return Encoding(f"abr_{rate}", (("b", str(rate)), ("maxrate", str(rate)), ("bufsize", str(rate)), *EXACT))
 
 
 def configure(context: Any, height: int, width: int, fps: Fraction, encoding: Encoding) -> None:

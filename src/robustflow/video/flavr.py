@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
+
+from ..models.checkpoint import read_checkpoint
+from ..models.torch_model import find_device
+from ..models.weights import load_weights
 
 
 class Gate(nn.Module):
@@ -114,23 +121,42 @@ class FLAVR(nn.Module):
         self.feature_fuse = Fuse(4 * 64, 64)
         self.outconv = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(64, 3 * n_outputs, 7))
 
-    def forward(self, clip: Tensor) -> Tensor:
-        """RGB frames in 0..1 to the frames between the middle two.
+    def forward(self, frames: Sequence[Tensor]) -> list[Tensor]:
+        """The frames between the middle two of four.
 
         Args:
-            clip: float (N, 4, 3, H, W), H and W multiples of 8.
+            frames: four in time order, RGB in 0..1, float (N, 3, H, W), H and W multiples of 8.
 
         Returns:
-            float (N, n_outputs, 3, H, W) in time order, around 0..1, not clamped.
+            `n_outputs` frames in time order, float (N, 3, H, W), around 0..1, not clamped.
 
-        >>> FLAVR(n_outputs=1).eval()(torch.rand(1, 4, 3, 16, 24)).shape
-        torch.Size([1, 1, 3, 16, 24])
+        >>> between = FLAVR(n_outputs=1).eval()([torch.rand(1, 3, 16, 24)] * 4)
+        >>> len(between), between[0].shape
+        (1, torch.Size([1, 3, 16, 24]))
         """
-        frames = clip.transpose(1, 2)
-        mean = frames.mean(dim=(2, 3, 4), keepdim=True)
-        *skips, x = self.encoder(frames - mean)
+        clip = torch.stack(tuple(frames), dim=2)
+        mean = clip.mean(dim=(2, 3, 4), keepdim=True)
+        *skips, x = self.encoder(clip - mean)
         for i, step in enumerate(self.decoder):
             x = step(x)
             if i < len(skips):
                 x = torch.cat((x, skips[-1 - i]), dim=1)
-        return self.outconv(self.feature_fuse(x)).unflatten(1, (-1, 3)) + mean.transpose(1, 2)
+        between = self.outconv(self.feature_fuse(x)).split(3, dim=1)
+        return [frame + mean[:, :, 0] for frame in between]
+
+
+def load_flavr(checkpoint: str | Path, device: str = "cpu", n_outputs: int = 3, sha256: str | None = None) -> FLAVR:
+    """The network with the authors' weights, ready to predict.
+
+    Args:
+        checkpoint: the authors' file for this number of outputs (their 2x, 4x or 8x network).
+        device: as `find_device` takes it.
+        n_outputs: see `FLAVR`.
+        sha256: see `read_checkpoint`.
+
+    Raises:
+        ModelError: a file that is not these weights, or no such device.
+    """
+    net = FLAVR(n_outputs)
+    load_weights(net, read_checkpoint(checkpoint, sha256), f"flavr ({n_outputs + 1}x)")
+    return net.to(find_device(device)).eval().requires_grad_(False)

@@ -1,0 +1,44 @@
+"""Small clips for tests: pictures of the rendered scene, and clips on disk made of them."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from robustflow.imageio import write_image
+from robustflow.video.clip import ClipFile, write_clip
+from robustflow.video.codec import Encoding, lossless
+from robustflow.video.colour import rgb_to_i420
+
+from .render import Scene
+
+
+@cache
+def frames(count: int, height: int = 48, width: int = 64, step: float = 1.0) -> tuple[np.ndarray, ...]:
+    """RGB uint8 frames of a moving scene, `step` units of time apart."""
+    scene = Scene(height, width)
+    return tuple(scene.frame(index * step) for index in range(count))
+
+
+def pictures(count: int, height: int = 48, width: int = 64) -> list[np.ndarray]:
+    """The same as I420."""
+    return [rgb_to_i420(frame) for frame in frames(count, height, width)]
+
+
+def clip(
+    path: Path, count: int, height: int = 48, width: int = 64, encoding: Encoding | None = None, fps: int = 960
+) -> ClipFile:
+    """The same on disk."""
+    encoding = encoding or lossless("veryfast")
+    return write_clip(path, pictures(count, height, width), (height, width), Fraction(fps), encoding)
+
+
+def folder(path: Path, count: int, height: int = 48, width: int = 64) -> Path:
+    """The same as PNG files."""
+    path.mkdir(parents=True)
+    for index, frame in enumerate(frames(count, height, width), start=1):
+        write_image(path / f"{index:06d}.png", frame)
+    return path

@@ -1,0 +1,147 @@
+"""Damaged streams: the frame count is kept, and every picture stands at its own time."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from robustflow.errors import DataError
+from robustflow.video.clip import ClipFile, read_header, read_packets, read_pictures, write_clip
+from robustflow.video.codec import Decoder, Encoding, Packet, crf, lossless
+from robustflow.video.fill import Fill, fill_lost
+from robustflow.video.variants import corrupted_stream
+
+from . import clips
+
+COUNT, HEIGHT, WIDTH = 60, 96, 128
+
+
+def decode(clip, packets) -> tuple[list[np.ndarray], Fill]:
+    fill = Fill(clip.count)
+    decoder = Decoder(read_header(clip), *clip.stored_size)
+    return [picture for _, picture in fill_lost(decoder.decode(packets), fill)], fill
+
+
+def ruined(packets, indices) -> list[Packet]:
+    """The packets of some frames overwritten, as no decoder can read them."""
+    return [Packet(b"\xff" * len(p.data), p.index) if p.index in indices else p for p in packets]
+
+
+@pytest.mark.parametrize("amount", [50_000_000, 1_000_000, 100_000, 20_000, 5_000, 2_000])
+def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
+    """Where no frame needs another, whatever was not hit must come out as if nothing had happened, in its place."""
+    clip = clips.clip(tmp_path / "a.mp4", COUNT, HEIGHT, WIDTH, lossless("ultrafast", every_frame=True))
+    pictures = clips.pictures(COUNT, HEIGHT, WIDTH)
+    stream = corrupted_stream(clip, "bit_error", amount)
+    shown = dict(stream.pictures)
+    hit = set(stream.damage.frames_hit)
+    assert sorted(shown) == list(range(COUNT))
+    for index in set(range(COUNT)) - hit:
+        assert stream.fill.source_of(index) == index
+        # FFmpeg's decoder leaves coefficients of a broken macroblock behind, which the next frame's first one picks up
+        differing = np.argwhere(shown[index] != pictures[index])
+        assert len(differing) == 0 or (index - 1 in hit and np.ptp(differing[:, 1]) < 16)
+        assert len(differing) <= 16
+        distances = [np.abs(shown[index].astype(int) - picture).mean() for picture in pictures]
+        assert int(np.argmin(distances)) == index
+    assert bool(hit) == (amount <= 100_000)
+
+
+@pytest.mark.parametrize("encoding", [lossless("veryfast"), crf(20)], ids=["lossless", "crf"])
+@pytest.mark.parametrize("amount", [100_000, 5_000, 500, 50])
+def test_predicted_streams_keep_the_count_and_are_exact_until_the_first_hit(tmp_path, encoding, amount):
+    clip = clips.clip(tmp_path / "a.mp4", COUNT, HEIGHT, WIDTH, encoding)
+    clean, _ = decode(clip, read_packets(clip))
+    stream = corrupted_stream(clip, "bit_error", amount)
+    shown = [picture for _, picture in stream.pictures]
+    assert len(shown) == COUNT
+    # in coded order nothing before the first hit can depend on it
+    order = [packet.index for packet in read_packets(clip)]
+    hit = set(stream.damage.frames_hit)
+    before = order[: next((i for i, index in enumerate(order) if index in hit), len(order))]
+    assert all((shown[index] == clean[index]).all() for index in before)
+
+
+def test_lost_first_picture_shows_the_first_that_decodes(tmp_path):
+    clip = clips.clip(tmp_path / "a.mp4", 20, encoding=lossless("ultrafast", every_frame=True))
+    shown, fill = decode(clip, ruined(read_packets(clip), {0, 1}))
+    pictures = clips.pictures(20)
+    assert fill.lost == [(0, 1, 2)]
+    assert all((shown[index] == pictures[max(index, 2)]).all() for index in range(20))
+
+
+def test_lost_first_idr_of_a_predicted_stream(tmp_path):
+    """Nothing can be shown until the next frame that stands alone; from there on everything is in its place."""
+    ten = Encoding("gop of ten", (*lossless("veryfast").options, ("g", "10")))
+    clip = clips.clip(tmp_path / "a.mp4", 30, encoding=ten)
+    shown, fill = decode(clip, ruined(read_packets(clip), {0}))
+    pictures = clips.pictures(30)
+    assert fill.lost == [(0, 9, 10)]
+    assert all((shown[index] == pictures[max(index, 10)]).all() for index in range(30))
+
+
+def test_lost_only_idr(tmp_path):
+    clip = clips.clip(tmp_path / "a.mp4", 30)
+    with pytest.raises(DataError, match="not one of 30 frames"):
+        decode(clip, ruined(read_packets(clip), {0}))
+
+
+def test_lost_tail_and_middle(tmp_path):
+    clip = clips.clip(tmp_path / "a.mp4", 20, encoding=lossless("ultrafast", every_frame=True))
+    shown, fill = decode(clip, ruined(read_packets(clip), {7, 8, 17, 18, 19}))
+    pictures = clips.pictures(20)
+    assert fill.lost == [(7, 8, 6), (17, 19, 16)]
+    assert all((shown[index] == pictures[fill.source_of(index)]).all() for index in range(20))
+
+
+def test_unreadable_stream_is_one_clear_error(tmp_path):
+    clip = clips.clip(tmp_path / "a.mp4", 10)
+    with pytest.raises(DataError, match=r"not one of 10 frames .* choose a milder damage"):
+        decode(clip, ruined(read_packets(clip), set(range(10))))
+
+
+def test_twice_the_same(tmp_path):
+    clip = clips.clip(tmp_path / "a.mp4", COUNT, HEIGHT, WIDTH)
+    for corruption, parameter in (("bit_error", 3_000), ("h264_crf", 37), ("h264_abr", 500_000)):
+        first, second = (
+            [picture.tobytes() for _, picture in corrupted_stream(clip, corruption, parameter).pictures]
+            for _ in range(2)
+        )
+        assert first == second
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("megabytes", [1, 100])
+def test_damage_of_a_real_clip(tmp_path, shared, megabytes):
+    """About 1 MB and about 100 MB, N from 50 M to 2 000, frames that stand alone, so that each can be told apart."""
+    clip = long_clip(shared("data", "video", "bikes.mp4"), tmp_path / "a.mp4", megabytes)
+    assert 0.5 * megabytes < clip.path.stat().st_size / 1e6 < 2 * megabytes
+    for amount in (50_000_000, 5_000_000, 1_000_000, 100_000, 10_000, 2_000):
+        clean = read_pictures(clip)
+        stream = corrupted_stream(clip, "bit_error", amount)
+        hit: set[int] = set()
+        count = 0
+        for (index, picture), (_, own) in zip(stream.pictures, clean, strict=True):
+            hit = set(stream.damage.frames_hit[-64:])
+            if index not in hit and stream.fill.source_of(index) == index:
+                assert np.count_nonzero(picture != own) <= 64
+            count += 1
+        assert count == clip.count
+        assert abs(stream.damage.bytes_changed - stream.damage.bytes_total / amount) < 0.5 * clip.count + 5
+
+
+def long_clip(source: Path, path: Path, megabytes: int) -> ClipFile:
+    """A real clip played forwards and backwards until its frames fill the file."""
+    with av.open(str(source)) as container:
+        frames = [frame.to_ndarray() for frame in container.decode(video=0)]
+    height, width = frames[0].shape[0] * 2 // 3, frames[0].shape[1]
+    encoding = lossless("ultrafast", every_frame=True)
+    probe = write_clip(path, frames[:10], (height, width), Fraction(960), encoding)
+    count = round(megabytes * 1e6 / (probe.path.stat().st_size / 10))
+    cycle = frames + frames[-2:0:-1]
+    endless = (cycle[index % len(cycle)] for index in range(count))
+    return write_clip(path, endless, (height, width), Fraction(960), encoding)

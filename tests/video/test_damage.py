@@ -1,0 +1,66 @@
+"""The noise filter: byte for byte FFmpeg's, and the rule written out as a plain loop."""
+
+from __future__ import annotations
+
+import av
+import pytest
+from av.bitstream import BitStreamFilterContext
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.errors import UsageError
+from robustflow.video.clip import read_packets
+from robustflow.video.codec import Packet
+from robustflow.video.damage import Damage, NoiseFilter, damage_packets
+
+from . import clips
+
+
+def by_ffmpeg(path, amount: int) -> list[bytes]:
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        noise = BitStreamFilterContext(f"noise={amount}", stream)
+        packets = [p for p in container.demux(stream) if p.size]
+        return [bytes(out) for packet in packets for out in noise.filter(packet)]
+
+
+@pytest.mark.parametrize("amount", [1, 2, 3, 129, 2000, 65_537, 1_000_000, 50_000_000, 2**31 - 1])
+def test_byte_for_byte_ffmpegs(tmp_path, amount):
+    clip = clips.clip(tmp_path / "a.mp4", 40, 96, 128)
+    damage = Damage(amount)
+    mine = [packet.data for packet in damage_packets(read_packets(clip), damage)]
+    clean = [packet.data for packet in read_packets(clip)]
+    assert mine == by_ffmpeg(clip.path, amount)
+    assert damage.bytes_changed == sum(
+        a != b for x, y in zip(mine, clean, strict=True) for a, b in zip(x, y, strict=True)
+    )
+    assert damage.bytes_total == sum(map(len, clean))
+
+
+@given(st.lists(st.binary(max_size=300), max_size=8), st.integers(1, 2000), st.integers(0, 2**32 - 1))
+def test_the_rule_as_a_loop(packets, amount, state):
+    noise, total, expected = NoiseFilter(amount), state, []
+    noise.state = state  # anywhere, so that the 32-bit state wraps
+    for data in packets:
+        out = bytearray(data)
+        for i, byte in enumerate(data):
+            total = (total + byte + 1) % 2**32
+            if total % amount == 0:
+                out[i] = total & 255
+        expected.append(bytes(out))
+    assert [noise(data)[0] for data in packets] == expected
+    assert noise.state == total
+
+
+def test_frames_hit_are_named():
+    damage = Damage(7)
+    packets = [Packet(bytes([0] * 6), 3), Packet(bytes([0]), 1), Packet(bytes([5]), 2)]
+    out = list(damage_packets(packets, damage))
+    assert [packet.index for packet in out] == [3, 1, 2]
+    assert (damage.frames_hit, damage.bytes_changed) == ([1], 1)
+
+
+@pytest.mark.parametrize("amount", [0, -1, 2**31, 1.5, True])
+def test_amounts_that_cannot_be_meant(amount):
+    with pytest.raises(UsageError, match="noise amount"):
+        NoiseFilter(amount)

@@ -1,0 +1,55 @@
+"""Filling lost frames: against a plain description of what must be shown, for any loss and any order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.errors import DataError
+from robustflow.video.fill import REORDER, Fill, fill_lost, in_order
+
+
+def picture(index: int) -> np.ndarray:
+    return np.full((3, 2), index % 251, np.uint8)
+
+
+@given(st.data())
+def test_every_frame_shows_the_last_decoded_one_before_it(data):
+    count = data.draw(st.integers(1, 60))
+    kept = sorted(data.draw(st.sets(st.integers(0, count - 1), min_size=1)))
+    fill = Fill(count)
+    shown = list(fill_lost([(index, picture(index)) for index in kept], fill))
+    assert [index for index, _ in shown] == list(range(count))
+    for index, what in shown:
+        before = [k for k in kept if k <= index]
+        source = before[-1] if before else kept[0]
+        assert what[0, 0] == source % 251
+        assert fill.source_of(index) == source
+    assert fill.frames_lost == count - len(kept)
+
+
+@given(st.permutations(range(20)), st.lists(st.integers(-5, 40), max_size=10))
+def test_order_of_arrival_does_not_matter(order, strangers):
+    """Twenty pictures in any order, with repeats and indices outside the clip thrown in."""
+    arrivals = [(index, picture(index)) for index in order]
+    arrivals += [(index, picture(index)) for index in strangers]
+    fill = Fill(20)
+    assert [index for index, _ in in_order(arrivals, fill)] == list(range(20))
+    assert fill.dropped == len(strangers)
+
+
+def test_the_buffer_is_bounded():
+    """A picture that comes more than the buffer's length too late is dropped, not waited for."""
+    late = REORDER + 5
+    arrivals = [(index, picture(index)) for index in range(1, 1 + late)] + [(0, picture(0))]
+    fill = Fill(late + 1)
+    shown = [(index, int(what[0, 0])) for index, what in fill_lost(arrivals, fill)]
+    assert shown[0] == (0, 1)
+    assert fill.dropped == 1
+
+
+def test_nothing_decoded_is_one_clear_error():
+    with pytest.raises(DataError, match="not one of 5 frames"):
+        list(fill_lost([], Fill(5)))
