@@ -10,7 +10,7 @@ from ..blocks.allpairs import CorrelationPyramid, pixel_grid
 from ..blocks.convex_upsample import convex_upsample
 from ..blocks.twins import Twins
 from .denoiser import Denoiser
-from .diffusion import register_schedule, renoise, sampling_times
+from .diffusion import initial_noise, register_schedule, renoise, sampling_times
 from .pair_transformer import PairTransformer
 from .sk_update import MaskHead, SkUpdate
 from .window_volume import WindowVolume
@@ -22,10 +22,14 @@ class FlowDiffuser(nn.Module):
     """The published model; keys are those of the authors' checkpoints.
 
     The number of steps is part of the method: four of denoising with six iterations each, then six at 1/4.
+
+    Args:
+        seed: of the noise where none is given.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, seed: int = 0) -> None:
         super().__init__()
+        self.seed = seed
         # Constants that the checkpoints hold: a placeholder, and the factor between normalised flow and sample.
         self.zero = nn.Parameter(torch.zeros(12), requires_grad=False)
         self.scale = nn.Parameter(torch.full((1,), 0.5), requires_grad=False)
@@ -45,17 +49,18 @@ class FlowDiffuser(nn.Module):
         quarter = encoder.stage(0, image)
         return encoder.stage(1, quarter), encoder.stage(1, quarter, dense=True)
 
-    def forward(self, image1: Tensor, image2: Tensor, noise: Tensor) -> Tensor:
+    def forward(self, image1: Tensor, image2: Tensor, noise: Tensor | None = None) -> Tensor:
         """The flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
         return self.flows(image1, image2, noise)[0][-1]
 
-    def flows(self, image1: Tensor, image2: Tensor, noise: Tensor) -> tuple[list[Tensor], Tensor]:
+    def flows(self, image1: Tensor, image2: Tensor, noise: Tensor | None = None) -> tuple[list[Tensor], Tensor]:
         """The flow after each denoising step and after the refinement.
 
         Args:
             image1: RGB (N, 3, H, W) in 0..255; H and W multiples of 8.
             image2: the same.
-            noise: (N, 2, H / 8, W / 8), drawn from the standard normal distribution; the only randomness.
+            noise: (N, 2, H / 8, W / 8), from the standard normal distribution, the only randomness; without it
+                `initial_noise` of the seed, the same for every pair of one size.
 
         Returns:
             full-resolution flows (N, 2, H, W) in pixels, after each denoising step and after the refinement; and the
@@ -66,6 +71,8 @@ class FlowDiffuser(nn.Module):
         context8, context4 = self.encode(self.cnet, image1)
         features1, features2 = features8.chunk(2)
         pyramid = CorrelationPyramid(*self.trans(features1, features2))
+        if noise is None:
+            noise = initial_noise(self.seed, *context8.shape[2:]).to(image1.device).expand(len(image1), -1, -1, -1)
         net, start, target, flows = self._denoise(pyramid, context8, noise)
         fine, quarter = self._refine(features4, context4, net, target - start)
         return [*flows, fine], quarter

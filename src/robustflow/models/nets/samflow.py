@@ -32,10 +32,12 @@ class SamFlow(nn.Module):
     Args:
         size: "tiny" (TinyViT), "base" (ViT-B), "huge" (ViT-H, trained on FlyingThings), or "huge_finetuned" (ViT-H,
             fine-tuned on Sintel), which weighs the adapter's output and reads other rows of SAM's position tables.
+        iterations: of the decoder; the authors train with 12 and evaluate with 24 on KITTI, 32 on Sintel.
     """
 
-    def __init__(self, size: Literal["tiny", "base", "huge", "huge_finetuned"] = "tiny") -> None:
+    def __init__(self, size: Literal["tiny", "base", "huge", "huge_finetuned"] = "tiny", iterations: int = 12) -> None:
         super().__init__()
+        self.iterations = iterations
         self.memory_encoder = MemoryEncoder()
         self.memory_decoder = MemoryDecoder()
         self.context_encoder = Twins(large=True)
@@ -64,24 +66,23 @@ class SamFlow(nn.Module):
         adapted = self.CAM(fused, self.LTSE.LTSE_embed.weight)
         return fused + adapted if self.wadd_1 is None else self.wadd_1(fused, adapted)
 
-    def forward(self, image1: Tensor, image2: Tensor, iterations: int = 12) -> Tensor:
+    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
         """The flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
-        return self.flows(image1, image2, iterations, every=False)[0][-1]
+        return self._decode(image1, image2, every=False)[0][-1]
 
-    def flows(
-        self, image1: Tensor, image2: Tensor, iterations: int = 12, every: bool = True
-    ) -> tuple[list[Tensor], Tensor]:
-        """The flow after each iteration.
+    def flows(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
+        """The flow after every iteration, for the loss.
 
         Args:
             image1: RGB (N, 3, H, W) in 0..255; H and W multiples of 16.
             image2: the same.
-            iterations: of the decoder; the authors train with 12 and evaluate with 24 on KITTI, 32 on Sintel.
-            every: enlarge the flow of every iteration, not of the last alone.
 
         Returns:
-            see `MemoryDecoder.forward`.
+            full-resolution flows (N, 2, H, W) in pixels, and the last (N, 2, H / 8, W / 8) at 1/8, in its own pixels.
         """
+        return self._decode(image1, image2, every=True)
+
+    def _decode(self, image1: Tensor, image2: Tensor, every: bool) -> tuple[list[Tensor], Tensor]:
         context = self.context(image1)
         cost_maps, memory = self.memory_encoder(2 * image1 / 255 - 1, 2 * image2 / 255 - 1, context)
-        return self.memory_decoder(cost_maps, memory, context, iterations, every)
+        return self.memory_decoder(cost_maps, memory, context, self.iterations, every)
