@@ -1,0 +1,132 @@
+"""`robustflow optics`: design the lenses of psf_blur, look at them, render their PSFs again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="optics",
+    help="The lenses behind psf_blur: design, show, render.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+
+_Severity = Annotated[int, typer.Option("--severity", "-s", help="1 to 5.")]
+_Severities = Annotated[str, typer.Option("--severity", "-s", help="Comma-separated, 1 to 5.")]
+
+
+@app.command()
+def design(
+    severity: _Severity,
+    seed: Annotated[int | None, typer.Option("--seed", help="Any integer; the shipped lens's when left out.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the prescription.")] = None,
+    ship: Annotated[bool, typer.Option("--ship", help="Replace the package's lens and its PSFs.")] = False,
+) -> None:
+    """Search for the lens of a severity (minutes); the same severity and seed give the same lens.
+
+    \b
+    Examples:
+      robustflow optics design --severity 2
+      robustflow optics design --severity 4 --seed 7 --output lens.json
+    """
+    from ..corruptions.base import check_severity
+    from ..optics.design import SHIPPED_SEEDS, structure_line
+    from ..optics.design import design as search_lens
+    from ..optics.prescription import write_lens
+    from ..optics.psf_field import render as render_field
+    from ..optics.shipped import lens_digest, manifest
+    from ..optics.shipped import ship as ship_lens
+
+    chosen = SHIPPED_SEEDS[check_severity(severity) - 1] if seed is None else seed
+    lens = search_lens(severity, chosen, report=typer.echo)
+    typer.echo(f"found: {structure_line(lens)}")
+    if ship:
+        ship_lens(severity, lens, render_field(lens))
+        typer.echo("written into the package")
+    elif chosen == SHIPPED_SEEDS[severity - 1]:
+        same = lens_digest(lens) == manifest()[f"lens_s{severity}"]
+        typer.echo("the shipped lens, digit for digit" if same else "differs from the shipped lens")
+    if output is not None:
+        write_lens(lens, output)
+        typer.echo(str(output))
+
+
+@app.command()
+def show(
+    severity: _Severities = "1,2,3,4,5",
+    lens: Annotated[Path | None, typer.Option("--lens", help="A prescription instead of the shipped ones.")] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the figures.")] = Path("optics"),
+) -> None:
+    """Draw each lens with rays, spots, modulation transfer and PSFs, and all PSFs on one sheet; PNG and PDF.
+
+    \b
+    Examples:
+      robustflow optics show
+      robustflow optics show --severity 4 --output figures
+    """
+    from ..atomic import make_folder
+    from ..optics.draw import contact_sheet, lens_figure, save_figure
+    from ..optics.prescription import read_lens
+    from ..optics.psf_field import render as render_field
+    from ..optics.shipped import shipped_field, shipped_lens
+    from .options import numbers
+
+    if lens is not None:
+        own = read_lens(lens)
+        shown = [(lens.stem, own, render_field(own))]
+    else:
+        shown = [(f"lens_s{k}", shipped_lens(k), shipped_field(k)) for k in numbers(severity) or []]
+    make_folder(output)
+    figures = {name: lens_figure(one, field) for name, one, field in shown}
+    figures["psf_sheet"] = contact_sheet([(name, field) for name, _, field in shown])
+    for name, figure in figures.items():
+        for suffix in (".png", ".pdf"):
+            save_figure(figure, output / f"{name}{suffix}")
+            typer.echo(str(output / f"{name}{suffix}"))
+
+
+@app.command()
+def render(
+    severity: _Severities = "1,2,3,4,5",
+    lens: Annotated[Path | None, typer.Option("--lens", help="A prescription instead of the shipped ones.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="With --lens: the .npy to write.")] = None,
+) -> None:
+    """Trace the PSFs of the shipped lenses again and check that they are those shipped, bit for bit.
+
+    With --lens, render a prescription of your own to a .npy of shape (64, 3, 61, 61), float32.
+
+    \b
+    Examples:
+      robustflow optics render
+      robustflow optics render --lens lens.json --output psf.npy
+    """
+    import io
+
+    import numpy as np
+
+    from ..atomic import write_bytes
+    from ..errors import DataError, UsageError
+    from ..optics.prescription import read_lens
+    from ..optics.psf_field import render as render_field
+    from ..optics.shipped import half_digest, halved, manifest, shipped_lens
+    from .options import numbers
+
+    if (lens is None) != (output is None):
+        raise UsageError("--lens and --output go together: name the prescription and where its PSFs should go")
+    if lens is not None and output is not None:
+        buffer = io.BytesIO()
+        np.save(buffer, render_field(read_lens(lens)).stack, allow_pickle=False)
+        write_bytes(output, buffer.getvalue())
+        typer.echo(str(output))
+        return
+    wrong = []
+    for level in numbers(severity) or []:
+        same = half_digest(halved(render_field(shipped_lens(level)))) == manifest()[f"psf_s{level}"]
+        typer.echo(f"severity {level}: {'as shipped' if same else 'DIFFERS from the shipped PSFs'}")
+        if not same:
+            wrong.append(str(level))
+    if wrong:
+        raise DataError(f"the PSFs of severity {', '.join(wrong)} do not follow from their prescriptions; reinstall")

@@ -1,0 +1,90 @@
+"""PSF blur: the blur of a real, poor lens, which changes from the centre of the image to its corners."""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import UsageError
+from ...optics.blur import blur
+from ...optics.psf_field import PsfField
+from ...optics.reference_stack import reference_field
+from ...optics.shipped import shipped_field
+from ...sample import Frame
+from ..base import Corruption
+from ..rng import Rng
+
+PSF_DIR = "ROBUSTFLOW_PSF_DIR"
+"""Environment variable that names the folder of the reference's stacks, for all instances made without `psf_dir`."""
+
+
+class PsfBlur(Corruption):
+    """Spatially varying blur by one of five lenses (paper, Sec. 3 and appendix, PSF blur).
+
+    A severity is the nominal RMS radius of the lens in mm. The lenses are this package's own (`robustflow optics`),
+    designed to blur like those of the paper; `psf_dir` takes the paper's from the reference code's files instead.
+    Both frames are blurred alike, nothing is random, and a PSF is centred so that the blur moves nothing.
+
+    `variant="reference"` cuts fractions of a grey level off, as the reference code does; otherwise they are rounded.
+    The reference code leaves the last H % 16 rows and W % 16 columns black, and a tile at the centre where both
+    counts of tiles are odd; no variant repeats that.
+
+    >>> import numpy as np
+    >>> grey = np.full((40, 60, 3), 90, np.uint8)
+    >>> bool((PsfBlur().apply(grey, 0.1939, 0) == 90).all())
+    True
+    """
+
+    name = "psf_blur"
+    family = "blur"
+    paper_severities = (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
+
+    def __init__(
+        self,
+        variant: str = "default",
+        severities: tuple[Any, ...] | None = None,
+        psf_dir: str | Path | None = None,
+    ) -> None:
+        """`psf_dir`: a folder with the reference code's five `.pth` stacks; `ROBUSTFLOW_PSF_DIR` when None."""
+        super().__init__(variant, severities)
+        chosen = psf_dir if psf_dir is not None else os.environ.get(PSF_DIR)
+        self.psf_dir = Path(chosen) if chosen else None
+        for rms in self.severities:
+            if rms not in self.paper_severities:
+                known = ", ".join(str(value) for value in self.paper_severities)
+                raise UsageError(f"psf_blur has no lens of RMS radius {rms} mm: choose from {known}")
+
+    def field(self, rms: float) -> PsfField:
+        """The PSFs of the lens of a nominal RMS radius."""
+        if self.psf_dir is not None:
+            return _reference(self.psf_dir, rms)
+        return shipped_field(self.paper_severities.index(rms) + 1)
+
+    @property
+    def source(self) -> str:
+        """Where the PSFs come from, for the record of a run: "robustflow", or a digest of the reference's five."""
+        if self.psf_dir is None:
+            return "robustflow"
+        return "reference " + " ".join(self.field(rms).digest[:12] for rms in self.paper_severities)
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
+        """The lens, by its RMS radius; nothing is random."""
+        return float(self.parameter(severity))
+
+    def apply(self, frame: Frame, state: float, index: int) -> Frame:
+        """Blur one frame."""
+        blurred = blur(frame, self.field(state))
+        if self.variant == "reference":
+            np.floor(blurred + 1e-6, out=blurred)  # a whole number must not fall by the FFT's last bit
+        else:
+            np.rint(blurred, out=blurred)
+        return np.clip(blurred, 0.0, 255.0).astype(np.uint8)
+
+
+@lru_cache(maxsize=5)
+def _reference(folder: Path, rms: float) -> PsfField:
+    return reference_field(folder, rms)

@@ -1,0 +1,1 @@
+"""Lenses: prescriptions, ray tracing, the search that found them, and the PSF fields they give."""

@@ -1,0 +1,64 @@
+"""What each severity's lens should be: the paper's numbers, and the blur measured on its reference lens.
+
+The paper gives the RMS radius of five lenses; its reference code names their element count, half field and f-number.
+`data/goals.json` holds, per severity, what was measured on the PSFs released with that code: modulation transfer and
+its part in phase at five frequencies, RMS radius and lateral colour at six field points, per colour.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from importlib import resources
+
+import numpy as np
+
+from ..corruptions.base import check_severity
+from .merit import Goal
+from .prescription import IMAGE_RADIUS
+
+
+@dataclass(frozen=True)
+class Specification:
+    """Elements, elements in front of the stop, half field in degrees, f-number, nominal RMS radius in mm."""
+
+    elements: int
+    stop: int
+    half_field: float
+    f_number: float
+    rms: float
+
+
+SPECIFICATIONS = (
+    Specification(6, 0, 20.0, 2.6, 0.0296),
+    Specification(1, 0, 34.0, 3.8, 0.0832),
+    Specification(6, 6, 28.0, 2.0, 0.1102),
+    Specification(3, 2, 22.0, 2.0, 0.1588),
+    Specification(4, 4, 20.0, 2.0, 0.1939),
+)
+"""Of severities 1 to 5 (RMS radii: the paper, appendix, PSF blur)."""
+
+
+def goal_of(severity: int) -> tuple[Specification, Goal]:
+    """The specification and the goal of a severity's lens.
+
+    >>> specification, goal = goal_of(2)
+    >>> specification.elements, round(goal.focal_length, 1)
+    (1, 21.2)
+    """
+    specification = SPECIFICATIONS[check_severity(severity) - 1]
+    text = resources.files(__package__).joinpath("data", "goals.json").read_text(encoding="utf-8")
+    measured = json.loads(text)[str(severity)]
+    tangent = math.tan(math.radians(specification.half_field))
+    return specification, Goal(
+        focal_length=IMAGE_RADIUS / tangent,
+        f_number=specification.f_number,
+        field_tangent=tangent,
+        tangential=np.array(measured["tangential"], np.float64),
+        in_phase=np.array(measured["in_phase"], np.float64),
+        sagittal=np.array(measured["sagittal"], np.float64),
+        rms=np.array(measured["rms"], np.float64),
+        lateral=np.array(measured["lateral"], np.float64),
+        nominal_rms=specification.rms,
+    )

@@ -1,0 +1,240 @@
+"""The merit function of lens design: how far a lens is from the blur wanted of it, as residuals to be squared.
+
+A lens is scaled to its focal length, its entrance pupil is found for six field points by aiming four rays each at
+the stop, and a grid of rays is traced per wavelength. The rays' landing points give, without any image,
+
+* the modulation transfer in the tangential and sagittal direction at five frequencies (`FREQUENCIES`): the modulus
+  of the rays' mean of exp(-2 pi i f y), times the sinc of the pixel;
+* the RMS radius, per field and colour, within a disc of 30 pixels and without any window.
+
+Stop and window edges are ramps about a ray spacing wide, so that residuals change smoothly with the prescription.
+Cosines are polynomials: with + - * / and sqrt alone a search takes the same path on every machine.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .trace import Array, propagate
+
+FIELDS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
+"""Field points of the merit function, as fractions of the half diagonal."""
+
+BASE_FREQUENCY = 0.02
+FREQUENCIES = BASE_FREQUENCY * 2.0 ** np.arange(5)
+"""Cycles per pixel: 0.02, 0.04, ..., 0.32."""
+
+WINDOW_RADIUS = 30.0
+"""Pixels; a PSF is cut off at this distance, a disc, so that turning it within its 61 x 61 array loses nothing."""
+
+GRID_X, GRID_Y = 7, 14
+MECHANICAL_WEIGHT = 3.0
+
+
+class Goal(NamedTuple):
+    """The blur wanted of a lens.
+
+    Attributes:
+        focal_length: mm.
+        f_number: focal length over entrance pupil diameter.
+        field_tangent: tangent of the half field angle.
+        tangential, sagittal: modulation transfer, (6 fields, 3 colours, 5 frequencies).
+        in_phase: real part of the tangential transfer about green's centroid, the same shape; the damage done to an
+            image depends on it as much as on the modulus, and it holds lateral colour and coma.
+        rms: RMS radius within the window in pixels, (6 fields, 3 colours).
+        lateral: height of each colour's centroid above green's, pixels, (6 fields, 3 colours).
+        nominal_rms: mean RMS radius over fields and colours without a window, mm.
+    """
+
+    focal_length: float
+    f_number: float
+    field_tangent: float
+    tangential: Array
+    in_phase: Array
+    sagittal: Array
+    rms: Array
+    lateral: Array
+    nominal_rms: float
+
+
+class Limits(NamedTuple):
+    """What can be made, mm: least centre and edge thickness of glass, most centre thickness, least air gap on the
+    axis and at the edge, most length from first surface to sensor in focal lengths, least distance to the sensor."""
+
+    glass_centre: float = 1.5
+    glass_edge: float = 1.0
+    glass_most: float = 15.0
+    air_centre: float = 0.1
+    air_edge: float = 0.05
+    length: float = 2.5
+    back: float = 5.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _cos_sin_turns(turns: Any) -> tuple[Any, Any]:
+    """Cosine and sine of 2 pi turns, to 1e-9, from a polynomial on a quarter of the angle doubled twice."""
+    a = (turns - np.floor(turns + 0.5)) * (0.5 * np.pi)
+    q = a * a
+    s = a * (1 - q / 6 * (1 - q / 20 * (1 - q / 42 * (1 - q / 72 * (1 - q / 110)))))
+    c = 1 - q / 2 * (1 - q / 12 * (1 - q / 30 * (1 - q / 56 * (1 - q / 90))))
+    c, s = c * c - s * s, 2 * c * s
+    return c * c - s * s, 2 * c * s
+
+
+@njit(cache=True, error_model="numpy")
+def _launch(x: Any, y: Any, tangent: Any) -> Any:
+    """Rays of a field in the vertex plane of the first surface, x and y (R,), one tangent each."""
+    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
+    return (x.copy(), y.copy(), np.zeros(x.size), np.zeros(x.size), tangent * cosine, cosine, np.ones(x.size))
+
+
+@njit(cache=True, error_model="numpy")
+def _at_plane(rays: Any) -> Any:
+    """Where rays cross the plane z = 0."""
+    t = -rays[2] / rays[5]
+    return rays[0] + t * rays[3], rays[1] + t * rays[4]
+
+
+@njit(cache=True, error_model="numpy")
+def aim(
+    curvature: Any, conic: Any, thickness: Any, index: Any, stop: int, radius: float, tangents: Any,
+    pupil_position: float, magnification: float,
+) -> Any:  # fmt: skip
+    """Per field, rays through the stop's centre, its top, bottom and side, found by the secant method.
+
+    Returns x and y (4 F,) in the vertex plane of the first surface, in the order centre, top, bottom, side, and
+    the largest miss at the stop relative to its radius.
+    """
+    fields = tangents.size
+    sign = np.zeros(4 * fields)
+    sign[fields : 2 * fields], sign[2 * fields : 3 * fields] = 1.0, -1.0
+    tangent = np.empty(4 * fields)
+    for f in range(4 * fields):
+        tangent[f] = tangents[f % fields]
+    x, y = np.zeros(4 * fields), sign * radius * magnification - pupil_position * tangent
+    x[3 * fields :] = radius * magnification
+    no_path = np.empty((0, 3, 0))
+    slope = np.full(4 * fields, 1.0 / magnification)
+    old_x, old_y, old_miss = x.copy(), y.copy(), np.zeros(4 * fields)
+    miss, unbounded = np.zeros(4 * fields), np.full(curvature.size, np.inf)
+    for step in range(8):
+        rays = _launch(x, y, tangent)
+        propagate(curvature, conic, thickness, index, unbounded, 0, stop, rays, no_path)
+        at_x, at_y = _at_plane(rays)
+        for f in range(4 * fields):
+            side = f >= 3 * fields
+            miss[f] = (at_x[f] - radius) if side else (at_y[f] - sign[f] * radius)
+            moved = (x[f] - old_x[f]) if side else (y[f] - old_y[f])
+            if step > 0 and abs(moved) > 1e-9:
+                secant = (miss[f] - old_miss[f]) / moved
+                if 0.2 < secant * magnification < 5.0:
+                    slope[f] = secant
+            old_x[f], old_y[f], old_miss[f] = x[f], y[f], miss[f]
+            if side:
+                x[f] -= miss[f] / slope[f]
+            else:
+                y[f] -= miss[f] / slope[f]
+        for f in range(fields):
+            y[3 * fields + f] = y[f]
+    return x, y, np.abs(miss).max() / radius
+
+
+@njit(cache=True, error_model="numpy")
+def landing(
+    curvature: Any, conic: Any, thickness: Any, index: Any, clear: Any, stop: int, radius: float, tangent: float,
+    bottom: float, top: float, side: float, columns: int, rows: int, ramp: float, margin: float,
+) -> Any:  # fmt: skip
+    """Landing points (mm) and weights of a grid of rays of one field and wavelength, the half x > 0 of the pupil.
+
+    The grid fills the box [0, side] x [bottom, top] of the first vertex plane, widened by `margin`, so that the stop
+    and not the grid cuts the beam; the rims of the elements, `clear`, block what strays. `ramp` is the width of the
+    stop's edge as a fraction of its radius.
+    """
+    middle, half, width = 0.5 * (bottom + top), 0.5 * (top - bottom) * margin, side * margin
+    x, y = np.empty(columns * rows), np.empty(columns * rows)
+    for j in range(rows):
+        for i in range(columns):
+            x[j * columns + i] = width * (i + 0.5) / columns
+            y[j * columns + i] = middle + half * ((2 * j + 1.0) / rows - 1.0)
+    no_path = np.empty((0, 3, 0))
+    rays = _launch(x, y, np.full(x.size, tangent))
+    propagate(curvature, conic, thickness, index, clear, 0, stop, rays, no_path)
+    at_x, at_y = _at_plane(rays)
+    weight = np.empty(x.size)
+    for i in range(x.size):
+        r = np.sqrt(at_x[i] * at_x[i] + at_y[i] * at_y[i]) / radius
+        weight[i] = min(max((1.0 + 0.5 * ramp - r) / ramp, 0.0), 1.0)
+    propagate(curvature, conic, thickness, index, clear, stop, curvature.size, rays, no_path)
+    sx, sy = _at_plane(rays)
+    return sx, sy, weight * rays[6], weight
+
+
+@njit(cache=True, error_model="numpy")
+def _window(u: float, v: float) -> float:
+    return min(max((WINDOW_RADIUS + 1.0 - np.sqrt(u * u + v * v)) * 0.5, 0.0), 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def blur_statistics(
+    sx: Any, sy: Any, weight: Any, out_t: Any, out_re: Any, out_s: Any, out_rms: Any, out_mean: Any
+) -> float:
+    """Fill transfer (3, 5), RMS and centroid (3,) within the window from rays in pixels, (3 colours, R).
+
+    Rays are of the half x > 0; centroids are heights above the middle of the window, which green's defines.
+    Returns the sum over colours of the RMS radius about each colour's centroid, without any window.
+    """
+    colours, count = sx.shape
+    centre = 0.0
+    for step in range(5):
+        total, moment = 0.0, 0.0
+        for i in range(count):
+            w = weight[1, i]
+            if step > 0:
+                w *= _window(sx[1, i], sy[1, i] - centre)
+            total += w
+            moment += w * sy[1, i]
+        centre = moment / max(total, 1e-12)
+    unbounded = 0.0
+    for colour in range(colours):
+        total, first, second, all_w, all_1, all_2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        re, im, sag = np.zeros(5), np.zeros(5), np.zeros(5)
+        for i in range(count):
+            w = weight[colour, i]
+            if w <= 0.0:
+                continue
+            u, v = sx[colour, i], sy[colour, i] - centre
+            all_w += w
+            all_1 += w * v
+            all_2 += w * (u * u + v * v)
+            w *= _window(u, v)
+            if w <= 0.0:
+                continue
+            total += w
+            first += w * v
+            second += w * (u * u + v * v)
+            c, s = _cos_sin_turns(BASE_FREQUENCY * v)
+            cx, sxn = _cos_sin_turns(BASE_FREQUENCY * u)
+            for k in range(5):
+                re[k] += w * c
+                im[k] += w * s
+                sag[k] += w * cx
+                c, s = c * c - s * s, 2 * c * s
+                cx, sxn = cx * cx - sxn * sxn, 2 * cx * sxn
+        total = max(total, 1e-12)
+        all_w = max(all_w, 1e-12)
+        mean = out_mean[colour] = first / total
+        out_rms[colour] = np.sqrt(max(second / total - mean * mean, 0.0))
+        mean = all_1 / all_w
+        unbounded += np.sqrt(max(all_2 / all_w - mean * mean, 0.0))
+        frequency = BASE_FREQUENCY
+        for k in range(5):
+            sine = _cos_sin_turns(0.5 * frequency)[1]
+            pixel = sine / (np.pi * frequency)
+            out_t[colour, k] = pixel * np.sqrt(re[k] * re[k] + im[k] * im[k]) / total
+            out_re[colour, k] = pixel * re[k] / total
+            out_s[colour, k] = pixel * abs(sag[k]) / total
+            frequency *= 2.0
+    return unbounded

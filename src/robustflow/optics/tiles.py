@@ -1,0 +1,114 @@
+"""Where the kernels of a spatially varying blur stand, and what they are.
+
+The blur is out = sum over nodes of w_node * (image convolved with the kernel of the node), with triangular windows
+w that add up to one: kernels are interpolated linearly between nodes 12 to 34 pixels apart, closer in small images,
+over which the blur changes faster. Nodes lie symmetrically about the image centre, so that a quarter of the kernels
+serves the whole image, mirrored.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+SUPPORT = 61
+"""Side of a kernel, pixels."""
+
+GRIDS = ((34, 128), (30, 120), (24, 108), (18, 96), (12, 84))
+"""Largest distance between nodes, and the FFT size that windows of twice it and a kernel then fill, in pixels."""
+
+FINENESS = 27.0
+"""How many distances between nodes the image's half diagonal holds at least; the interpolation's error falls with
+its square and its time rises with it. Measured in docs/optics.md."""
+
+
+def grid_of(height: int, width: int) -> tuple[int, int]:
+    """The entry of `GRIDS` for an image.
+
+    >>> grid_of(375, 1242), grid_of(2160, 4096)
+    ((24, 108), (34, 128))
+    """
+    wanted = math.hypot(height, width) / 2.0 / FINENESS
+    return next((grid for grid in GRIDS if grid[0] <= wanted), GRIDS[-1])
+
+
+@dataclass(frozen=True)
+class Axis:
+    """The nodes of one axis of an image, on the far side of the centre only; the others mirror them.
+
+    Attributes:
+        length: pixels along the axis.
+        pitch: distance between nodes, pixels.
+        offsets: distance of each node from the image centre, float64 (n,).
+        starts: the first pixel of each node's window (may lie outside the image).
+        windows: weights of the pixels from `starts` on, float64 (n, 2 x the largest pitch).
+
+    >>> Axis.of(375, 34).offsets[:2]
+    array([17., 51.])
+    """
+
+    length: int
+    pitch: float
+    offsets: npt.NDArray[np.float64]
+    starts: tuple[int, ...]
+    windows: npt.NDArray[np.float64]
+
+    @classmethod
+    def of(cls, length: int, largest_pitch: int) -> Axis:
+        """The fewest nodes that reach from the centre to the last pixel."""
+        count = max(1, math.ceil(((length - 1) / largest_pitch + 1.0) / 2.0))
+        pitch = max((length - 1) / (2 * count - 1), 1.0)
+        offsets = np.asarray((np.arange(count) + 0.5) * pitch, np.float64)
+        places = (length - 1) / 2.0 + offsets
+        starts = tuple(math.floor(place - pitch) + 1 for place in places)
+        pixels = np.array(starts)[:, None] + np.arange(2 * largest_pitch)
+        return cls(length, pitch, offsets, starts, np.maximum(1.0 - np.abs(pixels - places[:, None]) / pitch, 0.0))
+
+
+@njit(cache=True, error_model="numpy")
+def kernels_at(stack: Any, dx: Any, dy: Any, corner: float, out: Any) -> None:
+    """Kernels of image points at (dx, dy) pixels from the image centre.
+
+    Args:
+        stack: (F, 3, 61, 61); field 0 the centre, F - 1 the corner; rows grow away from the image centre.
+        dx, dy: right and down, pixels, (P,).
+        corner: distance from centre to corner, pixels; points beyond it take the corner's kernel.
+        out: (P, 3, 61, 61) receives kernels in image orientation, each of sum 1.
+
+    Neighbouring fields are interpolated linearly in the distance from the centre, then turned so that the stack's
+    rows point along (dx, dy), with bilinear sampling. Only + - * / and sqrt: the same bits on every machine.
+    """
+    fields, colours, size, _ = stack.shape
+    middle = (size - 1) / 2.0
+    for p in range(dx.size):
+        distance = np.sqrt(dx[p] * dx[p] + dy[p] * dy[p])
+        cosine, sine = (dy[p] / distance, dx[p] / distance) if distance > 0.0 else (1.0, 0.0)
+        place = min(distance / corner, 1.0) * (fields - 1)
+        lower = min(int(place), fields - 2)
+        share = place - lower
+        for colour in range(colours):
+            total = 0.0
+            for row in range(size):
+                for column in range(size):
+                    x, y = column - middle, row - middle
+                    along, across = cosine * y + sine * x + middle, cosine * x - sine * y + middle
+                    i, j = int(np.floor(along)), int(np.floor(across))
+                    a, b = along - i, across - j
+                    value = 0.0
+                    for corner_i in range(2):
+                        for corner_j in range(2):
+                            r, c = i + corner_i, j + corner_j
+                            if 0 <= r < size and 0 <= c < size:
+                                weight = (a if corner_i else 1.0 - a) * (b if corner_j else 1.0 - b)
+                                near = stack[lower, colour, r, c]
+                                value += weight * (near + share * (stack[lower + 1, colour, r, c] - near))
+                    out[p, colour, row, column] = value
+                    total += value
+            for row in range(size):
+                for column in range(size):
+                    out[p, colour, row, column] /= total

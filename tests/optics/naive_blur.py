@@ -1,0 +1,30 @@
+"""The blur as its definition says: a kernel per pixel, a sum per pixel, float64, no tiles and no FFT."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+
+def kernel_at(stack, x: float, y: float, height: int, width: int):
+    """The kernels (3, 61, 61) of the image point (x, y), pixels from the top left."""
+    dx, dy = x - (width - 1) / 2, y - (height - 1) / 2
+    distance = math.hypot(dx, dy)
+    place = min(distance / (math.hypot(height, width) / 2), 1.0) * (len(stack) - 1)
+    lower = min(int(place), len(stack) - 2)
+    mixed = stack[lower] + (place - lower) * (stack[lower + 1].astype(float) - stack[lower])
+    angle = math.atan2(dx, dy)
+    u, v = np.meshgrid(np.arange(-30.0, 31.0), np.arange(-30.0, 31.0))
+    along, across = math.cos(angle) * v + math.sin(angle) * u, math.cos(angle) * u - math.sin(angle) * v
+    turned = np.stack([map_coordinates(m, [along + 30, across + 30], order=1, mode="grid-constant") for m in mixed])
+    return turned / turned.sum((1, 2), keepdims=True)
+
+
+def blurred_pixel(frame, stack, x: int, y: int):
+    """The blurred value (3,) of one pixel; the image continues by reflection about its end pixels."""
+    height, width = frame.shape[:2]
+    padded = np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
+    around = padded[y : y + 61, x : x + 61][::-1, ::-1].transpose(2, 0, 1)
+    return (kernel_at(stack, x, y, height, width) * around).sum((1, 2))
