@@ -7,6 +7,10 @@ if find_spec("torch") is None:
     collect_ignore_glob += [
         "src/robustflow/models/blocks/*",
         "src/robustflow/models/nets/*",
+        "src/robustflow/models/checkpoint.py",
+        "src/robustflow/models/reproducible.py",
         "src/robustflow/models/torch_model.py",
+        "src/robustflow/models/weights.py",
         "src/robustflow/video/flavr.py",
+        "tests/parity/pack.py",
     ]

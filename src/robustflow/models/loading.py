@@ -15,11 +15,19 @@ from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..registry import Registry
 from ..sample import Flow, Frame
 from .base import FlowLookup, FlowModel, model_identity
+from .tiling import tiled
 
 MODELS: Registry[Callable[..., FlowModel | FlowLookup]] = Registry("model", entry_point_group="robustflow.models")
 MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
+MODELS.add("arflow", "robustflow.models.arflow:arflow")
+MODELS.add("upflow", "robustflow.models.upflow:upflow")
+MODELS.add("brightflow", "robustflow.models.brightflow:brightflow")
+MODELS.add("samflow_t", "robustflow.models.samflow:samflow_t")
+MODELS.add("samflow_b", "robustflow.models.samflow:samflow_b")
+MODELS.add("samflow_h", "robustflow.models.samflow:samflow_h")
+MODELS.add("flowdiffuser", "robustflow.models.flowdiffuser:flowdiffuser")
 
 
 def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
@@ -28,7 +36,8 @@ def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
     Args:
         name: a registered name (`robustflow list models`), `module.path:Attribute` (an object with `predict`, a class
             or factory that makes one, or a function of two frames), or a folder of flow files.
-        options: passed to the model's constructor (`preset="fast"` for `dis`).
+        options: passed to the model's constructor (`preset="fast"` for `dis`). Every model also takes
+            `tile="HEIGHTxWIDTH"`, to predict in tiles (see `tiling.TiledModel`).
 
     Raises:
         UsageError: unknown name or option.
@@ -37,9 +46,13 @@ def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
     >>> load_model("dis", preset="fast").identity()["preset"]
     'fast'
     """
+    registered = name in MODELS.names()
+    if "tile" in options and not (registered and "tile" in _parameters(MODELS.get(name))):
+        tile = options.pop("tile")
+        return tiled(load_model(name, **options), tile)
     if ":" in name and not Path(name).exists():
         return _load_attribute(name, options)
-    if name not in MODELS.names() and Path(name).expanduser().is_dir():
+    if not registered and Path(name).expanduser().is_dir():
         return MODELS.get("precomputed")(folder=name, **options)
     return _construct(MODELS.get(name), name, options)
 
@@ -57,8 +70,11 @@ class ModelSpec:
 
     def identity(self, model: FlowModel | FlowLookup) -> dict[str, Any]:
         """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
-        that an edited model never continues the run of the unedited one."""
-        identity = {**model_identity(model), "options": {key: str(value) for key, value in self.options}}
+        that an edited model never continues the run of the unedited one. What the model says itself about an option
+        counts instead of the option: a checkpoint by its hash, wherever the file lies."""
+        identity = model_identity(model)
+        said = set(identity)
+        identity["options"] = {key: str(value) for key, value in self.options if key not in said}
         module = sys.modules.get(self.name.partition(":")[0]) if ":" in self.name else None
         if module is not None and module.__file__:
             source = Path(module.__file__).read_bytes()

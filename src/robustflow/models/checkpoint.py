@@ -1,0 +1,161 @@
+"""Read a checkpoint file as what it is: an untrusted download that should hold tensors and nothing else."""
+
+from __future__ import annotations
+
+import codecs
+import hashlib
+import pickle
+import re
+import warnings
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import torch
+from torch import Tensor
+
+from ..errors import ModelError, UsageError
+
+
+class _Unread:
+    """Stands for what training scripts keep beside the weights: built from anything, holds nothing."""
+
+    def __new__(cls, *args: Any) -> _Unread:
+        return super().__new__(cls)
+
+    def __setstate__(self, state: Any) -> None:
+        pass
+
+
+# A best error, a learning rate, the command line. Whatever their pickles say, none of them is built.
+_BESIDE_WEIGHTS = [
+    (_Unread, name)
+    for name in ("numpy.core.multiarray.scalar", "numpy._core.multiarray.scalar", "numpy.dtype", "argparse.Namespace")
+]
+_NOT_WEIGHTS = {
+    b"<": "a web page: the download gave a login or error page instead of the file",
+    b"version https://git-lfs": "a pointer of Git LFS: fetch the file itself with `git lfs pull`",
+}
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The weights of a file, by the names they have in it.
+
+    Attributes:
+        path: where they were read.
+        sha256: of the file, 64 hexadecimal digits.
+        weights: tensors on the CPU.
+    """
+
+    path: Path
+    sha256: str
+    weights: dict[str, Tensor]
+
+
+def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
+    """Read a file saved with `torch.save`: a state dict, or a dict that holds one as `state_dict` or `model`.
+
+    Nothing in the file is run: it is read with `weights_only=True`, after its declared sizes were compared with its
+    own.
+
+    Args:
+        path: the file.
+        sha256: the hash it must have, or the first eight or more digits of it.
+
+    Raises:
+        ModelError: missing, another hash, not a checkpoint, damaged, a zip bomb, or holding more than plain weights.
+        UsageError: `sha256` is no such digits.
+    """
+    path = Path(path).expanduser()
+    try:
+        with path.open("rb") as file:
+            _refuse_what_is_no_checkpoint(path, file)
+            file.seek(0)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            if sha256 is not None:
+                _check_hash(path, digest, sha256)
+            content = _load(path, file)
+    except FileNotFoundError:
+        raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or give its path") from None
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror or error}; give the path of a checkpoint") from None
+    return Checkpoint(path, digest, _weights(path, content))
+
+
+def _check_hash(path: Path, digest: str, expected: str) -> None:
+    if not re.fullmatch("[0-9a-fA-F]{8,64}", str(expected)) or not isinstance(expected, str):
+        raise UsageError(f"sha256={expected} is not the 64 hexadecimal digits of a SHA-256, nor the first 8 or more")
+    if not digest.startswith(expected.lower()):
+        raise ModelError(
+            f"{path}: its SHA-256 is {digest}, expected {expected}: another file than the one meant, or changed on the "
+            "way; download it again"
+        )
+
+
+def _refuse_what_is_no_checkpoint(path: Path, file: BinaryIO) -> None:
+    file.seek(0)
+    head = file.read(1024).removeprefix(codecs.BOM_UTF8).lstrip()
+    if not head:
+        raise ModelError(f"{path}: is empty; download it again")
+    for start, what in _NOT_WEIGHTS.items():
+        if head.startswith(start):
+            raise ModelError(f"{path}: is {what}; download the checkpoint itself, for example in a browser")
+    if not head.startswith(b"PK"):
+        return  # the format of PyTorch before 1.6, whose sizes torch compares with the file as it reads
+    size = file.seek(0, 2)
+    try:
+        with zipfile.ZipFile(file) as archive:
+            declared = sum(record.file_size for record in archive.infolist())
+    except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+        raise _damaged(path, size, error) from None
+    if declared > size:
+        # torch.save never compresses, so what is inside cannot be larger than the file.
+        raise ModelError(
+            f"{path}: refused: its {size} bytes would unpack to {declared}; a file of torch.save is not compressed, so "
+            "this is no genuine checkpoint"
+        )
+
+
+def _load(path: Path, file: BinaryIO) -> Any:
+    size = file.seek(0, 2)
+    file.seek(0)
+    try:
+        with warnings.catch_warnings(), torch.serialization.safe_globals(_BESIDE_WEIGHTS):
+            warnings.simplefilter("ignore")  # about the pickle protocol; what cannot be read is an error anyway
+            return torch.load(file, weights_only=True, map_location="cpu")
+    except pickle.UnpicklingError as error:
+        lines = str(error).splitlines()
+        reason = next((line.strip() for line in lines if "GLOBAL" in line or "Unsupported" in line), "not tensors")
+        raise ModelError(
+            f"{path}: refused, and nothing in it was run: it is not a file of plain weights ({reason}); get the "
+            "authors' file, or save its state_dict alone with torch.save where you trust it"
+        ) from None
+    except Exception as error:  # torch has no error class of its own for a file that ends early or contradicts itself
+        raise _damaged(path, size, error) from None
+
+
+def _damaged(path: Path, size: int, error: Exception) -> ModelError:
+    first_line = next(iter(str(error).splitlines()), "it ends early")
+    return ModelError(
+        f"{path}: truncated or damaged ({size} bytes; {type(error).__name__}: {first_line[:120]}); download it again "
+        "and compare its size with the source's"
+    )
+
+
+def _weights(path: Path, content: Any) -> dict[str, Tensor]:
+    for name in ("state_dict", "model"):
+        if isinstance(content, dict) and isinstance(content.get(name), dict):
+            content = content[name]
+    if not isinstance(content, dict) or not content:
+        raise ModelError(
+            f"{path}: holds {type(content).__name__}, not weights by name; save the network's state_dict()"
+        )
+    for key, value in content.items():
+        if not (isinstance(key, str) and isinstance(value, Tensor)):
+            raise ModelError(
+                f"{path}: entry {key!r} is {type(value).__name__}, not a tensor; expected a state dict, or a dict that "
+                "holds one as 'state_dict' or 'model'"
+            )
+    return dict(content)

@@ -1,0 +1,87 @@
+"""How a network wants its images: colour order, range, and what is done about sizes it cannot take."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ..errors import UsageError
+
+
+@dataclass(frozen=True)
+class InputConvention:
+    """From uint8 RGB frames to what a network was trained on.
+
+    Attributes:
+        mean: subtracted from values 0..255, per channel in `order`.
+        scale: then multiplied by this.
+        order: of the colours.
+        fit: what is done about sizes that are no multiple of `multiple`: "none" (the network takes any), "pad" up to
+            the next multiple, or "stretch" to `size` (up to the next multiple where that is None) and stretch the flow
+            back, values included.
+        multiple: of height and width.
+        size: (height, width) to stretch to.
+        padding: of "pad": "replicate" repeats the border, "zeros" adds network zeros.
+        vertical: where "pad" adds rows: "both" (the smaller half above) or "bottom". Columns are added on both sides.
+    """
+
+    mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    scale: float = 1 / 255
+    order: Literal["rgb", "bgr"] = "rgb"
+    fit: Literal["none", "pad", "stretch"] = "none"
+    multiple: int = 1
+    size: tuple[int, int] | None = None
+    padding: Literal["replicate", "zeros"] = "replicate"
+    vertical: Literal["both", "bottom"] = "both"
+
+    def fitted_size(self, height: int, width: int) -> tuple[int, int]:
+        """The size (height, width) a frame of this size has when it enters the network.
+
+        >>> InputConvention(fit="pad", multiple=8).fitted_size(375, 1242)
+        (376, 1248)
+        """
+        if self.fit == "none":
+            return height, width
+        if self.fit == "stretch" and self.size is not None:
+            return self.size
+        return height + -height % self.multiple, width + -width % self.multiple
+
+    def padding_sides(self, height: int, width: int) -> tuple[int, int, int, int]:
+        """Columns left and right, rows above and below that "pad" adds.
+
+        >>> InputConvention(fit="pad", multiple=8).padding_sides(187, 310)
+        (1, 1, 2, 3)
+        """
+        fitted_height, fitted_width = self.fitted_size(height, width)
+        rows, columns = fitted_height - height, fitted_width - width
+        above = rows // 2 if self.vertical == "both" else 0
+        return columns // 2, columns - columns // 2, above, rows - above
+
+    def describe(self) -> dict[str, Any]:
+        """What a run's manifest says about it; nothing that has no effect."""
+        about: dict[str, Any] = {"order": self.order, "mean": list(self.mean), "scale": self.scale, "fit": self.fit}
+        if self.fit != "none":
+            about["multiple"] = self.multiple
+        if self.fit == "pad":
+            about |= {"padding": self.padding, "vertical": self.vertical}
+        if self.fit == "stretch":
+            about["size"] = list(self.size) if self.size else "next multiple"
+        return about
+
+
+def parse_size(text: str, multiple: int) -> tuple[int, int]:
+    """A size written HEIGHTxWIDTH.
+
+    >>> parse_size("256x832", 64)
+    (256, 832)
+
+    Raises:
+        UsageError: not two positive multiples of `multiple`.
+    """
+    height, cross, width = str(text).lower().partition("x")
+    if not (cross and height.isdecimal() and width.isdecimal()):
+        raise UsageError(f"'{text}' is not a size: write HEIGHTxWIDTH, for example 256x832")
+    size = int(height), int(width)
+    if min(size) < multiple or size[0] % multiple or size[1] % multiple:
+        raise UsageError(f"size {text}: height and width must be multiples of {multiple}, for example 256x832")
+    return size

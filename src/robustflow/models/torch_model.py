@@ -1,0 +1,172 @@
+"""A PyTorch network as a flow model: the adapter owns the images' way in, the flow's way out, device and precision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from ..errors import ModelError, UsageError, unknown_name
+from ..sample import Flow, Frame
+from .blocks.resize import resize_flow
+from .input_convention import InputConvention
+from .reproducible import reproducible
+
+PRECISIONS = ("fp32", "bf16")
+
+
+class TorchModel:
+    """Satisfies `FlowModel`.
+
+    Args:
+        name: of the model.
+        net: two images (N, 3, H, W) to one flow (N, 2, H, W) in pixels; put into evaluation mode here.
+        convention: how the network wants its images.
+        settings: what else changes its numbers (checkpoint hash, iterations), for `identity`.
+        device: "auto" (a CUDA device where there is one, else the CPU), "cpu", "cuda", "cuda:1", ...
+        precision: "fp32" (without TF32) or "bf16" (automatic mixed precision).
+        compile: compile the network with `torch.compile` on its first call.
+        threads: of the CPU. One by default: more can change the last bits of a result, and runs use more processes.
+
+    Raises:
+        UsageError: an unknown device or precision.
+        ModelError: a device this machine does not have.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        net: nn.Module,
+        convention: InputConvention,
+        settings: Mapping[str, Any],
+        *,
+        device: str = "auto",
+        precision: Literal["fp32", "bf16"] = "fp32",
+        compile: bool = False,
+        threads: int = 1,
+    ) -> None:
+        if precision not in PRECISIONS:
+            raise unknown_name("precision", str(precision), PRECISIONS)
+        if threads < 1:
+            raise UsageError(f"threads must be 1 or more, not {threads}")
+        self.name = name
+        self.convention = convention
+        self.device = find_device(device)
+        self.net = net.to(self.device).eval().requires_grad_(False)
+        self._settings = dict(settings)
+        self._precision = precision
+        self._compile = bool(compile)
+        self._threads = threads
+        self._call = torch.compile(self.net) if compile else self.net
+
+    def identity(self) -> dict[str, Any]:
+        """What changes the numbers: the network's settings, its input, and how it is executed."""
+        return {
+            "name": self.name,
+            **self._settings,
+            "input": self.convention.describe(),
+            "device": self.device.type,
+            "precision": self._precision,
+            "compile": self._compile,
+            "threads": self._threads,
+            "torch": torch.__version__,
+        }
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`."""
+        return self.predict_batch([frame1], [frame2])[0]
+
+    def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
+        """Flows of several pairs; pairs of one size go through the network together.
+
+        Args:
+            frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
+            frames2: as many, each of its first frame's size.
+
+        Returns:
+            float32 (H, W, 2) each, (u right, v down) in pixels.
+
+        Raises:
+            UsageError: frames that are no pairs of RGB uint8 images.
+        """
+        if len(frames1) != len(frames2):
+            raise UsageError(f"{len(frames1)} first frames and {len(frames2)} second frames; give pairs")
+        sizes: dict[tuple[int, ...], list[int]] = {}
+        for i, (frame1, frame2) in enumerate(zip(frames1, frames2, strict=True)):
+            _check_pair(frame1, frame2)
+            sizes.setdefault(frame1.shape, []).append(i)
+        flows: dict[int, Flow] = {}
+        for members in sizes.values():
+            batch = self._predict([frames1[i] for i in members], [frames2[i] for i in members])
+            flows.update(zip(members, batch, strict=True))
+        return [flows[i] for i in range(len(frames1))]
+
+    def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
+        height, width = frames1[0].shape[:2]
+        with torch.inference_mode(), reproducible(self._threads):
+            image1, image2 = (self._images(frames) for frames in (frames1, frames2))
+            with torch.autocast(self.device.type, torch.bfloat16, enabled=self._precision == "bf16"):
+                flow = self._call(image1, image2)
+            flow = self._unfit(flow.float(), height, width)
+            return list(flow.permute(0, 2, 3, 1).contiguous().cpu().numpy())
+
+    def _images(self, frames: list[Frame]) -> Tensor:
+        values = torch.from_numpy(np.stack(frames)).to(self.device).permute(0, 3, 1, 2).float()
+        if self.convention.order == "bgr":
+            values = values.flip(1)
+        mean = values.new_tensor(self.convention.mean).view(1, 3, 1, 1)
+        images = (values - mean) * self.convention.scale
+        if self.convention.fit == "pad":
+            mode = "replicate" if self.convention.padding == "replicate" else "constant"
+            return F.pad(images, self.convention.padding_sides(*images.shape[2:]), mode=mode)
+        if self.convention.fit == "stretch":
+            size = self.convention.fitted_size(*images.shape[2:])
+            return F.interpolate(images, size=size, mode="bilinear", align_corners=False)
+        return images
+
+    def _unfit(self, flow: Tensor, height: int, width: int) -> Tensor:
+        if self.convention.fit == "pad":
+            left, _, above, _ = self.convention.padding_sides(height, width)
+            return flow[:, :, above : above + height, left : left + width]
+        if self.convention.fit == "stretch":
+            return resize_flow(flow, (height, width))
+        return flow
+
+
+def find_device(name: str) -> torch.device:
+    """The device of a name.
+
+    >>> find_device("cpu").type
+    'cpu'
+
+    Raises:
+        UsageError: no device's name.
+        ModelError: this machine has no such device.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        device = torch.device(name)
+    except RuntimeError:
+        raise UsageError(f"'{name}' is no device: give auto, cpu, cuda or cuda:0") from None
+    try:
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        reason = next(iter(str(error).splitlines()), type(error).__name__)
+        raise ModelError(
+            f"this machine has no device '{name}' that torch can use ({reason}); give cpu or auto"
+        ) from None
+    return device
+
+
+def _check_pair(frame1: Frame, frame2: Frame) -> None:
+    for frame in (frame1, frame2):
+        if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
+            what = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
+            raise UsageError(f"a frame is {what}; expected RGB uint8 (H, W, 3)")
+    if frame1.shape != frame2.shape:
+        raise UsageError(f"frames of one pair differ in size: {frame1.shape[:2]} and {frame2.shape[:2]}")

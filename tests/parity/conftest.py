@@ -1,0 +1,40 @@
+"""Every case a pack holds becomes a test; the errors are listed at the end of the run."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from ..shared_data import shared_root
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """A test that takes `case` runs once for each letter in the pack its module names as PACK, with the ending that
+    the module's mark `expected` names (`a_expected_ft.npz` is case a of the ending "_ft")."""
+    if "case" not in metafunc.fixturenames:
+        return
+    marker = metafunc.definition.get_closest_marker("expected")
+    suffix = marker.args[0] if marker else ""
+    folder = shared_root() / "parity" / metafunc.module.PACK
+    ending = f"_expected{suffix}.npz"
+    letters = sorted(path.name.removesuffix(ending) for path in folder.glob(f"*{ending}"))
+    # Without the pack one test remains, which skips with the reason.
+    metafunc.parametrize("case", letters or ["none"])
+
+
+@pytest.fixture
+def pack(request: pytest.FixtureRequest, shared):
+    """The pack that the test's module names as PACK."""
+    pytest.importorskip("torch", reason="needs the torch extra")
+    from .pack import Pack
+
+    return Pack(shared(f"parity/{request.module.PACK}"))
+
+
+def pytest_terminal_summary(terminalreporter) -> None:
+    report = getattr(sys.modules.get(f"{__package__}.pack"), "REPORT", [])
+    if report:
+        terminalreporter.section("parity with the original implementations")
+        for line in dict.fromkeys(report):
+            terminalreporter.write_line(line)
