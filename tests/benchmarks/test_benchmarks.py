@@ -74,6 +74,21 @@ def test_data_where_it_is_needed_and_only_there(name, data):
         load_benchmark(name, data)
 
 
+def test_any_dataset_is_a_benchmark(kitti, tmp_path):
+    (tmp_path / "split.txt").write_text("000001\n")
+    benchmark = load_benchmark("kitti2015", kitti, tmp_path / "split.txt")
+    assert (benchmark.keys, len(benchmark.corruptions)) == (("000001",), 20)
+    frames = load_benchmark("folder", kitti / "training" / "image_2", options={"step": 2})
+    assert frames.protocol == {"options": {"step": "2"}}, "another step is another run"
+    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1), tmp_path / "fc"))
+    with pytest.raises(UsageError, match="--benchmark kitti-fc"):
+        load_benchmark("kitti_fc", tmp_path / "fc")
+    with pytest.raises(UsageError, match="render_pass"):
+        load_benchmark("kitti-fc", kitti, options={"render_pass": "final"})
+    with pytest.raises(UsageError, match="did you mean 'sintel'"):
+        load_benchmark("sintl", kitti)
+
+
 def test_export_reads_back_to_the_same_rows(kitti, tmp_path):
     chosen = ["high_light", "impulse_noise"]
     benchmark = load_benchmark("kitti-fc", kitti).narrowed(chosen, [2, 3], 2)

@@ -52,7 +52,8 @@ def _corruptions() -> list[str]:
 def _benchmarks() -> list[str]:
     from ..benchmarks import BENCHMARKS
 
-    return [f"{name:10s} {_first_line(BENCHMARKS.get(name))}" for name in BENCHMARKS.names()]
+    lines = [f"{name:10s} {_first_line(BENCHMARKS.get(name))}" for name in BENCHMARKS.names()]
+    return [*lines, f"{'DATASET':10s} Any data set by its name, under every image-pair corruption."]
 
 
 def _datasets() -> list[str]:

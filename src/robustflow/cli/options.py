@@ -22,6 +22,10 @@ ModelOptions = Annotated[
     typer.Option("--option", "-O", metavar="KEY=VALUE", help="An option of the model, e.g. preset=fast. Repeatable."),
 ]
 Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the data set (or a video, for 'folder').")]
+DataOptions = Annotated[
+    list[str] | None,
+    typer.Option("--data-option", "-D", metavar="KEY=VALUE", help="Of a data set, e.g. render_pass=final. Repeatable."),
+]
 Split = Annotated[
     Path | None, typer.Option(help="File naming the pairs to use, one a line, instead of the built-in split.")
 ]

@@ -11,6 +11,7 @@ import typer
 from .options import (
     Corruptions,
     Data,
+    DataOptions,
     Limit,
     ModelName,
     ModelOptions,
@@ -26,8 +27,11 @@ from .options import (
 
 def run(
     model: ModelName,
-    benchmark: Annotated[str, typer.Option("--benchmark", "-b", help="demo, kitti-fc or folder.")] = "demo",
+    benchmark: Annotated[
+        str, typer.Option("--benchmark", "-b", help="demo, kitti-fc, gopro-fc, or any data set: folder, sintel, ...")
+    ] = "demo",
     data: Data = None,
+    data_option: DataOptions = None,
     option: ModelOptions = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
@@ -72,6 +76,7 @@ def run(
                 severities=numbers(severities),
                 limit=limit,
                 split=split,
+                data_options=dict(keyword_options(data_option)),
                 seed=seed,
                 variant=variant,
                 workers=workers,

@@ -55,6 +55,7 @@ def evaluate(
     severities: Sequence[int] | None = None,
     limit: int | None = None,
     split: str | Path | None = None,
+    data_options: dict[str, Any] | None = None,
     seed: int = 0,
     variant: str = "default",
     workers: int = 1,
@@ -68,11 +69,13 @@ def evaluate(
     Args:
         model: a name (`"dis"`, `"module.path:Attribute"`, a folder of flows), or any object with
             `predict(frame1, frame2) -> flow`, or a function of two frames.
-        benchmark: "demo" (a real pair that needs no download), "kitti-fc", "folder", or a `Benchmark`.
+        benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", any dataset by name ("folder"
+            for your own frames or video, "sintel", ...), or a `Benchmark`.
         data: the data set's folder, for benchmarks that need one.
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default.
         corruptions, severities, limit: run only these; a later call with others adds to the same folder.
-        split: a file naming the samples (kitti-fc).
+        split: a file naming the samples to use, one key a line.
+        data_options: of a dataset, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.
         variant: of the corruptions: "default", "reference" or "paper".
         workers: processes; 1 stays in this process unless `timeout` is given.
@@ -93,7 +96,7 @@ def evaluate(
     >>> result.rcre
     0.0
     """
-    chosen = load_benchmark(benchmark, data, split) if isinstance(benchmark, str) else benchmark
+    chosen = load_benchmark(benchmark, data, split, data_options) if isinstance(benchmark, str) else benchmark
     if isinstance(chosen.dataset, FromClips):
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
     chosen = chosen.narrowed(corruptions, severities, limit)

@@ -1,0 +1,27 @@
+"""Any dataset as a benchmark: the user's own frames (`folder`), or Sintel, HD1K, Spring and the others by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ..corruptions import IMAGE_PAIR
+from ..datasets import PreCorrupted, load_dataset
+from ..datasets.split import read_split
+from ..errors import UsageError
+from .base import Benchmark
+
+
+def from_dataset(name: str, data: Path | None, split: Path | None, options: dict[str, Any]) -> Benchmark:
+    """Every sample of a dataset under every image-pair corruption. Without ground truth, RCRE is what is measured.
+
+    Raises:
+        UsageError: a dataset that is a benchmark of its own, an option it does not know, or a root missing.
+        DataError: the folder is not in the dataset's layout.
+    """
+    dataset = load_dataset(name, data, **options)
+    if isinstance(dataset, PreCorrupted):
+        raise UsageError(f"the frames of '{name}' are corrupted already: use --benchmark {name.replace('_', '-')}")
+    keys = read_split(split, dataset.keys()) if split else dataset.keys()
+    protocol = {"options": {key: str(value) for key, value in sorted(options.items())}} if options else {}
+    return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol)
