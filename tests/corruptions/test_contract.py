@@ -1,0 +1,154 @@
+"""What every registered corruption of image pairs promises, on frames of many sizes."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
+from robustflow.corruptions.base import VARIANTS
+from robustflow.corruptions.catalog import CLIP, CORRUPTIONS, PAPER_ORDER
+from robustflow.errors import AssetError, UsageError
+
+NAMES = [name for name in CORRUPTIONS.names() if name not in CLIP]
+DRAWS_NOTHING = {
+    "jpeg_compression",
+    "pixelate",
+    "contrast",
+    "saturate",
+    "high_light",
+    "low_light",
+    "gaussian_blur",
+    "defocus_blur",
+    "psf_blur",
+}
+every_corruption = pytest.mark.parametrize("name", NAMES)
+
+
+def picture(height, width, seed=0):
+    """A textured frame: a coarse pattern with fine noise on it, some of it black and white."""
+    rng = np.random.default_rng([seed, height, width])
+    coarse = rng.integers(-40, 296, (height // 8 + 1, width // 8 + 1, 3))
+    tiled = coarse.repeat(8, axis=0).repeat(8, axis=1)[:height, :width]
+    return np.clip(tiled + rng.integers(-20, 21, tiled.shape), 0, 255).astype(np.uint8)
+
+
+def corrupted(*args, **options):
+    """As `corrupt`; skips where textures or lenses are neither there nor to be fetched."""
+    try:
+        return corrupt(*args, **options)
+    except AssetError as error:
+        pytest.skip(str(error))
+
+
+@every_corruption
+@settings(max_examples=8, deadline=None)
+@given(
+    size=st.tuples(st.integers(16, 90), st.integers(16, 90)),
+    severity=st.integers(1, 5),
+    variant=st.sampled_from(VARIANTS),
+    seed=st.integers(0, 2**32),
+)
+def test_contract(name, size, severity, variant, seed):
+    frames = [picture(*size, seed=i) for i in range(3)]
+    untouched = [frame.copy() for frame in frames]
+    options = {"seed": seed, "key": "k", "variant": variant}
+    pair = corrupted(frames[0], frames[1], name, severity, **options)
+    for out in pair:
+        assert out.shape == (*size, 3)
+        assert out.dtype == np.uint8
+        assert not any(np.shares_memory(out, frame) for frame in frames)
+    assert all((frame == before).all() for frame, before in zip(frames, untouched, strict=True))
+
+    again = corrupted(frames[0], frames[1], name, severity, **options)
+    assert all((out == other).all() for out, other in zip(pair, again, strict=True)), "the same key, other bytes"
+
+    other_second = corrupted(frames[0], frames[2], name, severity, **options)
+    assert (other_second[0] == pair[0]).all(), "frame 1 depends on frame 2"
+
+    clip = list(corrupt_clip(frames, name, severity, **options))
+    assert all((out == other).all() for out, other in zip(pair, clip, strict=False)), "clip and pair differ"
+    assert clip[2].shape == (*size, 3)
+
+
+@every_corruption
+def test_views_and_read_only_frames(name):
+    whole = picture(70, 101)
+    strided, reverse = whole[1:61:2, 3:99:3], picture(40, 50)[::-1, ::-1, ::-1]
+    read_only = picture(40, 50, seed=1)
+    read_only.setflags(write=False)
+    fortran = np.asfortranarray(picture(33, 47))
+    for frame in (strided, reverse, read_only, fortran):
+        expected = corrupted(frame.copy(order="C"), frame.copy(order="C"), name, 3)
+        found = corrupted(frame, frame, name, 3)
+        assert all((out == other).all() for out, other in zip(found, expected, strict=True))
+
+
+@every_corruption
+@pytest.mark.parametrize("value", [0, 255])
+def test_black_and_white_frames(name, value):
+    frame = np.full((41, 57, 3), value, np.uint8)
+    for severity in (1, 5):
+        assert all(out.shape == frame.shape for out in corrupted(frame, frame, name, severity))
+
+
+@every_corruption
+def test_keys_seeds_and_severities_change_what_is_drawn(name):
+    frame = picture(64, 80)
+    if name in DRAWS_NOTHING:
+        distinct = {corrupted(frame, frame, name, 3, seed=seed)[1].tobytes() for seed in range(4)}
+        assert len(distinct) == 1
+        return
+    keys = {b"".join(out.tobytes() for out in corrupted(frame, frame, name, 3, key=str(key))) for key in range(12)}
+    seeds = {b"".join(out.tobytes() for out in corrupted(frame, frame, name, 3, seed=seed)) for seed in range(12)}
+    least = 2 if name.endswith("exposure") else 9  # a coin has two sides; close directions of a blur meet
+    assert len(keys) >= least
+    assert len(seeds) >= least
+
+
+@every_corruption
+def test_severities_differ(name):
+    frame = picture(96, 128)
+    outputs = {b"".join(out.tobytes() for out in corrupted(frame, frame, name, level)) for level in range(1, 6)}
+    assert len(outputs) == 5
+
+
+@every_corruption
+@pytest.mark.parametrize("severity", [0, 6, -1, True])
+def test_severities_that_do_not_exist_are_refused(name, severity):
+    frame = picture(32, 32)
+    with pytest.raises(UsageError, match="severity"):
+        corrupt(frame, frame, name, severity)
+
+
+@every_corruption
+def test_threads_share_an_instance(name):
+    corruption, frames = load_corruption(name), [picture(60, 75, seed=i) for i in range(6)]
+    expected = [corrupted(frame, frame, corruption, 2, key=str(i)) for i, frame in enumerate(frames)]
+    with ThreadPoolExecutor(3) as pool:
+        jobs = [pool.submit(corrupt, frame, frame, corruption, 2, key=str(i)) for i, frame in enumerate(frames)]
+        for job, pair in zip(jobs, expected, strict=True):
+            assert all((out == other).all() for out, other in zip(job.result(), pair, strict=True))
+
+
+@pytest.mark.slow
+@every_corruption
+@pytest.mark.parametrize("size", [(2160, 4096), (1999, 61), (17, 3001)])
+def test_large_and_long_frames(name, size):
+    frame = picture(*size)
+    for out in corrupted(frame, frame, name, 5):
+        assert out.shape == frame.shape
+        assert out.dtype == np.uint8
+
+
+def test_every_name_of_the_paper_is_registered():
+    assert set(PAPER_ORDER) <= set(CORRUPTIONS.names())
+    for name in NAMES:
+        corruption = load_corruption(name)
+        assert corruption.name == name
+        assert len(corruption.severities) == 5
+        assert corruption.__doc__, f"{name} does not say what it does"
