@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import correlate
 
 from robustflow.corruptions.blur.defocus import DefocusBlur
-from robustflow.corruptions.blur.disk import convolve_disk, disk_kernel
+from robustflow.corruptions.blur.disk import convolve_disk
+from robustflow.corruptions.blur.disk_kernel import disk_kernel
 from robustflow.corruptions.rng import Rng
 
 

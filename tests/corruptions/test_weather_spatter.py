@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from robustflow.corruptions.normal_field import UNIT, normal_field
 from robustflow.corruptions.rng import Rng
-from robustflow.corruptions.weather.chamfer import edge_distance, floor_of_mean
+from robustflow.corruptions.weather.chamfer import edge_distance, mean_distance
 from robustflow.corruptions.weather.spatter import MUD, WATER, Spatter
 
 
@@ -64,4 +64,4 @@ def test_means_are_rounded_down():
     values = np.random.default_rng(2).integers(0, 200_001, (9, 13)).astype(np.int32)
     padded = np.pad(values, 1, mode="reflect")
     sums = sum(padded[i : i + 9, j : j + 13] for i in range(3) for j in range(3))
-    assert np.array_equal(floor_of_mean(values, 10_000), sums // 90_000)
+    assert np.array_equal(mean_distance(values), sums // 90_000)

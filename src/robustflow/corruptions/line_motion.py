@@ -17,6 +17,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ..sample import Frame
+from .contiguous import contiguous
 
 
 class LineKernel(NamedTuple):
@@ -48,7 +49,7 @@ def line_kernel(radius: int, sigma: float, angle: float) -> LineKernel:
 def move_frame(frame: Frame, kernel: LineKernel) -> Frame:
     """Smear an image along a line: uint8 (H, W, C) in, a new uint8 array out, rounded once."""
     height, width, channels = frame.shape
-    source = np.ascontiguousarray(frame).reshape(height, width * channels)
+    source = contiguous(frame).reshape(height, width * channels)
     out = np.empty_like(source)
     _move(source, channels, 8, kernel.offsets, kernel.weights, out)
     return out.reshape(frame.shape)

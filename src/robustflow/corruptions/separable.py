@@ -18,6 +18,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ..sample import Frame
+from .contiguous import contiguous
 
 Plane = npt.NDArray[np.float32]
 """float32, shape (H, W)."""
@@ -52,7 +53,7 @@ def gaussian_frame(frame: Frame, sigma: float, offset: float = 0.0) -> Frame:
         offset: added before rounding half to even; `FLOOR` for truncation.
     """
     height, width, channels = frame.shape
-    source = np.ascontiguousarray(frame).reshape(height, width * channels)
+    source = contiguous(frame).reshape(height, width * channels)
     out = np.empty_like(source)
     _blur_to_uint8(source, channels, gaussian_weights(sigma), np.float32(offset), out)
     return out.reshape(frame.shape)

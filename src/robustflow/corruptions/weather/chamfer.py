@@ -27,15 +27,15 @@ def edge_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np.in
     return distance
 
 
-def floor_of_mean(values: npt.NDArray[np.int32], unit: int) -> npt.NDArray[np.uint8]:
-    """The mean of each 3 x 3 neighbourhood in whole units, rounded down: uint8 (H, W). Borders are mirrored."""
-    out = np.empty(values.shape, np.uint8)
-    _mean(values, np.int32(9 * unit), out)
+def mean_distance(distance: npt.NDArray[np.int32]) -> npt.NDArray[np.uint8]:
+    """The mean over each 3 x 3 neighbourhood in whole pixels, rounded down: uint8 (H, W). Borders are mirrored."""
+    out = np.empty(distance.shape, np.uint8)
+    _mean(distance, out)
     return out
 
 
 @njit(cache=True, nogil=True)
-def _mean(values: Any, nine: Any, out: Any) -> None:
+def _mean(values: Any, out: Any) -> None:
     height, width = values.shape
     line = np.empty(width + 2, np.int32)
     for y in range(height):
@@ -46,7 +46,8 @@ def _mean(values: Any, nine: Any, out: Any) -> None:
         line[0], line[width + 1] = line[2], line[width - 1]
         target = out[y]
         for x in range(width):
-            target[x] = np.uint8(np.int32(line[x] + np.int32(line[x + 1] + line[x + 2])) // nine)
+            total = np.uint32(line[x] + np.int32(line[x + 1] + line[x + 2]))
+            target[x] = np.uint8(np.uint32(total // np.uint32(9 * _STRAIGHT)))
 
 
 @njit(cache=True, nogil=True)
@@ -58,9 +59,9 @@ def _sweep(distance: Any, far: int) -> None:
     for y in range(height):
         one, two = above[(y + 1) % 2], above[y % 2]
         for x in range(width):
-            straight = one[x + 2] + _STRAIGHT
-            diagonal = min(one[x + 1], one[x + 3]) + _DIAGONAL
-            knight = min(min(one[x], one[x + 4]), min(two[x + 1], two[x + 3])) + _KNIGHT
+            straight = np.int32(one[x + 2] + _STRAIGHT)
+            diagonal = np.int32(min(one[x + 1], one[x + 3]) + _DIAGONAL)
+            knight = np.int32(min(min(one[x], one[x + 4]), min(two[x + 1], two[x + 3])) + _KNIGHT)
             line[x] = min(min(straight, diagonal), knight)
         row = distance[y]
         left = np.int32(far)

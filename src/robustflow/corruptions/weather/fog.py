@@ -10,6 +10,7 @@ from numba import njit
 
 from ...sample import Frame
 from ..base import Corruption
+from ..contiguous import contiguous
 from ..rng import Rng
 from .plasma import plasma_corner
 
@@ -36,7 +37,7 @@ class Fog(Corruption):
     def apply(self, frame: Frame, state: tuple[float, FogMap], index: int) -> Frame:
         """Lay the fog over one frame."""
         strength, fog = state
-        frame = np.ascontiguousarray(frame)
+        frame = contiguous(frame)
         brightest = float(frame.max()) / 255
         gain = brightest / (brightest + strength)
         out = np.empty_like(frame)

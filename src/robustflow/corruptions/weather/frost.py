@@ -9,6 +9,7 @@ from numba import njit
 
 from ...sample import Frame
 from ..base import Corruption
+from ..contiguous import contiguous
 from ..rng import Rng
 from .frost_assets import TEXTURES
 from .frost_textures import enlarged_shape, enlarged_texture
@@ -57,7 +58,7 @@ class Frost(Corruption):
         """Lay the frost over one frame."""
         height, width = state.shape
         frost = enlarged_texture(state.slot, state.shape)
-        source = np.ascontiguousarray(frame).reshape(height, 3 * width)
+        source = contiguous(frame).reshape(height, 3 * width)
         out = np.empty_like(source)
         keep, add = np.float32(state.keep), np.float32(state.add)
         _blend(source, frost.reshape(len(frost), -1), state.top, 3 * state.left, keep, add, out)

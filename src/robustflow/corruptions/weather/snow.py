@@ -10,6 +10,7 @@ from numba import njit
 
 from ...sample import Frame
 from ..base import Corruption
+from ..contiguous import contiguous
 from ..line_motion import LineKernel, line_kernel, move_plane
 from ..normal_field import UNIT, normal_field
 from ..rng import Rng
@@ -68,7 +69,7 @@ class Snow(Corruption):
         )
         layer = move_plane(flakes, state.motion)[:height, :width]
         out = np.empty_like(frame, order="C")
-        _whiten(np.ascontiguousarray(frame), layer, np.float32(share), out)
+        _whiten(contiguous(frame), layer, np.float32(share), out)
         return out
 
 

@@ -11,10 +11,11 @@ from numba import njit
 
 from ...sample import Frame
 from ..base import Corruption
+from ..contiguous import contiguous
 from ..normal_field import UNIT, normal_field
 from ..rng import Rng
 from ..separable import Plane, gaussian_plane
-from .chamfer import edge_distance, floor_of_mean
+from .chamfer import edge_distance, mean_distance
 
 WATER = (175.0, 238.0, 238.0)
 MUD = (63.0, 42.0, 20.0)
@@ -64,7 +65,7 @@ class Spatter(Corruption):
 
     def apply(self, frame: Frame, state: SpatterLayer, index: int) -> Frame:
         """Lay the drops over one frame."""
-        frame = np.ascontiguousarray(frame)
+        frame = contiguous(frame)
         out = np.empty_like(frame)
         colour = np.array(state.colour, np.float32)
         _blend(frame, state.opacity, colour, np.float32(state.covers), out)
@@ -73,7 +74,7 @@ class Spatter(Corruption):
 
 def _water(liquid: npt.NDArray[np.uint8], strength: float) -> Plane:
     """Opacity of drops that are bright at their rims: the reference code's steps, in integers up to the last."""
-    near = floor_of_mean(edge_distance(cv2.Canny(liquid, 50, 150), limit=20), unit=10_000)
+    near = mean_distance(edge_distance(cv2.Canny(liquid, 50, 150), limit=20))
     emboss = np.array([[-2, -1, 0], [-1, 1, 1], [0, 1, 2]])
     relief = cv2.blur(cv2.filter2D(cv2.equalizeHist(near), cv2.CV_8U, emboss), (3, 3))
     opacity = liquid * relief.astype(np.float32)

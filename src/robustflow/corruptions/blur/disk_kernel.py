@@ -1,0 +1,88 @@
+"""The anti-aliased disk of the defocus blur, as a kernel and in the parts that disk.py sums.
+
+The kernel is a flat disk blurred by a tiny Gaussian g (3 or 5 taps) inside an array. Where the disk comes within reach
+of the array's edge (radius 8 and 10 of the paper's five) the reference code mirrors it there, and what g would spread
+outside moves back inside: in each direction a few segments of the disk's outermost rows, or columns, are added and a
+few taken away. They are the kernel's rim.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import isqrt
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+_NEGLIGIBLE = 1e-9
+"""Taps of g below this are zero: at a smoothing of 0.1 they are 1e-22."""
+
+_ROOM = 8
+"""The array reaches this far from its centre, or as far as the disk if that is farther."""
+
+
+class Disk(NamedTuple):
+    """The kernel's parts."""
+
+    widths: npt.NDArray[np.int64]
+    """Half-width of row dy of the disk, int64 (radius + 1,)."""
+    taps: npt.NDArray[np.float32]
+    """Half of g, centre first, float32 (g + 1,), divided by the square root of the disk's area."""
+    rim: npt.NDArray[np.int64]
+    """int64 (n, 4): (distance, half-width) of a segment to add and of one to take away; -1 wide is none."""
+    rim_weights: npt.NDArray[np.float32]
+    """Their common weights, float32 (n,), in the units of `taps`."""
+
+
+def disk_kernel(radius: int, smoothing: float) -> npt.NDArray[np.float64]:
+    """The kernel itself, float64 (n, n): n = 17 up to radius 8, else 2 * radius + 1.
+
+    >>> [round(float(disk_kernel(r, 0.5).sum()), 3) for r in (6, 8, 10)]
+    [1.0, 1.013, 1.011]
+    """
+    axis = np.arange(-max(radius, _ROOM), max(radius, _ROOM) + 1)
+    disk = (axis[:, None] ** 2 + axis[None, :] ** 2 <= radius**2).astype(np.float64)
+    taps = _smoothing_taps(radius, smoothing)
+    taps = np.concatenate([taps[:0:-1], taps])
+    padded = np.pad(disk / disk.sum(), len(taps) // 2, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (len(taps), len(taps)))
+    return np.einsum("yxij,i,j->yx", windows, taps, taps)
+
+
+def _smoothing_taps(radius: int, smoothing: float) -> npt.NDArray[np.float64]:
+    """Half of g, centre first; only the centre where there is no smoothing."""
+    if smoothing == 0:
+        return np.ones(1)
+    half = np.exp(-0.5 * (np.arange(2 if radius <= _ROOM else 3) / smoothing) ** 2)
+    half /= half[0] + 2 * half[1:].sum()
+    return half[half > _NEGLIGIBLE]
+
+
+@lru_cache(maxsize=16)
+def disk_parts(radius: int, smoothing: float) -> Disk:
+    """The parts of `disk_kernel(radius, smoothing)`."""
+    widths = np.array([isqrt(radius**2 - dy**2) for dy in range(radius + 1)])
+    taps = _smoothing_taps(radius, smoothing)
+    area = int((2 * widths + 1).sum() * 2 - (2 * widths[0] + 1))
+    scale = area**-0.5
+    # a rim segment is weighted once by g's tap and once more by the blur across it
+    rim = [entry for entry in _mirrored_rim(radius, len(taps) - 1) if entry[2] <= radius]
+    segments = [
+        (inside, widths[row], *((outside, widths[other]) if other <= radius else (0, -1)))
+        for _, inside, row, outside, other in rim
+    ]
+    weights = [taps[j] * scale for j, *_ in rim]
+    table = np.array(segments, np.int64).reshape(-1, 4)
+    return Disk(widths, (taps * scale).astype(np.float32), table, np.array(weights, np.float32))
+
+
+def _mirrored_rim(radius: int, reach: int) -> list[tuple[int, int, int, int, int]]:
+    """What mirroring adds to, and takes from, the disk blurred by taps up to `reach`.
+
+    (tap, distance and row of the disk to add there, distance and row to take away there): tap j carries a row to the
+    place `over` beyond the edge, from where it is folded back.
+    """
+    edge = max(radius, _ROOM)
+    pairs = [(over, j) for over in range(1, reach + 1) for j in range(over, reach + 1)]
+    return [(j, edge + over - j, edge - over, edge + over, edge + over - j) for over, j in pairs]
