@@ -26,12 +26,12 @@ def table():
     return json.loads(path.read_text()) if path.exists() else None
 
 
-def cases(group):
-    """(name, key) of every entry of a group of the table, as test parameters; one skipped where there is none."""
+def cases(group, every=1):
+    """(name, key) of every n-th entry per corruption of a group, as parameters; a skipped one without a table."""
     if table() is None:
         reason = f"no reference in {FOLDER}; set ROBUSTFLOW_SHARED to the folder that holds it"
         return [pytest.param("none", "s0", marks=pytest.mark.skip(reason=reason))]
-    return [(name, key) for name, entries in table()[group].items() for key in entries]
+    return [(name, key) for name, entries in table()[group].items() for key in list(entries)[::every]]
 
 
 def read_image(name):
