@@ -6,8 +6,8 @@ column the channel's value, holds the whole corruption, and is computed once in 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -52,8 +52,7 @@ class HighLight(_Light):
     paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
-        shift = 255.0 * self.parameter(severity)
-        return LightState(value_table(lambda value: value + shift, floor=self.variant == "reference"))
+        return LightState(shift_table(255.0 * self.parameter(severity), self.variant == "reference"))
 
 
 class LowLight(_Light):
@@ -63,8 +62,7 @@ class LowLight(_Light):
     paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
-        shift = 255.0 * self.parameter(severity)
-        return LightState(value_table(lambda value: value - shift))
+        return LightState(shift_table(-255.0 * self.parameter(severity)))
 
 
 class OverExposure(_Light):
@@ -79,8 +77,7 @@ class OverExposure(_Light):
     paper_severities = (0.4, 0.8, 1.2, 1.6, 2.0)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LightState:
-        factor = 2.0 ** self.parameter(severity)
-        return LightState(value_table(lambda value: value * factor), rng.integer(0, 2))
+        return LightState(gain_table(2.0 ** self.parameter(severity)), rng.integer(0, 2))
 
 
 class UnderExposure(OverExposure):
@@ -90,18 +87,30 @@ class UnderExposure(OverExposure):
     paper_severities = (-0.4, -0.8, -1.2, -1.6, -2.0)
 
 
-def value_table(change: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.float64]], floor: bool = False) -> Table:
+@lru_cache(maxsize=32)
+def shift_table(shift: float, floor: bool = False) -> Table:
+    """The table for V' = V + shift grey levels."""
+    return value_table(np.arange(256.0) + shift, floor)
+
+
+@lru_cache(maxsize=32)
+def gain_table(factor: float) -> Table:
+    """The table for V' = V * factor."""
+    return value_table(np.arange(256.0) * factor)
+
+
+def value_table(new_value: npt.NDArray[np.float64], floor: bool = False) -> Table:
     """For V = 0 .. 255 (rows) and a channel's value (columns), the channel's new value, uint8 (256, 256).
 
-    `change` maps V to V' in grey levels, float64; V' is clipped to [0, 255]. Black has no hue and becomes grey V'.
-    A value above V does not occur.
+    `new_value` is V' in grey levels for V = 0 .. 255, float64 (256,); it is clipped to [0, 255]. Black has no hue and
+    becomes grey V'. A channel above V does not occur.
 
-    >>> table = value_table(lambda value: value + 51.0)
+    >>> table = value_table(np.arange(256.0) + 51.0)
     >>> int(table[102, 102]), int(table[102, 50]), int(table[0, 0])
     (153, 75, 51)
     """
     value = np.arange(256.0)
-    changed = np.clip(change(value), 0.0, 255.0)
+    changed = np.clip(new_value, 0.0, 255.0)
     table = value[None, :] * changed[:, None] / np.maximum(value, 1.0)[:, None]
     table[0] = changed[0]
     return to_bytes(table, floor)
