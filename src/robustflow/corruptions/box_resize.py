@@ -53,7 +53,7 @@ def pixelated(frame: Frame, factor: float) -> Frame:
     most = int(columns.covered.max())
     picks = (columns.covered - fewest) * 3 * width + 3 * columns.first
     weights = np.array([columns.weight[columns.covered == n][:1].sum() for n in range(fewest, most + 1)], np.uint32)
-    _shrink_columns(np.require(frame, requirements="CW").reshape(height, -1), picks, fewest, weights, narrow)
+    _shrink_columns(np.require(frame, requirements=("C", "W")).reshape(height, -1), picks, fewest, weights, narrow)
     small = np.empty((rows.first.size, narrow.shape[1]), np.uint8)
     _shrink_rows(narrow, rows.first, rows.covered, rows.weight, small)
     out = np.empty((height, 3 * width), np.uint8)

@@ -62,7 +62,7 @@ class Contrast(_Digital):
     paper_severities = (0.4, 0.3, 0.2, 0.1, 0.05)
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
-        source = np.require(frame, requirements="CW")
+        source = np.require(frame, requirements=("C", "W"))
         sums = np.zeros(3, np.int64)
         _channel_sums(source.reshape(source.shape[0], -1), sums)
         pixels = source.shape[0] * source.shape[1]
@@ -90,7 +90,7 @@ class Saturate(_Digital):
         return (second, first, *rest) if variant == "reference" else self.paper_severities
 
     def apply(self, frame: Frame, state: tuple[float, float], index: int) -> Frame:
-        source = np.require(frame, requirements="CW")
+        source = np.require(frame, requirements=("C", "W"))
         out = np.empty_like(source)
         alpha, beta = (np.float32(10.0 * value) for value in state)
         _saturate(source.reshape(-1), alpha, beta, self.variant == "reference", out.reshape(-1))

@@ -36,7 +36,7 @@ class _Light(Corruption):
     def apply(self, frame: Frame, state: LightState, index: int) -> Frame:
         if state.exposed is not None and index % 2 != state.exposed:
             return np.array(frame, order="C")
-        source = np.require(frame, requirements="CW")
+        source = np.require(frame, requirements=("C", "W"))
         out = np.empty_like(source)
         _look_up(source, state.table, out)
         return out

@@ -59,7 +59,7 @@ class GaussianNoise(_Noise):
     paper_severities = (0.08, 0.12, 0.18, 0.26, 0.38)
 
     def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
-        source = np.require(frame, requirements="CW")
+        source = np.require(frame, requirements=("C", "W"))
         out = np.empty_like(source)
         _add_noise(
             source.reshape(-1),
@@ -81,7 +81,7 @@ class ShotNoise(_Noise):
     paper_severities = (60, 25, 12, 5, 3)
 
     def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
-        source = np.require(frame, requirements="CW")
+        source = np.require(frame, requirements=("C", "W"))
         out = np.empty_like(source)
         tables, column_bits = shot_tables(state.parameter, self.variant == "reference")
         shift, height_shift = np.uint32(column_bits), np.uint32(32 - column_bits - height_bits(8))
@@ -100,7 +100,7 @@ class ImpulseNoise(_Noise):
     paper_severities = (0.03, 0.06, 0.09, 0.17, 0.27)
 
     def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
-        source = np.require(frame, requirements="CW")
+        source = np.require(frame, requirements=("C", "W"))
         out = np.empty_like(source)
         pepper, both = np.uint16(round(state.parameter * 2**15)), np.uint16(round(state.parameter * 2**16))
         if self.variant == "paper":
