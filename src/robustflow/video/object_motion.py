@@ -29,6 +29,7 @@ def mean_of_windows(frame_at: Callable[[int], Frame], centre: int, reaches: Sequ
     """
     if not reaches or min(reaches) < 0:
         raise UsageError(f"object motion blur over {list(reaches)} frames to either side is not possible")
+    reaches = tuple(dict.fromkeys(reaches))
     longest = max(reaches)
     sums: dict[int, np.ndarray] = {}
     for index in range(centre - longest, centre + longest + 1):
@@ -57,7 +58,7 @@ class ObjectMotion:
 
     def __init__(self, frame_at: Callable[[int], Frame], reaches: Sequence[int], keep: int = 3) -> None:
         self._frame_at = frame_at
-        self._reaches = tuple(dict.fromkeys(reaches))
+        self._reaches = reaches
         self._keep = keep
         self._made: OrderedDict[int, dict[int, Frame]] = OrderedDict()
 

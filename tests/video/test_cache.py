@@ -1,0 +1,81 @@
+"""The cache: made once, whole or not at all, and never larger than it may be."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from robustflow.errors import DataError
+from robustflow.video.cache import FolderCache
+
+
+def make(folder: Path, size: int = 100) -> None:
+    folder.mkdir()
+    (folder / "data").write_bytes(b"x" * size)
+
+
+def read(folder: Path) -> int:
+    return len((folder / "data").read_bytes())
+
+
+def test_made_once(tmp_path):
+    cache = FolderCache(tmp_path, 1000)
+    assert cache.use("a", make, read) == 100
+    assert cache.use("a", lambda folder: pytest.fail("made twice"), read) == 100
+
+
+def test_made_once_by_several_processes(tmp_path):
+    code = f"""
+import os, time
+from pathlib import Path
+from robustflow.video.cache import FolderCache
+root = Path({str(tmp_path)!r})
+def slowly(folder):
+    (root / f"made-{{os.getpid()}}").touch()
+    time.sleep(0.3)
+    folder.mkdir()
+    (folder / "data").write_bytes(b"xyz")
+print(FolderCache(root, 1000).use("a", slowly, lambda folder: (folder / "data").read_text()))
+"""
+    users = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    assert [user.communicate(timeout=60)[0].strip() for user in users] == ["xyz"] * 3
+    assert len(list(tmp_path.glob("made-*"))) == 1
+
+
+def test_the_least_recently_used_goes_first(tmp_path):
+    cache = FolderCache(tmp_path, 350)
+    for age, name in ((3, "a"), (2, "b"), (1, "c")):
+        cache.use(name, make, read)
+        os.utime(tmp_path / name, (1e9 - age, 1e9 - age))
+    cache.use("a", make, read)  # now the most recent
+    cache.use("d", make, read)
+    assert [entry.name for entry in cache.entries()] == ["a", "c", "d"]
+    assert cache.bytes_used() <= 350
+
+
+def test_what_is_in_use_stays_even_beyond_the_limit(tmp_path):
+    cache = FolderCache(tmp_path, 0)
+    for name in "ab":
+        assert cache.use(name, make, read) == 100
+        assert [entry.name for entry in cache.entries()] == [name]
+
+
+def test_a_failure_leaves_nothing(tmp_path):
+    def fail(folder: Path) -> None:
+        make(folder)
+        raise DataError("cannot")
+
+    cache = FolderCache(tmp_path, 1000)
+    with pytest.raises(DataError, match="cannot"):
+        cache.use("a", fail, read)
+    assert [path for path in tmp_path.iterdir() if path.is_dir()] == []
+    assert cache.use("a", make, read) == 100
+
+
+def test_what_a_killed_process_left_is_cleared(tmp_path):
+    make(tmp_path / ".making-a")
+    assert FolderCache(tmp_path, 1000).use("a", make, read) == 100

@@ -1,0 +1,59 @@
+"""FLAVR's network apart from the numbers: shapes, a property of its centring, and its checkpoint."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+import torch
+
+from robustflow.errors import ModelError
+from robustflow.video.flavr import FLAVR, load_flavr
+
+pytestmark = pytest.mark.torch
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """A network of one output, and its weights in the authors' layout."""
+    torch.manual_seed(0)
+    net = FLAVR(n_outputs=1).eval().requires_grad_(False)
+    path = tmp_path_factory.mktemp("flavr") / "FLAVR_2x.pth"
+    torch.save({"epoch": 1, "state_dict": {f"module.{key}": value for key, value in net.state_dict().items()}}, path)
+    return net, path
+
+
+def clip():
+    generator = torch.Generator().manual_seed(0)
+    return [torch.rand(2, 3, 16, 24, generator=generator) for _ in range(4)]
+
+
+def test_brighter_frames_give_as_much_brighter_frames(saved):
+    """The mean of each colour is taken off before the network and put back behind it."""
+    net, _ = saved
+    shift = torch.tensor([0.1, -0.2, 0.3]).view(1, 3, 1, 1)
+    (found,) = net([frame + shift for frame in clip()])
+    (expected,) = net(clip())
+    torch.testing.assert_close(found, expected + shift, atol=1e-5, rtol=0)
+
+
+def test_the_batch_changes_nothing(saved):
+    net, _ = saved
+    (together,) = net(clip())
+    for i in range(2):
+        (alone,) = net([frame[i : i + 1] for frame in clip()])
+        torch.testing.assert_close(together[i : i + 1], alone, atol=1e-5, rtol=0)
+
+
+def test_the_authors_file(saved):
+    net, path = saved
+    loaded = load_flavr(path, n_outputs=1)
+    assert not loaded.training
+    assert torch.equal(loaded(clip())[0], net(clip())[0])
+
+
+def test_the_file_of_another_frame_rate_is_told(saved):
+    _, path = saved
+    with pytest.raises(ModelError, match=r"no checkpoint of flavr \(4x\).*17 missing.*outconv\.1\.weight 3x64x7x7"):
+        load_flavr(path)

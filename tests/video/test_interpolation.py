@@ -1,0 +1,112 @@
+"""Interpolation: where frames go, and that the flow-based one is right on a scene whose truth is known."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.errors import AssetError, UsageError
+from robustflow.video.flow_interpolator import FlowInterpolator
+from robustflow.video.interpolation import interpolate, interpolated_count, load_interpolator
+
+from .render import Scene
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    return float(10 * np.log10(255**2 / np.mean((a.astype(float) - b) ** 2)))
+
+
+class Linear:
+    """A cross-fade: exact on frames whose values are linear in time."""
+
+    name = "linear"
+
+    def between(self, window, factor):
+        first, second = (frame.astype(float) for frame in window[1:3])
+        return [np.rint(first + (second - first) * step / factor).astype(np.uint8) for step in range(1, factor)]
+
+    def describe(self):
+        return {"name": self.name}
+
+
+@given(st.integers(4, 12), st.integers(2, 5))
+def test_every_frame_is_at_its_time(count, factor):
+    """Frame k of the result is at source time 1 + k / factor; the first and last source frame are neighbours only."""
+    source = [np.full((2, 2, 3), index * factor, np.uint8) for index in range(count)]
+    result = [int(frame[0, 0, 0]) for frame in interpolate(source, Linear(), factor)]
+    assert result == [factor + k for k in range(interpolated_count(count, factor))]
+    assert result[-1] == (count - 2) * factor
+
+
+@given(st.integers(0, 3))
+def test_too_short_for_a_window(count):
+    assert list(interpolate([np.zeros((2, 2, 3), np.uint8)] * count, Linear(), 4)) == []
+    assert interpolated_count(count, 4) <= 1
+
+
+def test_the_scenes_flow_leads_to_the_same_point_of_its_texture():
+    """The renderer itself: a pixel and where its flow ends show the same place of the same texture."""
+    scene, start, stop = Scene(120, 160, (1.7, 0.6), (-2.3, 1.1), turn=0.02), 0.5, 2.0
+    flow = scene.flow(start, stop)
+    y, x = np.mgrid[:120, :160].astype(float)
+    ends = x + flow[..., 0], y + flow[..., 1]
+    inside = scene._in_disk(x, y, start)
+    assert (scene._in_disk(*ends, stop) == inside)[inside].all()
+    before, after = scene._to_background(x, y, start), scene._to_background(*ends, stop)
+    assert np.abs(np.subtract(before, after))[:, ~inside].max() < 1e-9
+
+
+def test_flow_interpolation_beats_a_cross_fade_by_far():
+    scene = Scene(160, 208, (4.0, 1.5), (-6.0, 3.0), turn=0.01)
+    first, second = scene.frame(0), scene.frame(1)
+    made = FlowInterpolator().between((first, first, second, second), 4)
+    assert len(made) == 3
+    for step, frame in enumerate(made, start=1):
+        truth = scene.picture(step / 4)
+        fade = first + (second.astype(float) - first) * step / 4
+        assert psnr(frame, truth) > psnr(fade, truth) + 5
+
+
+def test_still_frames_stay_still():
+    frame = Scene(64, 80).frame(0)
+    for made in FlowInterpolator().between((frame,) * 4, 3):
+        assert np.abs(made.astype(int) - frame).max() <= 1
+
+
+@pytest.mark.parametrize("shape", [(33, 47), (64, 16)])
+def test_odd_shapes(shape):
+    rng = np.random.default_rng(0)
+    window = [rng.integers(0, 256, (*shape, 3), np.uint8) for _ in range(4)]
+    made = FlowInterpolator().between(window, 2)
+    assert [frame.shape for frame in made] == [(*shape, 3)]
+
+
+def test_opencvs_threads_do_not_matter():
+    scene = Scene(120, 160)
+    window = [scene.frame(t) for t in range(4)]
+    before = cv2.getNumThreads()
+    try:
+        results = []
+        for threads in (1, 3):
+            cv2.setNumThreads(threads)
+            results.append(np.stack(FlowInterpolator().between(window, 4)))
+            assert cv2.getNumThreads() == threads
+    finally:
+        cv2.setNumThreads(before)
+    assert (results[0] == results[1]).all()
+
+
+def test_no_interpolator_is_chosen_silently(tmp_path):
+    assert load_interpolator(None, 1, None) is None
+    with pytest.raises(UsageError, match=r"none was named.*flavr.*flow"):
+        load_interpolator(None, 4, None)
+    with pytest.raises(UsageError, match="'dain' is not one"):
+        load_interpolator("dain", 4, None)
+    with pytest.raises(AssetError, match=r"--checkpoint.*--interpolator flow"):
+        load_interpolator("flavr", 4, None)
+    with pytest.raises(UsageError, match="factor of 0"):
+        load_interpolator("flow", 0, None)
+    assert load_interpolator("flow", 4, None).describe()["name"] == "flow"

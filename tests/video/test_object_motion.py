@@ -1,0 +1,71 @@
+"""Object motion blur: the arithmetic, and how near it is to the true time integral of a moving scene."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.corruptions import load_corruption
+from robustflow.errors import UsageError
+from robustflow.video.flow_interpolator import FlowInterpolator
+from robustflow.video.interpolation import interpolate
+from robustflow.video.object_motion import ObjectMotion, mean_of_windows
+
+from .render import Scene
+
+REACHES = load_corruption("object_motion_blur").severities
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(st.integers(0, 6), min_size=1, max_size=4))
+def test_means_are_the_rounded_means(seed, reaches):
+    clip = np.random.default_rng(seed).integers(0, 256, (13, 3, 4, 3), np.uint8)
+    asked = []
+    means = mean_of_windows(lambda index: (asked.append(index), clip[index])[1], 6, reaches)
+    assert asked == list(range(6 - max(reaches), 6 + max(reaches) + 1))  # once each, forwards
+    for reach in reaches:
+        assert (means[reach] == np.rint(clip[6 - reach : 7 + reach].astype(np.float64).mean(0))).all()
+
+
+def test_white_does_not_overflow():
+    assert (mean_of_windows(lambda index: np.full((1, 1, 3), 255, np.uint8), 20, REACHES)[15] == 255).all()
+
+
+def test_no_window():
+    with pytest.raises(UsageError):
+        mean_of_windows(lambda index: np.zeros((1, 1, 3), np.uint8), 0, [])
+
+
+def test_a_key_frame_of_two_pairs_is_made_once():
+    asked = []
+    motion = ObjectMotion(lambda index: (asked.append(index), np.zeros((2, 2, 3), np.uint8))[1], REACHES)
+    for pair in ((32, 64), (64, 96)):
+        for reach in REACHES:
+            for centre in pair:
+                motion.blurred(centre, reach)
+    assert len(asked) == 3 * 31
+
+
+def test_four_times_the_frames_are_nearer_to_the_time_integral():
+    """The same exposure from interpolated frames (factor 4) and from the recorded frames alone (factor 1)."""
+    figures = integral_psnr(Scene(120, 160, (2.0, 1.0), (-3.0, 1.5), turn=0.01))
+    for reach, (four, one) in figures.items():
+        assert four > one, f"c = {reach}: {four:.2f} dB against {one:.2f} dB"
+
+
+def integral_psnr(scene: Scene) -> dict[int, tuple[float, float]]:
+    """PSNR in dB against the true integral, per c: with interpolation by 4, and with the recorded frames alone."""
+    centre = 6
+    source = [scene.frame(time) for time in range(2 * centre + 1)]
+    master = list(interpolate(source, FlowInterpolator(), 4))  # frame k is at time 1 + k / 4
+    key = (centre - 1) * 4
+    figures = {}
+    for reach in REACHES:
+        half = (reach + 0.5) / 4  # each of the 2c + 1 master frames stands for a quarter of a source interval
+        times = centre + np.linspace(-half, half, 401)
+        truth = np.mean([scene.picture(time) for time in (times[1:] + times[:-1]) / 2], axis=0)
+        four = mean_of_windows(master.__getitem__, key, [reach])[reach]
+        one = mean_of_windows(source.__getitem__, centre, [int(half)])[int(half)]
+        figures[reach] = tuple(float(10 * np.log10(255**2 / np.mean((made - truth) ** 2))) for made in (four, one))
+    return figures

@@ -1,0 +1,178 @@
+"""What a user may hand in: handled, or refused in one clear sentence."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from robustflow.errors import DataError
+from robustflow.imageio import write_image
+from robustflow.video.source import PictureFolder, VideoFile
+
+from . import clips
+
+
+def video(
+    path: Path,
+    frames,
+    pixels: str = "yuv420p",
+    codec: str = "libx264",
+    times: list[int] | None = None,
+    rotation: int = 0,
+    sound: bool = False,
+    options: dict[str, str] | None = None,
+) -> Path:
+    """A video somebody else might have made."""
+    with av.open(str(path), "w", options=options or {}) as container:
+        stream = container.add_stream(codec, rate=30, options={"crf": "10"} if codec == "libx264" else {})
+        stream.height, stream.width = frames[0].shape[:2]
+        stream.pix_fmt = pixels
+        if rotation:
+            stream.set_display_rotation(rotation)
+        audio = container.add_stream("aac", rate=44100, layout="mono") if sound else None
+        for index, image in enumerate(frames):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24").reformat(format=pixels)
+            frame.pts, frame.time_base = (times[index] if times else index), Fraction(1, 30)
+            container.mux(stream.encode(frame))
+            if audio is not None:
+                silence = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+                silence.sample_rate, silence.pts = 44100, index * 1024
+                container.mux(audio.encode(silence))
+        container.mux(stream.encode(None))
+        if audio is not None:
+            container.mux(audio.encode(None))
+    return path
+
+
+def test_an_ordinary_video_with_sound(tmp_path):
+    frames = clips.frames(12)
+    source = VideoFile(video(tmp_path / "a.mp4", frames, sound=True))
+    assert (source.count, source.size, source.fps) == (12, (48, 64), 30)
+    read = list(source.frames())
+    assert len(read) == 12
+    distances = [[np.abs(one.astype(int) - other).mean() for other in frames] for one in read]
+    assert [int(np.argmin(row)) for row in distances] == list(range(12))
+    assert all((a == b).all() for a, b in zip(source.frames(5), read[5:], strict=True))
+
+
+@pytest.mark.parametrize(("rotation", "quarter"), [(90, 1), (180, 2), (270, 3)])
+def test_rotation_is_applied(tmp_path, rotation, quarter):
+    image = np.zeros((32, 64, 3), np.uint8)
+    image[:8, :16] = 255
+    frame = next(VideoFile(video(tmp_path / "a.mp4", [image] * 3, rotation=rotation)).frames())
+    expected = np.rot90(image, quarter)
+    assert frame.shape == expected.shape
+    assert np.abs(frame.astype(int) - expected).mean() < 4
+
+
+def test_ten_bits_become_eight(tmp_path):
+    frames = clips.frames(6)
+    source = VideoFile(video(tmp_path / "a.mkv", frames, pixels="yuv420p10le"))
+    assert source.describe()["pixels"] == "yuv420p10le"
+    eight = list(VideoFile(video(tmp_path / "b.mkv", frames)).frames())
+    for ten, other in zip(source.frames(), eight, strict=True):
+        assert ten.dtype == np.uint8
+        assert np.abs(ten.astype(int) - other).mean() < 3
+
+
+def test_odd_sizes(tmp_path):
+    frames = clips.frames(5, 47, 63)
+    source = VideoFile(video(tmp_path / "a.mkv", frames, pixels="yuv444p"))
+    assert source.size == (47, 63)
+
+
+def test_variable_frame_rate_needs_a_decision(tmp_path):
+    frames = clips.frames(8)
+    path = video(tmp_path / "a.mp4", frames, times=[0, 1, 2, 4, 5, 9, 10, 11])
+    with pytest.raises(DataError, match=r"variable frame rate \(33.3 to 133.3 ms .*--fps"):
+        VideoFile(path)
+    source = VideoFile(path, evenly=True)
+    assert len(list(source.frames())) == source.count == 8
+    assert source.describe()["variable_rate"] is True
+
+
+def test_rounded_times_are_a_constant_rate(tmp_path):
+    """Matroska rounds times to milliseconds: 33, 34, 33 ms are 30 frames per second."""
+    source = VideoFile(video(tmp_path / "a.mkv", clips.frames(10)))
+    assert not source.variable
+
+
+def test_a_real_phone_video_with_an_uneven_rate(shared):
+    path = shared("data", "video", "handheld_video-10.m4v")
+    with pytest.raises(DataError, match="variable frame rate"):
+        VideoFile(path)
+    source = VideoFile(path, evenly=True)
+    assert sum(1 for _ in source.frames()) == source.count
+
+
+@pytest.mark.parametrize("options", [{}, {"movflags": "faststart"}], ids=["index last", "index first"])
+def test_cut_short(tmp_path, options):
+    path = video(tmp_path / "a.mp4", clips.frames(40, 96, 128), options=options)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) * 2 // 3])
+    with pytest.raises(DataError, match=r"damaged|cut short|can be decoded"):
+        list(VideoFile(path).frames())
+
+
+def test_damage_inside_is_not_passed_over(tmp_path):
+    """With nothing but garbage in the middle, a picture may be missing; the count is checked."""
+    path = video(tmp_path / "a.mp4", clips.frames(30, 96, 128), options={"movflags": "faststart"})
+    data = bytearray(path.read_bytes())
+    start = data.find(b"mdat") + 4
+    data[start + 2000 : start + 12000] = b"\xff" * len(data[start + 2000 : start + 12000])
+    path.write_bytes(data)
+    with pytest.raises(DataError, match=r"damaged|can be decoded"):
+        list(VideoFile(path).frames())
+
+
+@pytest.mark.parametrize("content", [b"", b"no video at all\n" * 99, b"\x89PNG\r\n\x1a\n" + b"\0" * 99])
+def test_not_a_video(tmp_path, content):
+    path = tmp_path / "a.mp4"
+    path.write_bytes(content)
+    with pytest.raises(DataError, match="not a video"):
+        VideoFile(path)
+
+
+def test_sound_alone(tmp_path):
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as container:
+        audio = container.add_stream("aac", rate=44100, layout="mono")
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+        frame.sample_rate = 44100
+        container.mux(audio.encode(frame))
+        container.mux(audio.encode(None))
+    with pytest.raises(DataError, match="no video stream"):
+        VideoFile(path)
+
+
+def test_a_playlist_is_never_followed(tmp_path):
+    """A file that names other files (or addresses) is not opened as a video, whatever it is called."""
+    real = video(tmp_path / "real.mp4", clips.frames(3))
+    for name, text in (
+        ("a.mp4", f"#EXTM3U\n#EXT-X-TARGETDURATION:10\n#EXTINF:10,\n{real}\n#EXT-X-ENDLIST\n"),
+        ("b.mp4", f"ffconcat version 1.0\nfile {real.name}\n"),
+    ):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(DataError, match="not a video"):
+            VideoFile(tmp_path / name)
+
+
+def test_missing(tmp_path):
+    with pytest.raises(DataError, match="no such file"):
+        VideoFile(tmp_path / "a.mp4")
+
+
+def test_pictures_of_two_sizes(tmp_path):
+    folder = clips.folder(tmp_path / "seq", 3)
+    write_image(folder / "000004.png", clips.frames(1, 50, 64)[0])
+    with pytest.raises(DataError, match=r"64x50.*64x48"):
+        list(PictureFolder(folder).frames())
+
+
+def test_no_pictures(tmp_path):
+    with pytest.raises(DataError, match="no pictures"):
+        PictureFolder(tmp_path)
