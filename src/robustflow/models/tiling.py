@@ -1,0 +1,139 @@
+"""Predict in overlapping tiles and blend them, as the authors of FlowFormer and SAMFlow evaluate on large frames.
+
+Their networks were trained on crops of one size and lose accuracy on others; tiles of that size keep to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import UsageError
+from ..sample import Flow, Frame
+from .base import FlowLookup, FlowModel, model_identity
+from .input_convention import parse_size
+
+OVERLAP = 20
+"""Pixels that neighbouring tiles share at least."""
+SIGMA = 0.05
+"""Standard deviation of the blending weight, in tile sides."""
+
+
+def tile_origins(length: int, tile: int) -> list[int]:
+    """Where tiles begin along a side: every `tile - OVERLAP` pixels, the last flush with the end.
+
+    Args:
+        length: of the side, at least `tile`.
+        tile: length of a tile, more than `OVERLAP`.
+
+    >>> tile_origins(1242, 960)
+    [0, 282]
+    """
+    return [*range(0, length - tile, tile - OVERLAP), length - tile]
+
+
+def tile_weights(height: int, width: int) -> npt.NDArray[np.float64]:
+    """The Gaussian that a tile's flow is weighted by, (height, width), largest in the middle.
+
+    The corners weigh 1e-44 of the middle. In float32 that is a denormal number or zero, and the mean of pixels that
+    only corners cover would be coarse or 0/0; hence float64.
+    """
+    y, x = (np.arange(size) / size - 0.5 for size in (height, width))
+    return np.exp(-(y[:, None] ** 2 + x**2) / (2 * SIGMA**2))
+
+
+def tiled(model: FlowModel | FlowLookup, tile: str | None) -> FlowModel | FlowLookup:
+    """`model` in tiles of `tile`, HEIGHTxWIDTH; the model itself where `tile` is None or "none".
+
+    Raises:
+        UsageError: a model whose flows were computed elsewhere; no size.
+    """
+    if tile in (None, "none"):
+        return model
+    if not isinstance(model, FlowModel):
+        raise UsageError("flows computed elsewhere cannot be predicted in tiles; leave the option tile out")
+    return TiledModel(model, str(tile))
+
+
+class TiledModel:
+    """A model that sees tiles only. Frames smaller than a tile are padded with black at the bottom and right.
+
+    Args:
+        model: predicts the tiles.
+        tile: HEIGHTxWIDTH of a tile; the authors take 432x960 for KITTI and Sintel, 384x720 for KITTI's test server.
+
+    Raises:
+        UsageError: no size, or one that leaves nothing beside the overlap.
+
+    >>> class Right:
+    ...     def predict(self, frame1, frame2):
+    ...         return np.full((*frame1.shape[:2], 2), (1, 0), np.float32)
+    >>> frame = np.zeros((60, 100, 3), np.uint8)
+    >>> TiledModel(Right(), "40x48").predict(frame, frame)[59, 99].tolist()
+    [1.0, 0.0]
+    """
+
+    def __init__(self, model: FlowModel, tile: str = "432x960") -> None:
+        self.model = model
+        self._tile = parse_size(tile, 8)
+        if min(self._tile) <= OVERLAP:
+            raise UsageError(f"tile {tile}: height and width must be more than the tiles' overlap of {OVERLAP} pixels")
+        self._weights = tile_weights(*self._tile)[..., None]
+
+    def identity(self) -> dict[str, Any]:
+        """The model's own, and the tiles."""
+        return {**model_identity(self.model), "tile": list(self._tile), "overlap": OVERLAP, "sigma": SIGMA}
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`."""
+        return self.predict_batch([frame1], [frame2])[0]
+
+    def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
+        """Flows of several pairs, whose sizes may differ; the model gets one tile of each pair at a time."""
+        blends = [_Blend(frame1, frame2, self._weights) for frame1, frame2 in zip(frames1, frames2, strict=True)]
+        for index in range(max((len(blend.windows) for blend in blends), default=0)):
+            active = [blend for blend in blends if index < len(blend.windows)]
+            tiles1, tiles2 = zip(*(blend.tiles(index) for blend in active), strict=True)
+            for blend, flow in zip(active, self._predict_tiles(tiles1, tiles2), strict=True):
+                blend.add(index, flow)
+        return [blend.flow() for blend in blends]
+
+    def _predict_tiles(self, tiles1: Sequence[Frame], tiles2: Sequence[Frame]) -> Sequence[Flow]:
+        batched = getattr(self.model, "predict_batch", None)
+        if batched is not None:
+            flows: Sequence[Flow] = batched(tiles1, tiles2)
+            return flows
+        return [self.model.predict(tile1, tile2) for tile1, tile2 in zip(tiles1, tiles2, strict=True)]
+
+
+class _Blend:
+    """The weighted mean of the tiles of one pair, while it grows."""
+
+    def __init__(self, frame1: Frame, frame2: Frame, weights: npt.NDArray[np.float64]) -> None:
+        tile_height, tile_width = weights.shape[:2]
+        self._size = height, width = frame1.shape[:2]
+        below, right = max(0, tile_height - height), max(0, tile_width - width)
+        self._frames = [np.pad(frame, ((0, below), (0, right), (0, 0))) for frame in (frame1, frame2)]
+        self._weights = weights
+        self._sum = np.zeros((height + below, width + right, 2))
+        self._weight = np.zeros((height + below, width + right, 1))
+        self.windows = [
+            (slice(y, y + tile_height), slice(x, x + tile_width))
+            for y in tile_origins(height + below, tile_height)
+            for x in tile_origins(width + right, tile_width)
+        ]
+
+    def tiles(self, index: int) -> tuple[Frame, Frame]:
+        frame1, frame2 = (np.ascontiguousarray(frame[self.windows[index]]) for frame in self._frames)
+        return frame1, frame2
+
+    def add(self, index: int, flow: Flow) -> None:
+        self._sum[self.windows[index]] += self._weights * flow
+        self._weight[self.windows[index]] += self._weights
+
+    def flow(self) -> Flow:
+        height, width = self._size
+        return (self._sum[:height, :width] / self._weight[:height, :width]).astype(np.float32)

@@ -1,0 +1,31 @@
+"""SAMFlow-T against the original's outputs."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+from robustflow.models.nets.samflow import SamFlow
+
+from ..shared_data import shared_folder
+from .pack import Pack
+from .samflow_case import check_24_iterations, check_case
+
+pytestmark = [pytest.mark.parity, pytest.mark.torch]
+PACK = "samflow_t"
+
+
+@pytest.fixture(scope="module")
+def net():
+    return Pack(shared_folder("parity", PACK)).fill(SamFlow("tiny"))
+
+
+def test_features_and_flow(pack, net, case):
+    check_case(pack, net, case)
+
+
+def test_twice_the_iterations(pack, net, case):
+    if "flow_24_iters" not in pack.expected(case):
+        pytest.skip("a case without 24 iterations")
+    check_24_iterations(pack, net, case)
