@@ -15,6 +15,8 @@ from PIL import Image
 from ..errors import DataError
 from .codec import Encoder, lossless
 from .colour import even_size, rgb_to_i420
+from .flow_interpolator import FlowInterpolator
+from .interpolation import interpolate
 from .prepare import Settings, geometry
 from .source import Source
 
@@ -52,7 +54,9 @@ class DiskEstimate:
 def estimate_disk(
     sources: Sequence[Source], output: Path, settings: Settings, cache_limit: int, workers: int = 1
 ) -> DiskEstimate:
-    """Estimate from `PROBE` frames of every clip. Real neighbours differ more than interpolated ones, so it is high.
+    """Estimate from the first `PROBE` frames of every clip, interpolated by flow whatever will be used later.
+
+    The probe is encoded fast and begins with a frame that stands alone, so the estimate is on the high side.
 
     Raises:
         DataError: a clip too short or unreadable.
@@ -60,7 +64,7 @@ def estimate_disk(
     masters, key_frames, segments, variants = 0, 0, [0], 0
     for source in sources:
         plan = geometry(source, settings)
-        coded, picture = _bytes_per_frame(source)
+        coded, picture = _bytes_per_frame(source, settings.factor)
         masters += plan.count * coded
         key_frames += len(plan.key_frames) * picture
         variants += 15 * len(plan.key_frames) * picture
@@ -79,14 +83,16 @@ def check_room(estimate: DiskEstimate, output: Path) -> None:
         raise DataError(f"{output}: not enough room: {estimate}; choose another --output, or fewer clips")
 
 
-def _bytes_per_frame(source: Source) -> tuple[int, int]:
-    frames = list(islice(source.frames(), PROBE))
+def _bytes_per_frame(source: Source, factor: int) -> tuple[int, int]:
+    """Bytes of a master frame and of a key frame's PNG."""
+    probe = list(islice(source.frames(), PROBE))
+    frames = list(interpolate(probe, FlowInterpolator(), factor)) if factor > 1 else probe
     height, width = even_size(*source.size)
     encoder = Encoder(height, width, Fraction(240), lossless("ultrafast"))
     packets = encoder.encode((index, rgb_to_i420(frame)) for index, frame in enumerate(frames))
     coded = sum(len(packet.data) for packet in packets) // len(frames)
     buffer = io.BytesIO()
-    Image.fromarray(frames[0]).save(buffer, "PNG", compress_level=3)
+    Image.fromarray(probe[0]).save(buffer, "PNG", compress_level=3)
     return coded, len(buffer.getvalue())
 
 

@@ -1,0 +1,187 @@
+"""GoPro-FC as a dataset: prepared folder, released folder, and all 24 corruptions end to end."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import warnings
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from robustflow import evaluate
+from robustflow.benchmarks import load_benchmark
+from robustflow.corruptions import CLIP, PAPER_ORDER, load_corruption
+from robustflow.datasets import FromClips, PreCorrupted, load_dataset
+from robustflow.datasets.gopro_fc import GoProFC
+from robustflow.errors import DataError, UsageError
+from robustflow.imageio import read_image, write_image
+from robustflow.video.clip import read_pictures
+from robustflow.video.colour import i420_to_rgb
+from robustflow.video.prepare import Settings
+from robustflow.video.prepare_folder import find_sources, prepare_folder
+from tests.video import clips
+
+HEIGHT, WIDTH, COUNT = 64, 96, 36
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory) -> Path:
+    """Two pairs of one rendered clip at 960 frames per second."""
+    folder = tmp_path_factory.mktemp("gopro")
+    source = clips.folder(folder / "frames" / "scene", COUNT, HEIGHT, WIDTH)
+    settings = Settings(fps=Fraction(240), interpolator="flow", preset="ultrafast")
+    prepare_folder(find_sources(source), folder / "out", settings)
+    return folder / "out"
+
+
+def master_frames(dataset: GoProFC) -> list[np.ndarray]:
+    return [i420_to_rgb(picture, HEIGHT, WIDTH) for _, picture in read_pictures(dataset.clips[0].master)]
+
+
+def test_clean_pairs_are_the_masters_key_frames(prepared):
+    dataset = load_dataset("gopro_fc", prepared)
+    assert isinstance(dataset, PreCorrupted)
+    assert isinstance(dataset, FromClips)
+    assert dataset.keys() == ["scene/000032", "scene/000064"]
+    frames = master_frames(dataset)
+    sample = dataset.load("scene/000032")
+    assert (sample.frames[0] == frames[32]).all()
+    assert (sample.frames[1] == frames[64]).all()
+    assert (sample.group, sample.flow) == ("scene", None)
+    assert dataset.files("scene/000032") == [prepared / "scene" / "keyframes" / f"{i:06d}.png" for i in (32, 64)]
+    with pytest.raises(UsageError, match="keys look like 'scene/000032'"):
+        dataset.load("scene/000033")
+
+
+def test_object_motion_blur_is_the_mean_of_master_frames(prepared):
+    dataset = GoProFC(prepared)
+    frames = np.stack(master_frames(dataset)).astype(np.float64)
+    for severity, reach in enumerate((3, 6, 9, 12, 15), start=1):
+        blurred = dataset.corrupted("scene/000064", "object_motion_blur", severity)
+        for made, centre in zip(blurred, (64, 96), strict=True):
+            assert (made == np.rint(frames[centre - reach : centre + reach + 1].mean(0))).all()
+
+
+def test_order_of_access_and_process_do_not_matter(prepared, tmp_path):
+    first = GoProFC(prepared, cache=tmp_path / "a")
+    second = pickle.loads(pickle.dumps(GoProFC(prepared, cache=tmp_path / "b")))
+    keys = first.keys()
+    cells = [(key, name, severity) for key in keys for name in CLIP for severity in (1, 5)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        forwards = {cell: first.corrupted(*cell) for cell in cells}
+        backwards = {cell: second.corrupted(*cell) for cell in reversed(cells)}
+    for cell in cells:
+        assert all((a == b).all() for a, b in zip(forwards[cell], backwards[cell], strict=True))
+
+
+def test_damage_that_changes_nothing_is_said_aloud(prepared, tmp_path):
+    dataset = GoProFC(prepared, cache=tmp_path)
+    with pytest.warns(UserWarning, match="not one of [0-9]+ bytes was changed"):
+        shown = dataset.corrupted("scene/000032", "bit_error", 1)
+    assert all((a == b).all() for a, b in zip(shown, dataset.load("scene/000032").frames, strict=True))
+    (record,) = dataset.clip_records()
+    assert (record["bytes_changed"], record["frames_hit"], record["frames_lost"]) == (0, 0, 0)
+    assert record["encoder"].keys() == {"pyav", "libavcodec", "libx264"}
+
+
+def test_cache_keeps_its_limit_and_evicted_variants_come_back(prepared, tmp_path):
+    whole = GoProFC(prepared, cache=tmp_path / "whole")
+    small = GoProFC(prepared, cache=tmp_path / "small")
+    small.cache.limit = 0
+    for severity in (1, 3, 5, 1):
+        key, name = "scene/000032", "h264_crf"
+        pairs = zip(whole.corrupted(key, name, severity), small.corrupted(key, name, severity), strict=True)
+        assert all((a == b).all() for a, b in pairs)
+        assert len(small.cache.entries()) == 1
+    assert len(whole.cache.entries()) == 3
+    assert len(small.clip_records()) == 3  # what happened is remembered
+
+
+def test_the_reference_variant_damages_with_5_m(prepared):
+    default = GoProFC(prepared)
+    assert load_corruption("bit_error", "reference").severities[4] == 5_000_000
+    assert default.with_variant("default") is default
+    assert default.with_variant("reference").variant == "reference"
+
+
+def test_two_images_are_not_enough():
+    grey = np.zeros((16, 16, 3), np.uint8)
+    from robustflow.corruptions import corrupt
+
+    for name in CLIP:
+        with pytest.raises(UsageError, match="prepare gopro-fc"):
+            corrupt(grey, grey, name, 1)
+
+
+def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
+    """The path from a prepared folder to the table, and the same rows with two workers."""
+    tables = []
+    for workers in (1, 2):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            result = evaluate(
+                "dis", "gopro-fc", prepared, tmp_path / f"run{workers}", severities=[1, 5], limit=1, workers=workers
+            )
+        rows = result.rows.sort("sample", "corruption", "severity")
+        tables.append(rows.select("sample", "corruption", "severity", "frames_digest", "rcre_all_sum").rows())
+        manifest = json.loads((tmp_path / f"run{workers}" / "manifest.json").read_text())
+        assert {record["corruption"] for record in manifest["clips"]} == {"h264_crf", "h264_abr", "bit_error"}
+        assert manifest["identity"]["protocol"]["clips"]["scene"]["interpolator"]["name"] == "flow"
+    assert tables[0] == tables[1]
+    assert {row[1] for row in tables[0]} == {"clean", *PAPER_ORDER}
+    assert len(PAPER_ORDER) == 24
+
+
+def test_a_released_folder_reads_as_it_is(tmp_path):
+    rng = np.random.default_rng(0)
+    images: dict[str, np.ndarray] = {}
+    for setting in ("clean", "fog_3", "brightness_3", "h264_crf_3", "fog_4"):
+        for sequence, number in (("GOPR0374_11_02", 32), ("GOPR0374_11_02", 64), ("GOPR0379_11_00", 32)):
+            for position in (0, 1):
+                path = tmp_path / setting / sequence / f"{number:06d}_{position}.png"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                images[f"{setting}/{sequence}/{number:06d}_{position}"] = rng.integers(0, 256, (8, 12, 3), np.uint8)
+                write_image(path, images[f"{setting}/{sequence}/{number:06d}_{position}"])
+    benchmark = load_benchmark("gopro-fc", tmp_path)
+    assert benchmark.keys == ("GOPR0374_11_02/000032", "GOPR0374_11_02/000064", "GOPR0379_11_00/000032")
+    assert benchmark.corruptions == ("high_light", "fog", "h264_crf")
+    assert benchmark.severities == (3,)
+    dataset = benchmark.dataset
+    clean = dataset.load("GOPR0379_11_00/000032")
+    bright = dataset.corrupted("GOPR0379_11_00/000032", "high_light", 3)
+    for position in (0, 1):
+        assert (clean.frames[position] == images[f"clean/GOPR0379_11_00/000032_{position}"]).all()
+        assert (bright[position] == images[f"brightness_3/GOPR0379_11_00/000032_{position}"]).all()
+    (tmp_path / "fog_3" / "GOPR0374_11_02" / "000064_1.png").unlink()
+    with pytest.raises(DataError, match="missing"):
+        dataset.corrupted("GOPR0374_11_02/000064", "fog", 3)
+    (tmp_path / "clean" / "GOPR0374_11_02" / "000064_1.png").unlink()
+    with pytest.raises(DataError, match=r"000064_1.png: missing"):
+        load_benchmark("gopro-fc", tmp_path)
+
+
+def test_a_video_file_is_prepared_on_the_fly(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    path = tmp_path / "mine.mp4"
+    clips.clip(path, 60, HEIGHT, WIDTH, fps=30)
+    with pytest.warns(UserWarning, match="30 frames per second, so object_motion_blur averages over up to 1.03 s"):
+        benchmark = load_benchmark("gopro-fc", path)
+    assert benchmark.corruptions == PAPER_ORDER
+    assert benchmark.keys[0] == "mine/000015"
+    sample = benchmark.dataset.load(benchmark.keys[0])
+    assert (read_image(benchmark.dataset.files(benchmark.keys[0])[0]) == sample.frames[0]).all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert load_benchmark("gopro-fc", path).keys == benchmark.keys
+
+
+def test_what_is_none_of_the_three(tmp_path):
+    for data, split, message in ((None, None, "gopro-fc needs data"), (tmp_path, None, "neither a prepared")):
+        with pytest.raises((UsageError, DataError), match=message):
+            load_benchmark("gopro-fc", data, split)
+    with pytest.raises(UsageError, match="no split"):
+        load_benchmark("gopro-fc", tmp_path, tmp_path / "split.txt")

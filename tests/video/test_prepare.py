@@ -1,0 +1,202 @@
+"""Preparing clips: what comes out, that it is the same however it was made, and what is refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from robustflow.errors import DataError, UsageError
+from robustflow.imageio import read_image
+from robustflow.video import prepare as prepare_module
+from robustflow.video.clip import read_pictures
+from robustflow.video.colour import i420_to_rgb, rgb_to_i420
+from robustflow.video.disk import check_room, estimate_disk
+from robustflow.video.flow_interpolator import FlowInterpolator
+from robustflow.video.interpolation import interpolate
+from robustflow.video.prepare import Settings, geometry, prepare_clip
+from robustflow.video.prepare_folder import SEQUENCES, find_sources, prepare_folder
+from robustflow.video.prepared import choose_key_frames, read_folder
+from robustflow.video.source import PictureFolder
+
+from . import clips
+
+FLOW = Settings(fps=Fraction(240), interpolator="flow", preset="ultrafast")
+PLAIN = Settings(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Every file that is there to stay, by the hash of its bytes."""
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def test_the_master_holds_the_interpolated_frames_and_the_key_frames_are_its(tmp_path):
+    source = PictureFolder(clips.folder(tmp_path / "seq", 36))
+    clip = prepare_clip(source, tmp_path / "out", FLOW)
+    assert (clip.record.fps, clip.record.step, clip.record.count) == ("960", 32, 133)
+    assert clip.record.key_frames == [32, 64, 96]
+    assert clip.pairs == [(32, 64), (64, 96)]
+    expected = [rgb_to_i420(frame) for frame in interpolate(source.frames(), FlowInterpolator(), 4)]
+    master = [picture for _, picture in read_pictures(clip.master)]
+    assert len(master) == len(expected) == 133
+    assert all((a == b).all() for a, b in zip(master, expected, strict=True))
+    for index in clip.record.key_frames:
+        assert (read_image(clip.key_frame_path(index)) == i420_to_rgb(master[index], 48, 64)).all()
+    left = {path.name for path in (tmp_path / "out").iterdir()}
+    assert left == {"clip.json", "master.mp4", "keyframes"}
+
+
+def test_odd_sizes_are_padded_and_cropped_back(tmp_path):
+    clip = prepare_clip(PictureFolder(clips.folder(tmp_path / "seq", 70, 37, 51)), tmp_path / "out", PLAIN)
+    assert clip.record.padded_to_even
+    assert read_image(clip.key_frame_path(16)).shape == (37, 51, 3)
+
+
+def test_a_stopped_run_goes_on_and_ends_in_the_same_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(prepare_module, "SEGMENT", 8)
+    source = PictureFolder(clips.folder(tmp_path / "seq", 36))
+    prepare_clip(source, tmp_path / "straight", FLOW)
+    made: list[int] = []
+    between = FlowInterpolator.between
+
+    def counting(self, window, factor):
+        made.append(1)
+        return between(self, window, factor)
+
+    monkeypatch.setattr(FlowInterpolator, "between", counting)
+
+    def stop(clip, what, done, total):
+        if (what, done) in (("interpolate", 16), ("encode", 50)):
+            stops.append(done)
+            if len(stops) in (1, 2):
+                raise KeyboardInterrupt
+
+    stops: list[int] = []
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            prepare_clip(source, tmp_path / "stopped", FLOW, stop)
+        assert not (tmp_path / "stopped" / "clip.json").exists()
+    prepare_clip(source, tmp_path / "stopped", FLOW)
+    assert len(made) == 33  # every gap once, over all three calls
+    assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
+    made.clear()
+    prepare_clip(source, tmp_path / "stopped", FLOW)
+    assert made == []
+
+
+def test_workers_do_not_matter(tmp_path):
+    for name in ("one", "two"):
+        clips.folder(tmp_path / "data" / name, 70)
+    shutil.rmtree(tmp_path / "data" / "two")
+    clips.folder(tmp_path / "data" / "two", 70, 32, 48)
+    sources = find_sources(tmp_path / "data")
+    for workers in (1, 2):
+        prepared = prepare_folder(sources, tmp_path / f"out{workers}", PLAIN, workers)
+        assert [clip.name for clip in prepared] == ["one", "two"]
+    assert contents(tmp_path / "out1") == contents(tmp_path / "out2")
+
+
+def test_other_settings_are_another_folder(tmp_path):
+    source = PictureFolder(clips.folder(tmp_path / "seq", 70))
+    prepare_clip(source, tmp_path / "out", PLAIN)
+    with pytest.raises(DataError, match="other settings"):
+        prepare_clip(source, tmp_path / "out", Settings(fps=Fraction(240), factor=1, step=17, preset="ultrafast"))
+    prepare_folder([source], tmp_path / "folder", PLAIN)
+    other = PictureFolder(clips.folder(tmp_path / "other", 70))
+    with pytest.raises(DataError, match="other prepared clips"):
+        prepare_folder([other], tmp_path / "folder", PLAIN)
+
+
+@pytest.mark.parametrize(("step", "count"), [(32, 161), (96, 500), (16, 100), (5, 60)])
+def test_key_frames_by_the_papers_words(step, count):
+    """One every `step` frames, first and last dropped; and the longest blur's window fits."""
+    keys = choose_key_frames(count, step)
+    every = list(range(0, count, step))
+    assert keys == [k for k in every[1:-1] if 15 <= k <= count - 16]
+    if step >= 16:
+        assert keys == every[1:-1]
+
+
+def test_ten_pairs_per_second(tmp_path):
+    source = PictureFolder(clips.folder(tmp_path / "seq", 110))
+    plan = geometry(source, Settings(fps=Fraction(240), step=96, interpolator="flow"))
+    assert plan.key_frames == (96, 192, 288)
+
+
+def test_too_short_says_how_long_it_must_be(tmp_path):
+    source = PictureFolder(clips.folder(tmp_path / "short", 20))
+    with pytest.raises(DataError, match=r"20 frames are too few .* give a clip of (\d+) frames") as caught:
+        geometry(source, FLOW)
+    needed = int(str(caught.value).split("a clip of ")[1].split()[0])
+    geometry(PictureFolder(clips.folder(tmp_path / "enough", needed)), FLOW)
+
+
+def test_pictures_need_a_frame_rate(tmp_path):
+    with pytest.raises(UsageError, match="--fps"):
+        geometry(PictureFolder(clips.folder(tmp_path / "seq", 30)), Settings(interpolator="flow"))
+
+
+def test_finding_the_five_sequences(tmp_path):
+    for position, name in enumerate(SEQUENCES):
+        clips.folder(tmp_path / ("train", "test", "")[position % 3] / name, 2)
+    sources = find_sources(tmp_path)
+    assert [(source.name, source.fps) for source in sources] == [(name, 240) for name in SEQUENCES]
+    shutil.rmtree(tmp_path / "train" / SEQUENCES[0])
+    with pytest.raises(DataError, match=f"{SEQUENCES[0]} missing"):
+        find_sources(tmp_path)
+
+
+def test_the_deblurring_release_is_refused(tmp_path):
+    for name in SEQUENCES:
+        clips.folder(tmp_path / name / "sharp", 2)
+    with pytest.raises(DataError, match="GoPro_Large_all"):
+        find_sources(tmp_path)
+
+
+def test_nothing_to_prepare(tmp_path):
+    with pytest.raises(DataError, match="neither GoPro sequences"):
+        find_sources(tmp_path)
+    with pytest.raises(DataError, match="no such file"):
+        find_sources(tmp_path / "missing")
+
+
+def test_the_estimate_is_above_what_it_takes_but_not_by_far(tmp_path):
+    source = PictureFolder(clips.folder(tmp_path / "seq", 70, 96, 128))
+    estimate = estimate_disk([source], tmp_path / "not" / "yet", FLOW, 10**9)
+    clip = prepare_clip(source, tmp_path / "out", FLOW)
+    used = sum(path.stat().st_size for path in (tmp_path / "out").rglob("*") if path.is_file())
+    assert 0.9 * used < estimate.kept < 2 * used
+    assert clip.master.path.stat().st_size < 1.2 * estimate.masters
+    check_room(estimate, tmp_path)
+    with pytest.raises(DataError, match="not enough room"):
+        check_room(estimate.__class__(10**15, 0, 0, 0, 1000), tmp_path)
+
+
+def test_a_folder_that_is_not_finished_or_not_ours(tmp_path):
+    with pytest.raises(DataError, match="is this a folder made by prepare"):
+        read_folder(tmp_path)
+    prepare_folder([PictureFolder(clips.folder(tmp_path / "seq", 70))], tmp_path / "out", PLAIN)
+    record = tmp_path / "out" / "seq" / "clip.json"
+    text = record.read_text()
+    record.unlink()
+    with pytest.raises(DataError, match="seq is not finished"):
+        read_folder(tmp_path / "out")
+    for broken in (text[:100], json.dumps(json.loads(text) | {"key_frames": "all"})):
+        record.write_text(broken)
+        with pytest.raises(DataError, match="damaged"):
+            read_folder(tmp_path / "out")
+    record.write_text(json.dumps(json.loads(text) | {"version": 99}))
+    with pytest.raises(DataError, match="another version"):
+        read_folder(tmp_path / "out")
+
+
+def test_repeating_gives_the_same_bytes(tmp_path):
+    source = PictureFolder(clips.folder(tmp_path / "seq", 36))
+    for name in "ab":
+        prepare_clip(source, tmp_path / name, FLOW)
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
