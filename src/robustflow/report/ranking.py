@@ -1,0 +1,30 @@
+"""Ranks as the paper's Tab. 3 has them.
+
+Equal printed values share the smallest rank, and the next one is skipped (1, 2, 2, 4). FLOPs are ranked over all 14
+models whatever the setting, CREr over the models of the setting, both as printed; the average rank is the rank, in
+the same way, of the mean of the two. This rule gives every rank the paper prints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+
+def competition_ranks(values: Mapping[str, float]) -> dict[str, int]:
+    """1 for the smallest; equal values share a rank and the following ranks are skipped.
+
+    >>> competition_ranks({"a": 2.0, "b": 1.0, "c": 2.0, "d": 3.0})
+    {'a': 2, 'b': 1, 'c': 2, 'd': 4}
+    """
+    ordered = sorted(values.values())
+    return {name: ordered.index(value) + 1 for name, value in values.items()}
+
+
+def average_ranks(*rankings: Mapping[str, int]) -> dict[str, int]:
+    """The rank of each name's mean rank, over the names that are in all rankings.
+
+    >>> average_ranks({"a": 1, "b": 2, "c": 3}, {"a": 3, "b": 2, "c": 4})
+    {'a': 1, 'b': 1, 'c': 3}
+    """
+    names = [name for name in rankings[0] if all(name in ranking for ranking in rankings)]
+    return competition_ranks({name: sum(ranking[name] for ranking in rankings) for name in names})

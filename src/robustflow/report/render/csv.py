@@ -1,0 +1,48 @@
+"""CSV: one line per model, for spreadsheets; marks and notes in columns of their own.
+
+A text that a spreadsheet would run as a formula is preceded by an apostrophe, which shows it as text.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+
+from ..table import Column, Table
+from ..text import plain
+
+
+def render(table: Table) -> str:
+    """The table as CSV with a heading: section, model, one column each, best (headings, separated by "; "), note."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    headings = [_heading(column) for column in table.columns]
+    writer.writerow(["section", "model", *headings, "best", "note"])
+    for section in table.sections:
+        for line in section.lines:
+            best = "; ".join(h for h, cell in zip(headings, line.cells, strict=True) if cell.best)
+            cells = ["" if cell.text == "-" else _value(cell.text) for cell in line.cells]
+            writer.writerow([text_cell(section.title), text_cell(line.label), *cells, best, text_cell(line.note)])
+    return out.getvalue()
+
+
+def text_cell(text: str) -> str:
+    """A text that no spreadsheet takes for a formula.
+
+    >>> text_cell("=HYPERLINK(1)"), text_cell("RAFT")
+    ("'=HYPERLINK(1)", 'RAFT')
+    """
+    clean = plain(text, 300)
+    return f"'{clean}" if clean[:1] in ("=", "+", "-", "@") else clean
+
+
+def _value(text: str) -> str:
+    try:
+        float(text)
+    except ValueError:
+        return text_cell(text)
+    return text
+
+
+def _heading(column: Column) -> str:
+    return text_cell(f"{column.group} {column.label}" if column.group else column.label)

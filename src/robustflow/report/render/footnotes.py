@@ -1,0 +1,23 @@
+"""Notes of lines, numbered: a note that several lines share has one number."""
+
+from __future__ import annotations
+
+from ..table import Table
+from ..text import plain
+
+
+def numbered_notes(table: Table) -> dict[str, int]:
+    """Note -> number from 1, in the order of the lines; lines without a note have none.
+
+    >>> from robustflow.report.table import Line, Section
+    >>> lines = (Line("a", (), "3 pairs"), Line("b", ()), Line("c", (), "3 pairs"))
+    >>> numbered_notes(Table("x", "t", (), (Section("s", lines),)))
+    {'3 pairs': 1}
+    """
+    notes = dict.fromkeys(line.note for section in table.sections for line in section.lines if line.note)
+    return {note: number for number, note in enumerate(notes, 1)}
+
+
+def note_text(note: str) -> str:
+    """A note as one printable line."""
+    return plain(note, 300)

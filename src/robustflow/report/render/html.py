@@ -1,0 +1,51 @@
+"""An HTML fragment: one `<table>` inside a `<figure>`, without style or script; `b` marks the best of a column."""
+
+from __future__ import annotations
+
+from html import escape as escape_html
+from itertools import groupby
+
+from ..table import Cell, Table
+from ..text import plain
+from .footnotes import note_text, numbered_notes
+
+
+def render(table: Table) -> str:
+    """The fragment; every text is escaped, and no attribute holds a text from outside."""
+    notes = numbered_notes(table)
+    lines = ['<figure class="results">', f"<figcaption>{escape(table.title)}</figcaption>", "<table>", "<thead>"]
+    groups = [(group, len(list(columns))) for group, columns in groupby(table.columns, lambda column: column.group)]
+    if any(group for group, _ in groups):
+        over = "".join(
+            f'<th scope="colgroup" colspan="{count}">{escape(group)}</th>' if group else f'<td colspan="{count}"></td>'
+            for group, count in groups
+        )
+        lines.append(f"<tr><td></td>{over}</tr>")
+    headings = "".join(f'<th scope="col">{escape(column.label)}</th>' for column in table.columns)
+    lines += [f'<tr><th scope="col">Model</th>{headings}</tr>', "</thead>"]
+    for section in table.sections:
+        span = len(table.columns) + 1
+        lines += ["<tbody>", f'<tr><th scope="rowgroup" colspan="{span}">{escape(section.title)}</th></tr>']
+        for line in section.lines:
+            mark = f" <sup>{notes[line.note]}</sup>" if line.note else ""
+            cells = "".join(map(_cell, line.cells))
+            lines.append(f'<tr><th scope="row">{escape(line.label)}{mark}</th>{cells}</tr>')
+        lines.append("</tbody>")
+    lines.append("</table>")
+    lines += [f"<p>{escape(remark, None)}</p>" for remark in table.remarks]
+    lines += [f"<p><sup>{number}</sup> {escape(note_text(note), None)}</p>" for note, number in notes.items()]
+    return "\n".join([*lines, "</figure>"]) + "\n"
+
+
+def escape(text: str, longest: int | None = 80) -> str:
+    """Text that a browser shows as it is, in elements and in quoted attributes.
+
+    >>> escape("<img src=x onerror=alert(1)>")
+    '&lt;img src=x onerror=alert(1)&gt;'
+    """
+    return escape_html(plain(text, longest), quote=True)
+
+
+def _cell(cell: Cell) -> str:
+    text = escape(cell.text)
+    return f"<td><b>{text}</b></td>" if cell.best else f"<td>{text}</td>"

@@ -1,0 +1,102 @@
+"""LaTeX with booktabs, laid out like the paper's tables: rotated headings below those of their family, a rule between
+settings, the best of a column in bold.
+
+Needs \\usepackage{booktabs,graphicx}. Characters that pdfLaTeX has no letter for are written as their code point.
+"""
+
+from __future__ import annotations
+
+from itertools import groupby
+
+from ..table import Cell, Table
+from ..text import plain
+from .footnotes import note_text, numbered_notes
+
+_SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "{": r"\{",
+    "}": r"\}",
+    "$": r"\$",
+    "&": r"\&",
+    "#": r"\#",
+    "%": r"\%",
+    "_": r"\_",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
+    '"': r"\textquotedbl{}",
+    "'": r"\textquotesingle{}",
+    "`": r"\textasciigrave{}",
+    "…": r"\dots{}",
+}
+_LETTERS = "äöüÄÖÜßéèêëáàâãåæçíìîïñóòôõøúùûýÁÀÂÃÅÆÇÉÈÊËÍÌÎÏÑÓÒÔÕØÚÙÛÝ"
+
+
+def render(table: Table) -> str:
+    """A `table*` environment."""
+    width = len(table.columns) + 1
+    notes = numbered_notes(table)
+    lines = [
+        r"% needs \usepackage[T1]{fontenc} \usepackage{textcomp,booktabs,graphicx}",
+        r"\begin{table*}[t]",
+        r"\centering",
+        r"\resizebox{\linewidth}{!}{%",
+        rf"\begin{{tabular}}{{l{'r' * len(table.columns)}}}",
+        r"\toprule",
+        *_headings(table),
+    ]
+    for section in table.sections:
+        lines += [
+            r"\midrule",
+            rf"\multicolumn{{{width}}}{{c}}{{\textit{{\textbf{{{escape(section.title)}}}}}}} \\",
+            r"\midrule",
+        ]
+        for line in section.lines:
+            mark = rf"\textsuperscript{{{notes[line.note]}}}" if line.note else ""
+            lines.append(" & ".join([escape(plain(line.label)) + mark, *map(_cell, line.cells)]) + r" \\")
+    lines += [r"\bottomrule", r"\end{tabular}}"]
+    below = [escape(plain(remark, None)) for remark in table.remarks]
+    below += [rf"\textsuperscript{{{number}}} {escape(note_text(note))}." for note, number in notes.items()]
+    lines += [rf"\caption{{\textbf{{{escape(table.title)}.}} {' '.join(below)}}}", r"\end{table*}"]
+    return "\n".join(lines) + "\n"
+
+
+def escape(text: str) -> str:
+    """Text that LaTeX prints as it is; two hyphens stay two.
+
+    >>> print(escape("50% of A_1 \\\\input{x}"))
+    50\\% of A\\_1 \\textbackslash{}input\\{x\\}
+    """
+    return "".join(_letter(c) for c in plain(text, None)).replace("--", "-{}-")
+
+
+def _letter(c: str) -> str:
+    if c in _SPECIAL:
+        return _SPECIAL[c]
+    return c if c.isascii() or c in _LETTERS else f"(U+{ord(c):04X})"
+
+
+def _cell(cell: Cell) -> str:
+    # The minus of a number is a minus, not the hyphen of a name.
+    text = f"${cell.text}$" if cell.text[:1] == "-" and cell.text[1:].replace(".", "").isdigit() else escape(cell.text)
+    return (
+        rf"\textbf{{{text}}}"
+        if cell.best and not text.startswith("$")
+        else (rf"\boldmath{text}" if cell.best else text)
+    )
+
+
+def _headings(table: Table) -> list[str]:
+    groups = [(group, len(list(columns))) for group, columns in groupby(table.columns, lambda column: column.group)]
+    if all(not group for group, _ in groups):
+        return [" & ".join(["Model", *(escape(column.label) for column in table.columns)]) + r" \\"]
+    first, rules, at = ["Model"], [], 2
+    for group, count in groups:
+        first.append(rf"\multicolumn{{{count}}}{{c}}{{{escape(group)}}}")
+        if group:
+            rules.append(rf"\cmidrule(lr){{{at}-{at + count - 1}}}")
+        at += count
+    second = ["", *(rf"\rotatebox{{45}}{{{escape(column.label)}}}" for column in table.columns)]
+    return [" & ".join(first) + r" \\", " ".join(rules), " & ".join(second) + r" \\"]

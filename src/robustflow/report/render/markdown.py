@@ -1,0 +1,44 @@
+"""GitHub-flavoured Markdown: the best of a column in bold, notes below."""
+
+from __future__ import annotations
+
+from ..table import Cell, Table
+from ..text import plain
+from .footnotes import note_text, numbered_notes
+
+_SPECIAL = str.maketrans({c: f"\\{c}" for c in "\\`*_{}[]#|~$!"} | {"<": "&lt;", ">": "&gt;", "&": "&amp;"})
+
+
+def render(table: Table) -> str:
+    """The table as a Markdown section."""
+    notes = numbered_notes(table)
+    headings = ["Model", *(f"{column.group} {column.label}".strip() for column in table.columns)]
+    lines = [f"### {escape(table.title)}", ""]
+    lines += [_row(map(escape, headings)), _row([":--", *["--:"] * len(table.columns)])]
+    for section in table.sections:
+        lines.append(_row([f"*{escape(section.title)}*", *[""] * len(table.columns)]))
+        for line in section.lines:
+            mark = f" <sup>{notes[line.note]}</sup>" if line.note else ""
+            lines.append(_row([escape(line.label) + mark, *map(_cell, line.cells)]))
+    remarks = [escape(plain(remark, None)) for remark in table.remarks]
+    remarks += [f"<sup>{number}</sup> {escape(note_text(note))}" for note, number in notes.items()]
+    # The table ends at its first blank line; what follows goes above it, so that the table is the last thing written.
+    return "\n".join([*lines[:2], *(f"{remark}  " for remark in remarks), "", *lines[2:]]) + "\n"
+
+
+def escape(text: str) -> str:
+    """Text that Markdown shows as it is.
+
+    >>> print(escape("<b>*x*|y"))
+    &lt;b&gt;\\*x\\*\\|y
+    """
+    return plain(text, None).translate(_SPECIAL)
+
+
+def _cell(cell: Cell) -> str:
+    text = escape(cell.text)
+    return f"**{text}**" if cell.best else text
+
+
+def _row(cells: object) -> str:
+    return "| " + " | ".join(cells) + " |"  # type: ignore[call-overload]

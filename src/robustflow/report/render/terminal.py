@@ -1,0 +1,77 @@
+"""The terminal: a table that is too wide is folded into blocks of columns, each with the models' names again."""
+
+from __future__ import annotations
+
+import io
+
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from ..table import Column, Table
+from ..text import plain
+from .footnotes import note_text, numbered_notes
+
+_WIDTH = 120
+_NAME = 24
+_GROUP = 11
+
+
+def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
+    """The table as text of at most `width` columns; bold (or a star, without colour) marks the best of a column."""
+    out = io.StringIO()
+    console = Console(
+        file=out, width=width, force_terminal=colour, color_system="standard" if colour else None, highlight=False
+    )
+    console.print(Text(plain(table.title, None), style="bold"))
+    for block in _blocks(table, width):
+        console.print(_grid(table, block, colour))
+    for remark in table.remarks:
+        console.print(Text(plain(remark, None) + ("" if colour else " Best: *")))
+    for note, number in numbered_notes(table).items():
+        console.print(Text(f"[{number}] {note_text(note)}"))
+    return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
+
+
+def _blocks(table: Table, width: int) -> list[list[int]]:
+    """Indices of the columns of each block."""
+    names = [plain(line.label, _NAME) for section in table.sections for line in section.lines]
+    room = width - max(map(len, names), default=0) - 6
+    blocks: list[list[int]] = [[]]
+    used = 0
+    for index, column in enumerate(table.columns):
+        texts = [line.cells[index].text for section in table.sections for line in section.lines]
+        need = max(map(len, [*texts, *_heading(column).split("\n")])) + 3
+        if blocks[-1] and used + need > room:
+            blocks.append([])
+            used = 0
+        blocks[-1].append(index)
+        used += need
+    return blocks
+
+
+def _grid(table: Table, block: list[int], colour: bool) -> RichTable:
+    notes = numbered_notes(table)
+    grid = RichTable(show_edge=False, pad_edge=False)
+    grid.add_column("Model", no_wrap=True)
+    for index in block:
+        grid.add_column(Text(_heading(table.columns[index])), justify="right", no_wrap=True)
+    for section in table.sections:
+        grid.add_row(Text(plain(section.title), style="italic"))
+        for line in section.lines:
+            mark = f" [{notes[line.note]}]" if line.note else ""
+            texts = [Text(plain(line.label, _NAME) + mark)]
+            for index in block:
+                cell = line.cells[index]
+                star = "*" if cell.best and not colour else ""
+                texts.append(Text(plain(cell.text) + star, style="bold" if cell.best else ""))
+            grid.add_row(*texts)
+        grid.add_section()
+    return grid
+
+
+def _heading(column: Column) -> str:
+    """Two lines: the group, cut where it would widen the column, and the label."""
+    group = plain(column.group)
+    group = group if len(group) <= _GROUP else f"{group[: _GROUP // 2]}."
+    return f"{group}\n{plain(column.label)}" if group else plain(column.label)

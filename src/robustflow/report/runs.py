@@ -1,0 +1,105 @@
+"""Runs as results: the means of run folders in the tidy shape, with what a reader must know before comparing them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from ..corruptions.catalog import IMAGE_PAIR, PAPER_ORDER
+from .published import PAPER_PAIRS
+from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA, SETTINGS
+
+if TYPE_CHECKING:
+    from ..runner.result import Result
+
+OWN = "own"
+"""The setting of a run whose model does not say what it was trained on."""
+
+_KNOWLEDGE = ("farneback", "dis", "dis_rgb")
+_OF_BENCHMARK = {"kitti-fc": IMAGE_PAIR, "gopro-fc": PAPER_ORDER}
+
+
+def run_results(runs: Sequence[Result]) -> pl.DataFrame:
+    """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average: columns of `results.RESULT_SCHEMA`.
+
+    Runs of one `sample_set` measured the same frames under the same corruptions, so their values can be compared;
+    `note` says how they differ from the paper's. Two runs of the same name are told apart by their digests.
+    """
+    names = run_names(runs)
+    records: list[tuple[Any, ...]] = []
+    for run, name in zip(runs, names, strict=True):
+        identity, summary = run.manifest["identity"], run.summary
+        shared = (sample_set(run), note_of(run))
+        values = {("epe", CLEAN): summary.epe_clean}
+        for metric in METRICS:
+            values |= {(metric, name_): getattr(scores, metric) for name_, scores in summary.corruptions.items()}
+            values[metric, AVERAGE] = getattr(summary, metric)
+        for (metric, corruption), value in values.items():
+            if value is not None:
+                head = (str(identity["benchmark"]), setting_of(run), name, metric, corruption)
+                records.append((*head, float(value), None, None, str(run.manifest["identity_digest"]), *shared))
+    return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
+
+
+def run_names(runs: Sequence[Result]) -> list[str]:
+    """A name for each run, no two alike: the model's, with the run's digest (and a number) where it is not enough."""
+    plain = [run.name for run in runs]
+    digested = [
+        run.name if plain.count(run.name) == 1 else f"{run.name} ({str(run.manifest['identity_digest'])[:8]})"
+        for run in runs
+    ]
+    seen: Counter[str] = Counter()
+    names = []
+    for name in digested:
+        seen[name] += 1
+        names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
+    return names
+
+
+def setting_of(run: Result) -> str:
+    """The paper's setting of a run: what the model's identity says under `setting`, "knowledge" for the methods that
+    learn nothing, and "own" for a model that does not say."""
+    model = run.manifest["identity"]["model"]
+    said = str(model.get("setting", ""))
+    if said in SETTINGS:
+        return said
+    return "knowledge" if model.get("name") in _KNOWLEDGE else OWN
+
+
+def sample_set(run: Result) -> str:
+    """Names what was measured on: frames, corruptions and severities, seed and variant; not the model."""
+    identity = run.manifest["identity"]
+    parts = {key: identity.get(key) for key in ("benchmark", "dataset", "protocol", "seed", "variant", "streams")}
+    parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
+    spelled = json.dumps(parts, sort_keys=True, default=str)
+    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
+
+
+def note_of(run: Result) -> str:
+    """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities."""
+    identity, selection = run.manifest["identity"], run.manifest["selection"]
+    benchmark, pairs = str(identity["benchmark"]), run.summary.samples
+    told = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
+    wanted = _OF_BENCHMARK.get(benchmark, IMAGE_PAIR)
+    averaged = run.summary.averaged_over
+    if set(averaged) != set(wanted):
+        told.append(f"average over {len(averaged)} corruptions, not the paper's {len(wanted)}")
+    if sorted(selection["severities"]) != [1, 2, 3, 4, 5]:
+        told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
+    if not run.summary.complete:
+        told.append("not complete")
+    return "; ".join(part for part in told if part)
+
+
+def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:
+    count = f"{pairs} pair{'s' if pairs != 1 else ''}"
+    if benchmark == "kitti-fc":
+        return "" if protocol.get("frames") == "released" and pairs == PAPER_PAIRS else f"{count}, not the paper's 80"
+    if benchmark == "gopro-fc":
+        return "" if protocol.get("frames") == "released" else f"{count}, not the paper's"
+    return f"{count} of {benchmark}, not the paper's 80"

@@ -1,0 +1,66 @@
+"""A table as data: what stands in which cell, and which is the best of its column."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its heading, and the heading over it that neighbours share ("" for none)."""
+
+    label: str
+    group: str = ""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What a cell says; `best` where it is the smallest of its column among the lines it can be compared with."""
+
+    text: str
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """A model. `note` is "" or how it differs from the paper's measurement."""
+
+    label: str
+    cells: tuple[Cell, ...]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """The models of one setting."""
+
+    title: str
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; every text in it may come from a file and is escaped by the renderers.
+
+    Attributes:
+        name: one of `tables.TABLES`, or what made it.
+        title: what it shows, in words.
+        columns: without the first, which names the models.
+        sections: in the paper's order.
+        remarks: sentences below it.
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    sections: tuple[Section, ...]
+    remarks: tuple[str, ...] = ()
+
+
+def number_text(value: float | None, decimals: int | None) -> str:
+    """As it was printed, or with two decimals.
+
+    >>> number_text(4.2, 2), number_text(1.23456, None), number_text(None, 2)
+    ('4.20', '1.23', '-')
+    """
+    return "-" if value is None else f"{value:.{2 if decimals is None else decimals}f}"

@@ -1,0 +1,25 @@
+"""Names that come from files: safe to put anywhere as text.
+
+A model's name is whatever a user or a file says. Renderers escape what their format gives a meaning; what no format
+should receive is taken out here first.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+
+LONGEST_NAME = 80
+
+
+def plain(text: str, longest: int | None = LONGEST_NAME) -> str:
+    """One line without control, direction or other invisible characters, at most `longest` characters long.
+
+    Escape sequences of terminals, line breaks, characters that reverse the text around them and lone surrogates
+    become U+FFFD, so that it shows that something was there.
+
+    >>> plain("RAFT\\x1b[31m"), plain("a\\u202eb"), plain("two\\nlines")
+    ('RAFT�[31m', 'a�b', 'two lines')
+    """
+    spaced = " ".join(str(text).split())
+    clean = "".join("\ufffd" if unicodedata.category(c)[0] == "C" else c for c in spaced)
+    return clean if longest is None or len(clean) <= longest else clean[: longest - 1] + "…"

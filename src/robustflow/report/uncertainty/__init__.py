@@ -1,0 +1,12 @@
+"""How sure a mean is: bootstrap intervals, paired tests, and what may be said about a difference.
+
+`docs/design/uncertainty.md` says why these methods and how well they do.
+"""
+
+from __future__ import annotations
+
+from .intervals import intervals
+from .paired import compare, compare_all
+from .sentences import difference_sentence
+
+__all__ = ["compare", "compare_all", "difference_sentence", "intervals"]

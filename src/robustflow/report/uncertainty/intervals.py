@@ -1,0 +1,79 @@
+"""Confidence intervals of a run's means."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import polars as pl
+
+from .bootstrap import LEVEL, RESAMPLES, bootstrap
+from .estimates import Array, Estimates
+from .sums import AVERAGE, CLEAN, METRICS, ClusterSums
+
+_SCHEMA: dict[str, Any] = {
+    "metric": pl.String,
+    "corruption": pl.String,
+    "severity": pl.Int64,
+    "estimate": pl.Float64,
+    "standard_error": pl.Float64,
+    "low": pl.Float64,
+    "high": pl.Float64,
+    "images": pl.Int64,
+    "clusters": pl.Int64,
+    "level": pl.Float64,
+}
+
+Key = tuple[str, str, int | None]
+
+
+def intervals(
+    rows: pl.DataFrame,
+    *,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+    severities: bool = False,
+) -> pl.DataFrame:
+    """Intervals of EPE, CRE, CREr and RCRE: overall, per corruption, and of the clean EPE.
+
+    The images are resampled; where several share a `group` (the pairs of a video), the groups are.
+
+    Args:
+        rows: of one run.
+        level: of the intervals.
+        resamples: of the bootstrap.
+        seed: of the bootstrap.
+        severities: also each corruption at each severity.
+
+    Returns:
+        Columns metric, corruption (a name, "average" or "clean"), severity (null for the mean over them), estimate
+        (equal to the run's summary), standard_error, low, high (null where there are too few images or groups), images,
+        clusters, level. Metrics that need ground truth are left out where there is none.
+
+    Raises:
+        UsageError: a level or number of resamples that cannot be meant.
+    """
+    sums = ClusterSums.of(rows)
+    keys = statistics_of(sums, severities)
+    statistics: dict[Key, Callable[[Array], Estimates]] = {key: partial(sums.estimate, *key) for key in keys}
+    found = bootstrap(statistics, len(sums.clusters), level=level, resamples=resamples, seed=seed) if keys else {}
+    shared = (sums.images, len(sums.clusters), level)
+    records = [
+        (*key, one.estimate, one.standard_error, one.low, one.high, *shared)
+        for key, one in found.items()
+        if math.isfinite(one.estimate)
+    ]
+    return pl.DataFrame(records, schema=_SCHEMA, orient="row")
+
+
+def statistics_of(sums: ClusterSums, severities: bool = False) -> list[Key]:
+    """(metric, corruption, severity) of every mean that can be made."""
+    keys: list[Key] = [("epe", CLEAN, None)]
+    for metric in METRICS:
+        keys += [(metric, name, None) for name in (AVERAGE, *sums.corruptions())]
+        if severities:
+            keys += [(metric, name, level) for name, level in sums.settings]
+    return [key for key in keys if sums.measured(*key)]

@@ -1,0 +1,180 @@
+"""Two models on the same samples: differences, intervals, p-values, Holm's correction, and a sentence.
+
+The same image is hard for both models, so the difference is made image by image before anything is averaged; its
+spread is what the test rests on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ...errors import RunError
+from ...metrics.rows import ROW_KEY
+from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap
+from .estimates import Array, Estimates
+from .holm import holm
+from .intervals import Key, statistics_of
+from .sentences import difference_sentence
+from .sums import AVERAGE, ClusterSums
+
+COMPARISON_SCHEMA: dict[str, Any] = {
+    "first": pl.String,
+    "second": pl.String,
+    "metric": pl.String,
+    "corruption": pl.String,
+    "value_first": pl.Float64,
+    "value_second": pl.Float64,
+    "difference": pl.Float64,
+    "low": pl.Float64,
+    "high": pl.Float64,
+    "p": pl.Float64,
+    "p_holm": pl.Float64,
+    "comparisons": pl.Int64,
+    "images": pl.Int64,
+    "clusters": pl.Int64,
+    "level": pl.Float64,
+    "sentence": pl.String,
+}
+"""`difference` is first minus second: below 0 the first is better. `p_holm` is corrected over `comparisons`."""
+
+
+def compare(
+    first: pl.DataFrame,
+    second: pl.DataFrame,
+    names: tuple[str, str] = ("first", "second"),
+    *,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> pl.DataFrame:
+    """Whether two models differ: in clean EPE, and in EPE, CRE, CREr and RCRE, on average and per corruption.
+
+    Only what both runs measured is compared. p-values are corrected over all lines of one metric.
+
+    Args:
+        first, second: rows of two runs over the same samples.
+        names: what to call the models.
+        level, resamples, seed: of the bootstrap.
+
+    Returns:
+        Columns of `COMPARISON_SCHEMA`.
+
+    Raises:
+        RunError: nothing in common, or other frames under the same names (another seed, variant or data).
+    """
+    sums = tuple(ClusterSums.of(rows) for rows in common_rows(first, second, names))
+    found = _differences(sums, statistics_of(sums[0]), level, resamples, seed)
+    by_metric: dict[str, list[Key]] = {}
+    for key in found:
+        by_metric.setdefault(key[0], []).append(key)
+    records = []
+    for keys in by_metric.values():
+        adjusted = _adjusted([found[key][0] for key in keys])
+        for key, p_holm in zip(keys, adjusted, strict=True):
+            records.append(_record(names, key, found[key], p_holm, len(keys), sums[0], level))
+    return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
+
+
+def compare_all(
+    runs: Mapping[str, pl.DataFrame],
+    metric: str = "cre",
+    *,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> pl.DataFrame:
+    """Every two of many models in the average of one metric, corrected over all pairs: `COMPARISON_SCHEMA`."""
+    key: Key = (metric, AVERAGE, None)
+    pairs = []
+    for names in combinations(runs, 2):
+        sums = tuple(ClusterSums.of(rows) for rows in common_rows(runs[names[0]], runs[names[1]], names))
+        if all(one.measured(*key) for one in sums):
+            pairs.append((names, sums[0], _differences(sums, [key], level, resamples, seed)[key]))
+    adjusted = _adjusted([found[0] for _, _, found in pairs])
+    records = [
+        _record(names, key, found, p_holm, len(pairs), sums, level)
+        for (names, sums, found), p_holm in zip(pairs, adjusted, strict=True)
+    ]
+    return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
+
+
+def common_rows(first: pl.DataFrame, second: pl.DataFrame, names: tuple[str, str]) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """The rows of both runs about the same (sample, corruption, severity).
+
+    Raises:
+        RunError: there are none, or the frames under them are not the same.
+    """
+    keys = list(ROW_KEY)
+    both = first.select(*keys, "frames_digest").join(
+        second.select(*keys, "frames_digest"), on=keys, how="inner", suffix="_second"
+    )
+    if both.is_empty():
+        raise RunError(
+            f"{names[0]} and {names[1]} have no sample, corruption and severity in common; "
+            "compare runs over the same data"
+        )
+    other = both.filter(pl.col("frames_digest") != pl.col("frames_digest_second"))
+    if other.height:
+        sample, corruption, severity = other.sort(keys).select(keys).row(0)
+        raise RunError(
+            f"{names[0]} and {names[1]} saw other frames under the same name (sample '{sample}', {corruption} severity "
+            f"{severity}; {other.height} differ); compare runs of the same data, seed and variant"
+        )
+    common = both.select(keys)
+    return first.join(common, on=keys, how="semi"), second.join(common, on=keys, how="semi")
+
+
+_Found = tuple[Interval, float, float]
+
+
+def _differences(
+    sums: tuple[ClusterSums, ...], keys: list[Key], level: float, resamples: int, seed: int
+) -> dict[Key, _Found]:
+    first, second = sums
+    if first.clusters != second.clusters:
+        raise RunError("the two runs group their samples differently; compare runs of the same data")
+    keys = [key for key in keys if second.measured(*key)]
+
+    def difference(key: Key, weights: Array) -> Estimates:
+        return first.estimate(*key, weights) - second.estimate(*key, weights)
+
+    statistics: dict[Any, Callable[[Array], Estimates]] = {key: partial(difference, key) for key in keys}
+    found = bootstrap(statistics, len(first.clusters), level=level, resamples=resamples, seed=seed)
+    whole = np.ones((1, len(first.clusters)))
+    return {
+        key: (
+            found[key],
+            float(first.estimate(*key, whole).theta[0]),
+            float(second.estimate(*key, whole).theta[0]),
+        )
+        for key in keys
+        if np.isfinite(found[key].estimate)
+    }
+
+
+def _adjusted(found: list[Interval]) -> list[float | None]:
+    known = [one.p for one in found if one.p is not None]
+    corrected = iter(holm(known))
+    return [None if one.p is None else next(corrected) for one in found]
+
+
+def _record(
+    names: tuple[str, str],
+    key: Key,
+    found: _Found,
+    p_holm: float | None,
+    comparisons: int,
+    sums: ClusterSums,
+    level: float,
+) -> tuple[Any, ...]:
+    interval, value_first, value_second = found
+    numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, comparisons)
+    counts = (sums.images, len(sums.clusters), level)
+    sentence = difference_sentence(names, key[0], key[1], interval, p_holm, comparisons, *counts)
+    return (*names, key[0], key[1], value_first, value_second, *numbers, *counts, sentence)

@@ -1,0 +1,59 @@
+"""What may be said about a difference, in a sentence."""
+
+from __future__ import annotations
+
+from ..labels import METRIC_LABELS, UNITS, long_label
+from .bootstrap import Interval
+
+
+def difference_sentence(
+    names: tuple[str, str],
+    metric: str,
+    corruption: str,
+    interval: Interval,
+    p_holm: float | None,
+    comparisons: int,
+    images: int,
+    clusters: int,
+    level: float,
+) -> str:
+    """Whether two models differ, how much, how sure, and from how many independent observations.
+
+    >>> sure = Interval(-0.42, 0.1, -0.7, -0.1, 0.001)
+    >>> said = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95)
+    >>> said.partition(" (")[0]
+    'The average CRE of A is lower than that of B by 0.42 px'
+    >>> said.partition(" (")[2]
+    '95 % interval 0.10 to 0.70; p = 0.020; 80 images): A is better.'
+    """
+    what = {"average": "average ", "clean": "clean "}.get(corruption, f"{long_label(corruption)} ") + METRIC_LABELS[
+        metric
+    ]
+    unit = f" {UNITS[metric]}" if UNITS[metric] else ""
+    observed = f"{images} images" if clusters == images else f"{images} images in {clusters} sequences"
+    size = abs(interval.estimate)
+    if interval.low is None or interval.high is None or p_holm is None:
+        units = "images" if clusters == images else "sequences"
+        return (
+            f"The {what} of {names[0]} and {names[1]} differs by {size:.2f}{unit}, but {clusters} {units} are too few "
+            "to say whether that is chance."
+        )
+    percent = f"{100 * level:g} %"
+    corrected = f" corrected for {comparisons} comparisons" if comparisons > 1 else ""
+    told = f"p {_p(p_holm)}{corrected}; {observed}"
+    if p_holm >= 1 - level:
+        return (
+            f"No difference in {what} between {names[0]} and {names[1]} can be claimed: {interval.estimate:+.2f}{unit} "
+            f"({percent} interval {interval.low:+.2f} to {interval.high:+.2f}; {told})."
+        )
+    lower = interval.estimate < 0
+    low, high = sorted((abs(interval.low), abs(interval.high)))
+    better = names[0] if lower else names[1]
+    return (
+        f"The {what} of {names[0]} is {'lower' if lower else 'higher'} than that of {names[1]} by {size:.2f}{unit} "
+        f"({percent} interval {low:.2f} to {high:.2f}; {told}): {better} is better."
+    )
+
+
+def _p(value: float) -> str:
+    return "< 0.001" if value < 0.001 else f"= {value:.3f}"
