@@ -46,6 +46,8 @@ def own_model(
         raise ModelError(f"model '{name}' needs PyTorch, which is not installed: pip install 'robustflow[torch]'")
     if checkpoint is None:
         raise ModelError(f"model '{name}' needs its checkpoint: get {source}, and give its path as checkpoint=PATH")
+    if not Path(checkpoint).expanduser().exists():
+        raise ModelError(f"model '{name}': no file {checkpoint}; get {source}, and put it there")
     from .checkpoint import read_checkpoint
     from .torch_model import TorchModel
     from .weights import load_weights

@@ -1,0 +1,315 @@
+"""Checkpoints come from anywhere: good ones in every layout, and hostile ones, which neither run nor slip through."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import pickle
+import random
+import zipfile
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+import torch
+
+from robustflow.errors import ModelError, UsageError
+from robustflow.models.checkpoint import read_checkpoint
+from robustflow.models.weights import load_weights
+
+pytestmark = pytest.mark.torch
+
+
+class Net(torch.nn.Module):
+    """Small, with a parameter, a float buffer and an integer one."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.first = torch.nn.Conv2d(3, 4, 3)
+        self.norm = torch.nn.BatchNorm2d(4)
+
+
+class BelowModel(torch.nn.Module):
+    """A network whose own names begin with one of the prefixes, as BrightFlow's do."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.model = Net()
+
+
+class Payload:
+    """A pickle of this runs a command when it is loaded carelessly."""
+
+    def __init__(self, marker) -> None:
+        self.marker = marker
+
+    def __reduce__(self):
+        return os.system, (f"touch {self.marker}",)
+
+
+@pytest.fixture
+def state():
+    torch.manual_seed(0)
+    net = Net()
+    net.norm.running_mean.normal_()
+    return net.state_dict()
+
+
+def load(path, net=None, **options):
+    net = net or Net()
+    read = read_checkpoint(path, options.pop("sha256", None))
+    return net, read, load_weights(net, read, "small", **options)
+
+
+def one_line(error: pytest.ExceptionInfo) -> str:
+    text = str(error.value)
+    assert "\n" not in text
+    return text
+
+
+LAYOUTS = {
+    "bare": lambda state: state,
+    "state_dict": lambda state: {"epoch": 7, "state_dict": state},
+    "model": lambda state: {"model": state, "optimizer": {"lr": 0.1}},
+    "data parallel": lambda state: {f"module.{key}": value for key, value in state.items()},
+    "lightning": lambda state: {"state_dict": {f"model.{key}": value for key, value in state.items()}},
+    "ptlflow's csflow": lambda state: {"state_dict": {f"_model.{key}": value for key, value in state.items()}},
+    "two wrappers": lambda state: {f"module.model.{key}": value for key, value in state.items()},
+    "beside numbers": lambda state: {"state_dict": state, "best": np.float64(1.5), "args": argparse.Namespace(lr=1)},
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("zipped", [True, False], ids=["zip", "legacy"])
+@pytest.mark.parametrize("kind", [Net, BelowModel])
+def test_layouts_of_the_authors(tmp_path, state, layout, zipped, kind):
+    path = tmp_path / "weights.pth"
+    torch.save(LAYOUTS[layout](state), path, _use_new_zipfile_serialization=zipped)
+    net, read, cast = load(path, kind())
+    for (_, found), expected in zip(net.state_dict().items(), state.values(), strict=True):
+        assert torch.equal(found, expected)
+    assert cast is None
+    assert read.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_only_the_networks_own_entries_of_a_training_runner(tmp_path, state):
+    runner = {f"module.model.{key}": value for key, value in state.items()}
+    runner |= {"module.corrector.first.weight": torch.zeros(1), "module.first.weight": torch.zeros(1)}
+    torch.save(runner, tmp_path / "runner.pt")
+    net, *_ = load(tmp_path / "runner.pt", BelowModel(), scope="model.")
+    assert torch.equal(net.model.first.weight, state["first.weight"])
+    with pytest.raises(ModelError, match=r"under two prefixes"):
+        load(tmp_path / "runner.pt")
+
+
+def test_the_hash_is_checked_where_it_is_known(tmp_path, state):
+    path = tmp_path / "weights.pth"
+    torch.save(state, path)
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    assert load(path, sha256=digest)[1].sha256 == digest
+    assert load(path, sha256=digest[:8].upper())[1].sha256 == digest
+    with pytest.raises(ModelError, match=f"its SHA-256 is {digest}, expected 00000000") as error:
+        load(path, sha256="00000000")
+    one_line(error)
+    for wrong in (digest[:7], "", 12345678, digest + "0", "xyzxyzxyz"):
+        with pytest.raises(UsageError, match="is not the 64 hexadecimal digits"):
+            load(path, sha256=wrong)
+
+
+@pytest.mark.parametrize("zipped", [True, False], ids=["zip", "legacy"])
+@pytest.mark.parametrize("place", ["value", "beside", "whole"])
+def test_a_payload_is_refused_and_not_run(tmp_path, state, zipped, place):
+    marker = tmp_path / "ran"
+    payload = Payload(marker)
+    content = {"value": {**state, "x": payload}, "beside": {"state_dict": state, "x": payload}, "whole": payload}[place]
+    path = tmp_path / "weights.pth"
+    torch.save(content, path, _use_new_zipfile_serialization=zipped)
+    with pytest.raises(ModelError, match=r"nothing in it was run.*system") as error:
+        load(path)
+    one_line(error)
+    assert not marker.exists()
+
+
+def test_a_plain_pickle_with_a_payload_is_refused_and_not_run(tmp_path, recwarn):
+    marker = tmp_path / "ran"
+    (tmp_path / "weights.pkl").write_bytes(pickle.dumps({"x": Payload(marker)}))
+    with pytest.raises(ModelError, match="refused"):
+        load(tmp_path / "weights.pkl")
+    assert not marker.exists()
+    assert not recwarn.list
+
+
+def test_what_stands_for_things_beside_weights_runs_nothing(tmp_path, state):
+    """The names that are let through must not lead to what they name."""
+    marker = tmp_path / "ran"
+
+    class Crafted:
+        def __reduce__(self):
+            return argparse.Namespace, (), {"__class__": 1, "x": Payload(marker)}
+
+    torch.save({"state_dict": state, "args": Crafted()}, tmp_path / "weights.pth")
+    with pytest.raises(ModelError, match="nothing in it was run"):
+        load(tmp_path / "weights.pth")
+    assert not marker.exists()
+
+
+def test_a_whole_module_is_refused(tmp_path):
+    torch.save(torch.nn.Linear(2, 2), tmp_path / "module.pth")
+    with pytest.raises(ModelError, match=r"not a file of plain weights.*save its state_dict") as error:
+        load(tmp_path / "module.pth")
+    one_line(error)
+
+
+def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path, state):
+    torch.save(state, tmp_path / "good.pth")
+    bomb = tmp_path / "bomb.pth"
+    with (
+        zipfile.ZipFile(tmp_path / "good.pth") as good,
+        zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as out,
+    ):
+        for record in good.infolist():
+            out.writestr(record.filename, good.read(record))
+        with out.open("good/data/99", "w", force_zip64=True) as record:
+            for _ in range(64):
+                record.write(bytes(1 << 20))
+    with pytest.raises(ModelError, match=r"would unpack to \d{8,}") as error:
+        load(bomb)
+    one_line(error)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"<!DOCTYPE html><html><body>Sign in</body></html>", "is a web page"),
+        (b"\xef\xbb\xbf\n  <html><head></head></html>", "is a web page"),
+        (b"<?xml version='1.0'?><Error><Code>AccessDenied</Code></Error>", "is a web page"),
+        (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n", "pointer of Git LFS"),
+        (b"", "is empty"),
+        (b" \n", "is empty"),
+        (b"Not found", "not a file of plain weights|truncated or damaged"),
+        (b"PK\x03\x04 and then nothing", "truncated or damaged"),
+        (random.Random(0).randbytes(5000), "not a file of plain weights|truncated or damaged"),
+    ],
+)
+def test_what_is_no_checkpoint(tmp_path, content, says):
+    (tmp_path / "weights.pth").write_bytes(content)
+    with pytest.raises(ModelError, match=says) as error:
+        load(tmp_path / "weights.pth")
+    assert str(tmp_path / "weights.pth") in one_line(error)
+
+
+@pytest.mark.parametrize("zipped", [True, False], ids=["zip", "legacy"])
+def test_a_file_cut_anywhere_is_refused(tmp_path, state, zipped):
+    path = tmp_path / "weights.pth"
+    torch.save(state, path, _use_new_zipfile_serialization=zipped)
+    whole = path.read_bytes()
+    for kept in [*range(1, len(whole), max(1, len(whole) // 40)), len(whole) - 1]:
+        path.write_bytes(whole[:kept])
+        with pytest.raises(ModelError) as error:
+            load(path)
+        one_line(error)
+
+
+def test_missing_or_a_folder(tmp_path):
+    with pytest.raises(ModelError, match=r"nothing\.pth: no such checkpoint; put the authors' file there"):
+        load(tmp_path / "nothing.pth")
+    with pytest.raises(ModelError, match=r"cannot be read: (Is a directory|Permission)"):
+        load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ([1, 2], "holds list, not weights by name"),
+        ({}, "holds dict, not weights by name"),
+        ({"state_dict": {}}, "holds dict, not weights by name"),
+        ({"epoch": 3}, "entry 'epoch' is int, not a tensor"),
+        ({3: torch.zeros(2)}, "entry 3 is Tensor"),
+    ],
+)
+def test_files_without_weights(tmp_path, content, says):
+    torch.save(content, tmp_path / "weights.pth")
+    with pytest.raises(ModelError, match=says) as error:
+        load(tmp_path / "weights.pth")
+    one_line(error)
+
+
+def test_names_that_do_not_fit_are_told_apart(tmp_path, state):
+    changed = dict(state)
+    changed["head.weight"] = changed.pop("first.weight")
+    changed["first.bias"] = torch.zeros(5)
+    torch.save(changed, tmp_path / "weights.pth")
+    net = Net()
+    before = {key: value.clone() for key, value in net.state_dict().items()}
+    with pytest.raises(ModelError) as error:
+        load(tmp_path / "weights.pth", net)
+    text = one_line(error)
+    assert "no checkpoint of small (7 entries)" in text
+    assert "1 missing (first.weight)" in text
+    assert "1 unexpected (head.weight)" in text
+    assert "1 of another shape (first.bias 5 instead of 4)" in text
+    assert all(torch.equal(value, before[key]) for key, value in net.state_dict().items())
+
+
+def test_many_differences_are_counted_not_listed(tmp_path):
+    torch.save({f"layer{i}.weight": torch.zeros(1) for i in range(500)}, tmp_path / "weights.pth")
+    with pytest.raises(
+        ModelError, match=r"500 unexpected \(layer0\.weight, layer1\.weight, layer2\.weight, and 497 more\)"
+    ) as error:
+        load(tmp_path / "weights.pth")
+    assert len(one_line(error)) < 500 + len(str(tmp_path))
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
+def test_other_floating_point_weights_are_cast_and_told(tmp_path, state, dtype):
+    other = {key: value.to(dtype) if value.is_floating_point() else value for key, value in state.items()}
+    torch.save(other, tmp_path / "weights.pth")
+    net, _, cast = load(tmp_path / "weights.pth")
+    assert cast == str(dtype).removeprefix("torch.")
+    assert net.first.weight.dtype == torch.float32
+    assert torch.equal(net.first.weight, other["first.weight"].float())
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
+def test_values_that_are_not_finite_are_refused(tmp_path, state, bad):
+    state["first.weight"][1, 2, 0, 1] = bad
+    torch.save(state, tmp_path / "weights.pth")
+    with pytest.raises(ModelError, match=r"1 of 108 values of 'first\.weight' are NaN or infinite") as error:
+        load(tmp_path / "weights.pth")
+    one_line(error)
+
+
+def test_a_value_too_large_for_float32_is_refused(tmp_path, state):
+    wide = {key: value.double() if value.is_floating_point() else value for key, value in state.items()}
+    wide["first.bias"][0] = 1e300
+    torch.save(wide, tmp_path / "weights.pth")
+    with pytest.raises(ModelError, match=r"1 of 4 values of 'first\.bias'"):
+        load(tmp_path / "weights.pth")
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        torch.zeros(4, dtype=torch.int32),
+        torch.zeros(4, dtype=torch.complex64),
+        torch.zeros(4).to_sparse(),
+        torch.zeros(4, device="meta"),
+    ],
+    ids=["integers", "complex", "sparse", "meta"],
+)
+def test_values_of_another_kind_are_refused(tmp_path, state, value):
+    torch.save({**state, "first.bias": value}, tmp_path / "weights.pth")
+    with pytest.raises(ModelError, match=r"first\.bias|not a file of plain weights") as error:
+        load(tmp_path / "weights.pth")
+    one_line(error)
+
+
+def test_a_huge_tensor_of_one_stored_value_is_refused_by_its_shape(tmp_path, state):
+    state["first.bias"] = torch.zeros(1).expand(1 << 40)
+    torch.save(state, tmp_path / "weights.pth")
+    assert (tmp_path / "weights.pth").stat().st_size < 100_000
+    with pytest.raises(ModelError, match="1099511627776 instead of 4"):
+        load(tmp_path / "weights.pth")
