@@ -1,0 +1,52 @@
+"""The same bytes on a processor of 2003 as on this one: every compiled path held to the oldest instructions."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+
+import pytest
+
+SCRIPT = """
+import hashlib
+import cv2
+from robustflow.corruptions import corrupt
+from robustflow.corruptions.catalog import CLIP, CORRUPTIONS
+from robustflow.datasets.motorcycle import Motorcycle
+from robustflow.errors import AssetError
+
+cv2.setNumThreads(1)
+frames = [frame[100:221, 200:387] for frame in Motorcycle().load("motorcycle").frames]
+for name in CORRUPTIONS.names():
+    if name in CLIP:
+        continue
+    try:
+        pairs = [corrupt(*frames, name, severity, seed=3) for severity in (1, 3, 5)]
+    except AssetError:
+        continue
+    print(name, hashlib.sha256(b"".join(frame.tobytes() for pair in pairs for frame in pair)).hexdigest())
+"""
+
+OLDEST = {
+    "NUMBA_CPU_NAME": "x86-64",
+    "NUMBA_CPU_FEATURES": "",
+    "OPENCV_CPU_DISABLE": "AVX512-SKX,AVX512-ICL,AVX2,AVX,FMA3,SSE4.2,SSE4.1",
+    "JSIMD_FORCENONE": "1",
+}
+
+
+def digests(**environment):
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT], env=os.environ | environment, capture_output=True, text=True, check=True
+    )
+    return dict(line.split() for line in done.stdout.splitlines())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="the oldest instructions of x86-64")
+def test_oldest_instructions_give_the_same_bytes(tmp_path):
+    here = digests()
+    assert len(here) >= 19
+    assert digests(NUMBA_CACHE_DIR=str(tmp_path), **OLDEST) == here
