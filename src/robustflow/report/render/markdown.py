@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from ..table import Cell, Table
 from ..text import plain
 from .footnotes import note_text, numbered_notes
@@ -13,8 +15,7 @@ def render(table: Table) -> str:
     """The table as a Markdown section."""
     notes = numbered_notes(table)
     headings = ["Model", *(f"{column.group} {column.label}".strip() for column in table.columns)]
-    lines = [f"### {escape(table.title)}", ""]
-    lines += [_row(map(escape, headings)), _row([":--", *["--:"] * len(table.columns)])]
+    lines = [_row(map(escape, headings)), _row([":--", *["--:"] * len(table.columns)])]
     for section in table.sections:
         lines.append(_row([f"*{escape(section.title)}*", *[""] * len(table.columns)]))
         for line in section.lines:
@@ -22,8 +23,7 @@ def render(table: Table) -> str:
             lines.append(_row([escape(line.label) + mark, *map(_cell, line.cells)]))
     remarks = [escape(plain(remark, None)) for remark in table.remarks]
     remarks += [f"<sup>{number}</sup> {escape(note_text(note))}" for note, number in notes.items()]
-    # The table ends at its first blank line; what follows goes above it, so that the table is the last thing written.
-    return "\n".join([*lines[:2], *(f"{remark}  " for remark in remarks), "", *lines[2:]]) + "\n"
+    return "\n".join([f"### {escape(table.title)}", "", *lines, "", *(f"{remark}  " for remark in remarks)]) + "\n"
 
 
 def escape(text: str) -> str:
@@ -40,5 +40,5 @@ def _cell(cell: Cell) -> str:
     return f"**{text}**" if cell.best else text
 
 
-def _row(cells: object) -> str:
-    return "| " + " | ".join(cells) + " |"  # type: ignore[call-overload]
+def _row(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cells) + " |"

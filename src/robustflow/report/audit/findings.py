@@ -1,0 +1,85 @@
+"""What an audit found: one record per number that does not fit, with both numbers."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from pydantic import BaseModel, ConfigDict
+
+CHECKS = {
+    "cre": "CRE is the corrupted minus the clean EPE",
+    "crer": "CREr is CRE / clean EPE, from the EPE",
+    "crer_from_cre": "CREr is CRE / clean EPE, from the CRE",
+    "average": "the average is the mean over corruptions",
+    "bound": "RCRE is at least |EPE - clean EPE|",
+    "best": "the best of each column is marked",
+    "rank": "ranks follow from the values beside them",
+    "rank_from_epe": "ranks follow from CREr made from the EPE",
+    "swapped": "each row belongs to its model",
+    "shifted": "each value stands in its column",
+    "summary": "the summary follows from the rows",
+    "identity": "the run's digest follows from its identity",
+    "rows": "the rows are possible measurements",
+}
+"""Each check and what it holds to be true."""
+
+
+class Finding(BaseModel):
+    """A number that does not follow from the others within rounding.
+
+    Attributes:
+        check: one of `CHECKS`.
+        source: the table or file it stands in.
+        setting, model, metric, corruption: where in it; "" where that means nothing.
+        given: the number as it stands there.
+        recomputed: what follows from the other numbers.
+        tolerance: how far apart rounding alone could put the two.
+        says: the finding in words.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    check: str
+    source: str
+    setting: str = ""
+    model: str = ""
+    metric: str = ""
+    corruption: str = ""
+    given: float | None = None
+    recomputed: float | None = None
+    tolerance: float | None = None
+    says: str
+
+
+class Audit(BaseModel):
+    """All findings, and how many numbers each check looked at.
+
+    Attributes:
+        audited: what was looked at.
+        checked: numbers compared, by check.
+        findings: in the order of the checks.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    audited: str
+    checked: dict[str, int]
+    findings: list[Finding]
+
+    @property
+    def fits(self) -> bool:
+        """Whether everything follows within rounding."""
+        return not self.findings
+
+    def counts(self) -> dict[str, int]:
+        """Findings by check."""
+        return dict(Counter(finding.check for finding in self.findings))
+
+
+def merged(audited: str, parts: list[tuple[str, int, list[Finding]]]) -> Audit:
+    """One audit from (check, numbers compared, findings) of several checks."""
+    return Audit(
+        audited=audited,
+        checked={check: count for check, count, _ in parts if count},
+        findings=[finding for _, _, findings in parts for finding in findings],
+    )

@@ -1,0 +1,108 @@
+"""What many misfits together point at: two models' rows exchanged, or values moved by a column."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+from ..results import AVERAGE, CLEAN
+from .checks import Book, ModelKey, Values, cre_tolerance, expected_cre
+from .findings import Finding
+from .rounding import misfits
+
+_LEAST = 3
+"""Fewer numbers that happen to fit elsewhere are no pattern."""
+
+
+def check_swapped(book: Book) -> tuple[str, int, list[Finding]]:
+    """Rows of two models of a setting that fit each other's EPE, and not their own."""
+    count, findings = 0, []
+    wrong = {key: _misfitting(book.values[key], book.values[key]) for key in book.values}
+    for first, second in combinations([key for key, names in wrong.items() if len(names) >= _LEAST], 2):
+        if first[:3] != second[:3]:
+            continue
+        count += 1
+        one, two = book.values[first], book.values[second]
+        crossed = _misfitting(one, two) + _misfitting(two, one)
+        if crossed:
+            continue
+        cells = len(_both(one, two))
+        says = (
+            f"the CRE rows of {first[3]} and {second[3]} ({first[2]}) are swapped against their EPE rows: all {cells} "
+            f"values of each fit the EPE of the other; {len(wrong[first])} and {len(wrong[second])} misfit their own"
+        )
+        findings.append(book.finding("swapped", first, "cre", "", says))
+        own, other = _impossible(one, one) + _impossible(two, two), _impossible(one, two) + _impossible(two, one)
+        if own and not other:
+            says = (
+                f"the RCRE rows of {first[3]} and {second[3]} ({first[2]}) are swapped against their EPE rows: {own} "
+                "values are impossible (RCRE below |EPE - clean EPE|) as they stand, none when exchanged"
+            )
+            findings.append(book.finding("swapped", first, "rcre", "", says))
+    return "swapped", count, findings
+
+
+def check_shifted(book: Book) -> tuple[str, int, list[Finding]]:
+    """Consecutive values of a model that fit the column beside theirs, and not their own."""
+    count, findings = 0, []
+    for key, values in book.values.items():
+        expected = expected_cre(values)
+        names = [name for name in expected if name != AVERAGE and ("cre", name) in values]
+        for step, side in ((1, "right"), (-1, "left")):
+            run: list[str] = []
+            for here, there in zip(names, names[step:] if step > 0 else [None, *names], strict=False):
+                count += 1
+                fits = there is not None and _fits_beside(values, here, there)
+                if fits:
+                    run.append(here)
+                    continue
+                findings += _shift(book, key, run, side)
+                run = []
+            findings += _shift(book, key, run, side)
+    return "shifted", count, findings
+
+
+def _shift(book: Book, key: ModelKey, run: list[str], side: str) -> list[Finding]:
+    if len(run) < _LEAST:
+        return []
+    says = (
+        f"{key[2]} {key[3]}: EPE - clean EPE of {', '.join(run)} equals the CRE one column to the {side}, not its own: "
+        "a row moved by a column in one of the tables"
+    )
+    return [book.finding("shifted", key, "epe", run[0], says)]
+
+
+def _fits_beside(values: Values, here: str, there: str) -> bool:
+    expected = expected_cre(values)[here].value
+    tolerance = cre_tolerance(values, here)
+    return misfits(values["cre", here].value, expected, tolerance) and not misfits(
+        values["cre", there].value, expected, tolerance
+    )
+
+
+def _both(epe: Values, cre: Values) -> list[str]:
+    return [name for name in expected_cre(epe) if ("cre", name) in cre]
+
+
+def _misfitting(epe: Values, cre: Values) -> list[str]:
+    """Corruptions at which the CRE of one row does not follow from the EPE of another."""
+    expected = expected_cre(epe)
+    return [
+        name
+        for name in _both(epe, cre)
+        if misfits(
+            cre["cre", name].value,
+            expected[name].value,
+            epe["epe", name].half + epe["epe", CLEAN].half + cre["cre", name].half,
+        )
+    ]
+
+
+def _impossible(epe: Values, rcre: Values) -> int:
+    """How many RCRE of one row are below the change of the EPE of another."""
+    count = 0
+    for name, expected in expected_cre(epe).items():
+        given = rcre.get(("rcre", name))
+        if given is not None and given.value < abs(expected.value):
+            tolerance = given.half + epe["epe", name].half + epe["epe", CLEAN].half
+            count += misfits(given.value, abs(expected.value), tolerance)
+    return count

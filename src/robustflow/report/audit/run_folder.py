@@ -1,0 +1,139 @@
+"""A run folder: the summary against the rows, the digest against the identity, and rows that cannot be."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from ...errors import RunError
+from ...metrics.rows import CLEAN
+from .findings import Audit, Finding, merged
+
+if TYPE_CHECKING:
+    from ...runner.result import Result
+
+_LARGEST_SUMMARY = 256 * 2**20
+_CLOSE = 1e-9
+
+
+def audit_run(folder: str | Path) -> Audit:
+    """Whether what a run folder says follows from its rows.
+
+    `summary.json` is made again from the rows and compared number by number; the digest is made again from the
+    identity; rows are checked for what no measurement can be (an error below 0 or not finite, more outliers than
+    pixels, an error that grew by more than the flow moved).
+
+    Raises:
+        RunError: not a run folder, or one without a readable summary.
+    """
+    from ...runner.plan import identity_digest
+    from ...runner.result import Result
+
+    run = Result(folder)
+    digest = identity_digest(run.manifest["identity"])
+    identity = []
+    if digest != run.manifest.get("identity_digest"):
+        says = (
+            f"manifest.json: the digest is {run.manifest.get('identity_digest')}, but that of its identity is {digest}"
+        )
+        identity.append(Finding(check="identity", source="manifest.json", says=says))
+    return merged(str(run.path), [_summary(run), ("identity", 1, identity), _rows(run.rows)])
+
+
+def _summary(run: Result) -> tuple[str, int, list[Finding]]:
+    made = {**run.summary.model_dump(), "pooled": run.summarize("pixel").model_dump()}
+    given = _read_summary(run.path / "summary.json")
+    count, findings = 0, []
+    for path, left, right in _leaves((), given, made):
+        if path == ("run",):
+            continue
+        count += 1
+        if not _same(left, right):
+            where = ".".join(path)
+            says = f"summary.json: {where} is {_shown(left)}, but from the rows it is {_shown(right)}"
+            findings.append(
+                Finding(
+                    check="summary",
+                    source="summary.json",
+                    corruption=path[path.index("corruptions") + 1] if "corruptions" in path else "",
+                    given=_number(left),
+                    recomputed=_number(right),
+                    tolerance=_CLOSE,
+                    says=says,
+                )
+            )
+    return "summary", count, findings
+
+
+def _read_summary(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _LARGEST_SUMMARY:
+            raise RunError(f"{path}: larger than {_LARGEST_SUMMARY >> 20} MiB; no summary is")
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise RunError(f"{path} cannot be read ({error}); write it anew with robustflow show {path.parent}") from error
+    if not isinstance(found, dict):
+        raise RunError(f"{path} is no summary; write it anew with robustflow show {path.parent}")
+    return found
+
+
+_ABSENT = object()
+
+
+def _leaves(path: tuple[str, ...], left: Any, right: Any) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
+    """Every number, text or gap of either side, with what the other side has there."""
+    if isinstance(left, dict) and isinstance(right, dict):
+        for name in dict.fromkeys((*left, *right)):
+            yield from _leaves((*path, str(name)), left.get(name, _ABSENT), right.get(name, _ABSENT))
+    elif isinstance(left, list) and isinstance(right, list) and len(left) == len(right):
+        for index, (one, two) in enumerate(zip(left, right, strict=True)):
+            yield from _leaves((*path, str(index)), one, two)
+    else:
+        yield path, left, right
+
+
+def _same(left: Any, right: Any) -> bool:
+    one, two = _number(left), _number(right)
+    if one is not None and two is not None:
+        return math.isclose(one, two, rel_tol=_CLOSE, abs_tol=_CLOSE)
+    return type(left) is type(right) and bool(left == right)
+
+
+def _number(value: Any) -> float | None:
+    known = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if known else None
+
+
+def _shown(value: Any) -> str:
+    if value is _ABSENT:
+        return "not there"
+    return f"{value:.6g}" if _number(value) is not None else str(value)[:80]
+
+
+def _rows(rows: pl.DataFrame) -> tuple[str, int, list[Finding]]:
+    clean = rows.filter(corruption=CLEAN).select("sample", _before="epe_sum", _pixels="n_valid")
+    both = rows.join(clean, on="sample", how="left")
+    scale = _CLOSE * (1 + pl.col("epe_sum") + pl.col("rcre_sum"))
+    impossible = {
+        "its sums are negative or not finite": pl.any_horizontal(
+            (~pl.col(c).is_finite() | (pl.col(c) < 0)) for c in ("epe_sum", "rcre_sum", "rcre_all_sum", "wauc_sum")
+        ),
+        "it has more outliers than pixels": pl.any_horizontal(
+            (pl.col(c) > pl.col("n_valid")) | (pl.col(c) < 0)
+            for c in ("fl_count", "px1_count", "px3_count", "px5_count", "wauc_sum")
+        ),
+        "the error changed by more than the flow moved": (pl.col("n_valid") == pl.col("_pixels"))
+        & ((pl.col("epe_sum") - pl.col("_before")).abs() > pl.col("rcre_sum") + scale),
+    }
+    findings = []
+    for reason, condition in impossible.items():
+        for row in both.filter(condition.fill_null(False)).iter_rows(named=True):
+            where = f"sample '{row['sample']}', {row['corruption']} severity {row['severity']}"
+            says = f"rows: {where}: {reason}"
+            findings.append(Finding(check="rows", source="rows", corruption=str(row["corruption"]), says=says))
+    return "rows", both.height * len(impossible), findings
