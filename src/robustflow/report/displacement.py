@@ -1,0 +1,109 @@
+"""How far things move in a benchmark: the histogram of flow amplitudes (the paper's figure "Optical flow amplitude
+statistic"), from ground truth or from a named model's flow on the clean frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from ..benchmarks import Benchmark
+from ..errors import DataError, UsageError
+from ..models.base import FlowModel, predict_checked
+from ..sample import Flow, Mask
+
+EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
+"""Amplitudes in pixels; the last bin is everything from 100 on."""
+
+
+def displacement_histogram(
+    benchmark: Benchmark,
+    model: FlowModel | None = None,
+    source: str = "",
+    edges: Sequence[float] = EDGES,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> pl.DataFrame:
+    """Count pixels by amplitude over all samples of a benchmark; holds one sample at a time.
+
+    Args:
+        benchmark: whose clean pairs.
+        model: the flow to measure; None takes the ground truth.
+        source: what the table calls the model; its class by default.
+        edges: ascending bin edges in pixels, the first 0; a bin holds its lower edge.
+
+    Returns:
+        One row per bin: `benchmark`, `source` ("ground truth" or the model), `low`, `high` (pixels), `pixels`
+        (a count), `share` (of all valid pixels; the shares add up to 1).
+
+    Raises:
+        DataError: ground truth asked of a benchmark without.
+        UsageError: edges that do not ascend from 0.
+    """
+    if model is None and not benchmark.dataset.has_flow:
+        raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow is to be measured")
+    flows = (_flow(benchmark, key, model, number, progress) for number, key in enumerate(benchmark.keys, start=1))
+    table = histogram(flows, edges)
+    name = "ground truth" if model is None else source or type(model).__name__
+    return table.select(pl.lit(benchmark.name).alias("benchmark"), pl.lit(name).alias("source"), pl.all())
+
+
+def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES) -> pl.DataFrame:
+    """The table's `low`, `high`, `pixels` and `share` for any flows with their valid masks.
+
+    >>> flow = np.zeros((1, 4, 2), np.float32)
+    >>> flow[0, :, 0] = 0, 1, 3, -9
+    >>> histogram([(flow, np.array([[True, True, True, False]]))], [0, 2, 4, 8])["pixels"].to_list()
+    [2, 1, 0]
+    """
+    if len(edges) < 2 or edges[0] != 0 or any(not low < high for low, high in pairwise(edges)):
+        raise UsageError(f"histogram edges must ascend from 0, not {list(edges)[:5]}...")
+    counts = np.zeros(len(edges) - 1, np.int64)
+    valid_pixels = 0
+    for flow, valid in flows:
+        amplitude = np.hypot(flow[..., 0], flow[..., 1], dtype=np.float64)[valid]
+        amplitude = amplitude[np.isfinite(amplitude)]
+        counts += np.histogram(amplitude, np.minimum(edges, np.finfo(np.float64).max))[0]
+        counts[-1] -= int((amplitude == edges[-1]).sum())  # numpy closes the last bin
+        valid_pixels += amplitude.size
+    share = counts / valid_pixels if valid_pixels else np.zeros(len(counts))
+    return pl.DataFrame(
+        {
+            "low": np.asarray(edges[:-1], np.float64),
+            "high": np.asarray(edges[1:], np.float64),
+            "pixels": counts,
+            "share": share,
+        }
+    )
+
+
+def displacement_figure(tables: Sequence[pl.DataFrame], path: Path, limit: float = 100.0) -> None:
+    """Draw one or more of the tables over each other: share of pixels against amplitude in pixels (PNG, PDF or SVG)."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6, 3.5), layout="constrained")
+    axes = figure.add_subplot()
+    for table in tables:
+        shown = table.filter(pl.col("high") <= limit)
+        label = f"{table['benchmark'][0]} ({table['source'][0]})"
+        edges = [*shown["low"], shown["high"][-1]]
+        axes.stairs(100 * shown["share"].to_numpy(), edges, label=label, fill=len(tables) == 1)
+    axes.set_xlabel("amplitude (px)")
+    axes.set_ylabel("pixels (%)")
+    axes.set_yscale("log")
+    axes.legend()
+    figure.savefig(path)
+
+
+def _flow(
+    benchmark: Benchmark, key: str, model: FlowModel | None, number: int, progress: Callable[[int, int], None]
+) -> tuple[Flow, Mask]:
+    sample = benchmark.dataset.load(key)
+    progress(number, len(benchmark.keys))
+    if model is not None:
+        return predict_checked(model, sample.frames, key, "clean", 0), np.ones(sample.shape, np.bool_)
+    if sample.flow is None or sample.valid is None:
+        raise DataError(f"{benchmark.name}, sample '{key}': no ground truth; name a model instead")
+    return sample.flow, sample.valid

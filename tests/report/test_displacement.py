@@ -1,0 +1,63 @@
+"""Amplitude histograms: against a pixel-by-pixel count."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.benchmarks import load_benchmark
+from robustflow.errors import DataError, UsageError
+from robustflow.report.displacement import EDGES, displacement_figure, displacement_histogram, histogram
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([EDGES, (0, 1, 5, 30), (0.0, math.inf), (0, 3)]))
+def test_every_valid_pixel_is_counted_once(seed, edges):
+    rng = np.random.default_rng(seed)
+    flows = [(rng.integers(-80, 80, (4, 5, 2)).astype(np.float32), rng.random((4, 5)) < 0.7) for _ in range(3)]
+    expected = [0] * (len(edges) - 1)
+    valid = 0
+    for flow, mask in flows:
+        for (u, v), known in zip(flow.reshape(-1, 2), mask.ravel(), strict=True):
+            valid += bool(known)
+            for bin_, (low, high) in enumerate(pairwise(edges)):
+                expected[bin_] += bool(known and low <= math.hypot(u, v) < high)
+    table = histogram(flows, edges)
+    assert table["pixels"].to_list() == expected
+    assert table["share"].sum() == pytest.approx(sum(expected) / valid)
+
+
+def test_from_ground_truth_and_from_a_model(tmp_path):
+    benchmark = load_benchmark("demo")
+    truth = displacement_histogram(benchmark)
+    sample = benchmark.dataset.load(benchmark.keys[0])
+    assert truth["pixels"].sum() == int(sample.valid.sum())
+
+    class Still:
+        def predict(self, frame1, frame2):
+            return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+    still = displacement_histogram(benchmark, Still(), "still")
+    assert still["pixels"][0] == sample.shape[0] * sample.shape[1]
+    assert still["source"].unique().to_list() == ["still"]
+    displacement_figure([truth, still], tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_no_ground_truth(tmp_path):
+    from robustflow.imageio import write_image
+
+    for index in range(2):
+        write_image(tmp_path / f"{index}.png", np.zeros((8, 8, 3), np.uint8))
+    with pytest.raises(DataError, match="name the model"):
+        displacement_histogram(load_benchmark("folder", tmp_path))
+
+
+@pytest.mark.parametrize("edges", [(), (0,), (1, 2), (0, 2, 2), (0, 3, 2)])
+def test_edges_that_make_no_bins(edges):
+    with pytest.raises(UsageError, match="ascend"):
+        histogram([], edges)
