@@ -32,10 +32,10 @@ def design(
     specification, goal = goal_of(severity)
     rng = Rng.of("robustflow.optics", severity, seed)
     best = search(specification.elements, specification.stop, goal, rng, budget, Limits(), report)
-    return prescription_of(best, goal, f"severity {severity}, seed {seed}")
+    return prescription_of(best, goal, specification.half_field, f"severity {severity}, seed {seed}")
 
 
-def prescription_of(candidate: Candidate, goal: Goal, name: str) -> Lens:
+def prescription_of(candidate: Candidate, goal: Goal, half_field: float, name: str) -> Lens:
     """A candidate as a prescription, rounded to what a drawing would say (1e-8 1/mm, 1e-6 mm)."""
     structure = candidate.structure
     index, stop = structure.indices(SAMPLES), structure.stop_surface
@@ -61,7 +61,7 @@ def prescription_of(candidate: Candidate, goal: Goal, name: str) -> Lens:
         surfaces=tuple(surfaces),
         stop=stop,
         f_number=goal.f_number,
-        half_field=round(float(np.degrees(np.arctan(goal.field_tangent))), 9),
+        half_field=half_field,
     )
 
 

@@ -8,7 +8,6 @@ its part in phase at five frequencies, RMS radius and lateral colour at six fiel
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from importlib import resources
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from ..corruptions.base import check_severity
 from .merit import Goal
-from .prescription import IMAGE_RADIUS
+from .prescription import IMAGE_RADIUS, tangent_of
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ def goal_of(severity: int) -> tuple[Specification, Goal]:
     specification = SPECIFICATIONS[check_severity(severity) - 1]
     text = resources.files(__package__).joinpath("data", "goals.json").read_text(encoding="utf-8")
     measured = json.loads(text)[str(severity)]
-    tangent = math.tan(math.radians(specification.half_field))
+    tangent = tangent_of(specification.half_field)
     return specification, Goal(
         focal_length=IMAGE_RADIUS / tangent,
         f_number=specification.f_number,

@@ -198,43 +198,42 @@ def blur_statistics(
             moment += w * sy[1, i]
         centre = moment / max(total, 1e-12)
     unbounded = 0.0
+    inner, c, s, cs, ss = np.empty(count), np.empty(count), np.empty(count), np.empty(count), np.empty(count)
     for colour in range(colours):
-        total, first, second, all_w, all_1, all_2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        re, im, sag = np.zeros(5), np.zeros(5), np.zeros(5)
+        x, y, outer = sx[colour], sy[colour], weight[colour]
+        for i in range(count):  # elementwise, so that the compiler works on several rays at once
+            v = y[i] - centre
+            inner[i] = outer[i] * _window(x[i], v)
+            c[i], s[i] = _cos_sin_turns(BASE_FREQUENCY * v)
+            cs[i], ss[i] = _cos_sin_turns(BASE_FREQUENCY * x[i])
+        all_w, all_1, all_2, total, first, second = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(count):
-            w = weight[colour, i]
-            if w <= 0.0:
-                continue
-            u, v = sx[colour, i], sy[colour, i] - centre
-            all_w += w
-            all_1 += w * v
-            all_2 += w * (u * u + v * v)
-            w *= _window(u, v)
-            if w <= 0.0:
-                continue
-            total += w
-            first += w * v
-            second += w * (u * u + v * v)
-            c, s = _cos_sin_turns(BASE_FREQUENCY * v)
-            cx, sxn = _cos_sin_turns(BASE_FREQUENCY * u)
-            for k in range(5):
-                re[k] += w * c
-                im[k] += w * s
-                sag[k] += w * cx
-                c, s = c * c - s * s, 2 * c * s
-                cx, sxn = cx * cx - sxn * sxn, 2 * cx * sxn
-        total = max(total, 1e-12)
-        all_w = max(all_w, 1e-12)
+            v = y[i] - centre
+            squared = x[i] * x[i] + v * v
+            all_w += outer[i]
+            all_1 += outer[i] * v
+            all_2 += outer[i] * squared
+            total += inner[i]
+            first += inner[i] * v
+            second += inner[i] * squared
+        total, all_w = max(total, 1e-12), max(all_w, 1e-12)
         mean = out_mean[colour] = first / total
         out_rms[colour] = np.sqrt(max(second / total - mean * mean, 0.0))
         mean = all_1 / all_w
         unbounded += np.sqrt(max(all_2 / all_w - mean * mean, 0.0))
         frequency = BASE_FREQUENCY
-        for k in range(5):
-            sine = _cos_sin_turns(0.5 * frequency)[1]
-            pixel = sine / (np.pi * frequency)
-            out_t[colour, k] = pixel * np.sqrt(re[k] * re[k] + im[k] * im[k]) / total
-            out_re[colour, k] = pixel * re[k] / total
-            out_s[colour, k] = pixel * abs(sag[k]) / total
+        for k in range(FREQUENCIES.size):
+            re, im, sagittal = 0.0, 0.0, 0.0
+            for i in range(count):
+                re += inner[i] * c[i]
+                im += inner[i] * s[i]
+                sagittal += inner[i] * cs[i]
+            pixel = _cos_sin_turns(0.5 * frequency)[1] / (np.pi * frequency)
+            out_t[colour, k] = pixel * np.sqrt(re * re + im * im) / total
+            out_re[colour, k] = pixel * re / total
+            out_s[colour, k] = pixel * abs(sagittal) / total
             frequency *= 2.0
+            for i in range(count):  # to twice the frequency
+                c[i], s[i] = c[i] * c[i] - s[i] * s[i], 2.0 * c[i] * s[i]
+                cs[i], ss[i] = cs[i] * cs[i] - ss[i] * ss[i], 2.0 * cs[i] * ss[i]
     return unbounded

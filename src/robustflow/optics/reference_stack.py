@@ -67,7 +67,7 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
     if kept.exists():
         try:
             return PsfField(np.load(kept, allow_pickle=False)[:, :, ::-1, ::-1])
-        except (OSError, ValueError, DataError):
+        except (OSError, EOFError, ValueError, DataError):
             kept.unlink(missing_ok=True)  # damaged: convert the file again
     stack = _read_tensor(path, data)
     field = PsfField(stack[:, :, ::-1, ::-1])

@@ -17,7 +17,9 @@ from .prescription import PIXEL
 from .trace import propagate
 
 STEP = 1e-5
-LATERAL_WEIGHT, PHASE_WEIGHT = 0.05, 0.5
+PHASE_WEIGHT, RADIUS_WEIGHT, LATERAL_WEIGHT, NOMINAL_WEIGHT = 0.5, 0.5, 0.05, 6.0
+"""Weights beside 1 for a modulation: of its part in phase, of relative RMS radii, of a pixel of lateral colour, of the
+relative nominal RMS radius."""
 RIM = 1.03
 """Clear radius of a surface over the largest height at which an aimed ray meets it."""
 
@@ -115,10 +117,10 @@ def evaluate(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: A
                 out[position + 1] = s[colour, k] - sagittal[f, colour, k]
                 out[position + 2] = PHASE_WEIGHT * (re[colour, k] - in_phase[f, colour, k])
                 position += 3
-            out[position] = 0.3 * (rms[colour] / wanted_rms[f, colour] - 1.0)
+            out[position] = RADIUS_WEIGHT * (rms[colour] / wanted_rms[f, colour] - 1.0)
             out[position + 1] = LATERAL_WEIGHT * (mean[colour] - mean[1] - lateral[f, colour])
             position += 2
-    out[position] = 2.0 * (unbounded * PIXEL / (3 * count * nominal) - 1.0)
+    out[position] = NOMINAL_WEIGHT * (unbounded * PIXEL / (3 * count * nominal) - 1.0)
     out[position + 1] = 0.02 * shadow
     position += 2
 

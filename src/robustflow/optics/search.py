@@ -70,10 +70,10 @@ class Candidate:
 class Budget:
     """How many of each the search does before it stops."""
 
-    structures: int = 2000
+    structures: int = 1500
     screened: int = 48
     pool: int = 8
-    moves: int = 400
+    moves: int = 250
     first_iterations: int = 10
     iterations: int = 14
     last_iterations: int = 60
@@ -187,7 +187,8 @@ def search(
     report(f"{len(drawn)} of {budget.structures} structures trace; best after screening {pool[0].cost:.4f}")
     for number in range(budget.moves):
         choices = rng.spawn("move", number)
-        place = min(int(choices.uniform() ** 2 * len(pool)), len(pool) - 1)
+        share = choices.uniform()
+        place = int(share * share * len(pool))  # the better, the more often
         tried = refine(move(pool[place], choices), goal, limits, budget.iterations)
         if tried.cost < pool[place].cost:
             pool[place] = tried

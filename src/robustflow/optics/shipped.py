@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import zipfile
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -48,7 +49,7 @@ def shipped_field(severity: int) -> PsfField:
     try:
         with np.load(path, allow_pickle=False) as archive:
             half = archive["half"]
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
         raise DataError(f"cannot read the PSFs {path}: {error}; reinstall robustflow") from error
     _check(f"psf_s{severity}", half_digest(half))
     return PsfField(whole(half))

@@ -47,36 +47,34 @@ def propagate(
     no rows, receives the intersections with each surface.
     """
     x, y, z, l, m, n, alive = rays  # noqa: E741
-    keep = path.shape[0] > 0
     for k in range(first, last):
         c, shape, ratio, gap = curvature[k], 1.0 + conic[k], index[k] / index[k + 1], thickness[k]
         widest = clear[k] * clear[k]
+        # Without a branch, so that the compiler works on several rays at once.
         for i in range(x.size):
-            a = c * (1.0 + (shape - 1.0) * n[i] * n[i])
-            b = n[i] - c * (x[i] * l[i] + y[i] * m[i] + shape * z[i] * n[i])
-            free = c * (x[i] * x[i] + y[i] * y[i] + shape * z[i] * z[i]) - 2.0 * z[i]
+            x0, y0, z0, l0, m0, n0 = x[i], y[i], z[i], l[i], m[i], n[i]
+            a = c * (1.0 + (shape - 1.0) * n0 * n0)
+            b = n0 - c * (x0 * l0 + y0 * m0 + shape * z0 * n0)
+            free = c * (x0 * x0 + y0 * y0 + shape * z0 * z0) - 2.0 * z0
             inside = b * b - a * free
             t = free / (b + np.sqrt(max(inside, 0.0)))
-            px, py, pz = x[i] + t * l[i], y[i] + t * m[i], z[i] + t * n[i]
-            hit = 1.0 if inside >= 0.0 and px * px + py * py <= widest else 0.0
+            px, py, pz = x0 + t * l0, y0 + t * m0, z0 + t * n0
             normal_z = 1.0 - c * shape * pz
-            length = np.sqrt(c * c * (px * px + py * py) + normal_z * normal_z)
-            nx, ny, nz = -c * px / length, -c * py / length, normal_z / length
-            cosine = l[i] * nx + m[i] * ny + n[i] * nz
+            shorten = 1.0 / np.sqrt(c * c * (px * px + py * py) + normal_z * normal_z)
+            nx, ny, nz = -c * px * shorten, -c * py * shorten, normal_z * shorten
+            cosine = l0 * nx + m0 * ny + n0 * nz
             through = 1.0 - ratio * ratio * (1.0 - cosine * cosine)
-            passes = 1.0 if through >= 0.0 and cosine > 0.0 and normal_z > 0.0 else 0.0
             bend = np.sqrt(max(through, 0.0)) - ratio * cosine
-            good = hit * passes * alive[i]
-            if good > 0.0:
-                l[i] = ratio * l[i] + bend * nx
-                m[i] = ratio * m[i] + bend * ny
-                n[i] = ratio * n[i] + bend * nz
-                x[i], y[i], z[i] = px, py, pz - gap
-            else:
-                z[i] = 0.0
-            alive[i] = good
-            if keep:
-                path[k - first, 0, i], path[k - first, 1, i], path[k - first, 2, i] = x[i], y[i], z[i] + gap
+            meets = (inside >= 0.0) & (px * px + py * py <= widest) & (normal_z > 0.0)
+            good = meets & (through >= 0.0) & (cosine > 0.0) & (alive[i] > 0.0)
+            l[i] = ratio * l0 + bend * nx if good else l0
+            m[i] = ratio * m0 + bend * ny if good else m0
+            n[i] = ratio * n0 + bend * nz if good else n0
+            x[i], y[i] = (px, py) if good else (x0, y0)
+            z[i] = pz - gap if good else 0.0
+            alive[i] = 1.0 if good else 0.0
+        if path.shape[0] > 0:
+            path[k - first, 0], path[k - first, 1], path[k - first, 2] = x, y, z + gap
 
 
 _NO_PATH = np.empty((0, 3, 0))

@@ -1,0 +1,136 @@
+"""Time, memory and error of psf_blur's tiles, beside 16-pixel tiles written plainly, in one run.
+
+    python bench/psf.py [--severity 5] [--threads 2] [--rounds 5] [--plain]
+
+Per image size: milliseconds to prepare the kernels (the first image), per image afterwards (best of the rounds), peak
+extra memory, and the error against exact kernels at 300 pixels. `--plain` adds the method of the reference code as its
+description says, vectorised over tiles but with one kernel and one direct convolution per 16-pixel tile: every kernel
+is made for every image, pixels outside whole tiles are left out. It takes tens of seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import skimage.data
+from scipy.ndimage import map_coordinates
+
+from robustflow.optics import blur as engine
+from robustflow.optics.blur import KernelCache, blur
+from robustflow.optics.shipped import shipped_field
+from robustflow.optics.tiles import kernels_at
+
+SIZES = ((375, 1242), (720, 1280))
+
+
+def photograph(height: int, width: int) -> np.ndarray[Any, Any]:
+    """A photograph scaled to a size."""
+    image: np.ndarray[Any, Any] = cv2.resize(skimage.data.astronaut(), (width, height), interpolation=cv2.INTER_AREA)
+    return image
+
+
+def exact(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any], x: int, y: int) -> np.ndarray[Any, Any]:
+    """One blurred pixel by its own kernel."""
+    height, width = frame.shape[:2]
+    padded = np.pad(frame.astype(float), ((30, 30), (30, 30), (0, 0)), mode="reflect")
+    kernel = np.empty((1, 3, 61, 61))
+    offset = np.array([x - (width - 1) / 2]), np.array([y - (height - 1) / 2])
+    kernels_at(stack, *offset, np.hypot(height, width) / 2, kernel)
+    around = padded[y : y + 61, x : x + 61][::-1, ::-1].transpose(2, 0, 1)
+    return np.asarray((kernel[0] * around).sum((1, 2)))
+
+
+def plain_tiles(frame: np.ndarray[Any, Any], stack: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """16-pixel tiles: per tile a weighted mean of all field points' PSFs, turned, and a direct convolution."""
+    size, reach = 16, 30
+    rows, columns = frame.shape[0] // size, frame.shape[1] // size
+    padded = np.pad(frame.astype(np.float32), ((reach, reach), (reach, reach), (0, 0)), mode="reflect")
+    out = np.zeros(frame.shape, np.float32)
+    u, v = np.meshgrid(np.arange(-30.0, 31.0), np.arange(-30.0, 31.0))
+    places = np.linspace(0.0, 1.0, len(stack))
+    for i in range(rows):
+        for j in range(columns):
+            dy, dx = i + 0.5 - rows / 2, j + 0.5 - columns / 2
+            distance = max(np.hypot(dy, dx), 1e-6)
+            weight = np.maximum(np.abs(places - distance / (np.hypot(rows, columns) / 2)), 1e-6) ** -4.0
+            mixed = np.tensordot(weight / weight.sum(), stack, 1)
+            along, across = (dy * v + dx * u) / distance, (dy * u - dx * v) / distance
+            for channel in range(3):
+                kernel = map_coordinates(mixed[channel], [along + 30, across + 30], order=1)
+                patch = padded[i * size : i * size + size + 60, j * size : j * size + size + 60, channel]
+                blurred = cv2.filter2D(patch, -1, (kernel / kernel.sum())[::-1, ::-1], borderType=cv2.BORDER_CONSTANT)
+                out[i * size : (i + 1) * size, j * size : (j + 1) * size, channel] = blurred[30:-30, 30:-30]
+    return out
+
+
+class PeakMemory:
+    """Most resident memory above that at the start, MB, sampled every 2 ms."""
+
+    def __enter__(self) -> PeakMemory:
+        self.start = self.most = self._resident()
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._watch)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._done.set()
+        self._thread.join()
+        self.extra = (self.most - self.start) / 2**20
+
+    @staticmethod
+    def _resident() -> int:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+    def _watch(self) -> None:
+        while not self._done.wait(0.002):
+            self.most = max(self.most, self._resident())
+
+
+def main() -> None:
+    """Parse, measure, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--severity", type=int, default=5)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--plain", action="store_true", help="also time 16-pixel tiles written plainly")
+    options = parser.parse_args()
+    field = shipped_field(options.severity)
+    blur(photograph(64, 64), field)  # compile
+    for height, width in SIZES:
+        frame = photograph(height, width)
+        engine.CACHE = KernelCache(engine.CACHE.limit)
+        with PeakMemory() as memory:
+            start = time.perf_counter()
+            got = blur(frame, field, options.threads)
+            first = time.perf_counter() - start
+            rounds, cpu = [], []
+            for _ in range(options.rounds):
+                start, used = time.perf_counter(), time.process_time()
+                blur(frame, field, options.threads)
+                rounds.append(time.perf_counter() - start)
+                cpu.append(time.process_time() - used)
+        rng = np.random.default_rng(0)
+        points = zip(rng.integers(0, width, 300), rng.integers(0, height, 300), strict=True)
+        errors = np.array([got[y, x] - exact(frame, field.stack, int(x), int(y)) for x, y in points])
+        print(
+            f"{height}x{width}, {options.threads} threads: {min(rounds) * 1e3:.0f} ms per image "
+            f"({min(cpu) * 1e3:.0f} ms of processor time), first {first * 1e3:.0f} ms, "
+            f"{memory.extra:.0f} MB extra, error {np.sqrt((errors**2).mean()):.3f} rms {np.abs(errors).max():.2f} max"
+        )
+        if options.plain:
+            with PeakMemory() as memory:
+                start = time.perf_counter()
+                plain_tiles(frame, field.stack)
+                seconds = time.perf_counter() - start
+            print(f"{height}x{width}, plain 16-pixel tiles: {seconds * 1e3:.0f} ms, {memory.extra:.0f} MB extra")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,199 @@
+"""PSF blur: against the reference implementation's pictures, its own lenses, and stacks from files."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import zipfile
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow.corruptions import corrupt, load_corruption
+from robustflow.corruptions.blur.psf import PSF_DIR, PsfBlur
+from robustflow.errors import AssetError, DataError, UsageError
+from robustflow.imageio import read_image
+from robustflow.optics import reference_stack
+from robustflow.optics.psf_field import PsfField
+from robustflow.optics.shipped import shipped_field
+
+SEVERITIES = (1, 2, 3, 4, 5)
+
+
+def picture(height=90, width=140, seed=0):
+    rng = np.random.default_rng(seed)
+    return cv2.GaussianBlur(rng.integers(0, 256, (height, width, 3)).astype(np.uint8), (0, 0), 2.0)
+
+
+def test_severities_are_the_papers_rms_radii():
+    assert PsfBlur().severities == (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
+
+
+def test_a_severity_without_a_lens_is_refused():
+    with pytest.raises(UsageError, match=r"no lens of RMS radius 0\.5"):
+        PsfBlur(severities=(0.0296, 0.0832, 0.1102, 0.1588, 0.5))
+
+
+@pytest.mark.parametrize("severity", SEVERITIES)
+def test_each_severity_takes_its_lens(severity):
+    blur = PsfBlur()
+    assert blur.field(blur.parameter(severity)).digest == shipped_field(severity).digest
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (17, 23), (375, 1242)])
+def test_flat_stays_flat_everywhere(shape):
+    for grey in (0, 1, 127, 254, 255):
+        frame = np.full((*shape, 3), grey, np.uint8)
+        for variant in ("default", "reference"):
+            first, second = corrupt(frame, frame, "psf_blur", 5, variant=variant)
+            assert (first == grey).all()
+            assert (second == grey).all()
+
+
+def test_frames_are_blurred_alike_and_seeds_change_nothing():
+    frame = picture()
+    first, second = corrupt(frame, frame, "psf_blur", 3, seed=1)
+    other, _ = corrupt(frame, picture(seed=4), "psf_blur", 3, seed=2, key="another")
+    assert (first == second).all()
+    assert (first == other).all()
+
+
+def test_the_reference_variant_cuts_fractions_off():
+    frame = picture()
+    rounded, _ = corrupt(frame, frame, "psf_blur", 2)
+    cut, _ = corrupt(frame, frame, "psf_blur", 2, variant="reference")
+    difference = rounded.astype(int) - cut
+    assert set(np.unique(difference)) == {0, 1}
+
+
+def test_means_of_the_channels_stay():
+    frame = picture(375, 500)
+    for severity in SEVERITIES:
+        blurred, _ = corrupt(frame, frame, "psf_blur", severity)
+        assert blurred.mean((0, 1)) == pytest.approx(frame.mean((0, 1)), abs=0.6)
+
+
+# Stacks from files
+
+
+@pytest.fixture
+def stacks(tmp_path, monkeypatch):
+    """A folder with five `.pth` files as the reference code names them, and an empty cache."""
+    torch = pytest.importorskip("torch", reason="needs the extra torch")
+    monkeypatch.setenv("ROBUSTFLOW_CACHE", str(tmp_path / "cache"))
+    folder = tmp_path / "psf"
+    folder.mkdir()
+    rng = np.random.default_rng(0)
+    for rms in PsfBlur.paper_severities:
+        stack = torch.from_numpy(rng.random((64, 3, 61, 61)).astype(np.float32))
+        torch.save(stack, folder / f"piece_1_fov20.0_fnum2.0_aper0_rms{rms:.4f}_idx1.pth")
+    return folder
+
+
+@pytest.mark.torch
+def test_reference_stacks_are_turned_into_convolution_kernels(stacks):
+    import torch
+
+    blur = PsfBlur(psf_dir=stacks)
+    raw = torch.load(next(stacks.glob("*rms0.1102*")), weights_only=True).numpy()
+    expected = PsfField(raw[:, :, ::-1, ::-1])
+    assert blur.field(0.1102).digest == expected.digest
+    assert blur.source.startswith("reference ")
+    assert PsfBlur().source == "robustflow"
+
+
+@pytest.mark.torch
+def test_a_stack_is_converted_once_and_then_needs_no_torch(stacks, monkeypatch):
+    first = reference_stack.reference_field(stacks, 0.0832)
+
+    def refuse(*_):
+        raise AssertionError("read again")
+
+    monkeypatch.setattr(reference_stack, "_read_tensor", refuse)
+    assert reference_stack.reference_field(stacks, 0.0832).digest == first.digest
+
+
+@pytest.mark.torch
+def test_a_damaged_cache_entry_is_made_again(stacks, tmp_path):
+    first = reference_stack.reference_field(stacks, 0.0832)
+    for kept in (tmp_path / "cache" / "psf").iterdir():
+        kept.write_bytes(b"not an array")
+    assert reference_stack.reference_field(stacks, 0.0832).digest == first.digest
+
+
+@pytest.mark.torch
+def test_the_environment_names_the_folder(stacks, monkeypatch):
+    monkeypatch.setenv(PSF_DIR, str(stacks))
+    assert load_corruption("psf_blur").source.startswith("reference ")
+
+
+def test_a_missing_folder_or_file_is_one_line_that_says_what_to_give(tmp_path):
+    with pytest.raises(AssetError, match="does not exist"):
+        PsfBlur(psf_dir=tmp_path / "nowhere").field(0.0296)
+    with pytest.raises(AssetError, match=r"0 files named \*rms0.0296\*"):
+        PsfBlur(psf_dir=tmp_path).field(0.0296)
+
+
+class _Hostile:
+    def __reduce__(self):
+        return print, ("executed",)
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("kind", ["garbage", "pickle", "shape", "dtype", "dictionary", "nan", "large"])
+def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
+    import torch
+
+    path = next(stacks.glob("*rms0.0296*"))
+    good = torch.ones(64, 3, 61, 61)
+    if kind == "garbage":
+        path.write_bytes(b"\x80\x02garbage")
+    elif kind == "pickle":
+        buffer = io.BytesIO()
+        torch.save(good, buffer)
+        with zipfile.ZipFile(buffer) as source, zipfile.ZipFile(path, "w") as target:
+            for entry in source.namelist():
+                hostile = entry.endswith("data.pkl")
+                target.writestr(entry, pickle.dumps(_Hostile()) if hostile else source.read(entry))
+    elif kind == "large":
+        monkeypatch.setattr(reference_stack, "LARGEST", 1000)
+    else:
+        wrong = {"shape": good[1:], "dtype": good.double(), "dictionary": {"psf": good}, "nan": good * torch.nan}
+        torch.save(wrong[kind], path)
+    with pytest.raises(DataError) as caught:
+        PsfBlur(psf_dir=stacks).field(0.0296)
+    assert "\n" not in str(caught.value)
+    assert "executed" not in capsys.readouterr().out
+
+
+# Against the reference implementation, on its test pair
+
+
+@pytest.fixture
+def reference(shared):
+    """Statistics of the reference (its defects repaired), and the clean pair."""
+    folder = shared("corruption-reference")
+    statistics = json.loads((folder / "reference.json").read_text())["psf_blur_repaired"]
+    return statistics, [read_image(folder / f"clean_{number}.png") for number in (1, 2)]
+
+
+def psnr(a, b):
+    return 10 * np.log10(255**2 / ((a.astype(float) - b) ** 2).mean())
+
+
+@pytest.mark.fidelity
+@pytest.mark.parametrize("severity", SEVERITIES)
+def test_strength_is_that_of_the_reference(reference, severity):
+    """Own lenses: PSNR within 1 dB, SSIM-like gradient loss within 30 %, means of the channels within 0.6 levels."""
+    statistics, frames = reference
+    wanted = statistics[f"s{severity}"]
+    for number, (frame, blurred) in enumerate(zip(frames, corrupt(*frames, "psf_blur", severity), strict=True), 1):
+        assert psnr(blurred, frame) == pytest.approx(wanted[f"psnr_{number}"], abs=1.0)
+        grey = cv2.cvtColor(blurred, cv2.COLOR_RGB2GRAY).astype(float)
+        dx, dy = np.diff(grey, axis=1)[:-1], np.diff(grey, axis=0)[:, :-1]
+        assert np.sqrt(dx**2 + dy**2).mean() == pytest.approx(wanted[f"grad_{number}"], rel=0.3)
+        for channel, name in enumerate("rgb"):
+            # the reference cuts half a level off on average, which rounding does not
+            assert blurred[..., channel].mean() == pytest.approx(wanted[f"mean_{name}_{number}"] + 0.5, abs=0.6)
