@@ -12,5 +12,6 @@ if find_spec("torch") is None:
         "src/robustflow/models/torch_model.py",
         "src/robustflow/models/weights.py",
         "src/robustflow/video/flavr.py",
+        "tests/models/small_net.py",
         "tests/parity/pack.py",
     ]

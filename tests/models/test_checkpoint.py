@@ -17,27 +17,10 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 
 from robustflow.errors import ModelError, UsageError
-from robustflow.models.checkpoint import read_checkpoint
-from robustflow.models.weights import load_weights
+
+from .small_net import BelowModel, Net, load, net_state, one_line
 
 pytestmark = pytest.mark.torch
-
-
-class Net(torch.nn.Module):
-    """Small, with a parameter, a float buffer and an integer one."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.first = torch.nn.Conv2d(3, 4, 3)
-        self.norm = torch.nn.BatchNorm2d(4)
-
-
-class BelowModel(torch.nn.Module):
-    """A network whose own names begin with one of the prefixes, as BrightFlow's do."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.model = Net()
 
 
 class Payload:
@@ -52,22 +35,7 @@ class Payload:
 
 @pytest.fixture
 def state():
-    torch.manual_seed(0)
-    net = Net()
-    net.norm.running_mean.normal_()
-    return net.state_dict()
-
-
-def load(path, net=None, **options):
-    net = net or Net()
-    read = read_checkpoint(path, options.pop("sha256", None))
-    return net, read, load_weights(net, read, "small", **options)
-
-
-def one_line(error: pytest.ExceptionInfo) -> str:
-    text = str(error.value)
-    assert "\n" not in text
-    return text
+    return net_state()
 
 
 LAYOUTS = {
@@ -235,81 +203,3 @@ def test_files_without_weights(tmp_path, content, says):
     with pytest.raises(ModelError, match=says) as error:
         load(tmp_path / "weights.pth")
     one_line(error)
-
-
-def test_names_that_do_not_fit_are_told_apart(tmp_path, state):
-    changed = dict(state)
-    changed["head.weight"] = changed.pop("first.weight")
-    changed["first.bias"] = torch.zeros(5)
-    torch.save(changed, tmp_path / "weights.pth")
-    net = Net()
-    before = {key: value.clone() for key, value in net.state_dict().items()}
-    with pytest.raises(ModelError) as error:
-        load(tmp_path / "weights.pth", net)
-    text = one_line(error)
-    assert "no checkpoint of small (7 entries)" in text
-    assert "1 missing (first.weight)" in text
-    assert "1 unexpected (head.weight)" in text
-    assert "1 of another shape (first.bias 5 instead of 4)" in text
-    assert all(torch.equal(value, before[key]) for key, value in net.state_dict().items())
-
-
-def test_many_differences_are_counted_not_listed(tmp_path):
-    torch.save({f"layer{i}.weight": torch.zeros(1) for i in range(500)}, tmp_path / "weights.pth")
-    with pytest.raises(
-        ModelError, match=r"500 unexpected \(layer0\.weight, layer1\.weight, layer2\.weight, and 497 more\)"
-    ) as error:
-        load(tmp_path / "weights.pth")
-    assert len(one_line(error)) < 500 + len(str(tmp_path))
-
-
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
-def test_other_floating_point_weights_are_cast_and_told(tmp_path, state, dtype):
-    other = {key: value.to(dtype) if value.is_floating_point() else value for key, value in state.items()}
-    torch.save(other, tmp_path / "weights.pth")
-    net, _, cast = load(tmp_path / "weights.pth")
-    assert cast == str(dtype).removeprefix("torch.")
-    assert net.first.weight.dtype == torch.float32
-    assert torch.equal(net.first.weight, other["first.weight"].float())
-
-
-@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
-def test_values_that_are_not_finite_are_refused(tmp_path, state, bad):
-    state["first.weight"][1, 2, 0, 1] = bad
-    torch.save(state, tmp_path / "weights.pth")
-    with pytest.raises(ModelError, match=r"1 of 108 values of 'first\.weight' are NaN or infinite") as error:
-        load(tmp_path / "weights.pth")
-    one_line(error)
-
-
-def test_a_value_too_large_for_float32_is_refused(tmp_path, state):
-    wide = {key: value.double() if value.is_floating_point() else value for key, value in state.items()}
-    wide["first.bias"][0] = 1e300
-    torch.save(wide, tmp_path / "weights.pth")
-    with pytest.raises(ModelError, match=r"1 of 4 values of 'first\.bias'"):
-        load(tmp_path / "weights.pth")
-
-
-@pytest.mark.parametrize(
-    "value",
-    [
-        torch.zeros(4, dtype=torch.int32),
-        torch.zeros(4, dtype=torch.complex64),
-        torch.zeros(4).to_sparse(),
-        torch.zeros(4, device="meta"),
-    ],
-    ids=["integers", "complex", "sparse", "meta"],
-)
-def test_values_of_another_kind_are_refused(tmp_path, state, value):
-    torch.save({**state, "first.bias": value}, tmp_path / "weights.pth")
-    with pytest.raises(ModelError, match=r"first\.bias|not a file of plain weights") as error:
-        load(tmp_path / "weights.pth")
-    one_line(error)
-
-
-def test_a_huge_tensor_of_one_stored_value_is_refused_by_its_shape(tmp_path, state):
-    state["first.bias"] = torch.zeros(1).expand(1 << 40)
-    torch.save(state, tmp_path / "weights.pth")
-    assert (tmp_path / "weights.pth").stat().st_size < 100_000
-    with pytest.raises(ModelError, match="1099511627776 instead of 4"):
-        load(tmp_path / "weights.pth")

@@ -8,6 +8,9 @@ import pytest
 
 from ..shared_data import shared_root
 
+NO_CASE = "none"
+"""Where there is no pack, or no case of this ending, one test remains, which skips with the reason."""
+
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """A test that takes `case` runs once for each letter in the pack its module names as PACK, with the ending that
@@ -19,8 +22,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     folder = shared_root() / "parity" / metafunc.module.PACK
     ending = f"_expected{suffix}.npz"
     letters = sorted(path.name.removesuffix(ending) for path in folder.glob(f"*{ending}"))
-    # Without the pack one test remains, which skips with the reason.
-    metafunc.parametrize("case", letters or ["none"])
+    metafunc.parametrize("case", letters or [NO_CASE])
 
 
 @pytest.fixture
@@ -29,7 +31,10 @@ def pack(request: pytest.FixtureRequest, shared):
     pytest.importorskip("torch", reason="needs the torch extra")
     from .pack import Pack
 
-    return Pack(shared(f"parity/{request.module.PACK}"))
+    folder = shared(f"parity/{request.module.PACK}")
+    if "case" in request.fixturenames and request.getfixturevalue("case") == NO_CASE:
+        pytest.skip(f"the pack {folder.name} holds no case of this kind")
+    return Pack(folder)
 
 
 def pytest_terminal_summary(terminalreporter) -> None:

@@ -43,3 +43,8 @@ def test_one_frame_between(pack, case):
 def test_keys_of_seven_frames_between(pack):
     net = pack.fill(FLAVR(7), "keys_nout7.json")
     assert len(net([pack.image("a_im0")[:, :, :16, :24] / 255] * 4)) == 7
+
+
+@pytest.mark.expected("_nout7")
+def test_seven_frames_between(pack, case):
+    compare(pack, case, pack.expected(case, "_nout7"), 7)
