@@ -1,0 +1,61 @@
+"""Figures of results and runs, in PNG, SVG and PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import polars as pl
+from matplotlib.figure import Figure
+
+from ...errors import UsageError
+from .canvas import FILE_FORMATS, figure_bytes, write_figures
+from .clean_against_cre import clean_against_cre
+from .crer_by_family import crer_by_family
+from .effective_trend import effective_trend
+from .relations import relations
+from .severity_curves import severity_curves
+
+__all__ = [
+    "FILE_FORMATS",
+    "all_figures",
+    "clean_against_cre",
+    "crer_by_family",
+    "effective_trend",
+    "figure_bytes",
+    "relations",
+    "severity_curves",
+    "write_figures",
+]
+
+_OF_RESULTS: dict[str, Callable[[pl.DataFrame], Figure]] = {
+    "clean_against_cre": clean_against_cre,
+    "crer_by_family": crer_by_family,
+    "relations": relations,
+    "effective_trend": effective_trend,
+}
+
+
+def all_figures(results: pl.DataFrame, runs: Mapping[str, pl.DataFrame]) -> dict[str, Figure]:
+    """Every figure that these results and runs (name -> rows) can give, by name.
+
+    Results measured on other frames are not drawn together: the figures of the published values and of each sample
+    set are separate, the latter with the number of the set in their names.
+    """
+    figures: dict[str, Figure] = {}
+    on_kitti = results.filter(pl.col("benchmark") != "gopro-fc")
+    for index, frames in enumerate(dict.fromkeys(on_kitti["sample_set"])):
+        suffix = (
+            "" if frames == "paper" else f"_runs_{index}" if "paper" in set(on_kitti["sample_set"]) else f"_{index}"
+        )
+        for name, draw in _OF_RESULTS.items():
+            try:
+                figures[name + suffix] = draw(on_kitti.filter(sample_set=frames))
+            except UsageError:
+                # Not every set of results has what each figure shows; the caller sees what there is.
+                continue
+    for metric in ("rcre", "epe"):
+        try:
+            figures[f"severity_{metric}"] = severity_curves(runs, metric)
+        except UsageError:
+            continue
+    return figures

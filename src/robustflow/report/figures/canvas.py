@@ -1,0 +1,154 @@
+"""What all figures share: a figure without global state, colours that print and that the colour-blind tell apart, names
+as text, and files that are the same bytes every time."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from ...atomic import make_folder, write_bytes
+from ...errors import unknown_name
+from ..published import method_of
+from ..text import plain
+
+FILE_FORMATS = ("png", "svg", "pdf")
+
+# Okabe and Ito's palette.
+ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PINK, BLACK = (
+    "#E69F00",
+    "#56B4E9",
+    "#009E73",
+    "#F0E442",
+    "#0072B2",
+    "#D55E00",
+    "#CC79A7",
+    "#000000",
+)
+KIND_COLOURS = {
+    "CNN-based": PINK,
+    "Transformer-based": GREEN,
+    "Unsupervised": BLUE,
+    "Knowledge-driven": "#999999",
+    "Own": ORANGE,
+}
+"""Near the paper's: purple for CNNs, green for Transformers, blue for unsupervised models."""
+
+SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY, BLACK, YELLOW)
+
+
+def kind_of(model: str) -> str:
+    """The group a model is coloured by: a key of `KIND_COLOURS`; "Own" where the paper does not know it.
+
+    >>> kind_of("SAMFlow-H"), kind_of("CRAFT"), kind_of("ARFlow"), kind_of("Mine")
+    ('Transformer-based', 'Transformer-based', 'Unsupervised', 'Own')
+    """
+    method = method_of(model)
+    if method is None:
+        return "Own"
+    if method.type != "supervised":
+        return {"unsupervised": "Unsupervised", "knowledge": "Knowledge-driven"}[method.type]
+    return "Transformer-based" if "Transformer" in method.encoder else "CNN-based"
+
+
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """A figure of `width` x `height` inches with a grid of axes, row by row."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = [figure.add_subplot(rows, columns, index + 1) for index in range(rows * columns)]
+    for one in axes:
+        one.grid(True, color="#dddddd", linewidth=0.6)
+        one.set_axisbelow(True)
+        one.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def name_text(name: str) -> str:
+    """A name for a label. A dollar sign would begin a formula, and a leading underscore hide a legend's entry.
+
+    >>> name_text("a$b$"), name_text("_x")
+    ('a\\\\$b\\\\$', '\\u200a_x')
+    """
+    text = plain(name, 40).replace("$", r"\$")
+    return f"\u200a{text}" if text.startswith("_") else text
+
+
+def spread_labels(axes: Axes, points: list[tuple[float, float, str]], size: float = 7.0) -> list[Text]:
+    """Names beside their points, each where it overlaps the fewest names placed before it."""
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    figure.draw_without_rendering()
+    renderer: Any = FigureCanvasAgg(figure).get_renderer()
+    placed: list[Any] = []
+    texts = []
+    dots = [axes.transData.transform((x, y)) for x, y, _ in points]
+    for x, y, label in points:
+        options = []
+        for reach in (1, 2, 3):
+            for dx, dy, ha in (
+                (8, 0, "left"),
+                (-8, 0, "right"),
+                (0, 9, "center"),
+                (0, -9, "center"),
+                (7, 8, "left"),
+                (-7, 8, "right"),
+                (7, -8, "left"),
+                (-7, -8, "right"),
+            ):
+                options.append((dx * reach, dy * reach, ha))
+        best: tuple[float, Any, Any] | None = None
+        for rank, (dx, dy, ha) in enumerate(options):
+            text = axes.annotate(
+                name_text(label), (x, y), (dx, dy), textcoords="offset points", ha=ha, va="center", fontsize=size
+            )
+            box = text.get_window_extent(renderer)
+            cost = sum(10.0 for other in placed if box.overlaps(other))
+            cost += sum(3.0 for dot in dots if box.contains(*dot))
+            cost += 20.0 * (not axes.bbox.fully_containsx(box.x0) or not axes.bbox.fully_containsx(box.x1)) + 0.1 * rank
+            if best is None or cost < best[0]:
+                if best is not None:
+                    best[1].remove()
+                best = (cost, text, box)
+            else:
+                text.remove()
+        assert best is not None
+        texts.append(best[1])
+        placed.append(best[2])
+    return texts
+
+
+def figure_bytes(figure: Figure, format: str) -> bytes:
+    """A figure as a file: "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
+
+    Raises:
+        UsageError: another format.
+    """
+    if format not in FILE_FORMATS:
+        raise unknown_name("figure format", format, FILE_FORMATS)
+    metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
+    out = io.BytesIO()
+    with rc_context({"svg.hashsalt": "robustflow", "pdf.fonttype": 42}):
+        figure.savefig(out, format=format, dpi=200, metadata=metadata)
+    return out.getvalue()
+
+
+def write_figures(figures: Mapping[str, Figure], folder: Path, formats: tuple[str, ...] = FILE_FORMATS) -> list[Path]:
+    """Write each figure in each format as FOLDER/<name>.<format>.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    make_folder(folder)
+    paths = []
+    for name, figure in figures.items():
+        for format in formats:
+            paths.append(folder / f"{name}.{format}")
+            write_bytes(paths[-1], figure_bytes(figure, format))
+    return paths

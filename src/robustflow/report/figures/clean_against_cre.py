@@ -1,0 +1,61 @@
+"""The paper's figure of clean EPE, CRE and CREr: one bubble per model, its area CREr."""
+
+from __future__ import annotations
+
+import polars as pl
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ...errors import UsageError
+from ..labels import SETTING_LABELS
+from ..results import AVERAGE, CLEAN, values_of
+from ..tables import settings_in_order
+from .canvas import KIND_COLOURS, kind_of, new_figure, spread_labels
+
+_AREA = 260.0
+"""Square points of a bubble of CREr 1."""
+
+
+def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDiffuser",)) -> Figure:
+    """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting.
+
+    CRE is made from the EPE. Knowledge-driven methods are left out, as in the paper, and so are models in `without`.
+
+    Raises:
+        UsageError: no model has a clean and an average EPE.
+    """
+    epe = values_of(results, "epe")
+    panels = {}
+    for setting in settings_in_order(results):
+        models = [model for s, model, name in epe if s == setting and name == AVERAGE and model not in without]
+        models = [model for model in models if epe.get((setting, model, CLEAN))]
+        if models and setting != "knowledge":
+            panels[setting] = models
+    if not panels:
+        raise UsageError("no clean EPE and average EPE to draw: this figure needs runs with ground truth")
+    figure, axes = new_figure(5.2 * len(panels), 4.6, 1, len(panels))
+    kinds: dict[str, None] = {}
+    for panel, (setting, models) in zip(axes, panels.items(), strict=True):
+        points = []
+        for model in models:
+            clean = epe[setting, model, CLEAN]
+            cre = epe[setting, model, AVERAGE] - clean
+            kind = kind_of(model)
+            kinds[kind] = None
+            area = _AREA * max(cre / clean, 0.02)
+            panel.scatter(clean, cre, s=area, color=KIND_COLOURS[kind], alpha=0.55, edgecolor="white", linewidth=0.8)
+            panel.scatter(clean, cre, s=6, color=KIND_COLOURS[kind])
+            points.append((clean, cre, f"{model} {cre / clean:.2f}"))
+        panel.margins(0.22, 0.18)
+        panel.set_title(SETTING_LABELS.get(setting, setting))
+        panel.set_xlabel("clean EPE (px)")
+        panel.set_ylabel("CRE (px)")
+        spread_labels(panel, points)
+    handles = [
+        Line2D([], [], marker="o", linestyle="", color=KIND_COLOURS[kind], label=kind)
+        for kind in KIND_COLOURS
+        if kind in kinds
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
+    figure.suptitle("Accuracy and robustness: area of a bubble = CREr, printed beside the name", fontsize=10)
+    return figure

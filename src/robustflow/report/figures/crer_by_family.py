@@ -1,0 +1,71 @@
+"""The paper's figure of CREr by class of corruption, out-of-domain against in-domain."""
+
+from __future__ import annotations
+
+from statistics import fmean
+
+import numpy as np
+import polars as pl
+from matplotlib.figure import Figure
+
+from ...corruptions.catalog import FAMILIES
+from ...errors import UsageError
+from ..labels import FAMILY_LABELS
+from ..results import CLEAN, values_of
+from .canvas import BLUE, ORANGE, RED, name_text, new_figure
+
+REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
+_COLOURS = {"OOD": BLUE, "ID": RED}
+
+
+def family_crer(results: pl.DataFrame) -> dict[tuple[str, str], dict[str, float]]:
+    """(setting, model) -> family -> mean CREr over the corruptions of the family that were measured."""
+    epe = values_of(results, "epe")
+    out: dict[tuple[str, str], dict[str, float]] = {}
+    for setting, model in dict.fromkeys((s, m) for s, m, _ in epe):
+        clean = epe.get((setting, model, CLEAN))
+        for family, names in FAMILIES.items():
+            found = [epe[setting, model, name] for name in names if (setting, model, name) in epe]
+            if clean and found:
+                out.setdefault((setting, model), {})[family] = (fmean(found) - clean) / clean
+    return out
+
+
+def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None) -> Figure:
+    """Bars of CREr per family, one panel per model, one colour per setting.
+
+    Args:
+        results: with EPE per corruption.
+        models: which; by default the paper's example models (Fig. 1) and those it does not know, at most nine.
+
+    Raises:
+        UsageError: none of the models has a clean EPE.
+    """
+    found = family_crer(results)
+    if models is None:
+        own = [model for setting, model in found if setting not in ("knowledge", "OOD", "ID")]
+        models = (*REPRESENTATIVE, *own)
+    shown = [model for model in dict.fromkeys(models) if any(m == model for _, m in found)][:9]
+    if not shown:
+        raise UsageError("no CREr to draw: none of these models has a clean EPE")
+    columns = min(3, len(shown))
+    rows = -(-len(shown) // columns)
+    figure, axes = new_figure(3.9 * columns, 3.0 * rows + 0.4, rows, columns)
+    for extra in axes[len(shown) :]:
+        extra.remove()
+    for panel, model in zip(axes, shown, strict=False):
+        settings = [setting for setting, m in found if m == model]
+        families = [family for family in FAMILIES if any(family in found[s, model] for s in settings)]
+        width = 0.8 / len(settings)
+        for index, setting in enumerate(settings):
+            heights = [found[setting, model].get(family, np.nan) for family in families]
+            at = np.arange(len(families)) + (index - (len(settings) - 1) / 2) * width
+            bars = panel.bar(at, heights, width, color=_COLOURS.get(setting, ORANGE), label=name_text(setting))
+            panel.bar_label(bars, fmt="%.2g", fontsize=6, padding=1)
+        panel.set_xticks(range(len(families)), [FAMILY_LABELS[family] for family in families], fontsize=7)
+        panel.set_title(name_text(model), fontsize=10)
+        panel.set_ylabel("CREr")
+        panel.grid(False, axis="x")
+        panel.margins(y=0.12)
+        panel.legend(frameon=False, fontsize=7)
+    return figure

@@ -1,0 +1,48 @@
+"""Effective robustness drawn: corrupted against clean EPE, with the trend through all models of a setting."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter, ScalarFormatter
+
+from ..effective import effective_robustness
+from ..labels import SETTING_LABELS
+from .canvas import KIND_COLOURS, kind_of, new_figure, spread_labels
+
+
+def effective_trend(results: pl.DataFrame) -> Figure:
+    """One panel per setting; a model's printed factor is its EPE over what the trend of the others gives.
+
+    Raises:
+        UsageError: too few models, see `effective_robustness`.
+    """
+    table = effective_robustness(results)
+    settings = list(dict.fromkeys(table["setting"]))
+    figure, axes = new_figure(5.2 * len(settings), 4.6, 1, len(settings))
+    for panel, setting in zip(axes, settings, strict=True):
+        models = table.filter(setting=setting)
+        clean, epe = models["epe_clean"].to_numpy(), models["epe"].to_numpy()
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        for row in models.iter_rows(named=True):
+            panel.scatter(row["epe_clean"], row["epe"], s=30, color=KIND_COLOURS[kind_of(row["model"])])
+        line = np.polyfit(np.log(clean), np.log(epe), 1)
+        ends = np.array([clean.min() * 0.9, clean.max() * 1.1])
+        panel.plot(ends, np.exp(np.polyval(line, np.log(ends))), color="black", linewidth=1)
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_major_formatter(ScalarFormatter())
+            axis.set_minor_formatter(NullFormatter() if len(models) > 20 else ScalarFormatter())
+            axis.set_tick_params(which="both", labelsize=7)
+        panel.margins(0.12)
+        panel.set_xlabel("clean EPE (px)")
+        panel.set_ylabel("corrupted EPE (px)")
+        panel.set_title(f"{SETTING_LABELS.get(setting, setting)}: R² = {models['r_squared'][0]:.2f}", fontsize=10)
+        labels = [
+            (row["epe_clean"], row["epe"], f"{row['model']} ×{row['factor']:.2f}")
+            for row in models.iter_rows(named=True)
+        ]
+        spread_labels(panel, labels)
+    figure.suptitle("Effective robustness: below the line is more robust than the clean error lets expect", fontsize=10)
+    return figure

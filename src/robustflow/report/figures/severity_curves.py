@@ -1,0 +1,66 @@
+"""How a metric grows with severity, a panel per corruption, a line per run, with confidence bands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import polars as pl
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ...corruptions.catalog import PAPER_ORDER
+from ...errors import UsageError
+from ..labels import METRIC_LABELS, UNITS, long_label
+from ..uncertainty import intervals
+from .canvas import SERIES, name_text, new_figure
+
+_COLUMNS = 5
+
+
+def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, seed: int = 0) -> Figure:
+    """A metric at each severity of each corruption, with 95 % intervals where there are enough images.
+
+    Args:
+        runs: name -> rows; at most eight.
+        metric: "epe", "cre", "crer" or "rcre".
+        seed: of the bootstrap.
+
+    Raises:
+        UsageError: more than eight runs, or none that measured the metric.
+    """
+    if len(runs) > len(SERIES):
+        raise UsageError(f"{len(runs)} runs in one figure cannot be told apart: choose up to {len(SERIES)}")
+    curves = {
+        name: intervals(rows, seed=seed, severities=True).filter(pl.col("severity").is_not_null(), metric=metric)
+        for name, rows in runs.items()
+    }
+    found = {corruption for curve in curves.values() for corruption in curve["corruption"]}
+    if not found:
+        raise UsageError(f"none of these runs measured {METRIC_LABELS.get(metric, metric)} at a severity")
+    shown = [name for name in PAPER_ORDER if name in found] + sorted(found - set(PAPER_ORDER))
+    columns = min(_COLUMNS, len(shown))
+    rows = -(-len(shown) // columns)
+    figure, axes = new_figure(2.3 * columns, 1.9 * rows + 0.5, rows, columns)
+    for extra in axes[len(shown) :]:
+        extra.remove()
+    for panel, corruption in zip(axes, shown, strict=False):
+        for colour, curve in zip(SERIES, curves.values(), strict=False):
+            line = curve.filter(corruption=corruption).sort("severity")
+            panel.plot(line["severity"], line["estimate"], color=colour, marker="o", markersize=3, linewidth=1.2)
+            known = line.drop_nulls(["low", "high"])
+            if known.height:
+                panel.fill_between(
+                    known["severity"], known["low"], known["high"], color=colour, alpha=0.15, linewidth=0
+                )
+        panel.set_title(name_text(long_label(corruption)), fontsize=8)
+        panel.set_xticks([1, 2, 3, 4, 5])
+        panel.tick_params(labelsize=7)
+    unit = f" ({UNITS[metric]})" if UNITS[metric] else ""
+    figure.supylabel(f"{METRIC_LABELS[metric]}{unit}", fontsize=9)
+    figure.supxlabel("severity", fontsize=9)
+    handles = [
+        Line2D([], [], color=colour, marker="o", markersize=3, label=name_text(name))
+        for colour, name in zip(SERIES, curves, strict=False)
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=min(4, len(handles)), frameon=False, fontsize=8)
+    return figure

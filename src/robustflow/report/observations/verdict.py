@@ -1,0 +1,61 @@
+"""A statement about results, what the numbers say about it, and the verdict."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
+
+Verdict = Literal["holds", "does not hold", "cannot be computed"]
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Part(_Frozen):
+    """One sentence of an observation as a computation.
+
+    Attributes:
+        claim: what is computed, in words.
+        verdict: whether it is so.
+        says: the numbers, in words.
+        numbers: the same by name.
+        main: whether the observation stands or falls with it; the others are further sentences below its heading.
+    """
+
+    claim: str
+    verdict: Verdict
+    says: str
+    numbers: dict[str, float] = {}
+    main: bool = False
+
+
+class Observation(_Frozen):
+    """An observation of the paper.
+
+    Attributes:
+        number: 1 to 10.
+        title: as the paper words it.
+        parts: its computations.
+    """
+
+    number: int
+    title: str
+    parts: list[Part]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of its main parts together."""
+        found = [part.verdict for part in self.parts if part.main]
+        if "does not hold" in found:
+            return "does not hold"
+        return "cannot be computed" if "cannot be computed" in found else "holds"
+
+
+def part(
+    claim: str, holds: bool | None, says: str, main: bool = False, numbers: dict[str, float] | None = None
+) -> Part:
+    """A part from a truth value, None for what cannot be computed."""
+    verdict: Verdict = "cannot be computed" if holds is None else "holds" if holds else "does not hold"
+    return Part(claim=claim, verdict=verdict, says=says, numbers=numbers or {}, main=main)
