@@ -140,8 +140,9 @@ def long_clip(source: Path, path: Path, megabytes: int) -> ClipFile:
         frames = [frame.to_ndarray() for frame in container.decode(video=0)]
     height, width = frames[0].shape[0] * 2 // 3, frames[0].shape[1]
     encoding = lossless("ultrafast", every_frame=True)
-    probe = write_clip(path, frames[:10], (height, width), Fraction(960), encoding)
-    count = round(megabytes * 1e6 / (probe.path.stat().st_size / 10))
+    sampled = frames[::10]
+    probe = write_clip(path, sampled, (height, width), Fraction(960), encoding)
+    count = round(megabytes * 1e6 / (probe.path.stat().st_size / len(sampled)))
     cycle = frames + frames[-2:0:-1]
     endless = (cycle[index % len(cycle)] for index in range(count))
     return write_clip(path, endless, (height, width), Fraction(960), encoding)
