@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its heading, and the heading over it that neighbours share ("" for none)."""
+    """A column: its heading, the heading over it that neighbours share ("" for none), and whether it holds sentences,
+    which run over several lines."""
 
     label: str
     group: str = ""
+    prose: bool = False
 
 
 @dataclass(frozen=True)

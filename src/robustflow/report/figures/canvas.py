@@ -4,7 +4,7 @@ as text, and files that are the same bytes every time."""
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,8 @@ KIND_COLOURS = {
     "Own": ORANGE,
 }
 """Near the paper's: purple for CNNs, green for Transformers, blue for unsupervised models."""
+
+_NAME_SIZE = 7.0
 
 SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY, BLACK, YELLOW)
 
@@ -80,8 +82,14 @@ def name_text(name: str) -> str:
     return f"\u200a{text}" if text.startswith("_") else text
 
 
-def spread_labels(axes: Axes, points: list[tuple[float, float, str]], size: float = 7.0) -> list[Text]:
-    """Names beside their points, each where it overlaps the fewest names placed before it."""
+def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Text]:
+    """Names beside their points, each where it overlaps the fewest names and points placed before it.
+
+    Args:
+        axes: with its limits set.
+        points: (x, y, name).
+        radii: of the points' markers in points (1/72 inch), 3 by default.
+    """
     figure = axes.figure
     assert isinstance(figure, Figure)
     figure.draw_without_rendering()
@@ -89,24 +97,17 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], size: floa
     placed: list[Any] = []
     texts = []
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
-    for x, y, label in points:
+    for (x, y, label), radius in zip(points, radii or [3.0] * len(points), strict=True):
         options = []
-        for reach in (1, 2, 3):
-            for dx, dy, ha in (
-                (8, 0, "left"),
-                (-8, 0, "right"),
-                (0, 9, "center"),
-                (0, -9, "center"),
-                (7, 8, "left"),
-                (-7, 8, "right"),
-                (7, -8, "left"),
-                (-7, -8, "right"),
-            ):
-                options.append((dx * reach, dy * reach, ha))
+        for reach in (radius + 3, radius + 11, radius + 20):
+            slant = 0.8 * reach
+            options += [(reach, 0.0, "left"), (-reach, 0.0, "right"), (0.0, reach + 2, "center")]
+            options += [(0.0, -reach - 2, "center"), (slant, slant, "left"), (-slant, slant, "right")]
+            options += [(slant, -slant, "left"), (-slant, -slant, "right")]
         best: tuple[float, Any, Any] | None = None
         for rank, (dx, dy, ha) in enumerate(options):
             text = axes.annotate(
-                name_text(label), (x, y), (dx, dy), textcoords="offset points", ha=ha, va="center", fontsize=size
+                name_text(label), (x, y), (dx, dy), textcoords="offset points", ha=ha, va="center", fontsize=_NAME_SIZE
             )
             box = text.get_window_extent(renderer)
             cost = sum(10.0 for other in placed if box.overlaps(other))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import polars as pl
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -19,7 +21,8 @@ _AREA = 260.0
 def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDiffuser",)) -> Figure:
     """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting.
 
-    CRE is made from the EPE. Knowledge-driven methods are left out, as in the paper, and so are models in `without`.
+    CRE is made from the EPE. Models in `without` are left out, and knowledge-driven methods where there are others,
+    as in the paper.
 
     Raises:
         UsageError: no model has a clean and an average EPE.
@@ -29,14 +32,16 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDi
     for setting in settings_in_order(results):
         models = [model for s, model, name in epe if s == setting and name == AVERAGE and model not in without]
         models = [model for model in models if epe.get((setting, model, CLEAN))]
-        if models and setting != "knowledge":
+        if models:
             panels[setting] = models
+    if len(panels) > 1:
+        panels.pop("knowledge", None)
     if not panels:
         raise UsageError("no clean EPE and average EPE to draw: this figure needs runs with ground truth")
     figure, axes = new_figure(5.2 * len(panels), 4.6, 1, len(panels))
     kinds: dict[str, None] = {}
     for panel, (setting, models) in zip(axes, panels.items(), strict=True):
-        points = []
+        points, radii = [], []
         for model in models:
             clean = epe[setting, model, CLEAN]
             cre = epe[setting, model, AVERAGE] - clean
@@ -45,12 +50,13 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDi
             area = _AREA * max(cre / clean, 0.02)
             panel.scatter(clean, cre, s=area, color=KIND_COLOURS[kind], alpha=0.55, edgecolor="white", linewidth=0.8)
             panel.scatter(clean, cre, s=6, color=KIND_COLOURS[kind])
+            radii.append(math.sqrt(area / math.pi))
             points.append((clean, cre, f"{model} {cre / clean:.2f}"))
         panel.margins(0.22, 0.18)
         panel.set_title(SETTING_LABELS.get(setting, setting))
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("CRE (px)")
-        spread_labels(panel, points)
+        spread_labels(panel, points, radii)
     handles = [
         Line2D([], [], marker="o", linestyle="", color=KIND_COLOURS[kind], label=kind)
         for kind in KIND_COLOURS

@@ -47,5 +47,5 @@ def escape(text: str, longest: int | None = 80) -> str:
 
 
 def _cell(cell: Cell) -> str:
-    text = escape(cell.text)
+    text = escape(cell.text, None)
     return f"<td><b>{text}</b></td>" if cell.best else f"<td>{text}</td>"

@@ -12,6 +12,7 @@ from ..table import Cell, Table
 from ..text import plain
 from .footnotes import note_text, numbered_notes
 
+_PROSE = r"p{0.5\linewidth}"
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -38,12 +39,13 @@ def render(table: Table) -> str:
     """A `table*` environment."""
     width = len(table.columns) + 1
     notes = numbered_notes(table)
+    kinds = "".join(_PROSE if column.prose else "r" for column in table.columns)
     lines = [
         r"% needs \usepackage[T1]{fontenc} \usepackage{textcomp,booktabs,graphicx}",
         r"\begin{table*}[t]",
         r"\centering",
         r"\resizebox{\linewidth}{!}{%",
-        rf"\begin{{tabular}}{{l{'r' * len(table.columns)}}}",
+        rf"\begin{{tabular}}{{l{kinds}}}",
         r"\toprule",
         *_headings(table),
     ]

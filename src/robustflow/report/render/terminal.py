@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import io
+from typing import Literal
 
 from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from ..table import Column, Table
+from ..table import Column, Section, Table
 from ..text import plain
 from .footnotes import note_text, numbered_notes
 
 _WIDTH = 120
-_NAME = 24
+_NAME = 34
 _GROUP = 11
 
 
@@ -24,10 +25,18 @@ def render(table: Table, width: int = _WIDTH, colour: bool = False) -> str:
         file=out, width=width, force_terminal=colour, color_system="standard" if colour else None, highlight=False
     )
     console.print(Text(plain(table.title, None), style="bold"))
-    for block in _blocks(table, width):
-        console.print(_grid(table, block, colour))
+    if any(column.prose for column in table.columns):
+        # Sentences are long, and so are their sections' titles: each section is a grid of its own below its title.
+        for section in table.sections:
+            console.print(Text(f"\n{plain(section.title, None)}", style="italic"))
+            console.print(_grid(table, (section,), list(range(len(table.columns))), colour))
+    else:
+        for block in _blocks(table, width):
+            console.print(_grid(table, table.sections, block, colour))
     for remark in table.remarks:
-        console.print(Text(plain(remark, None) + ("" if colour else " Best: *")))
+        console.print(Text(plain(remark, None)))
+    if not colour and any(cell.best for section in table.sections for line in section.lines for cell in line.cells):
+        console.print("* best")
     for note, number in numbered_notes(table).items():
         console.print(Text(f"[{number}] {note_text(note)}"))
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
@@ -40,6 +49,9 @@ def _blocks(table: Table, width: int) -> list[list[int]]:
     blocks: list[list[int]] = [[]]
     used = 0
     for index, column in enumerate(table.columns):
+        if column.prose:
+            blocks[-1].append(index)
+            continue
         texts = [line.cells[index].text for section in table.sections for line in section.lines]
         need = max(map(len, [*texts, *_heading(column).split("\n")])) + 3
         if blocks[-1] and used + need > room:
@@ -50,21 +62,24 @@ def _blocks(table: Table, width: int) -> list[list[int]]:
     return blocks
 
 
-def _grid(table: Table, block: list[int], colour: bool) -> RichTable:
+def _grid(table: Table, sections: tuple[Section, ...], block: list[int], colour: bool) -> RichTable:
     notes = numbered_notes(table)
     grid = RichTable(show_edge=False, pad_edge=False)
     grid.add_column("Model", no_wrap=True)
     for index in block:
-        grid.add_column(Text(_heading(table.columns[index])), justify="right", no_wrap=True)
-    for section in table.sections:
-        grid.add_row(Text(plain(section.title), style="italic"))
+        column = table.columns[index]
+        justify: Literal["left", "right"] = "left" if column.prose else "right"
+        grid.add_column(Text(_heading(column)), justify=justify, no_wrap=not column.prose)
+    for section in sections:
+        if sections is table.sections:
+            grid.add_row(Text(plain(section.title), style="italic"))
         for line in section.lines:
             mark = f" [{notes[line.note]}]" if line.note else ""
             texts = [Text(plain(line.label, _NAME) + mark)]
             for index in block:
                 cell = line.cells[index]
                 star = "*" if cell.best and not colour else ""
-                texts.append(Text(plain(cell.text) + star, style="bold" if cell.best else ""))
+                texts.append(Text(plain(cell.text, None) + star, style="bold" if cell.best else ""))
             grid.add_row(*texts)
         grid.add_section()
     return grid

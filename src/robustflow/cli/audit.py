@@ -1,0 +1,51 @@
+"""`robustflow audit`: do results follow from each other?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+FOUND = 3
+"""Exit code where something does not fit; 1 and 2 are errors, as everywhere."""
+
+
+def audit(
+    source: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="A results file (CSV) or a run's folder [the published tables]."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+) -> None:
+    """List the numbers that do not follow from the others within rounding, with both numbers.
+
+    Recomputes CRE from EPE, averages, CREr, ranks and marks of the best; finds rows that were swapped or moved. Exit
+    code 0: everything fits; 3: something does not; 1: the source cannot be read.
+
+    \b
+    Examples:
+      robustflow audit
+      robustflow audit results.csv --json
+      robustflow audit runs/mine
+    """
+    from ..report.audit import CHECKS, audit_published
+    from ..report.audit import audit as audit_source
+    from ..report.text import plain
+
+    found = audit_published() if source is None else audit_source(source)
+    if as_json:
+        typer.echo(found.model_dump_json(indent=2))
+    else:
+        for check, count in found.checked.items():
+            findings = [finding for finding in found.findings if finding.check == check]
+            typer.echo(
+                f"{CHECKS[check]}: {len(findings)} of {count} do not fit"
+                if findings
+                else f"{CHECKS[check]}: {count} fit"
+            )
+            for finding in findings:
+                typer.echo(f"  {plain(f'{finding.source}: {finding.says}', 400)}")
+        typer.echo(f"{plain(found.audited, 200)}: {len(found.findings)} finding{'s' * (len(found.findings) != 1)}")
+    if not found.fits:
+        raise typer.Exit(FOUND)

@@ -1,0 +1,74 @@
+"""`robustflow report`: tables and figures of runs, beside the published results."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from ..report.table import Table
+
+
+def report(
+    runs: Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Folders of runs.")] = None,
+    published: Annotated[bool, typer.Option("--published", help="Put the paper's results beside them.")] = False,
+    table: Annotated[
+        str | None,
+        typer.Option(
+            "--table",
+            "-t",
+            help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, effective, anatomy, observations [all that "
+            "can be made].",
+        ),
+    ] = None,
+    format: Annotated[str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv or html.")] = "terminal",
+    figures: Annotated[Path | None, typer.Option("--figures", help="Folder for figures (PNG, SVG and PDF).")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the tables [printed].")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the bootstrap behind the intervals.")] = 0,
+) -> None:
+    """Tables and figures of runs, with the paper's results beside them.
+
+    \b
+    Examples:
+      robustflow report runs/kitti-fc_dis_* --published
+      robustflow report runs/mine runs/other --table means,anatomy
+      robustflow report --published --table cost --format latex -o cost.tex
+      robustflow report runs/mine --published --figures figures
+    """
+    from ..atomic import write_bytes
+    from ..errors import UsageError, unknown_name
+    from ..report.assemble import figures_of, tables_of
+    from ..report.render import FORMATS
+    from ..runner.result import Result
+    from .options import names
+
+    if format not in FORMATS:
+        raise unknown_name("format", format, FORMATS)
+    if not runs and not published:
+        raise UsageError("nothing to report: name a run's folder, or give --published")
+    found = [Result(run) for run in runs or []]
+    tables = tables_of(found, published=published, wanted=names(table), seed=seed)
+    text = "\n".join(_shown(one, format, to_screen=output is None) for one in tables)
+    if output is not None:
+        write_bytes(output, text.encode())
+        typer.echo(str(output))
+    else:
+        typer.echo(text, nl=False)
+    if figures is not None:
+        from ..report.figures import write_figures
+
+        for path in write_figures(figures_of(found, published=published), figures):
+            typer.echo(str(path), err=output is None)
+
+
+def _shown(table: Table, format: str, to_screen: bool) -> str:
+    from ..report.render import render
+    from ..report.render.terminal import render as render_terminal
+
+    if format == "terminal" and to_screen and sys.stdout.isatty():
+        return render_terminal(table, shutil.get_terminal_size().columns, colour=True)
+    return render(table, format)

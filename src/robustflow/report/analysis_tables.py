@@ -1,0 +1,108 @@
+"""Tables beyond the paper's: means with intervals, effective robustness, anatomy of error, observations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import polars as pl
+
+from . import anatomy
+from .effective import effective_robustness
+from .labels import METRIC_LABELS, SETTING_LABELS, UNITS, long_label
+from .observations import observations
+from .published import Cost
+from .results import AVERAGE, CLEAN
+from .runs import note_of, run_names
+from .table import Cell, Column, Line, Section, Table
+from .uncertainty import intervals
+from .uncertainty.bootstrap import LEVEL
+
+if TYPE_CHECKING:
+    from ..runner.result import Result
+
+
+def means_table(runs: Sequence[Result], *, level: float = LEVEL, seed: int = 0) -> Table:
+    """Overall means of runs with confidence intervals: "3.21 [2.50, 4.10]", without brackets where there are too few
+    images to give one."""
+    keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
+    columns = [Column("clean EPE (px)")]
+    columns += [
+        Column(f"{METRIC_LABELS[metric]} {f'({UNITS[metric]})' if UNITS[metric] else ''}".strip())
+        for metric in METRIC_LABELS
+    ]
+    lines = []
+    for name, run in zip(run_names(runs), runs, strict=True):
+        found = {
+            (row["metric"], row["corruption"]): row for row in intervals(run.rows, level=level, seed=seed).to_dicts()
+        }
+        lines.append(Line(name, tuple(Cell(_estimate(found.get(key))) for key in keys), note_of(run)))
+    remark = (
+        f"[{100 * level:g} % confidence interval] by a bootstrap over images, or over sequences where pairs share one."
+    )
+    return Table("means", "Means and how sure they are", tuple(columns), (Section("Runs", tuple(lines)),), (remark,))
+
+
+def effective_table(results: pl.DataFrame) -> Table:
+    """`effective_robustness` of each set of comparable results.
+
+    Raises:
+        UsageError: too few models.
+    """
+    found = effective_robustness(results)
+    columns = tuple(map(Column, ("clean EPE", "EPE", "expected EPE", "factor")))
+    sections = []
+    for setting in dict.fromkeys(found["setting"]):
+        rows = found.filter(setting=setting).iter_rows(named=True)
+        lines = [
+            Line(r["model"], tuple(Cell(f"{r[c]:.2f}") for c in ("epe_clean", "epe", "expected", "factor")))
+            for r in rows
+        ]
+        sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
+    remark = "factor: EPE over what the other models' clean EPE lets expect; below 1 is more robust than accurate."
+    return Table("effective", "Effective robustness", columns, tuple(sections), (remark,))
+
+
+def anatomy_table(runs: Sequence[Result]) -> Table:
+    """Errors by region, by family, and by severity slope, of each run."""
+    columns = tuple(map(Column, ("share %", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")))
+    sections = []
+    for name, run in zip(run_names(runs), runs, strict=True):
+        lines = []
+        for row in anatomy.by_region(run.summary).iter_rows(named=True):
+            lines.append(_line(row["label"], [row[c] for c in ("share", "cre", "crer", "rcre", "broken")] + [None]))
+        for row in anatomy.by_family(run.summary).iter_rows(named=True):
+            cells = [row[c] for c in ("contribution", "cre", "crer", "rcre", "broken")]
+            lines.append(_line(f"{row['family']} corruptions", [*cells, None]))
+        for row in anatomy.by_severity(run.summary, "rcre").iter_rows(named=True):
+            lines.append(_line(long_label(row["corruption"]), [None] * 5 + [row["slope"]]))
+        sections.append(Section(name, tuple(lines)))
+    remark = (
+        "share: of the pixels (regions) or of the CRE (families); broken: pixels that became Fl outliers, net; slope: "
+        "RCRE per step of severity."
+    )
+    return Table("anatomy", "Anatomy of error", columns, tuple(sections), (remark,))
+
+
+def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost]) -> Table:
+    """The ten observations with their verdicts; results must be comparable (see `observations`)."""
+    columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
+    sections = []
+    for found in observations(results, costs):
+        lines = [
+            Line("main" if part.main else "also", (Cell(part.verdict), Cell(part.claim), Cell(part.says)))
+            for part in found.parts
+        ]
+        sections.append(Section(f"{found.number}. {found.title}: {found.verdict}", tuple(lines)))
+    return Table("observations", "The paper's observations", columns, tuple(sections))
+
+
+def _estimate(row: dict[str, float | None] | None) -> str:
+    if row is None:
+        return "-"
+    interval = "" if row["low"] is None else f" [{row['low']:.2f}, {row['high']:.2f}]"
+    return f"{row['estimate']:.2f}{interval}"
+
+
+def _line(label: str, values: Sequence[float | None]) -> Line:
+    return Line(label, tuple(Cell("-" if value is None else f"{value:.2f}") for value in values))
