@@ -8,10 +8,13 @@ import typer
 
 from .. import __version__
 from ..errors import RobustFlowError
+from .audit import audit
+from .compare import compare
 from .corrupt import corrupt
 from .export import export
 from .listing import list_things
 from .prepare import prepare
+from .report import report
 from .run import run
 from .show import show
 
@@ -26,6 +29,9 @@ app = typer.Typer(
 )
 app.command("run")(run)
 app.command("show")(show)
+app.command("report")(report)
+app.command("compare")(compare)
+app.command("audit")(audit)
 app.command("list")(list_things)
 app.command("corrupt")(corrupt)
 app.command("export")(export)
