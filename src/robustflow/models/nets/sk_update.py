@@ -14,14 +14,26 @@ def _widen(channels: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(nn.Conv2d(channels, inner, 1), nn.GELU(), nn.Conv2d(inner, outputs, 1))
 
 
+class Depthwise(nn.Conv2d):
+    """A convolution of each channel by itself."""
+
+    def __init__(self, channels: int, kernel: int) -> None:
+        super().__init__(channels, channels, kernel, padding=kernel // 2, groups=channels)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(N, channels, H, W) to the same shape."""
+        if self.kernel_size == (1, 1):
+            # The same function; as a convolution torch runs it channel after channel, a third of the network's time.
+            return x * self.weight.view(-1, 1, 1) + self.bias.view(-1, 1, 1)
+        return super().forward(x)
+
+
 class SuperKernel(nn.Module):
     """Depthwise convolutions of several sizes between pointwise ones. Keys: `conv_list ffn1 pw ffn2`."""
 
     def __init__(self, inputs: int, outputs: int, kernels: tuple[int, ...]) -> None:
         super().__init__()
-        self.conv_list = nn.ModuleList(
-            nn.Conv2d(inputs, inputs, kernel, padding=kernel // 2, groups=inputs) for kernel in kernels
-        )
+        self.conv_list = nn.ModuleList(Depthwise(inputs, kernel) for kernel in kernels)
         self.ffn1 = _widen(inputs, inputs)
         self.pw = nn.Conv2d(inputs, inputs, 1)
         self.ffn2 = _widen(inputs, outputs)
