@@ -186,13 +186,34 @@ def test_a_folder_that_is_not_finished_or_not_ours(tmp_path):
     record.unlink()
     with pytest.raises(DataError, match="seq is not finished"):
         read_folder(tmp_path / "out")
-    for broken in (text[:100], json.dumps(json.loads(text) | {"key_frames": "all"})):
+    changes = ({"key_frames": "all"}, {"fps": "1/0"}, {"fps": "many"}, {"width": 0}, {"name": "../seq"})
+    for broken in (text[:100], *(json.dumps(json.loads(text) | change) for change in changes)):
         record.write_text(broken)
         with pytest.raises(DataError, match="damaged"):
             read_folder(tmp_path / "out")
     record.write_text(json.dumps(json.loads(text) | {"version": 99}))
     with pytest.raises(DataError, match="another version"):
         read_folder(tmp_path / "out")
+
+
+def test_a_record_cannot_lead_out_of_its_folder(tmp_path):
+    (tmp_path / "gopro_fc.json").write_text('{"version": 1, "clips": ["../elsewhere"]}')
+    with pytest.raises(DataError, match="damaged"):
+        read_folder(tmp_path)
+
+
+def test_nothing_is_written_where_nothing_can_come_of_it(tmp_path):
+    source = PictureFolder(clips.folder(tmp_path / "seq", 20))
+    for settings, error in ((FLOW, DataError), (Settings(fps=Fraction(240)), UsageError)):
+        with pytest.raises(error):
+            prepare_folder([source], tmp_path / "out", settings)
+    with pytest.raises(UsageError, match="did you mean 'veryfast'"):
+        prepare_clip(
+            PictureFolder(clips.folder(tmp_path / "long", 70)),
+            tmp_path / "out" / "x",
+            Settings(fps=Fraction(240), factor=1, step=16, preset="veryfst"),
+        )
+    assert not (tmp_path / "out" / "gopro_fc.json").exists()
 
 
 def test_repeating_gives_the_same_bytes(tmp_path):

@@ -17,7 +17,7 @@ import av
 import numpy as np
 from av.codec.context import Flags
 
-from ..errors import UsageError
+from ..errors import UsageError, unknown_name
 from .colour import I420
 
 
@@ -37,8 +37,16 @@ class Encoding:
     options: tuple[tuple[str, str], ...]
 
 
+PRESETS = (
+    "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow", "placebo",
+)  # fmt: skip
+"""x264's, fastest first."""
+
+
 def lossless(preset: str = "veryslow", every_frame: bool = False) -> Encoding:
     """CRF 0, as the reference makes its master (whose preset is veryslow). `every_frame`: no picture needs another."""
+    if preset not in PRESETS:
+        raise unknown_name("x264 preset", preset, PRESETS)
     options = [("crf", "0"), ("preset", preset)]
     if every_frame:
         options += [("g", "1")]

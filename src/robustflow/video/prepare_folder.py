@@ -12,7 +12,8 @@ from pathlib import Path
 from ..atomic import make_folder, write_json
 from ..datasets.layout import folders
 from ..errors import DataError, UsageError
-from .prepare import Progress, Settings, prepare_clip
+from .interpolation import load_interpolator
+from .prepare import Progress, Settings, geometry, prepare_clip
 from .prepared import CACHE_LIMIT, FOLDER_RECORD, VERSION, FolderRecord, PreparedClip, read_folder
 from .source import PictureFolder, Source, VideoFile, pictures_in
 
@@ -67,6 +68,9 @@ def prepare_folder(
     """
     if workers < 1:
         raise UsageError(f"{workers} workers are not possible: give 1 or more")
+    load_interpolator(settings.interpolator, settings.factor, settings.checkpoint, settings.device)
+    for source in sources:  # whatever cannot work is said before anything is written
+        geometry(source, settings)
     record = FolderRecord(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
     if len(set(record.clips)) != len(record.clips):
         raise DataError(f"two clips have the same name: {', '.join(record.clips)}; rename one")

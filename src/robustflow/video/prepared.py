@@ -12,9 +12,9 @@ from __future__ import annotations
 import hashlib
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import DataError
 from .clip import ClipFile
@@ -31,20 +31,24 @@ REACH = 15
 CACHE_LIMIT = 20 * 10**9
 
 
+ClipName = Annotated[str, Field(pattern=r"^[^/\\.][^/\\]*$")]
+"""Also a folder's name, so that a record cannot lead out of its own folder."""
+
+
 class ClipRecord(BaseModel):
     """`clip.json`. Frame numbers count the master's frames from 0; `fps` is the master's, as a fraction."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     version: int
-    name: str
-    count: int
-    fps: str
-    height: int
-    width: int
-    factor: int
-    step: int
-    key_frames: list[int]
+    name: ClipName
+    count: int = Field(gt=0)
+    fps: str = Field(pattern=r"^[1-9]\d{0,9}(/[1-9]\d{0,9})?$")
+    height: int = Field(gt=0, lt=2**15)
+    width: int = Field(gt=0, lt=2**15)
+    factor: int = Field(gt=0)
+    step: int = Field(gt=0)
+    key_frames: list[Annotated[int, Field(ge=0)]]
     padded_to_even: bool
     preset: str
     source: dict[str, Any]
@@ -59,7 +63,7 @@ class FolderRecord(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     version: int
-    clips: list[str]
+    clips: list[ClipName]
     cache_limit: int = CACHE_LIMIT
 
 

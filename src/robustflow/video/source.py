@@ -42,7 +42,7 @@ class PictureFolder:
 
     def __init__(self, folder: Path, name: str = "") -> None:
         self.folder = folder
-        self.name = name or folder.name
+        self.name = name or folder.resolve().name.lstrip(".") or "clip"
         self.paths = pictures_in(folder)
         if not self.paths:
             raise DataError(f"{folder}: there are no pictures in it; give the folder that holds a clip's frames")
@@ -77,7 +77,7 @@ class VideoFile:
 
     def __init__(self, path: Path, name: str = "", evenly: bool = False) -> None:
         self.path = path
-        self.name = name or path.stem
+        self.name = name or path.stem.lstrip(".") or "clip"
         with self._open() as container:
             stream = container.streams.video[0]
             declared, rate, tick = stream.frames, stream.average_rate or stream.guessed_rate, stream.time_base
