@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from fractions import Fraction
+from itertools import chain, islice, repeat
 from pathlib import Path
 
 import av
@@ -42,10 +44,8 @@ def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
     assert sorted(shown) == list(range(COUNT))
     for index in set(range(COUNT)) - hit:
         assert stream.fill.source_of(index) == index
-        # FFmpeg's decoder leaves coefficients of a broken macroblock behind, which the next frame's first one picks up
-        differing = np.argwhere(shown[index] != pictures[index])
-        assert len(differing) == 0 or (index - 1 in hit and np.ptp(differing[:, 1]) < 16)
-        assert len(differing) <= 16
+        # a broken frame can leave a stray residual in FFmpeg's decoder, which the next one begins with
+        assert index - 1 in hit or (shown[index] == pictures[index]).all()
         distances = [np.abs(shown[index].astype(int) - picture).mean() for picture in pictures]
         assert int(np.argmin(distances)) == index
     assert bool(hit) == (amount <= 100_000)
@@ -119,17 +119,30 @@ def test_twice_the_same(tmp_path):
 def test_damage_of_a_real_clip(tmp_path, shared, megabytes):
     """About 1 MB and about 100 MB, N from 50 M to 2 000, frames that stand alone, so that each can be told apart."""
     clip = long_clip(shared("data", "video", "bikes.mp4"), tmp_path / "a.mp4", megabytes)
-    assert 0.5 * megabytes < clip.path.stat().st_size / 1e6 < 2 * megabytes
+    assert 0.7 * megabytes < clip.path.stat().st_size / 1e6 < 1.4 * megabytes
     for amount in (50_000_000, 5_000_000, 1_000_000, 100_000, 10_000, 2_000):
-        clean = read_pictures(clip)
         stream = corrupted_stream(clip, "bit_error", amount)
-        hit: set[int] = set()
-        count = 0
-        for (index, picture), (_, own) in zip(stream.pictures, clean, strict=True):
-            hit = set(stream.damage.frames_hit[-64:])
-            if index not in hit and stream.fill.source_of(index) == index:
-                assert np.count_nonzero(picture != own) <= 64
+        around = deque(maxlen=17)  # clean frames index - 8 to index + 8
+        clean = chain((p for _, p in read_pictures(clip)), repeat(None, 8))
+        around.extend([None] * 8)
+        around.extend(islice(clean, 8))
+        count = exact = 0
+        for (index, picture), newest in zip(stream.pictures, clean, strict=True):
+            around.append(newest)
             count += 1
+            recent = set(stream.damage.frames_hit[-64:])
+            if index in recent or stream.fill.source_of(index) != index:
+                continue
+            same = (picture == around[8]).all()
+            exact += same
+            assert same or index - 1 in recent
+            if not same:
+                distances = [np.inf if p is None else np.abs(p.astype(int) - picture).mean() for p in around]
+                assert int(np.argmin(distances)) == 8
+        print(
+            f"{megabytes} MB, N = {amount}: {stream.damage.bytes_changed} bytes in {len(stream.damage.frames_hit)} of "
+            f"{count} frames, {stream.fill.frames_lost} lost, {exact} exact"
+        )
         assert count == clip.count
         assert abs(stream.damage.bytes_changed - stream.damage.bytes_total / amount) < 0.5 * clip.count + 5
 
@@ -140,9 +153,10 @@ def long_clip(source: Path, path: Path, megabytes: int) -> ClipFile:
         frames = [frame.to_ndarray() for frame in container.decode(video=0)]
     height, width = frames[0].shape[0] * 2 // 3, frames[0].shape[1]
     encoding = lossless("ultrafast", every_frame=True)
-    sampled = frames[::10]
-    probe = write_clip(path, sampled, (height, width), Fraction(960), encoding)
-    count = round(megabytes * 1e6 / (probe.path.stat().st_size / len(sampled)))
     cycle = frames + frames[-2:0:-1]
-    endless = (cycle[index % len(cycle)] for index in range(count))
-    return write_clip(path, endless, (height, width), Fraction(960), encoding)
+    count = 20
+    for _ in range(3):  # frames differ in size, so come nearer step by step
+        shown = (cycle[index % len(cycle)] for index in range(count))
+        clip = write_clip(path, shown, (height, width), Fraction(960), encoding)
+        count = max(1, round(count * megabytes * 1e6 / path.stat().st_size))
+    return clip
