@@ -42,9 +42,11 @@ def test_each_severity_takes_its_lens(severity):
     assert blur.field(blur.parameter(severity)).digest == shipped_field(severity).digest
 
 
-@pytest.mark.parametrize("shape", [(16, 16), (17, 23), (375, 1242)])
-def test_flat_stays_flat_everywhere(shape):
-    for grey in (0, 1, 127, 254, 255):
+@pytest.mark.parametrize(
+    ("shape", "greys"), [((16, 16), (0, 1, 127, 254, 255)), ((17, 23), (1, 254)), ((375, 1242), (254,))]
+)
+def test_flat_stays_flat_everywhere(shape, greys):
+    for grey in greys:
         frame = np.full((*shape, 3), grey, np.uint8)
         for variant in ("default", "reference"):
             first, second = corrupt(frame, frame, "psf_blur", 5, variant=variant)
@@ -69,7 +71,7 @@ def test_the_reference_variant_cuts_fractions_off():
 
 
 def test_means_of_the_channels_stay():
-    frame = picture(375, 500)
+    frame = picture(240, 320)
     for severity in SEVERITIES:
         blurred, _ = corrupt(frame, frame, "psf_blur", severity)
         assert blurred.mean((0, 1)) == pytest.approx(frame.mean((0, 1)), abs=0.6)

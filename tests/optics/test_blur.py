@@ -76,7 +76,7 @@ def test_a_point_near_each_corner_lands_where_the_psf_says(corner):
     for row, column in zip(y + rng.integers(-20, 21, 150), x + rng.integers(-25, 26, 150), strict=True):
         row, column = max(row, 0), max(column, 0)
         wanted = blurred_pixel(frame, field.stack, min(column, width - 1), min(row, height - 1))
-        assert np.abs(got[min(row, height - 1), min(column, width - 1)] - wanted).max() < 0.3
+        assert np.abs(got[min(row, height - 1), min(column, width - 1)] - wanted).max() < 0.5
     green = got[..., 1] / got[..., 1].sum()
     rows, columns = np.mgrid[:height, :width]
     assert abs((green * rows).sum() - y) < 1.0  # the part beyond the border is reflected back

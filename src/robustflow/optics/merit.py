@@ -31,6 +31,8 @@ WINDOW_RADIUS = 30.0
 """Pixels; a PSF is cut off at this distance, a disc, so that turning it within its 61 x 61 array loses nothing."""
 
 GRID_X, GRID_Y = 7, 14
+AIM_TOLERANCE = 0.2
+"""Most by which an aimed ray may miss its place in the stop, in radii of the stop."""
 MECHANICAL_WEIGHT = 3.0
 
 

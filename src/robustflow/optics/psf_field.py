@@ -10,7 +10,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ..errors import DataError
-from .merit import WINDOW_RADIUS, aim, landing
+from .merit import AIM_TOLERANCE, WINDOW_RADIUS, aim, landing
 from .paraxial import DESIGN_WAVELENGTH, first_order_of
 from .prescription import PIXEL, Lens
 from .spectrum import CHANNELS, channel_wavelengths
@@ -103,7 +103,7 @@ def field_rays(
         *arrays, lens.indices(DESIGN_WAVELENGTH), lens.stop, lens.stop_radius, tangents,
         order.pupil_position, order.pupil_magnification,
     )  # fmt: skip
-    if not miss < 0.2:
+    if not miss < AIM_TOLERANCE:
         raise DataError(f"lens '{lens.name}': no ray of some field point reaches the edge of the stop")
     clear = lens.column("semi_diameter")
     clear[lens.stop] = np.inf

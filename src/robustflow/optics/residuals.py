@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from .merit import GRID_X, GRID_Y, MECHANICAL_WEIGHT, aim, blur_statistics, landing
+from .merit import AIM_TOLERANCE, GRID_X, GRID_Y, MECHANICAL_WEIGHT, aim, blur_statistics, landing
 from .paraxial import first_order
 from .prescription import PIXEL
 from .trace import propagate
@@ -84,7 +84,7 @@ def evaluate(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: A
     count = fields.size
     tangents = fields * field_tangent
     x, y, miss = aim(curvature, conic, thickness, index[-1], stop, radius, tangents, pupil, magnification)
-    if not miss < 0.2:
+    if not miss < AIM_TOLERANCE:
         return False
     radii, lost = clear_radii(
         curvature, conic, thickness, index[-1], x, y, np.concatenate((tangents, tangents, tangents, tangents))

@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..corruptions.rng import Rng
+from ..errors import RobustFlowError
 from .glass import AIR, SELLMEIER, abbe_number, refractive_index
-from .merit import FIELDS, Goal, Limits
+from .merit import AIM_TOLERANCE, FIELDS, Goal, Limits, aim
 from .paraxial import DESIGN_WAVELENGTH
-from .residuals import damped_least_squares, evaluate, residual_count
+from .residuals import build, damped_least_squares, evaluate, residual_count
 from .spectrum import CHANNELS, channel_wavelengths
 
 Array = npt.NDArray[np.float64]
@@ -71,9 +72,9 @@ class Budget:
     """How many of each the search does before it stops."""
 
     structures: int = 1500
-    screened: int = 48
+    screened: int = 24
     pool: int = 8
-    moves: int = 250
+    moves: int = 150
     first_iterations: int = 10
     iterations: int = 14
     last_iterations: int = 60
@@ -165,6 +166,9 @@ def search(
 ) -> Candidate:
     """The best lens found within a budget.
 
+    Raises:
+        RobustFlowError: none of the best lenses lets every field point fill the stop.
+
     Args:
         elements: how many glass elements.
         stop: how many of them stand in front of the stop.
@@ -195,4 +199,21 @@ def search(
             pool.sort(key=lambda candidate: candidate.cost)
         if number % 25 == 24:
             report(f"move {number + 1}: " + " ".join(f"{candidate.cost:.4f}" for candidate in pool))
-    return refine(pool[0], goal, limits, budget.last_iterations)
+    for candidate in pool:
+        best = refine(candidate, goal, limits, budget.last_iterations)
+        if fills_its_stop(best, goal):
+            return best
+    raise RobustFlowError("the search found no lens whose stop is filled from every field point; try another seed")
+
+
+def fills_its_stop(candidate: Candidate, goal: Goal, fields: int = 64) -> bool:
+    """Whether rays of every field point reach the edge of the stop, not only those of the merit function's six."""
+    structure = candidate.structure
+    index, stop = structure.indices(1)[-1:], structure.stop_surface
+    curvature, thickness, radius, pupil, magnification = build(
+        candidate.free, index, stop, goal.focal_length, goal.f_number
+    )
+    tangents = np.linspace(0.0, 1.0, fields) * goal.field_tangent
+    conic = np.zeros(curvature.size)
+    _, _, miss = aim(curvature, conic, thickness, index[0], stop, radius, tangents, pupil, magnification)
+    return bool(miss < AIM_TOLERANCE)
