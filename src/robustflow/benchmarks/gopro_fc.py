@@ -5,11 +5,12 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from ..corruptions import PAPER_ORDER, SEVERITIES
+from ..corruptions import PAPER_ORDER
 from ..datasets.gopro_fc import GoProFC, is_prepared, prepare_video, slow_blur
 from ..datasets.gopro_fc_released import GoProFCReleased
 from ..errors import DataError, UsageError
 from .base import Benchmark
+from .released import released
 
 
 def gopro_fc(data: Path | None, split: Path | None) -> Benchmark:
@@ -33,7 +34,8 @@ def gopro_fc(data: Path | None, split: Path | None) -> Benchmark:
     if is_prepared(data):
         return _prepared(GoProFC(data))
     if (data / "clean").is_dir():
-        return _released(GoProFCReleased(data))
+        dataset = GoProFCReleased(data)
+        return released("gopro-fc", dataset, dataset.keys())
     raise DataError(
         f"{data}: neither a prepared nor the released GoPro-FC; make it with robustflow prepare gopro-fc "
         f"--data {data} --output PREPARED, then give --data PREPARED"
@@ -51,23 +53,3 @@ def _prepared(dataset: GoProFC) -> Benchmark:
             )
     protocol = {"frames": "prepared", "clips": dataset.identity()}
     return Benchmark("gopro-fc", dataset, tuple(dataset.keys()), PAPER_ORDER, protocol=protocol)
-
-
-def _released(dataset: GoProFCReleased) -> Benchmark:
-    """The corruptions and severities that the folder holds, and no others: nothing is made on the fly beside them."""
-    found = {name: dataset.severities(name) for name in PAPER_ORDER if dataset.has_corrupted(name)}
-    severities = tuple(level for level in SEVERITIES if all(level in levels for levels in found.values()))
-    if not found or not severities:
-        raise DataError(
-            f"{dataset.root}: holds clean frames but no corruption with a severity common to all; expected folders "
-            "such as fog_3/GOPR0374_11_02"
-        )
-    return Benchmark(
-        "gopro-fc",
-        dataset,
-        tuple(dataset.keys()),
-        tuple(found),
-        severities,
-        protocol={"frames": "released"},
-        closed=True,
-    )

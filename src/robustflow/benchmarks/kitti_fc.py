@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..corruptions import IMAGE_PAIR, SEVERITIES
+from ..corruptions import IMAGE_PAIR
 from ..datasets import load_dataset
 from ..datasets.kitti_fc import KittiFC
 from ..datasets.split import kitti_split, read_split
-from ..errors import DataError, UsageError
+from ..errors import UsageError
 from .base import Benchmark
+from .released import released
 
 
 def kitti_fc(data: Path | None, split: Path | None) -> Benchmark:
@@ -21,22 +22,8 @@ def kitti_fc(data: Path | None, split: Path | None) -> Benchmark:
     if data is None:
         raise UsageError("kitti-fc needs the KITTI-2015 folder: give --data PATH (the folder that holds training/)")
     if (data / "clean").is_dir():
-        return _released(KittiFC(data), split)
+        found = KittiFC(data)
+        return released("kitti-fc", found, read_split(split, found.keys()) if split else found.keys())
     dataset = load_dataset("kitti2015", data)
     keys = read_split(split, dataset.keys()) if split else kitti_split(dataset.keys()).evaluation
     return Benchmark("kitti-fc", dataset, tuple(keys), IMAGE_PAIR)
-
-
-def _released(dataset: KittiFC, split: Path | None) -> Benchmark:
-    """The corruptions and severities that the folder holds, and no others: nothing is made on the fly beside them."""
-    keys = read_split(split, dataset.keys()) if split else dataset.keys()
-    found = {name: dataset.severities(name) for name in IMAGE_PAIR if dataset.has_corrupted(name)}
-    severities = tuple(level for level in SEVERITIES if all(level in levels for levels in found.values()))
-    if not found or not severities:
-        raise DataError(
-            f"{dataset.root}: holds clean frames but no corruption with a severity common to all; expected folders "
-            "such as fog_3/val/image_2"
-        )
-    return Benchmark(
-        "kitti-fc", dataset, tuple(keys), tuple(found), severities, protocol={"frames": "released"}, closed=True
-    )

@@ -5,17 +5,14 @@ clean/GOPR0374_11_02/000032_0.png  000032_1.png        fog_3/GOPR0374_11_02/0000
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
-from ..errors import DataError
-from ..sample import Frame
-from .kitti_fc import DISK_NAMES
 from .layout import folders, locate, numbered, partner
-from .pairs import Pair, PairDataset, read_frames
+from .pairs import Pair
+from .released import ReleasedPairs
 
 
-class GoProFCReleased(PairDataset):
+class GoProFCReleased(ReleasedPairs):
     """The released benchmark: clean pairs, and the corrupted frames of each. Implements `PreCorrupted`.
 
     Args:
@@ -39,26 +36,6 @@ class GoProFCReleased(PairDataset):
                 pairs[f"{sequence.name}/{first.stem[:-2]}"] = Pair((first, second), group=sequence.name)
         super().__init__(pairs, self.root)
 
-    def has_corrupted(self, corruption: str) -> bool:
-        """See `PreCorrupted.has_corrupted`."""
-        return bool(self.severities(corruption))
-
-    def severities(self, corruption: str) -> tuple[int, ...]:
-        """The severities there are of a corruption, ascending."""
-        pattern = re.escape(DISK_NAMES.get(corruption, corruption)) + r"_([1-5])"
-        matches = (re.fullmatch(pattern, folder.name) for folder in folders(self.root))
-        return tuple(sorted(int(match[1]) for match in matches if match))
-
-    def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
-        """See `PreCorrupted.corrupted_files`."""
-        setting = self.root / f"{DISK_NAMES.get(corruption, corruption)}_{severity}"
-        if not setting.is_dir():
-            known = ", ".join(map(str, self.severities(corruption))) or "none"
-            raise DataError(f"{setting}: no such folder; severities of {corruption} in this release: {known}")
-        pair = self.pair(key)
-        return [partner(setting / pair.group / frame.name, frame) for frame in pair.frames]
-
-    def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """See `PreCorrupted.corrupted`."""
-        paths = self.corrupted_files(key, corruption, severity)
-        return read_frames((self.pair(key).frames[0], *paths))[1:]
+    def place(self, key: str) -> Path:
+        """See `ReleasedPairs.place`."""
+        return Path(self.pair(key).group)

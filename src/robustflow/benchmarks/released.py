@@ -1,0 +1,22 @@
+"""A released benchmark as it lies on disk."""
+
+from __future__ import annotations
+
+from ..corruptions import PAPER_ORDER, SEVERITIES
+from ..datasets.released import ReleasedPairs
+from ..errors import DataError
+from .base import Benchmark
+
+
+def released(name: str, dataset: ReleasedPairs, keys: list[str]) -> Benchmark:
+    """The corruptions and severities that the folder holds, and no others: nothing is made on the fly beside them."""
+    found = {corruption: dataset.severities(corruption) for corruption in PAPER_ORDER}
+    found = {corruption: levels for corruption, levels in found.items() if levels}
+    severities = tuple(level for level in SEVERITIES if all(level in levels for levels in found.values()))
+    if not found or not severities:
+        raise DataError(
+            f"{dataset.root}: holds clean frames but no corruption with a severity common to all; expected folders "
+            "such as fog_3 beside clean"
+        )
+    protocol = {"frames": "released"}
+    return Benchmark(name, dataset, tuple(keys), tuple(found), severities, protocol=protocol, closed=True)
