@@ -15,7 +15,7 @@ from pathlib import Path
 from ..atomic import make_folder, write_json
 from ..corruptions import Corruption, corrupt_clip, load_corruption
 from ..corruptions.api import STREAM_VERSION
-from ..datasets.kitti_fc import DISK_NAMES
+from ..datasets.released import DISK_NAMES
 from ..errors import DataError, RunError
 from ..flowio import write_flow
 from ..imageio import write_image

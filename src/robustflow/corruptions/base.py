@@ -21,6 +21,9 @@ paper's text to the letter. Where a corruption knows no difference, the three ar
 
 SEVERITIES = (1, 2, 3, 4, 5)
 
+SCALES = ("paper", "calibrated")
+"""`paper`: the paper's numbers. `calibrated`: equal mean SSIM for all corruptions (docs/severity-scales.md)."""
+
 
 class Corruption(ABC):
     """One corruption at its five severities.
@@ -36,7 +39,8 @@ class Corruption(ABC):
     paper_severities: ClassVar[tuple[Any, ...]]
 
     def __init__(self, variant: str = "default", severities: tuple[Any, ...] | None = None) -> None:
-        """`severities` replaces the paper's five parameters (the calibrated scale does that)."""
+        """`severities` replaces the paper's five parameters (the calibrated scale does that); a None among them is a
+        severity that does not exist."""
         if variant not in VARIANTS:
             raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join(VARIANTS)}")
         self.variant = variant
@@ -47,8 +51,19 @@ class Corruption(ABC):
         return self.paper_severities
 
     def parameter(self, severity: int) -> Any:
-        """The parameter of a severity, 1 (mild) to 5 (severe)."""
-        return self.severities[check_severity(severity) - 1]
+        """The parameter of a severity, 1 (mild) to 5 (severe).
+
+        Raises:
+            UsageError: no such severity, or one that does not exist on this scale.
+        """
+        value = self.severities[check_severity(severity) - 1]
+        if value is None:
+            levels = [str(level) for level, known in zip(SEVERITIES, self.severities, strict=True) if known is not None]
+            raise UsageError(
+                f"{self.name} does not exist at severity {severity} of the calibrated scale: "
+                + (f"choose from {', '.join(levels)}" if levels else "choose another corruption, or the paper's scale")
+            )
+        return value
 
     @abstractmethod
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
