@@ -5,6 +5,7 @@ from importlib.util import find_spec
 collect_ignore_glob: list[str] = []
 if find_spec("torch") is None:
     collect_ignore_glob += [
+        "src/robustflow/corruptions/torch_transform.py",
         "src/robustflow/models/blocks/*",
         "src/robustflow/models/nets/*",
         "src/robustflow/models/checkpoint.py",

@@ -74,7 +74,13 @@ def test_the_reference_variant_cuts_the_fraction_off():
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(1, 40), st.integers(1, 40), st.integers(1, 12), st.sampled_from([0.0, 0.3, 0.5]), st.integers(0, 99))
+@given(
+    st.integers(1, 40),
+    st.integers(1, 40),
+    st.integers(1, 12) | st.floats(1, 12),
+    st.sampled_from([0.0, 0.3, 0.5]),
+    st.integers(0, 99),
+)
 def test_any_size_and_radius(height, width, radius, smoothing, seed):
     frame = random_frame(height, width, seed)
     expected = direct(frame, disk_kernel(radius, smoothing))

@@ -15,6 +15,8 @@ from pathlib import Path
 from ..atomic import make_folder, write_json
 from ..corruptions import Corruption, corrupt_clip, load_corruption
 from ..corruptions.api import STREAM_VERSION
+from ..corruptions.calibrated import calibration_digest
+from ..corruptions.stack import levels_of
 from ..datasets.released import DISK_NAMES
 from ..errors import DataError, RunError
 from ..flowio import write_flow
@@ -34,20 +36,24 @@ class Written:
     fresh: bool
 
 
-def export(benchmark: Benchmark, output: Path, seed: int = 0, variant: str = "default") -> Iterator[Written]:
+def export(
+    benchmark: Benchmark, output: Path, seed: int = 0, variant: str = "default", severity_scale: str = "paper"
+) -> Iterator[Written]:
     """Write the benchmark below `output`, sample by sample; what is already there is left alone.
 
     Args:
         benchmark: whose samples, corruptions and severities to write.
         output: the folder; made if missing.
-        seed, variant: of the corruptions; the frames equal those that `run` makes on the fly.
+        seed, variant, severity_scale: of the corruptions; the frames equal those that `run` makes on the fly.
+            Severities that do not exist on the scale are not written.
 
     Raises:
         RunError: the folder holds an export with other settings, or cannot be written.
         DataError: a key that cannot be a file name.
     """
-    _claim(output, {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION})
-    corruptions = [load_corruption(name, variant) for name in benchmark.corruptions]
+    scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
+    corruptions = [load_corruption(name, variant, severity_scale) for name in benchmark.corruptions]
+    _claim(output, {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION, **scale})
     for key in benchmark.keys:
         if "/" in key or key.startswith("."):
             raise DataError(f"sample '{key}' cannot be written in the KITTI layout, whose files have no folders")
@@ -56,7 +62,7 @@ def export(benchmark: Benchmark, output: Path, seed: int = 0, variant: str = "de
         _write_truth(output / "clean" / "val", sample)
         yield Written(key, "clean", fresh)
         for corruption in corruptions:
-            for severity in benchmark.severities:
+            for severity in levels_of(corruption.name, benchmark.severities, severity_scale):
                 setting = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
                 make = partial(_corrupted, sample, corruption, severity, seed)
                 fresh = _write_frames(output / setting / "val", key, make)

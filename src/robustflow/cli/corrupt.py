@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Seed, Variant, names, numbers
+from .options import Seed, SeverityScale, Variant, names, numbers
 
 
 def corrupt(
@@ -20,6 +20,7 @@ def corrupt(
     ),
     seed: Seed = 0,
     variant: Variant = "default",
+    severity_scale: SeverityScale = "paper",
 ) -> None:
     """Write two frames corrupted, as <corruption>_<severity>/<frame's name>.png.
 
@@ -35,10 +36,13 @@ def corrupt(
     from ..errors import UsageError
     from ..imageio import read_image, write_image
 
-    chosen = [load_corruption(name, variant) for name in names(corruption) or []]
+    chosen = [load_corruption(name, variant, severity_scale) for name in names(corruption) or []]
     levels = [check_severity(level) for level in numbers(severity) or []]
     if not chosen or not levels:
         raise UsageError("nothing to do: name at least one corruption and one severity")
+    for one in chosen:
+        for level in levels:
+            one.parameter(level)
     pair = read_image(frame1), read_image(frame2)
     stems = (frame1.stem, frame2.stem) if frame1.stem != frame2.stem else (f"{frame1.stem}_1", f"{frame2.stem}_2")
     for one in chosen:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Corruptions, Data, Limit, Seed, Severities, Split, Variant, names, numbers
+from .options import Corruptions, Data, Limit, Seed, Severities, SeverityScale, Split, Variant, names, numbers
 
 
 def export(
@@ -20,6 +20,7 @@ def export(
     split: Split = None,
     seed: Seed = 0,
     variant: Variant = "default",
+    severity_scale: SeverityScale = "paper",
 ) -> None:
     """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}.
 
@@ -34,11 +35,16 @@ def export(
 
     from ..benchmarks import load_benchmark
     from ..benchmarks.export import export as write
+    from ..corruptions.stack import levels_of
 
     chosen = load_benchmark(benchmark, data, split).narrowed(names(corruptions), numbers(severities), limit)
-    total = len(chosen.keys) * (1 + len(chosen.corruptions) * len(chosen.severities))
+    levels = [len(levels_of(name, chosen.severities, severity_scale)) for name in chosen.corruptions]
+    total = len(chosen.keys) * (1 + sum(levels))
     console = Console(stderr=True)
-    steps = write(chosen, output, seed, variant)
+    steps = write(chosen, output, seed, variant, severity_scale)
     shown = track(steps, "exporting", total, console=console, disable=not console.is_terminal)
     fresh = sum(step.fresh for step in shown)
+    fewer = [name for name, n in zip(chosen.corruptions, levels, strict=True) if n < len(chosen.severities)]
+    if severity_scale == "calibrated" and fewer:
+        typer.echo(f"not at every severity, for the calibrated scale lacks some: {', '.join(fewer)}", err=True)
     typer.echo(f"{output}: {len(chosen.keys)} pairs, {fresh} settings written, {total - fresh} were already there")

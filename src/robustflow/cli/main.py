@@ -9,9 +9,11 @@ import typer
 from .. import __version__
 from ..errors import RobustFlowError
 from .audit import audit
+from .calibrate import calibrate
 from .compare import compare
 from .corrupt import corrupt
 from .export import export
+from .gallery import gallery
 from .listing import list_things
 from .prepare import prepare
 from .report import report
@@ -35,6 +37,8 @@ app.command("audit")(audit)
 app.command("list")(list_things)
 app.command("corrupt")(corrupt)
 app.command("export")(export)
+app.command("gallery")(gallery)
+app.command("calibrate")(calibrate)
 app.add_typer(prepare, name="prepare")
 
 

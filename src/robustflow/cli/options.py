@@ -37,6 +37,13 @@ Severities = Annotated[str | None, typer.Option("--severities", "-s", help="Comm
 Limit = Annotated[int | None, typer.Option(help="Use only the first N pairs.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw; the same seed gives the same bytes anywhere.")]
 Variant = Annotated[str, typer.Option(help="Of the corruptions: default, reference or paper.")]
+SeverityScale = Annotated[
+    str,
+    typer.Option(
+        "--severity-scale",
+        help="paper, or calibrated: the same mean SSIM for every corruption (see robustflow calibrate).",
+    ),
+]
 
 
 def names(text: str | None) -> list[str] | None:

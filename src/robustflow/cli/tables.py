@@ -7,6 +7,7 @@ from rich.table import Table
 
 from ..errors import unknown_name
 from ..metrics.summary import METRICS, Summary
+from ..runner.plan import left_out_sentence
 from ..runner.result import Result
 
 
@@ -26,6 +27,8 @@ def print_result(result: Result, metric: str = "all") -> None:
         console.print(f"Incomplete: {missing} of the planned settings are missing; the means are over the rest.")
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")
+    if result.left_out:
+        console.print(f"Left out: {left_out_sentence(result.left_out)}.", highlight=False, soft_wrap=True)
     console.print(f"report: {result.path / 'report.html'}", highlight=False, soft_wrap=True)
 
 

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import Any
 
-from ..errors import UsageError
+from ..errors import UsageError, unknown_name
 from ..sample import Frame, Sample
-from .base import Corruption, check_severity
+from .base import SCALES, Corruption, check_severity
+from .calibrated import calibrated_severities
 from .catalog import CORRUPTIONS
 from .rng import Rng
 from .stack import Stack, is_stack, parse_stack
@@ -17,15 +18,32 @@ STREAM_VERSION = 1
 """Part of every stream's name: raised when a corruption's bytes change, so that old and new results never mix."""
 
 
-def load_corruption(name: str, variant: str = "default") -> Corruption:
+def load_corruption(name: str, variant: str = "default", scale: str = "paper") -> Corruption:
     """The corruption registered as `name`, or the stack that a name such as `"fog+jpeg_compression:2"` spells.
+
+    Args:
+        name: as `robustflow list corruptions` prints it, or several joined by "+".
+        variant: "default", "reference" or "paper"; the calibrated scale exists for the default alone.
+        scale: "paper" (its five severities) or "calibrated" (equal mean SSIM; see docs/severity-scales.md).
+
+    Raises:
+        UsageError: unknown name, variant or scale, or a severity of a stack's part that the scale lacks.
 
     >>> load_corruption("gaussian_noise").parameter(1)
     0.08
     """
     if is_stack(name):
-        return Stack([(load_corruption(part, variant), level) for part, level in parse_stack(name)])
-    return CORRUPTIONS.get(name)(variant)
+        return Stack([(load_corruption(part, variant, scale), level) for part, level in parse_stack(name)])
+    kind = CORRUPTIONS.get(name)
+    if scale not in SCALES:
+        raise unknown_name("severity scale", scale, SCALES)
+    if scale == "paper":
+        return kind(variant)
+    if variant != "default":
+        raise UsageError(
+            f"the calibrated scale was measured for the variant default, not {variant}: leave out one of the two"
+        )
+    return kind(variant, calibrated_severities(name))
 
 
 def stream_for(corruption: Corruption, severity: int, seed: int, key: str) -> Rng:
@@ -41,6 +59,7 @@ def corrupt(
     seed: int = 0,
     key: str = "",
     variant: str = "default",
+    scale: str = "paper",
 ) -> tuple[Frame, Frame]:
     """Corrupt a pair of frames.
 
@@ -51,12 +70,13 @@ def corrupt(
         seed: the benchmark's seed.
         key: the pair's name; pairs with different keys get different draws.
         variant: "default", "reference" (the reference code's behaviour) or "paper" (its text to the letter).
+        scale: of the severities, "paper" or "calibrated"; variant and scale say nothing to a `Corruption`.
 
     Returns:
         Two new RGB uint8 arrays of the same shape. The same arguments give the same bytes, always.
 
     Raises:
-        UsageError: unknown name, variant or severity.
+        UsageError: unknown name, variant, scale or severity, or one that the scale lacks.
         DataError: frames that are not RGB uint8 of one size.
 
     >>> import numpy as np
@@ -66,7 +86,7 @@ def corrupt(
     ((32, 48, 3), False)
     """
     Sample(key or "pair", (frame1, frame2))
-    first, second = corrupt_clip((frame1, frame2), corruption, severity, seed, key, variant)
+    first, second = corrupt_clip((frame1, frame2), corruption, severity, seed, key, variant, scale)
     return first, second
 
 
@@ -77,13 +97,14 @@ def corrupt_clip(
     seed: int = 0,
     key: str = "",
     variant: str = "default",
+    scale: str = "paper",
 ) -> Iterator[Frame]:
     """Corrupt frames one at a time: what a clip shares stays, what changes from frame to frame changes.
 
     Frames 1 and 2 of a clip equal the pair that `corrupt` returns for the same seed and key.
     Arguments as for `corrupt`. Yields RGB uint8 arrays; holds one frame at a time.
     """
-    chosen = load_corruption(corruption, variant) if isinstance(corruption, str) else corruption
+    chosen = load_corruption(corruption, variant, scale) if isinstance(corruption, str) else corruption
     check_severity(severity)
     rest = iter(frames)
     first = next(rest, None)

@@ -8,6 +8,7 @@ corruption cannot be brought to does not exist on the scale, and nothing takes i
 from __future__ import annotations
 
 import hashlib
+import os
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -15,8 +16,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ..errors import DataError
+from ..errors import DataError, UsageError
 from .base import SEVERITIES
+
+CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
+"""Environment variable that names a table to use instead of the shipped one."""
 
 Similarity = Annotated[float, Field(ge=-1.0, le=1.0)]
 _Number = bool | int | float
@@ -97,14 +101,36 @@ def read_table(path: Path) -> CalibrationTable:
         ) from error
 
 
-@lru_cache(maxsize=1)
-def calibration() -> CalibrationTable:
+def merged(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
+    """`old` with the corruptions of `new` in the place of its own.
+
+    Raises:
+        UsageError: the two were made in different ways.
+    """
+    for name in ("method", "seed", "draws", "images", "targets", "tolerance"):
+        if getattr(old, name) != getattr(new, name):
+            raise UsageError(f"the two calibrations differ in their {name}; choose another --output")
+    return old.model_copy(update={"corruptions": {**old.corruptions, **new.corruptions}})
+
+
+def shipped() -> CalibrationTable:
     """The table that ships with the package.
 
-    >>> calibration().targets[0] > calibration().targets[4]
-    True
+    >>> shipped().targets
+    (0.92, 0.85, 0.78, 0.71, 0.64)
     """
-    return read_table(Path(str(resources.files(__package__))) / "data" / "calibrated.json")
+    return _cached(Path(str(resources.files(__package__))) / "data" / "calibrated.json")
+
+
+def calibration() -> CalibrationTable:
+    """The table in use: the file that `ROBUSTFLOW_CALIBRATION` names, else the shipped one."""
+    chosen = os.environ.get(CALIBRATION_VARIABLE)
+    return _cached(Path(chosen).expanduser()) if chosen else shipped()
+
+
+@lru_cache(maxsize=2)
+def _cached(path: Path) -> CalibrationTable:
+    return read_table(path)
 
 
 def calibrated_severities(name: str) -> tuple[Any, ...]:

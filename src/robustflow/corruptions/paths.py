@@ -5,17 +5,19 @@ goes linearly from start to end (whole numbers are rounded, the others kept to f
 parameters may jump. Where the paper's severities lie on one path, they are the corners, extended below severity 1
 to almost nothing and above 5 as far as the corruption goes on. They do not for five corruptions:
 
-saturate            oversaturates as severities 3 to 5 do; 1 and 2 desaturate, which SSIM, a measure on luma, hardly sees
+saturate            oversaturates as severities 3 to 5 do; 1 and 2 desaturate, which SSIM, on luma, hardly sees
 spatter             water (severities 1, 2 and half way to 3), then mud (4, 5 and on)
 snow                severities 1 and 2, whose flakes are alike, from clear air on; 3 to 5 are milder than 2 by SSIM
 glass_blur          one pass of the shuffle over 1, 2, 3, 4 pixels with sigma growing at each, then two passes
 psf_blur            the five lenses, and nothing between them
 
-defocus_blur exists at whole radii only; below radius 4, where they are far apart, its smoothing fills the gaps.
+defocus_blur takes radii between whole ones too, where the disk takes in pixels one ring at a time; up to 3 the
+rings are far apart, and its smoothing fills the gaps.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from .base import Corruption
@@ -61,7 +63,7 @@ def path(name: str) -> list[Segment]:
     kind: type[Corruption] = CORRUPTIONS.get(name)
     below, above = _ENDS[name]
     corners = [below, *kind.paper_severities, *above]
-    return [Segment(a, b) for a, b in zip(corners, corners[1:], strict=False)]
+    return [Segment(a, b) for a, b in pairwise(corners)]
 
 
 _ENDS: dict[str, tuple[Any, tuple[Any, ...]]] = {
@@ -78,7 +80,6 @@ _ENDS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "shot_noise": (2000.0, (1.0,)),
     "impulse_noise": (0.0, (0.9,)),
     "gaussian_blur": (0.2, (30.0,)),
-    "camera_motion_blur": ((10, 0.2), ((80, 60),)),
     "elastic_transform": (0.05, (100.0,)),
 }
 """What the paper's five severities are extended to: (below 1, above 5)."""
@@ -104,13 +105,24 @@ _OWN: dict[str, list[Segment]] = {
         Segment((0.1, 0.3, 3.0, 0.5, 10, 4.0, 0.8), (0.2, 0.3, 2.0, 0.5, 12, 4.0, 0.7)),
     ],
     "defocus_blur": [
-        Segment((1, 0.1), (1, 2.0)),
-        Segment((2, 0.1), (2, 2.0)),
-        Segment((3, 0.1), (3, 2.0)),
-        Segment((4, 0.5), (30, 0.5)),
+        Segment((1.0, 0.1), (1.0, 2.0)),
+        Segment((2.0, 0.1), (2.0, 2.0)),
+        Segment((2.24, 0.1), (3.0, 0.1)),
+        Segment((3.0, 0.1), (3.0, 2.0)),
+        Segment((3.17, 0.5), (4.0, 0.5)),
+        Segment((4.0, 0.5), (6.0, 0.5)),
+        Segment((6.0, 0.5), (10.0, 0.5)),
+        Segment((10.0, 0.5), (30.0, 0.5)),
+    ],
+    "camera_motion_blur": [
+        Segment((10, 0.2), (10, 3.0)),
+        Segment((10, 3.0), (15, 5.0)),
+        Segment((15, 5.0), (15, 12.0)),
+        Segment((15, 12.0), (20, 15.0)),
+        Segment((20, 15.0), (80, 60.0)),
     ],
     "glass_blur": [
-        Segment((0.6, 1, 1), (1.2, 1, 1)),
+        Segment((0.6, 1, 1), (1.4, 1, 1)),
         Segment((0.9, 2, 1), (1.8, 2, 1)),
         Segment((1.5, 3, 1), (2.4, 3, 1)),
         Segment((2.0, 4, 1), (3.0, 4, 1)),

@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 
 from ..errors import UsageError
 from ..sample import Frame
-from .base import Corruption, check_severity
+from .base import SEVERITIES, Corruption, check_severity
+from .calibrated import calibrated_levels
 from .catalog import CORRUPTIONS
 from .rng import Rng
 
@@ -45,17 +46,25 @@ def parse_stack(name: str) -> list[tuple[str, int | None]]:
     return parts
 
 
-def levels_of(name: str, severities: tuple[int, ...]) -> tuple[int, ...]:
-    """The severities at which a corruption differs: all, or, for a stack that fixes each part's, the highest of them.
+def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> tuple[int, ...]:
+    """The severities at which a corruption exists and differs: all, but for two exceptions.
+
+    A stack that fixes every part's severity has one, the highest of them. On the calibrated scale those are missing
+    that the corruption, or a part of the stack, cannot be brought to.
 
     >>> levels_of("fog:2+snow:4", (1, 2, 3)), levels_of("fog:2+snow", (1, 2, 3)), levels_of("fog", (1, 2))
     ((4,), (1, 2, 3), (1, 2))
+    >>> levels_of("fog+h264_crf", (1, 2, 3), "calibrated")
+    ()
     """
-    if is_stack(name):
-        own = [level for _, level in parse_stack(name)]
-        if None not in own:
-            return (max(level for level in own if level is not None),)
-    return severities
+    parts = parse_stack(name) if is_stack(name) else [(name, None)]
+    free = [part for part, level in parts if level is None]
+    if not free:
+        return (max(level for _, level in parts if level is not None),)
+    if scale == "paper":
+        return severities
+    known = [set(calibrated_levels(part)) for part in free]
+    return tuple(level for level in severities if all(level in levels for levels in known))
 
 
 class Stack(Corruption):
@@ -63,6 +72,9 @@ class Stack(Corruption):
 
     Args:
         parts: each corruption with its own severity, or None to take the stack's.
+
+    Raises:
+        UsageError: a severity that its corruption does not have on the scale it was loaded with.
 
     >>> from robustflow.corruptions import load_corruption
     >>> load_corruption("fog:2+jpeg_compression").name
@@ -73,14 +85,22 @@ class Stack(Corruption):
     paper_severities: ClassVar[tuple[Any, ...]] = ("1", "2", "3", "4", "5")
 
     def __init__(self, parts: list[tuple[Corruption, int | None]]) -> None:
-        super().__init__(parts[0][0].variant)
+        free = [part.severities for part, level in parts if level is None]
+        lacking = [any(own[level - 1] is None for own in free) for level in SEVERITIES]
+        super().__init__(
+            parts[0][0].variant,
+            tuple(None if none else name for none, name in zip(lacking, self.paper_severities, strict=True)),
+        )
+        for part, level in parts:
+            if level is not None:
+                part.parameter(level)
         self._parts = parts
         spelled = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
         self.name = _PLUS.join(spelled)  # type: ignore[misc]  # a stack's name is its own
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> list[Any]:
         """One state per part."""
-        check_severity(severity)
+        self.parameter(severity)
         return [
             part.draw(rng.spawn(place, part.name), severity if level is None else level, shape)
             for place, (part, level) in enumerate(self._parts)

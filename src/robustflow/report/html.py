@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, select_autoescape
 
+from ..runner.plan import left_out_sentence
+
 if TYPE_CHECKING:
     from ..runner.result import Result
 
@@ -49,6 +51,8 @@ def _facts(result: Result) -> dict[str, Any]:
         "samples": len(manifest["samples"]),
         "seed": manifest["identity"]["seed"],
         "variant of the corruptions": manifest["identity"]["variant"],
+        "severity scale": manifest["identity"].get("severity_scale", "paper"),
+        **({"left out": left_out_sentence(result.left_out)} if result.left_out else {}),
         "run": manifest["identity_digest"],
         "packages": packages,
     }

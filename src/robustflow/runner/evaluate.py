@@ -22,7 +22,7 @@ from .engines.base import Done, Job
 from .engines.processes import processes
 from .engines.serial import serial
 from .environment import environment
-from .plan import Plan, Settings, Unit, identity_digest
+from .plan import Plan, Settings, Unit, identity_digest, left_out_sentence
 from .result import Result
 from .store import RunFolder
 
@@ -58,6 +58,7 @@ def evaluate(
     data_options: dict[str, Any] | None = None,
     seed: int = 0,
     variant: str = "default",
+    severity_scale: str = "paper",
     workers: int = 1,
     engine: str | None = None,
     timeout: float | None = None,
@@ -78,6 +79,8 @@ def evaluate(
         data_options: of a dataset, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.
         variant: of the corruptions: "default", "reference" or "paper".
+        severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that
+            a corruption does not have on it are left out, and named in `Result.left_out`.
         workers: processes; 1 stays in this process unless `timeout` is given.
         engine: "serial" or "processes"; chosen from `workers` and `timeout` by default.
         timeout: seconds a single prediction may take.
@@ -92,8 +95,7 @@ def evaluate(
     >>> import tempfile, numpy as np
     >>> still = lambda frame1, frame2: np.zeros((*frame1.shape[:2], 2), np.float32)
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     result = evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1])
-    >>> result.rcre
+    ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
     chosen = load_benchmark(benchmark, data, split, data_options) if isinstance(benchmark, str) else benchmark
@@ -101,9 +103,18 @@ def evaluate(
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
     chosen = chosen.narrowed(corruptions, severities, limit)
     for name in chosen.corruptions:
-        load_corruption(name, variant)
+        load_corruption(name, variant, severity_scale)
+    if chosen.closed and severity_scale != "paper":
+        raise UsageError(
+            "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
+            "or give the uncorrupted data"
+        )
     spec, identity = _identify(model)
-    plan = Plan(chosen, Settings(seed, variant, allow_invalid), identity)
+    plan = Plan(chosen, Settings(seed, variant, allow_invalid, severity_scale), identity)
+    if plan.left_out() and len(plan.units()) == len(chosen.keys):
+        raise UsageError(
+            f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"
+        )
     run = _engine(engine, workers, timeout)
     folder = RunFolder(output if output is not None else _default_output(plan, spec))
     folder.lock()
@@ -165,6 +176,10 @@ def _open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
             "choose another folder with --output"
         )
     selection = old.get("selection", {"corruptions": [], "severities": []})
+    gone = old.get("left_out", {})
+    left_out = {
+        name: sorted(set(gone.get(name, [])) | set(levels)) for name, levels in {**gone, **plan.left_out()}.items()
+    }
     return {
         "identity": identity,
         "identity_digest": identity_digest(identity),
@@ -173,6 +188,7 @@ def _open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
             "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
             "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
         },
+        **({"left_out": left_out} if left_out else {}),
         "started": old.get("started", _now()),
         "finished": None,
         "seconds": old.get("seconds", {}),

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
+from ..corruptions.calibrated import calibration_digest
 from ..corruptions.stack import levels_of
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 
@@ -39,6 +40,7 @@ class Settings:
     seed: int = 0
     variant: str = "default"
     allow_invalid: bool = False
+    severity_scale: str = "paper"
 
 
 @dataclass(frozen=True)
@@ -54,10 +56,18 @@ class Plan:
         units = []
         for key in self.benchmark.keys:
             units.append(Unit(key, CLEAN, (0,)))
-            units += [
-                Unit(key, name, levels_of(name, self.benchmark.severities)) for name in self.benchmark.corruptions
-            ]
+            units += [Unit(key, name, levels) for name, levels in self._levels().items() if levels]
         return units
+
+    def left_out(self) -> dict[str, list[int]]:
+        """Severities asked for that do not exist on the severity scale, by corruption."""
+        asked = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
+        gone = {name: sorted(set(asked[name]) - set(levels)) for name, levels in self._levels().items()}
+        return {name: levels for name, levels in gone.items() if levels}
+
+    def _levels(self) -> dict[str, tuple[int, ...]]:
+        scale = self.settings.severity_scale
+        return {name: levels_of(name, self.benchmark.severities, scale) for name in self.benchmark.corruptions}
 
     def missing(self, found: Iterable[Cell]) -> list[Unit]:
         """Planned minus found."""
@@ -72,7 +82,9 @@ class Plan:
     def identity(self) -> dict[str, Any]:
         """Whatever changes a row's numbers, and nothing else: not the number of workers, not which samples were
         chosen. Two runs with the same identity may share a folder; their rows agree."""
-        return {
+        calibrated = self.settings.severity_scale == "calibrated"
+        scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
+        return scale | {
             "version": IDENTITY_VERSION,
             "benchmark": self.benchmark.name,
             "dataset": self.benchmark.dataset.name,
@@ -98,3 +110,13 @@ def identity_digest(identity: dict[str, Any]) -> str:
     """
     spelled = json.dumps(identity, sort_keys=True, separators=(",", ":"), default=str)
     return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
+
+
+def left_out_sentence(left_out: dict[str, list[int]]) -> str:
+    """Which severities a run leaves out, in words.
+
+    >>> left_out_sentence({"saturate": [5], "h264_crf": [1, 2]})
+    'the calibrated scale has no saturate at severity 5, h264_crf at severity 1, 2'
+    """
+    each = ", ".join(f"{name} at severity {', '.join(map(str, levels))}" for name, levels in left_out.items())
+    return f"the calibrated scale has no {each}"

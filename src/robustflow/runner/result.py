@@ -87,6 +87,11 @@ class Result:
         """One metric, corruption x severity, in the paper's order."""
         return self.summary.table(metric)
 
+    @property
+    def left_out(self) -> dict[str, list[int]]:
+        """Severities asked for that do not exist on the run's severity scale, by corruption; they are in no mean."""
+        return dict(self.manifest.get("left_out", {}))
+
     def write_summary(self) -> None:
         """Write `summary.json` and `report.html` into the run's folder."""
         from ..report.html import render_report
@@ -102,5 +107,7 @@ class Result:
         for key in self.manifest["samples"]:
             cells.append((key, CLEAN, 0))
             for name in selection["corruptions"]:
-                cells += [(key, name, level) for level in levels_of(name, tuple(selection["severities"]))]
+                gone = self.left_out.get(name, [])
+                levels = levels_of(name, tuple(selection["severities"]))
+                cells += [(key, name, level) for level in levels if level not in gone]
         return cells

@@ -88,11 +88,12 @@ class Worker:
 
     def _corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         start = time.perf_counter()
-        if isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
+        paper = self._settings.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
+        if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
             frames = self._dataset.corrupted(sample.key, name, severity)
         else:
             if name not in self._corruptions:
-                self._corruptions[name] = load_corruption(name, self._settings.variant)
+                self._corruptions[name] = load_corruption(name, self._settings.variant, self._settings.severity_scale)
             corruption = self._corruptions[name]
             frames = tuple(corrupt_clip(sample.frames, corruption, severity, self._settings.seed, sample.key))
         self.seconds["corrupt"] += time.perf_counter() - start

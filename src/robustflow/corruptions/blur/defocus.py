@@ -22,11 +22,11 @@ class DefocusBlur(Corruption):
     family = "blur"
     paper_severities = ((3, 0.1), (4, 0.5), (6, 0.5), (8, 0.5), (10, 0.5))
 
-    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[int, float]:
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, float]:
         """Nothing is random; the state is (radius, anti-aliasing), the latter 0 in the variant `paper`."""
         radius, smoothing = self.parameter(severity)
-        return int(radius), 0.0 if self.variant == "paper" else float(smoothing)
+        return float(radius), 0.0 if self.variant == "paper" else float(smoothing)
 
-    def apply(self, frame: Frame, state: tuple[int, float], index: int) -> Frame:
+    def apply(self, frame: Frame, state: tuple[float, float], index: int) -> Frame:
         """Convolve one frame."""
         return convolve_disk(frame, *state, floor=self.variant == "reference")

@@ -21,7 +21,7 @@ _STRIP = 640
 """Columns worked on at a time: few enough for the rows that a sum reads to stay in the first-level cache."""
 
 
-def convolve_disk(frame: Frame, radius: int, smoothing: float, floor: bool = False) -> Frame:
+def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = False) -> Frame:
     """The frame convolved with `disk_kernel(radius, smoothing)`: uint8 (H, W, 3) in and out, borders mirrored.
 
     Rounds once, or cuts the fraction off with `floor`.

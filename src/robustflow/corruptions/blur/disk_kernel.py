@@ -26,7 +26,7 @@ class Disk(NamedTuple):
     """The kernel's parts."""
 
     widths: npt.NDArray[np.int64]
-    """Half-width of row dy of the disk, int64 (radius + 1,)."""
+    """Half-width of row dy of the disk, int64 (int(radius) + 1,)."""
     taps: npt.NDArray[np.float32]
     """Half of g, centre first, float32 (g + 1,), divided by the square root of the disk's area."""
     rim: npt.NDArray[np.int64]
@@ -35,13 +35,16 @@ class Disk(NamedTuple):
     """Their common weights, float32 (n,), in the units of `taps`."""
 
 
-def disk_kernel(radius: int, smoothing: float) -> npt.NDArray[np.float64]:
-    """The kernel itself, float64 (n, n): n = 17 up to radius 8, else 2 * radius + 1.
+def disk_kernel(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
+    """The kernel itself, float64 (n, n): n = 17 up to radius 8, else 2 * int(radius) + 1.
+
+    The paper's radii are whole; one between them takes in the pixels whose centres it covers.
 
     >>> [round(float(disk_kernel(r, 0.5).sum()), 3) for r in (6, 8, 10)]
     [1.0, 1.013, 1.011]
     """
-    axis = np.arange(-max(radius, _ROOM), max(radius, _ROOM) + 1)
+    edge = max(int(radius), _ROOM)
+    axis = np.arange(-edge, edge + 1)
     disk = (axis[:, None] ** 2 + axis[None, :] ** 2 <= radius**2).astype(np.float64)
     taps = _smoothing_taps(radius, smoothing)
     taps = np.concatenate([taps[:0:-1], taps])
@@ -50,7 +53,7 @@ def disk_kernel(radius: int, smoothing: float) -> npt.NDArray[np.float64]:
     return np.einsum("yxij,i,j->yx", windows, taps, taps)
 
 
-def _smoothing_taps(radius: int, smoothing: float) -> npt.NDArray[np.float64]:
+def _smoothing_taps(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
     """Half of g, centre first; only the centre where there is no smoothing."""
     if smoothing == 0:
         return np.ones(1)
@@ -60,16 +63,17 @@ def _smoothing_taps(radius: int, smoothing: float) -> npt.NDArray[np.float64]:
 
 
 @lru_cache(maxsize=16)
-def disk_parts(radius: int, smoothing: float) -> Disk:
+def disk_parts(radius: float, smoothing: float) -> Disk:
     """The parts of `disk_kernel(radius, smoothing)`."""
-    widths = np.array([isqrt(radius**2 - dy**2) for dy in range(radius + 1)])
+    whole = int(radius)
+    widths = np.array([isqrt(int(radius**2) - dy**2) for dy in range(whole + 1)])
     taps = _smoothing_taps(radius, smoothing)
     area = int((2 * widths + 1).sum() * 2 - (2 * widths[0] + 1))
     scale = area**-0.5
     # a rim segment is weighted once by g's tap and once more by the blur across it
-    rim = [entry for entry in _mirrored_rim(radius, len(taps) - 1) if entry[2] <= radius]
+    rim = [entry for entry in _mirrored_rim(whole, len(taps) - 1) if entry[2] <= whole]
     segments = [
-        (inside, widths[row], *((outside, widths[other]) if other <= radius else (0, -1)))
+        (inside, widths[row], *((outside, widths[other]) if other <= whole else (0, -1)))
         for _, inside, row, outside, other in rim
     ]
     weights = [taps[j] * scale for j, *_ in rim]

@@ -54,7 +54,7 @@ class PsfBlur(Corruption):
         chosen = psf_dir if psf_dir is not None else os.environ.get(PSF_DIR)
         self.psf_dir = Path(chosen) if chosen else None
         for rms in self.severities:
-            if rms not in self.paper_severities:
+            if rms is not None and rms not in self.paper_severities:
                 known = ", ".join(str(value) for value in self.paper_severities)
                 raise UsageError(f"psf_blur has no lens of RMS radius {rms} mm: choose from {known}")
 

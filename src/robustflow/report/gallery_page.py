@@ -1,0 +1,82 @@
+"""The gallery as one HTML file with a slider: opens from disk, asks the network for nothing."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, select_autoescape
+from PIL import Image
+
+from ..errors import UsageError
+from ..sample import Frame
+from .gallery import Cell
+
+WIDEST = 480
+"""Pixels a picture is shrunk to, so that a hundred of them stay a few megabytes."""
+_QUALITY = 80
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A cell as the page shows it; `uri` is empty where the severity does not exist on the scale."""
+
+    severity: int
+    caption: str
+    uri: str
+
+
+def render_page(clean: Frame, cells: Sequence[Cell], severity: int, title: str) -> str:
+    """The page.
+
+    Args:
+        clean: RGB uint8 (H, W, 3), the first frame.
+        cells: of every severity the slider shall reach.
+        severity: where the slider stands at first.
+        title: text; names and titles are escaped.
+
+    Raises:
+        UsageError: no cells, or none at `severity`.
+    """
+    severities = sorted({cell.severity for cell in cells})
+    if severity not in severities:
+        raise UsageError(f"there is nothing to show at severity {severity}: give cells of that severity")
+    figures: dict[str, list[Picture]] = {}
+    for cell in cells:
+        uri = "" if cell.frame is None else data_uri(cell.frame)
+        text = "not on this scale" if cell.frame is None else f"SSIM {cell.ssim:.2f}" + (", frame 2" * cell.index)
+        figures.setdefault(cell.name, []).append(Picture(cell.severity, text, uri))
+    environment = Environment(
+        loader=PackageLoader("robustflow.report"),
+        autoescape=select_autoescape(default=True),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    height, width = _fitted(clean).shape[:2]
+    return environment.get_template("gallery.html").render(
+        title=title,
+        clean=data_uri(clean),
+        figures=figures,
+        severities=severities,
+        severity=severity,
+        width=width,
+        height=height,
+    )
+
+
+def data_uri(frame: Frame) -> str:
+    """The frame as a JPEG inside a `data:` address, at most `WIDEST` pixels wide."""
+    file = io.BytesIO()
+    Image.fromarray(_fitted(frame)).save(file, "JPEG", quality=_QUALITY)
+    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
+
+
+def _fitted(frame: Frame) -> Frame:
+    height, width = frame.shape[:2]
+    if width <= WIDEST:
+        return frame
+    small = Image.fromarray(frame).resize((WIDEST, max(1, round(height * WIDEST / width))), Image.Resampling.BOX)
+    return np.asarray(small)

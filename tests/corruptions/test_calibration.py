@@ -1,0 +1,261 @@
+"""The calibrated scale: the paths, the table that ships, and what a run does with severities that do not exist."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.benchmarks import load_benchmark
+from robustflow.benchmarks.export import export
+from robustflow.cli.main import main
+from robustflow.corruptions import CORRUPTIONS, IMAGE_PAIR, SEVERITIES, load_corruption
+from robustflow.corruptions.api import stream_for
+from robustflow.corruptions.calibrate import TARGETS, TOLERANCE, calibratable, calibrate, reference_pictures
+from robustflow.corruptions.calibrated import (
+    CALIBRATION_VARIABLE,
+    calibrated_levels,
+    calibrated_severities,
+    calibration_digest,
+    read_table,
+    shipped,
+)
+from robustflow.corruptions.paths import path
+from robustflow.corruptions.rng import Rng
+from robustflow.corruptions.ssim import Ssim
+from robustflow.corruptions.stack import levels_of
+from robustflow.errors import DataError, UsageError
+from robustflow.imageio import write_image
+from robustflow.runner.plan import Plan, Settings
+from robustflow.runner.worker import frames_digest
+
+SMALL = {"chelsea": reference_pictures()["chelsea.png"][60:156, 90:210]}
+GAPS = {name: levels for name in IMAGE_PAIR if (levels := calibrated_levels(name)) != SEVERITIES}
+GAP = next(iter(GAPS))
+MISSING = next(s for s in SEVERITIES if s not in GAPS[GAP])
+
+
+def still(frame1, frame2):
+    return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+def flat(parameter):
+    return parameter if isinstance(parameter, tuple) else (parameter,)
+
+
+@pytest.mark.parametrize("name", calibratable())
+def test_a_path_starts_and_ends_where_its_corruption_can_go(name):
+    frame = SMALL["chelsea"]
+    ssim = []
+    for parameter in (path(name)[0].start, path(name)[-1].end):
+        corruption = CORRUPTIONS.get(name)(severities=(parameter,) * 5)
+        state = corruption.draw(Rng.of("path"), 1, frame.shape[:2])
+        index = getattr(state, "exposed", None) or 0
+        ssim.append(Ssim(frame)(corruption.apply(frame, state, index)))
+    assert ssim[0] > ssim[1] + 0.1
+    assert ssim[0] > 0.75
+
+
+@pytest.mark.parametrize("name", ["contrast", "fog", "gaussian_blur", "jpeg_compression", "camera_motion_blur"])
+def test_the_papers_severities_lie_on_the_path(name):
+    corners = {segment.start for segment in path(name)} | {segment.end for segment in path(name)}
+    assert {flat(p)[0] for p in load_corruption(name).severities} <= {flat(p)[0] for p in corners}
+
+
+@pytest.mark.parametrize("name", calibratable())
+def test_the_shipped_levels_get_stronger_along_the_path(name):
+    """A level's place on the path (nearest of many points) must not fall from one severity to the next."""
+    points = [segment.at(share) for segment in path(name) for share in np.linspace(0, 1, 257)]
+    table = np.array([[float(v) for v in flat(p)] for p in points])
+    scale = np.ptp(table, axis=0) + 1e-9
+    known = [p for p in calibrated_severities(name) if p is not None]
+    places = [int(np.argmin((np.abs(table - np.array(flat(p), float)) / scale).sum(axis=1))) for p in known]
+    assert known
+    if name != "psf_blur":  # the lenses' nominal order is not their order of strength
+        assert places == sorted(places)
+
+
+def test_the_shipped_table_covers_every_image_pair_corruption_and_says_how_it_was_made():
+    table = shipped()
+    assert set(IMAGE_PAIR) | {"elastic_transform"} == set(table.corruptions)
+    assert table.targets == TARGETS
+    assert table.tolerance == TOLERANCE
+    assert set(table.images) == set(reference_pictures())
+    for found in table.corruptions.values():
+        low, high = found.reachable
+        for level, target in zip(found.levels, TARGETS, strict=True):
+            assert low <= level.ssim <= high
+            assert (level.parameter is None) == (abs(level.ssim - target) > TOLERANCE)
+    full = [name for name in table.corruptions if calibrated_levels(name) == SEVERITIES]
+    assert len(full) >= 0.8 * len(table.corruptions)
+
+
+def _measured(name, severity):
+    """Mean SSIM of a shipped level on the reference set, by the public functions alone."""
+    corruption = load_corruption(name, scale="calibrated")
+    values = []
+    for key, picture in reference_pictures().items():
+        for draw in range(shipped().draws):
+            state = corruption.draw(
+                stream_for(corruption, 1, shipped().seed, f"{key}/{draw}"), severity, picture.shape[:2]
+            )
+            index = getattr(state, "exposed", None) or 0
+            values.append(Ssim(picture)(corruption.apply(picture, state, index)))
+    return np.mean(values)
+
+
+@pytest.mark.parametrize(("name", "severity"), [("contrast", 3), ("impulse_noise", 5), ("under_exposure", 2)])
+def test_a_shipped_level_has_the_ssim_it_claims(name, severity):
+    claimed = shipped().corruptions[name].levels[severity - 1].ssim
+    assert _measured(name, severity) == pytest.approx(claimed, abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", calibratable())
+def test_every_shipped_level_has_the_ssim_it_claims(name):
+    for severity in calibrated_levels(name):
+        claimed = shipped().corruptions[name].levels[severity - 1].ssim
+        assert _measured(name, severity) == pytest.approx(claimed, abs=1e-6)
+
+
+def test_calibrating_twice_gives_the_same_table_and_another_seed_another():
+    names = ["fog", "contrast"]
+    first, again, other = (calibrate(names, SMALL, seed=seed, draws=2) for seed in (5, 5, 6))
+    assert first == again
+    assert first.corruptions["contrast"] == other.corruptions["contrast"]
+    assert first.corruptions["fog"] != other.corruptions["fog"]
+    for found in first.corruptions.values():
+        reached = [(lv.ssim, t) for lv, t in zip(found.levels, TARGETS, strict=True) if lv.parameter is not None]
+        assert reached
+        assert all(abs(ssim - target) <= TOLERANCE for ssim, target in reached)
+
+
+def test_what_cannot_be_calibrated_is_refused(tmp_path):
+    with pytest.raises(UsageError, match="h264_crf has no path"):
+        calibrate(["h264_crf"], SMALL)
+    with pytest.raises(UsageError, match="draws"):
+        calibrate(["fog"], SMALL, draws=0)
+    with pytest.raises(DataError, match="no such folder"):
+        reference_pictures(tmp_path / "nowhere")
+    with pytest.raises(DataError, match="no picture"):
+        reference_pictures(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda t: t.update(targets=[0.6, 0.7, 0.8, 0.9, 0.95]), "fall"),
+        (lambda t: t.update(version=2), "version"),
+        (lambda t: t["corruptions"]["fog"]["levels"].pop(), "levels"),
+        (lambda t: t["corruptions"]["fog"]["levels"][0].update(ssim=0.5), "fog is 0.5"),
+        (lambda t: t.update(hidden=1), "hidden"),
+    ],
+)
+def test_a_damaged_table_is_refused_in_one_line(tmp_path, change, says):
+    document = shipped().model_dump(mode="json")
+    change(document)
+    (tmp_path / "table.json").write_text(json.dumps(document))
+    with pytest.raises(DataError, match=says):
+        read_table(tmp_path / "table.json")
+
+
+def test_a_severity_that_does_not_exist_is_an_error_not_another_one():
+    frame = SMALL["chelsea"]
+    with pytest.raises(UsageError, match=f"{GAP} does not exist at severity {MISSING} of the calibrated scale"):
+        rf.corrupt(frame, frame, GAP, MISSING, scale="calibrated")
+    with pytest.raises(UsageError, match="choose another corruption"):
+        load_corruption("bit_error", scale="calibrated").parameter(1)
+    with pytest.raises(UsageError, match=GAP):
+        load_corruption(f"contrast+{GAP}:{MISSING}", scale="calibrated")
+    with pytest.raises(UsageError, match="variant"):
+        load_corruption("fog", "reference", "calibrated")
+    with pytest.raises(UsageError, match="severity scale"):
+        load_corruption("fog", scale="calibratd")
+
+
+def test_a_stack_exists_where_all_its_parts_do():
+    assert levels_of(f"contrast+{GAP}", SEVERITIES, "calibrated") == GAPS[GAP]
+    stack = load_corruption(f"contrast+{GAP}", scale="calibrated")
+    with pytest.raises(UsageError, match="does not exist"):
+        stack.parameter(MISSING)
+
+
+def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
+    have = GAPS[GAP][0]
+    ask = {"corruptions": [GAP, "contrast"], "severities": [MISSING, have], "severity_scale": "calibrated"}
+    result = rf.evaluate(still, output=tmp_path / "run", **ask)
+    assert result.left_out == {GAP: [MISSING]}
+    assert result.summary.complete
+    assert result.summary.corruptions[GAP].severities == [have]
+    assert result.summary.corruptions["contrast"].severities == sorted([MISSING, have])
+    frames = load_benchmark("demo").dataset.load("motorcycle").frames
+    row = result.rows.filter((result.rows["corruption"] == "contrast") & (result.rows["severity"] == have))
+    corrupted = rf.corrupt(*frames, "contrast", have, key="motorcycle", scale="calibrated")
+    assert row["frames_digest"].item() == frames_digest(corrupted)
+    assert rf.evaluate(still, output=tmp_path / "run", **ask).left_out == result.left_out
+    with pytest.raises(rf.RobustFlowError, match="severity_scale"):
+        rf.evaluate(still, output=tmp_path / "run", corruptions=["contrast"], severities=[have])
+
+
+def test_nothing_left_to_run_is_an_error(tmp_path):
+    with pytest.raises(UsageError, match="nothing to run"):
+        rf.evaluate(
+            still, output=tmp_path / "run", corruptions=[GAP], severities=[MISSING], severity_scale="calibrated"
+        )
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkeypatch, tmp_path):
+    benchmark = load_benchmark("demo")
+    paper, calibrated = (Plan(benchmark, Settings(severity_scale=s), {}) for s in ("paper", "calibrated"))
+    assert "severity_scale" not in paper.identity()
+    assert paper.digest() == Plan(benchmark, Settings(), {}).digest() != calibrated.digest()
+    before = calibrated.digest(), calibration_digest()
+    document = shipped().model_dump(mode="json")
+    document["seed"] += 1
+    (tmp_path / "mine.json").write_text(json.dumps(document))
+    monkeypatch.setenv(CALIBRATION_VARIABLE, str(tmp_path / "mine.json"))
+    assert calibration_digest() != before[1]
+    assert calibrated.digest() != before[0]
+
+
+def test_an_export_writes_only_what_exists(tmp_path):
+    benchmark = load_benchmark("demo").narrowed([GAP], [MISSING, GAPS[GAP][0]])
+    written = {step.setting for step in export(benchmark, tmp_path, severity_scale="calibrated")}
+    assert written == {"clean", f"{GAP}_{GAPS[GAP][0]}"}
+    assert "calibrated" in (tmp_path / "export.json").read_text()
+
+
+def test_the_commands(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pictures").mkdir()
+    write_image(tmp_path / "pictures" / "a.png", SMALL["chelsea"])
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["robustflow", *arguments])
+        main()
+
+    with pytest.raises(SystemExit) as stop:
+        call("calibrate", "-d", "pictures", "-c", "contrast", "--output", "mine.json")
+    assert not stop.value.code
+    assert "contrast" in capsys.readouterr().out
+    first = read_table(Path("mine.json"))
+    assert list(first.corruptions) == ["contrast"]
+    with pytest.raises(SystemExit) as stop:
+        call("calibrate", "-d", "pictures", "-c", "high_light", "--output", "mine.json")
+    assert not stop.value.code
+    assert list(read_table(Path("mine.json")).corruptions) == ["contrast", "high_light"]
+    with pytest.raises(SystemExit) as stop:
+        call("calibrate", "-d", "pictures", "-c", "high_light", "--seed", "1", "--output", "mine.json")
+    assert stop.value.code == 2
+    assert read_table(Path("mine.json")).corruptions["contrast"] == first.corruptions["contrast"]
+    write_image(tmp_path / "b.png", SMALL["chelsea"])
+    with pytest.raises(SystemExit) as stop:
+        call("corrupt", "pictures/a.png", "b.png", "-c", GAP, "-s", str(MISSING), "--severity-scale", "calibrated")
+    assert stop.value.code == 2
+    assert GAP in capsys.readouterr().err
+    assert not Path("corrupted").exists()

@@ -1,0 +1,206 @@
+"""The corruptions as a transform: formats in and out, the naming of draws, pickling, processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.corruptions import IMAGE_PAIR, load_corruption
+from robustflow.corruptions.calibrated import calibrated_levels
+from robustflow.corruptions.rng import Rng
+from robustflow.corruptions.transform import CorruptionTransform
+from robustflow.errors import DataError, UsageError
+
+
+def picture(height=40, width=56, channels=3, seed=0):
+    rng = np.random.default_rng(seed)
+    rough = rng.integers(0, 256, (8, 8, channels)).astype(np.uint8)
+    return cv2.resize(rough, (width, height), interpolation=cv2.INTER_CUBIC).reshape(height, width, channels)
+
+
+FORMS = {
+    "uint8": lambda image: image,
+    "float32": lambda image: image.astype(np.float32) / np.float32(255),
+    "grey": lambda image: image[..., :1],
+    "plane": lambda image: image[..., 0],
+    "float plane": lambda image: image[..., 0].astype(np.float32) / np.float32(255),
+    "turned": lambda image: image[:, ::-1],
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", [name for name in IMAGE_PAIR if name != "psf_blur"])
+def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
+    image = FORMS[form](picture())
+    before = image.copy()
+    out = CorruptionTransform([name], [5])(image, key="k")
+    assert (out.shape, out.dtype) == (image.shape, image.dtype)
+    assert out.min() >= 0
+    assert out.max() <= (255 if image.dtype == np.uint8 else 1)
+    np.testing.assert_array_equal(image, before)
+    assert not np.array_equal(out, image) or name.endswith("exposure")  # one frame in two is exposed
+    assert not np.shares_memory(out, image)
+
+
+def test_it_is_the_corruption_of_that_name_and_severity():
+    """Against the corruption itself, with the stream that the module's docstring names."""
+    image, corruption = picture(), load_corruption("fog")
+    stream = Rng.of("robustflow transform", 1, 7, "key", "a").spawn("draw")
+    expected = corruption.apply(image, corruption.draw(stream, 2, image.shape[:2]), 0)
+    np.testing.assert_array_equal(CorruptionTransform(["fog"], [2], seed=7)(image, key="a"), expected)
+
+
+def test_a_float_image_is_the_8_bit_one():
+    image = picture()
+    transform = CorruptionTransform(["gaussian_noise"], [3])
+    out = transform(image.astype(np.float32) / np.float32(255), key=1)
+    np.testing.assert_array_equal(np.rint(out * 255).astype(np.uint8), transform(image, key=1))
+
+
+def test_frames_of_a_clip_share_what_a_pair_shares():
+    frames = [picture(seed=index) for index in range(3)]
+    transform = CorruptionTransform(["frost"], [4])
+    clip = transform(frames, key="clip")
+    for one, index in zip(clip, range(3), strict=True):
+        np.testing.assert_array_equal(one, transform(frames[index], key="clip"))
+    noise = CorruptionTransform(["gaussian_noise"], [4])
+    flat = np.full((32, 32, 3), 128, np.uint8)
+    first, second = noise((flat, flat), key="clip")
+    assert not np.array_equal(first, second)
+    assert isinstance(noise((flat, flat)), tuple)
+    stacked = noise(np.stack([flat, flat]), key="clip")
+    np.testing.assert_array_equal(stacked, np.stack([first, second]))
+
+
+def test_grey_noise_has_the_full_deviation_and_coloured_corruptions_give_their_luma():
+    flat = np.full((200, 200), 128, np.uint8)
+    noisy = CorruptionTransform(["gaussian_noise"], [1])(flat, key=0).astype(float)
+    assert noisy.std() == pytest.approx(0.08 * 255, rel=0.03)
+    grey = picture(64, 64, 1)
+    colour = np.repeat(grey, 3, axis=2)
+    transform = CorruptionTransform(["spatter"], [5])
+    expected = cv2.cvtColor(transform(colour, key=1), cv2.COLOR_RGB2GRAY)
+    np.testing.assert_array_equal(transform(grey, key=1)[..., 0], expected)
+
+
+@pytest.mark.parametrize("name", [name for name in IMAGE_PAIR if "noise" not in name])
+def test_what_is_called_neutral_keeps_grey_grey(name):
+    """RGB with equal channels stays so, or the grey result is the luma; either way luma of the RGB result."""
+    grey = picture(48, 48, 1)
+    transform = CorruptionTransform([name], [3])
+    colour = transform(np.repeat(grey, 3, axis=2), key=0)
+    luma = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY).astype(int)
+    assert np.abs(transform(grey, key=0)[..., 0] - luma).max() <= 1
+
+
+def test_keys_name_draws_and_calls_count_them():
+    transform = CorruptionTransform(["impulse_noise"], [3], seed=1)
+    image = picture()
+    again = CorruptionTransform(["impulse_noise"], [3], seed=1)
+    firsts = [transform(image) for _ in range(3)]
+    seconds = [again(image) for _ in range(3)]
+    np.testing.assert_array_equal(firsts, seconds)
+    assert len({out.tobytes() for out in firsts}) == 3
+    np.testing.assert_array_equal(transform(image, key="x"), again(image, key="x"))
+    assert (transform(image, key="x") != transform(image, key="y")).any()
+    assert (CorruptionTransform(["impulse_noise"], [3], seed=2)(image, key="x") != again(image, key="x")).any()
+
+
+def test_names_severities_and_probability_are_drawn_as_asked():
+    image = np.full((16, 16, 3), 100, np.uint8)
+    transform = CorruptionTransform(["high_light", "low_light"], [1, 2], probability=0.5)
+    seen = [int(transform(image, key=key)[0, 0, 0]) for key in range(400)]
+    counts = {value: seen.count(value) for value in set(seen)}
+    assert set(counts) == {100, 126, 151, 74, 49}
+    assert 160 <= counts.pop(100) <= 240
+    assert all(25 <= count <= 75 for count in counts.values())
+
+
+def test_nothing_is_drawn_that_the_scale_lacks():
+    name = next(name for name in IMAGE_PAIR if 0 < len(calibrated_levels(name)) < 5)
+    known = calibrated_levels(name)
+    lacking = [level for level in range(1, 6) if level not in known]
+    CorruptionTransform([name], scale="calibrated")(picture(), key=0)
+    with pytest.raises(UsageError, match="calibrated scale"):
+        CorruptionTransform([name], lacking, scale="calibrated")
+
+
+def test_a_pickled_copy_goes_on_where_the_original_stood():
+    transform, image = CorruptionTransform(["shot_noise"], [2]), picture()
+    transform(image)
+    copy = pickle.loads(pickle.dumps(transform))
+    np.testing.assert_array_equal(copy(image), transform(image))
+
+
+def _send_two(transform, pipe):
+    flat = np.full((16, 16, 3), 128, np.uint8)
+    pipe.send([transform(flat).tobytes() for _ in range(2)])
+
+
+def test_processes_with_copies_of_one_transform_draw_apart():
+    transform = CorruptionTransform(["gaussian_noise"], [3])
+    context = multiprocessing.get_context("fork")
+    drawn = []
+    for _ in range(2):
+        ours, theirs = context.Pipe()
+        process = context.Process(target=_send_two, args=(transform, theirs))
+        process.start()
+        drawn += ours.recv()
+        process.join()
+    flat = np.full((16, 16, 3), 128, np.uint8)
+    assert len({*drawn, transform(flat).tobytes()}) == 5
+
+
+@pytest.mark.parametrize(
+    ("image", "says"),
+    [
+        (np.zeros((20, 20, 3), np.uint16), "convert it to uint8"),
+        (np.zeros((20, 20, 3), np.float64), "float32"),
+        (np.full((20, 20, 3), np.nan, np.float32), "NaN"),
+        (np.full((20, 20, 3), 1.01, np.float32), "1.01"),
+        (np.full((20, 20, 3), -0.1, np.float32), "-0.1"),
+        (np.zeros((20, 20, 4), np.uint8), r"\(20, 20, 4\)"),
+        (np.zeros((0, 20, 3), np.uint8), "shape"),
+        ([np.zeros((20, 20, 3), np.uint8), np.zeros((20, 21, 3), np.uint8)], "differ"),
+        ([], "no image"),
+        ("image.png", "numpy"),
+    ],
+)
+def test_what_has_no_defined_corruption_is_refused(image, says):
+    with pytest.raises(DataError, match=says):
+        CorruptionTransform(["contrast"])(image)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"names": ["fogg"]}, "did you mean 'fog'"),
+        ({"names": "fog"}, "list"),
+        ({"names": []}, "nothing"),
+        ({"names": ["fog+h264_crf"]}, "whole clip"),
+        ({"severities": [0]}, "severity 0"),
+        ({"severities": []}, "nothing"),
+        ({"probability": 1.5}, "probability"),
+        ({"probability": float("nan")}, "probability"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(arguments, says):
+    with pytest.raises(UsageError, match=says):
+        CorruptionTransform(**arguments)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(16, 60), st.integers(16, 60), st.sampled_from([1, 3]), st.integers(0, 10**6))
+def test_any_image_under_any_corruption(height, width, channels, key):
+    names = [name for name in IMAGE_PAIR if name != "psf_blur"]
+    image = picture(height, width, channels, seed=key)
+    transform = CorruptionTransform([*names, "fog:2+jpeg_compression"])
+    out = transform(image, key=key)
+    assert (out.shape, out.dtype) == (image.shape, image.dtype)
+    np.testing.assert_array_equal(out, transform(image, key=key))

@@ -1,0 +1,160 @@
+"""The gallery: its cells are what `corrupt` makes, its files whole, its page free of addresses."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import robustflow as rf
+from robustflow.cli.main import main
+from robustflow.corruptions import IMAGE_PAIR, SEVERITIES
+from robustflow.corruptions.calibrated import calibrated_levels
+from robustflow.errors import DataError, UsageError
+from robustflow.imageio import write_image
+from robustflow.report.gallery import Cell, gallery
+from robustflow.report.gallery_figure import draw_figure
+from robustflow.report.gallery_page import WIDEST, render_page
+
+SOME = ["contrast", "impulse_noise", "over_exposure"]
+
+
+@pytest.fixture(scope="module")
+def pair():
+    rng = np.random.default_rng(0)
+    rough = [Image.fromarray(rng.integers(0, 256, (6, 9, 3)).astype(np.uint8)) for _ in range(2)]
+    return tuple(np.array(image.resize((90, 60), Image.Resampling.BICUBIC)) for image in rough)
+
+
+def decoded(uri):
+    assert uri.startswith("data:image/jpeg;base64,")
+    return Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2])))
+
+
+class Page(HTMLParser):
+    """What a page is made of."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+
+    def all(self, tag):
+        return [attrs for name, attrs in self.tags if name == tag]
+
+
+def test_cells_are_the_frames_that_corrupt_makes(pair):
+    for seed in (0, 1, 2):
+        for cell in gallery(*pair, [2, 5], SOME, seed, "key"):
+            made = rf.corrupt(*pair, cell.name, cell.severity, seed, "key")
+            np.testing.assert_array_equal(cell.frame, made[cell.index])
+            assert cell.index == 0 or np.array_equal(made[0], pair[0])
+            assert cell.ssim < 1
+    assert {cell.index for seed in range(8) for cell in gallery(*pair, [3], ["over_exposure"], seed)} == {0, 1}
+
+
+def test_a_severity_that_does_not_exist_is_an_empty_place(pair):
+    name = next(name for name in IMAGE_PAIR if 0 < len(calibrated_levels(name)) < 5)
+    cells = list(gallery(*pair, SEVERITIES, [name], scale="calibrated"))
+    assert [cell.severity for cell in cells] == list(SEVERITIES)
+    assert tuple(cell.severity for cell in cells if cell.frame is not None) == calibrated_levels(name)
+    lacking = next(cell.severity for cell in cells if cell.frame is None)
+    page = Page(render_page(pair[0], cells, lacking, "t"))
+    assert len(page.all("img")) == 1 + len(calibrated_levels(name))
+    assert draw_figure(pair[0], [Cell(name, lacking)], "t", "png")[:4] == b"\x89PNG"
+
+
+def test_what_is_no_pair_or_needs_a_clip_is_refused(pair):
+    with pytest.raises(DataError, match="size"):
+        list(gallery(pair[0], pair[1][:-1], [3]))
+    with pytest.raises(UsageError, match="clip"):
+        list(gallery(*pair, [3], ["h264_crf"]))
+    with pytest.raises(UsageError, match="severity 4"):
+        render_page(pair[0], list(gallery(*pair, [3], ["contrast"])), 4, "t")
+
+
+def test_the_figure_holds_every_picture_in_its_place(pair):
+    red, green, blue = (np.full((60, 90, 3), colour, np.uint8) for colour in ((250, 0, 0), (0, 250, 0), (0, 0, 250)))
+    data = draw_figure(red, [Cell("a", 1, green), Cell("b", 1, blue)], "title", "png")
+    image = np.array(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
+    centres = [
+        np.argwhere(np.abs(image - np.array(c)).max(axis=2) < 5) for c in ((250, 0, 0), (0, 250, 0), (0, 0, 250))
+    ]
+    assert all(len(found) > 0.2 * image.shape[0] * image.shape[1] / 3 for found in centres)
+    columns = [found[:, 1].mean() for found in centres]
+    assert columns == sorted(columns)
+    assert draw_figure(red, [Cell("a", 1, green)], "title", "pdf").startswith(b"%PDF")
+    assert draw_figure(red, [Cell("a", 1, green)], "t", "pdf") == draw_figure(red, [Cell("a", 1, green)], "t", "pdf")
+
+
+@pytest.mark.parametrize(("width", "height"), [(1242, 100), (64, 200), (300, 300)])
+@pytest.mark.parametrize("count", [1, 2, 20])
+def test_figures_of_any_shape_and_number(width, height, count):
+    frame = np.zeros((height, width, 3), np.uint8)
+    cells = [Cell(f"c{index}", 1, frame) for index in range(count)]
+    size = Image.open(io.BytesIO(draw_figure(frame, cells, "t", "png"))).size
+    assert size[0] == 1920
+    assert size[1] > 100
+
+
+def test_the_page_asks_nobody_for_anything_and_can_be_used_by_keyboard(pair):
+    text = render_page(pair[0], list(gallery(*pair, SEVERITIES, SOME)), 3, "two frames")
+    page = Page(text)
+    assert not re.search(r"(https?:|//[a-z]|@import|url\()", re.sub(r"base64,[A-Za-z0-9+/=]+", "", text))
+    assert "default-src 'none'" in next(a["content"] for a in page.all("meta") if "http-equiv" in a)
+    assert not page.all("link")
+    assert all("src" not in attrs for attrs in page.all("script"))
+    (slider,) = page.all("input")
+    assert (slider["type"], slider["min"], slider["max"], slider["value"]) == ("range", "1", "5", "3")
+    assert any(attrs.get("for") == slider["id"] for attrs in page.all("label"))
+    assert all(attrs["alt"] for attrs in page.all("img"))
+    assert len(page.all("img")) == 1 + 5 * len(SOME)
+    shown = [attrs["data-severity"] for attrs in page.all("div") if "data-severity" in attrs and "hidden" not in attrs]
+    assert shown == ["3"] * len(SOME)
+    assert "color-scheme: light dark" in text
+
+
+def test_pictures_are_bounded_and_keep_their_shape():
+    frame = np.random.default_rng(0).integers(0, 256, (375, 1242, 3)).astype(np.uint8)
+    page = Page(render_page(frame, [Cell("a", 3, frame)], 3, "t"))
+    for attrs in page.all("img"):
+        assert decoded(attrs["src"]).size == (WIDEST, 145)
+        assert (attrs["width"], attrs["height"]) == ("480", "145")
+        assert len(attrs["src"]) < 200_000
+
+
+def test_titles_and_names_are_text(pair):
+    text = render_page(pair[0], [Cell("<b>x</b>", 3, pair[0])], 3, "<script>alert(1)</script>")
+    assert "<b>x</b>" not in text
+    assert "alert(1)</script>" not in text
+
+
+def test_the_command_writes_three_files(tmp_path, monkeypatch, capsys, pair):
+    monkeypatch.chdir(tmp_path)
+    for name, frame in zip(("a.png", "b.png"), pair, strict=True):
+        write_image(tmp_path / name, frame)
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["robustflow", "gallery", *arguments])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return int(stop.value.code or 0), capsys.readouterr()
+
+    code, said = call("--frames", "a.png", "b.png", "-s", "4", "-c", "contrast,fog+jpeg_compression", "-o", "out")
+    assert code == 0
+    assert said.out.split() == ["out/gallery.png", "out/gallery.pdf", "out/gallery.html"]
+    assert Image.open("out/gallery.png").size[0] == 1920
+    assert len(Page((tmp_path / "out/gallery.html").read_text()).all("img")) == 11
+    assert call("-c", "contrast", "-s", "6")[0] == 2
+    assert call("-c", "frosst")[0] == 2
+    assert call("-c", "contrast", "--severity-scale", "other")[0] == 2
+    assert call("--frames", "a.png", "none.png")[0] == 1
