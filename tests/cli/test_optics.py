@@ -35,7 +35,7 @@ def test_show_writes_png_and_pdf(tmp_path):
     result = invoke("show", "--severity", "2", "--output", tmp_path / "figures")
     assert result.exit_code == 0, result.output
     names = sorted(file.name for file in (tmp_path / "figures").iterdir())
-    assert names == ["lens_s2.pdf", "lens_s2.png", "psf_sheet.pdf", "psf_sheet.png"]
+    assert names == [f"{name}{end}" for name in ("lens_s2", "psf_profile", "psf_sheet") for end in (".pdf", ".png")]
 
 
 def test_render_says_that_the_psfs_are_as_shipped():

@@ -187,6 +187,29 @@ def psnr(a, b):
 
 @pytest.mark.fidelity
 @pytest.mark.parametrize("severity", SEVERITIES)
+def test_dis_and_farneback_suffer_as_from_the_reference(reference, shared, severity):
+    """CRE of DIS within 15 % of the reference's, of Farneback within 20 %."""
+    statistics, frames = reference
+    coded = cv2.imread(str(shared("corruption-reference", "flow_occ.png")), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    truth, valid = (coded[..., :2].astype(float) - 32768) / 64, coded[..., 2] > 0
+    dis = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    estimators = {
+        "dis": lambda a, b: dis.calc(a, b, None),
+        "farneback": lambda a, b: cv2.calcOpticalFlowFarneback(a, b, None, 0.5, 3, 15, 3, 5, 1.2, 0),
+    }
+    errors = {}
+    for label, pair in (("clean", frames), ("blurred", corrupt(*frames, "psf_blur", severity))):
+        greys = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in pair]
+        for name, estimate in estimators.items():
+            errors[name, label] = np.linalg.norm(estimate(*greys) - truth, axis=2)[valid].mean()
+    wanted = statistics[f"s{severity}"]
+    cre = {name: errors[name, "blurred"] - errors[name, "clean"] for name in estimators}
+    assert cre["dis"] == pytest.approx(wanted["cre_dis"], rel=0.15)
+    assert cre["farneback"] == pytest.approx(wanted["cre_farneback"], rel=0.2)
+
+
+@pytest.mark.fidelity
+@pytest.mark.parametrize("severity", SEVERITIES)
 def test_strength_is_that_of_the_reference(reference, severity):
     """Own lenses: PSNR within 1 dB, SSIM-like gradient loss within 30 %, means of the channels within 0.6 levels."""
     statistics, frames = reference

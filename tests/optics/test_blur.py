@@ -126,12 +126,12 @@ def test_threads_and_the_cache_do_not_change_a_bit(monkeypatch):
 def test_the_cache_forgets_the_least_recently_used_and_keeps_its_bound():
     cache = KernelCache(limit=100)
     for name in "abc":
-        cache.put((name, 1, 1), np.zeros(3, np.complex128))
+        cache.put((name, 1, 1), np.zeros(6, np.complex64))
         cache.get(("a", 1, 1))
     assert cache.get(("a", 1, 1)) is not None
     assert cache.get(("b", 1, 1)) is None
     assert cache.nbytes <= 100
-    cache.put(("big", 1, 1), np.zeros(7, np.complex128))
+    cache.put(("big", 1, 1), np.zeros(14, np.complex64))
     assert cache.get(("big", 1, 1)) is None
 
 

@@ -60,7 +60,7 @@ def show(
     lens: Annotated[Path | None, typer.Option("--lens", help="A prescription instead of the shipped ones.")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the figures.")] = Path("optics"),
 ) -> None:
-    """Draw each lens with rays, spots, modulation transfer and PSFs, and all PSFs on one sheet; PNG and PDF.
+    """Draw each lens with rays, spots, modulation, PSFs; all PSFs on one sheet; their profile beside the reference's.
 
     \b
     Examples:
@@ -68,7 +68,7 @@ def show(
       robustflow optics show --severity 4 --output figures
     """
     from ..atomic import make_folder
-    from ..optics.draw import contact_sheet, lens_figure, save_figure
+    from ..optics.draw import contact_sheet, lens_figure, profile_figure, save_figure
     from ..optics.prescription import read_lens
     from ..optics.psf_field import render as render_field
     from ..optics.shipped import shipped_field, shipped_lens
@@ -82,6 +82,8 @@ def show(
     make_folder(output)
     figures = {name: lens_figure(one, field) for name, one, field in shown}
     figures["psf_sheet"] = contact_sheet([(name, field) for name, _, field in shown])
+    if lens is None:
+        figures["psf_profile"] = profile_figure([(int(name[-1]), field) for name, _, field in shown])
     for name, figure in figures.items():
         for suffix in (".png", ".pdf"):
             save_figure(figure, output / f"{name}{suffix}")

@@ -11,12 +11,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .glass import AIR
+from .goals import goal_of
+from .merit import FIELDS as MEASURED_FIELDS
+from .merit import FREQUENCIES as MEASURED_FREQUENCIES
 from .merit import aim
 from .paraxial import DESIGN_WAVELENGTH, first_order_of
 from .prescription import IMAGE_RADIUS, Lens
 from .psf_field import FIELDS, SIZE, PsfField, field_rays
 from .trace import Rays, trace_path
-from .transfer import modulation, nominal_rms
+from .transfer import modulation, moments, nominal_rms
 
 COLOURS = ("tab:red", "tab:green", "tab:blue")
 _FIELD_POINTS = (0.0, 0.35, 0.7, 1.0)
@@ -48,6 +51,37 @@ def contact_sheet(fields: Sequence[tuple[str, PsfField]]) -> Figure:
     for row, (label, field) in enumerate(fields):
         draw_row(grid[row], field, titles=row == 0)
         grid[row][0].set_ylabel(label, fontsize=8)
+    return figure
+
+
+def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
+    """Blur over the field, per severity and colour: our PSFs as lines, what was measured on the reference's as points.
+
+    Above the RMS radius in pixels, below the modulation at 0.04 cycles per pixel; dashed and open is sagittal.
+    """
+    figure = Figure(figsize=(2.2 * len(fields) + 0.6, 4.2), layout="constrained")
+    grid = figure.subplots(2, len(fields), squeeze=False, sharex=True)
+    place, frequency = np.linspace(0.0, 1.0, FIELDS), 1
+    for column, (severity, field) in enumerate(fields):
+        _, goal = goal_of(severity)
+        tangential, sagittal = modulation(field, MEASURED_FREQUENCIES[frequency : frequency + 1])
+        radius = moments(field).rms
+        upper, lower = grid[:, column]
+        for colour, name in enumerate(COLOURS):
+            upper.plot(place, radius[:, colour], color=name)
+            upper.plot(MEASURED_FIELDS, goal.rms[:, colour], "o", color=name, markersize=3)
+            lower.plot(place, tangential[:, colour, 0], color=name)
+            lower.plot(place, sagittal[:, colour, 0], "--", color=name)
+            lower.plot(MEASURED_FIELDS, goal.tangential[:, colour, frequency], "o", color=name, markersize=3)
+            lower.plot(MEASURED_FIELDS, goal.sagittal[:, colour, frequency], "o", color=name, markersize=3, mfc="none")
+        upper.set_title(f"severity {severity}", fontsize=9)
+        upper.set_ylim(0.0, None)
+        lower.set_ylim(0.0, 1.0)
+        lower.set_xlabel("field", fontsize=8)
+        for axes in (upper, lower):
+            axes.tick_params(labelsize=7)
+    grid[0][0].set_ylabel("RMS radius (px)", fontsize=8)
+    grid[1][0].set_ylabel("modulation at 0.04 / px", fontsize=8)
     return figure
 
 

@@ -24,7 +24,7 @@ FIELDS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])
 """Field points of the merit function, as fractions of the half diagonal."""
 
 BASE_FREQUENCY = 0.02
-FREQUENCIES = BASE_FREQUENCY * 2.0 ** np.arange(5)
+FREQUENCIES: Array = BASE_FREQUENCY * np.array([1.0, 2.0, 4.0, 8.0, 16.0])
 """Cycles per pixel: 0.02, 0.04, ..., 0.32."""
 
 WINDOW_RADIUS = 30.0
