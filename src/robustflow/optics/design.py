@@ -14,7 +14,7 @@ from .prescription import Lens, Surface
 from .residuals import build, clear_radii
 from .search import SAMPLES, Budget, Candidate, search
 
-SHIPPED_SEEDS = (0, 0, 0, 0, 1)
+SHIPPED_SEEDS = (0, 0, 0, 0, 0)
 """The seeds that gave the shipped lenses of severities 1 to 5."""
 
 
