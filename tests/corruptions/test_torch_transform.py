@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -94,7 +97,7 @@ def epochs(workers, keyed, count=1):
     return [[item.numpy().tobytes() for batch in loader for item in batch] for _ in range(count)]
 
 
-@pytest.mark.parametrize("workers", [0, 2, 3])
+@pytest.mark.parametrize("workers", [0, 1, 2])
 def test_every_sample_of_every_epoch_has_its_own_draw(workers):
     drawn = epochs(workers, keyed=False, count=2)
     assert len({item for epoch in drawn for item in epoch}) == 24
@@ -102,4 +105,12 @@ def test_every_sample_of_every_epoch_has_its_own_draw(workers):
 
 
 def test_with_keys_the_number_of_workers_changes_nothing():
-    assert epochs(0, keyed=True) == epochs(2, keyed=True) == epochs(3, keyed=True)
+    assert epochs(0, keyed=True) == epochs(1, keyed=True) == epochs(2, keyed=True)
+
+
+def test_the_guides_example_runs():
+    page = (Path(__file__).resolve().parents[2] / "docs" / "training-with-corruptions.md").read_text()
+    names = {}
+    exec(compile(re.findall(r"```python\n(.*?)```", page, re.DOTALL)[1], "training-with-corruptions.md", "exec"), names)
+    assert names["first"].shape == names["second"].shape == (3, 64, 96)
+    assert names["first"].dtype == torch.float32

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import pickle
+import re
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -204,3 +207,15 @@ def test_any_image_under_any_corruption(height, width, channels, key):
     out = transform(image, key=key)
     assert (out.shape, out.dtype) == (image.shape, image.dtype)
     np.testing.assert_array_equal(out, transform(image, key=key))
+
+
+def test_the_guides_example_runs():
+    page = (Path(__file__).resolve().parents[2] / "docs" / "training-with-corruptions.md").read_text()
+    plain = re.findall(r"```python\n(.*?)```", page, re.DOTALL)[0]
+    names: dict[str, Any] = {}
+    exec(compile(plain, "training-with-corruptions.md", "exec"), names)
+    assert names["corrupted"].shape == (64, 96, 3)
+    assert len(names["clip"]) == 3
+    np.testing.assert_array_equal(
+        names["same"], names["transform"]((names["frame1"], names["frame2"]), key="epoch 3/sample 17")
+    )
