@@ -18,7 +18,9 @@ NAMES = ("arflow", "upflow", "brightflow")
 @pytest.mark.parametrize("name", NAMES)
 def test_without_the_extra_the_message_names_it(name, monkeypatch):
     find = util.find_spec
-    monkeypatch.setattr("robustflow.models.own.find_spec", lambda module: None if module == "torch" else find(module))
+    monkeypatch.setattr(
+        "robustflow.models.network.find_spec", lambda library: None if library == "torch" else find(library)
+    )
     with pytest.raises(ModelError, match=rf"model '{name}' needs PyTorch.*pip install 'robustflow\[torch\]'"):
         load_model(name)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .input_convention import InputConvention, parse_size
-from .own import own_model
+from .network import network_model
 
 if TYPE_CHECKING:
     from .torch_model import TorchModel
@@ -41,7 +41,7 @@ def arflow(
 
         return ARFlow()
 
-    return own_model(
+    return network_model(
         "arflow",
         build,
         InputConvention(fit="stretch", multiple=64, size=target),

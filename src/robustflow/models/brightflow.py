@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import UsageError
 from .input_convention import InputConvention
-from .own import own_model
+from .network import check_iterations, network_model
 
 if TYPE_CHECKING:
     from .torch_model import TorchModel
@@ -33,15 +32,14 @@ def brightflow(
         sha256: the file's hash, or its first eight or more digits, to be checked.
         device, precision, compile, threads: see `TorchModel`.
     """
-    if not isinstance(iterations, int) or iterations < 1:
-        raise UsageError(f"iterations must be a whole number from 1, not {iterations}")
+    check_iterations(iterations)
 
     def build() -> Any:
         from .nets.brightflow import BrightFlow
 
         return BrightFlow(iterations)
 
-    return own_model(
+    return network_model(
         "brightflow",
         build,
         InputConvention(mean=(127.5, 127.5, 127.5), scale=2 / 255, fit="pad", multiple=8),

@@ -8,7 +8,7 @@ import pickle
 import re
 import warnings
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -47,11 +47,13 @@ class Checkpoint:
         path: where they were read.
         sha256: of the file, 64 hexadecimal digits.
         weights: tensors on the CPU.
+        hyper_parameters: what Lightning keeps under this name beside them, as untrusted as the rest; empty without.
     """
 
     path: Path
     sha256: str
     weights: dict[str, Tensor]
+    hyper_parameters: dict[str, Any] = field(default_factory=dict)
 
 
 def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
@@ -81,7 +83,8 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
         raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or give its path") from None
     except OSError as error:
         raise ModelError(f"{path}: cannot be read: {error.strerror or error}; give the path of a checkpoint") from None
-    return Checkpoint(path, digest, _weights(path, content))
+    beside = content.get("hyper_parameters") if isinstance(content, dict) else None
+    return Checkpoint(path, digest, _weights(path, content), beside if isinstance(beside, dict) else {})
 
 
 def _check_hash(path: Path, digest: str, expected: str) -> None:

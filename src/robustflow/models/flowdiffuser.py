@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
 from .input_convention import InputConvention
-from .own import own_model
+from .network import network_model
 
 if TYPE_CHECKING:
     from .torch_model import TorchModel
@@ -48,7 +48,7 @@ def flowdiffuser(
 
         return FlowDiffuser(seed)
 
-    return own_model(
+    return network_model(
         "flowdiffuser",
         build,
         CONVENTION if vertical == "bottom" else replace(CONVENTION, vertical="both"),

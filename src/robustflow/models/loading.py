@@ -7,6 +7,7 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -28,14 +29,22 @@ MODELS.add("samflow_t", "robustflow.models.samflow:samflow_t")
 MODELS.add("samflow_b", "robustflow.models.samflow:samflow_b")
 MODELS.add("samflow_h", "robustflow.models.samflow:samflow_h")
 MODELS.add("flowdiffuser", "robustflow.models.flowdiffuser:flowdiffuser")
+for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
+    MODELS.add(_name, f"robustflow.models.ptlflow:{_name}")
+MODELS.add("raft_large", "robustflow.models.torchvision:raft_large")
+MODELS.add("raft_small", "robustflow.models.torchvision:raft_small")
+
+PTLFLOW = "ptlflow:"
+"""Before the name of any model of ptlflow."""
 
 
 def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
     """Load a model.
 
     Args:
-        name: a registered name (`robustflow list models`), `module.path:Attribute` (an object with `predict`, a class
-            or factory that makes one, or a function of two frames), or a folder of flow files.
+        name: a registered name (`robustflow list models`), `ptlflow:NAME` for any model of that library,
+            `module.path:Attribute` (an object with `predict`, a class or factory that makes one, or a function of two
+            frames), or a folder of flow files.
         options: passed to the model's constructor (`preset="fast"` for `dis`). Every model also takes
             `tile="HEIGHTxWIDTH"`, to predict in tiles (see `tiling.TiledModel`).
 
@@ -50,6 +59,10 @@ def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
     if "tile" in options and not (registered and "tile" in _parameters(MODELS.get(name))):
         tile = options.pop("tile")
         return tiled(load_model(name, **options), tile)
+    if name.startswith(PTLFLOW):
+        from .ptlflow import ptlflow_model
+
+        return _construct(partial(ptlflow_model, name, name.removeprefix(PTLFLOW)), name, options)
     if ":" in name and not Path(name).exists():
         return _load_attribute(name, options)
     if not registered and Path(name).expanduser().is_dir():
@@ -75,7 +88,8 @@ class ModelSpec:
         identity = model_identity(model)
         said = set(identity)
         identity["options"] = {key: str(value) for key, value in self.options if key not in said}
-        module = sys.modules.get(self.name.partition(":")[0]) if ":" in self.name else None
+        users = ":" in self.name and not self.name.startswith(PTLFLOW)
+        module = sys.modules.get(self.name.partition(":")[0]) if users else None
         if module is not None and module.__file__:
             source = Path(module.__file__).read_bytes()
             identity |= {"spec": self.name, "source": hashlib.blake2b(source, digest_size=16).hexdigest()}

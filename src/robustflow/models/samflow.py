@@ -6,10 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from ..errors import UsageError
 from .base import FlowLookup, FlowModel
 from .input_convention import InputConvention
-from .own import own_model
+from .network import check_iterations, network_model
 from .tiling import tiled
 
 SOURCE = "the authors' file of this size, linked from https://github.com/zslzx/SAMFlow"
@@ -41,15 +40,14 @@ def _samflow(
         sha256: the file's hash, or its first eight or more digits, to be checked.
         device, precision, compile, threads: see `TorchModel`.
     """
-    if not (isinstance(iterations, int) and iterations >= 1):
-        raise UsageError(f"iterations must be a whole number from 1, not {iterations!r}")
+    check_iterations(iterations)
 
     def build() -> Any:
         from .nets.samflow import SamFlow
 
         return SamFlow(size, iterations)
 
-    model = own_model(
+    model = network_model(
         name,
         build,
         InputConvention(scale=1.0, fit="pad", multiple=16),

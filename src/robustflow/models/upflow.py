@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .input_convention import InputConvention
-from .own import own_model
+from .network import network_model
 
 if TYPE_CHECKING:
     from .torch_model import TorchModel
@@ -43,7 +43,7 @@ def upflow(
 
         return UPFlow(Sampling(align_corners, mask_threshold))
 
-    return own_model(
+    return network_model(
         "upflow",
         build,
         InputConvention(mean=(104.920005, 110.1753, 114.785955), scale=0.0039216),

@@ -18,6 +18,8 @@ _PACKAGES = (
     "polars",
     "av",
     "torch",
+    "torchvision",
+    "ptlflow",
 )
 
 

@@ -1,0 +1,42 @@
+"""A network of ptlflow behind the call of the project's own: two images in, one flow out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from ...errors import ModelError
+
+
+class PtlflowNet(nn.Module):
+    """Gives a ptlflow model its dictionary of images and takes the flow out of the one it returns.
+
+    The model scales, pads and flips to RGB by itself.
+
+    Args:
+        model: of ptlflow.
+        batched: the pairs of a batch are known not to see each other; else each is predicted by itself.
+    """
+
+    def __init__(self, model: Any, batched: bool) -> None:
+        super().__init__()
+        self.model = model
+        self.batched = batched
+
+    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
+        """Images (N, 3, H, W), BGR, 0..255, to flow (N, 2, H, W) in pixels."""
+        images = torch.stack([image1, image2], dim=1).contiguous() / 255
+        if self.batched:
+            return self._flow(images)
+        return torch.cat([self._flow(pair) for pair in images.split(1)])
+
+    def _flow(self, images: Tensor) -> Tensor:
+        flows: Tensor = self.model({"images": images})["flows"]
+        if flows.ndim != 5 or flows.shape[1] != 1:
+            raise ModelError(
+                f"the network returned flows of shape {tuple(flows.shape)} for two frames, not one flow; "
+                "it is made for more frames: choose a two-frame model"
+            )
+        return flows[:, 0]
