@@ -64,3 +64,13 @@ def test_render_of_an_own_prescription(tmp_path):
 )
 def test_wrong_arguments_are_known_errors(arguments, kind):
     assert isinstance(invoke(*arguments).exception, kind)
+
+
+def test_the_main_command_mounts_it(monkeypatch, capsys):
+    from robustflow.cli.main import main
+
+    monkeypatch.setattr("sys.argv", ["robustflow", "optics", "render", "--severity", "9"])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    assert stopped.value.code == 2
+    assert "severity 9 does not exist" in capsys.readouterr().err

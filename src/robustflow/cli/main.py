@@ -15,6 +15,7 @@ from .corrupt import corrupt
 from .export import export
 from .gallery import gallery
 from .listing import list_things
+from .optics import app as optics
 from .prepare import prepare
 from .report import report
 from .run import run
@@ -40,6 +41,7 @@ app.command("export")(export)
 app.command("gallery")(gallery)
 app.command("calibrate")(calibrate)
 app.add_typer(prepare, name="prepare")
+app.add_typer(optics, name="optics")
 
 
 def _version(wanted: bool) -> None:
