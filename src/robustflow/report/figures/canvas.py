@@ -6,13 +6,14 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.text import Text
+from matplotlib.text import Annotation
+from matplotlib.transforms import Bbox
 
 from ...atomic import make_folder, write_bytes
 from ...errors import unknown_name
@@ -42,6 +43,8 @@ KIND_COLOURS = {
 """Near the paper's: purple for CNNs, green for Transformers, blue for unsupervised models."""
 
 _NAME_SIZE = 7.0
+
+_Place = tuple[float, float, Literal["left", "center", "right"]]
 
 SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY, BLACK, YELLOW)
 
@@ -82,7 +85,7 @@ def name_text(name: str) -> str:
     return f"\u200a{text}" if text.startswith("_") else text
 
 
-def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Text]:
+def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Annotation]:
     """Names beside their points, each where it overlaps the fewest names and points placed before it.
 
     Args:
@@ -93,36 +96,41 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     figure = axes.figure
     assert isinstance(figure, Figure)
     figure.draw_without_rendering()
-    renderer: Any = FigureCanvasAgg(figure).get_renderer()
-    placed: list[Any] = []
-    texts = []
+    per_point = figure.dpi / 72
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
-    for (x, y, label), radius in zip(points, radii or [3.0] * len(points), strict=True):
-        options = []
-        for reach in (radius + 3, radius + 11, radius + 20):
-            slant = 0.8 * reach
-            options += [(reach, 0.0, "left"), (-reach, 0.0, "right"), (0.0, reach + 2, "center")]
-            options += [(0.0, -reach - 2, "center"), (slant, slant, "left"), (-slant, slant, "right")]
-            options += [(slant, -slant, "left"), (-slant, -slant, "right")]
-        best: tuple[float, Any, Any] | None = None
-        for rank, (dx, dy, ha) in enumerate(options):
-            text = axes.annotate(
-                name_text(label), (x, y), (dx, dy), textcoords="offset points", ha=ha, va="center", fontsize=_NAME_SIZE
-            )
-            box = text.get_window_extent(renderer)
-            cost = sum(10.0 for other in placed if box.overlaps(other))
-            cost += sum(3.0 for dot in dots if box.contains(*dot))
-            cost += 20.0 * (not axes.bbox.fully_containsx(box.x0) or not axes.bbox.fully_containsx(box.x1)) + 0.1 * rank
+    placed: list[Bbox] = []
+    texts = []
+    for (x, y, label), dot, radius in zip(points, dots, radii or [3.0] * len(points), strict=True):
+        text = axes.annotate(
+            name_text(label), (x, y), (0, 0), textcoords="offset points", va="center", fontsize=_NAME_SIZE
+        )
+        size = text.get_window_extent()
+        best: tuple[float, _Place, Bbox] | None = None
+        for rank, (dx, dy, side) in enumerate(_places(radius)):
+            left = dot[0] + dx * per_point - {"left": 0.0, "center": 0.5, "right": 1.0}[side] * size.width
+            box = Bbox.from_bounds(left, dot[1] + dy * per_point - size.height / 2, size.width, size.height)
+            cost = 10.0 * sum(box.overlaps(other) for other in placed) + 0.1 * rank
+            cost += 3.0 * sum(box.contains(*other) for other in dots)
+            cost += 20.0 * (box.x0 < axes.bbox.x0 or box.x1 > axes.bbox.x1)
             if best is None or cost < best[0]:
-                if best is not None:
-                    best[1].remove()
-                best = (cost, text, box)
-            else:
-                text.remove()
+                best = (cost, (dx, dy, side), box)
         assert best is not None
-        texts.append(best[1])
+        text.set_position(best[1][:2])
+        text.set_horizontalalignment(best[1][2])
+        texts.append(text)
         placed.append(best[2])
     return texts
+
+
+def _places(radius: float) -> list[_Place]:
+    """Where a name may stand around a marker, the best first: (right, up) in points, and the side it hangs by."""
+    places: list[_Place] = []
+    for reach in (radius + 3, radius + 11, radius + 20):
+        slant = 0.8 * reach
+        places += [(reach, 0.0, "left"), (-reach, 0.0, "right"), (0.0, reach + 2, "center")]
+        places += [(0.0, -reach - 2, "center"), (slant, slant, "left"), (-slant, slant, "right")]
+        places += [(slant, -slant, "left"), (-slant, -slant, "right")]
+    return places
 
 
 def figure_bytes(figure: Figure, format: str) -> bytes:
@@ -133,6 +141,10 @@ def figure_bytes(figure: Figure, format: str) -> bytes:
     """
     if format not in FILE_FORMATS:
         raise unknown_name("figure format", format, FILE_FORMATS)
+    if figure.get_layout_engine() is not None:
+        # The layout is settled once: every draw would move it by a little, and the bytes with it.
+        figure.draw_without_rendering()
+        figure.set_layout_engine("none")
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()
     with rc_context({"svg.hashsalt": "robustflow", "pdf.fonttype": 42}):

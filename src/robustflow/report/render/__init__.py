@@ -29,7 +29,7 @@ def render(table: Table, format: str) -> str:
     >>> line = Line("A|B", (Cell("1.00", best=True),))
     >>> table = Table("x", "Errors", (Column("Clean"),), (Section("OOD", (line,)),))
     >>> print(render(table, "markdown").splitlines()[5])
-    | A\\\\|B | **1.00** |
+    | A\\|B | **1.00** |
     """
     if format not in FORMATS:
         raise unknown_name("format", format, FORMATS)

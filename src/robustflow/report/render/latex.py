@@ -31,6 +31,9 @@ _SPECIAL = {
     "'": r"\textquotesingle{}",
     "`": r"\textasciigrave{}",
     "…": r"\dots{}",
+    # After the end of a row these two would be read as its arguments.
+    "[": "{[}",
+    "*": "{*}",
 }
 _LETTERS = "äöüÄÖÜßéèêëáàâãåæçíìîïñóòôõøúùûýÁÀÂÃÅÆÇÉÈÊËÍÌÎÏÑÓÒÔÕØÚÙÛÝ"
 

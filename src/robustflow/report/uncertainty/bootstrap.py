@@ -8,8 +8,10 @@ t* = (theta* - theta) / se* stands for the unknown distribution of (theta - trut
 with q the quantiles of t* (Efron and Tibshirani 1993, ch. 12). The p-value inverts the same interval: it is below a
 exactly where the interval of level 1 - a leaves 0 out, up to the grain of the resamples.
 
-With fewer than `FEW` clusters the two tails are estimated together (quantiles of |t*|), because one alone rests on too
-few distinct resamples; with so few that the resamples without any spread outweigh the tail there is no interval.
+Errors are skewed, so the two tails of a mean are estimated apart. They are estimated together (quantiles of |t*|, a
+symmetric interval) for a difference between models, which is nearly symmetric and whose test would reject too often
+otherwise; and for fewer than `FEW` clusters, where one tail alone rests on too few distinct resamples. With so few that
+the resamples without any spread outweigh the tail there is no interval. `docs/design/uncertainty.md` has the figures.
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from ...corruptions.rng import Rng
 from ...errors import UsageError
 from .estimates import Array, Estimates
 
-FEW = 8
+FEW = 12
 RESAMPLES = 4999
 LEVEL = 0.95
 _BLOCK = 2**22
@@ -58,6 +60,7 @@ def bootstrap(
     level: float = LEVEL,
     resamples: int = RESAMPLES,
     seed: int = 0,
+    symmetric: bool = False,
 ) -> dict[Key, Interval]:
     """Intervals and p-values of several statistics of the same data, from the same resamples.
 
@@ -67,6 +70,7 @@ def bootstrap(
         level: of the intervals, between 0 and 1.
         resamples: how many; the p-value cannot be below 1 / (resamples + 1).
         seed: the same seed, the same resamples.
+        symmetric: estimate both tails together, as for differences.
 
     Raises:
         UsageError: a level or number of resamples that cannot be meant.
@@ -90,7 +94,8 @@ def bootstrap(
     for weights in _resamples(clusters, resamples, seed):
         for key, statistic in statistics.items():
             pivots[key].append(_pivots(statistic(weights), found[key].theta[0]))
-    return {key: _interval(found[key], np.concatenate(pivots[key]), clusters, level) for key in statistics}
+    together = symmetric or clusters < FEW
+    return {key: _interval(found[key], np.concatenate(pivots[key]), together, level) for key in statistics}
 
 
 def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
@@ -121,13 +126,13 @@ def _pivots(estimates: Estimates, center: float) -> Array:
     return np.asarray(np.where(np.abs(shift) <= tiny, 0.0, pivots)[np.isfinite(shift)])
 
 
-def _interval(found: Estimates, pivots: Array, clusters: int, level: float) -> Interval:
+def _interval(found: Estimates, pivots: Array, symmetric: bool, level: float) -> Interval:
     estimate, error = float(found.theta[0]), float(found.standard_error[0])
     if not np.isfinite(estimate) or not np.isfinite(error):
         return _without_interval(found)
     count = len(pivots)
     observed = estimate / error if error > 0 else float(np.sign(estimate)) * np.inf
-    if clusters < FEW:
+    if symmetric:
         reach = np.quantile(np.abs(pivots), level, method="inverted_cdf")
         below, above = -reach, reach
         p = float(1 + np.count_nonzero(np.abs(pivots) >= abs(observed))) / (count + 1)

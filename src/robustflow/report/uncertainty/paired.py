@@ -145,7 +145,7 @@ def _differences(
         return first.estimate(*key, weights) - second.estimate(*key, weights)
 
     statistics: dict[Any, Callable[[Array], Estimates]] = {key: partial(difference, key) for key in keys}
-    found = bootstrap(statistics, len(first.clusters), level=level, resamples=resamples, seed=seed)
+    found = bootstrap(statistics, len(first.clusters), level=level, resamples=resamples, seed=seed, symmetric=True)
     whole = np.ones((1, len(first.clusters)))
     return {
         key: (

@@ -1,0 +1,113 @@
+"""`report`, `audit` and `compare` on the command line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+
+from robustflow.cli.main import main
+from robustflow.runner.evaluate import evaluate
+
+
+@pytest.fixture
+def robustflow(monkeypatch, capsys, tmp_path):
+    """Run the command line in `tmp_path`; returns (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["robustflow", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    options = {"corruptions": ["contrast"], "severities": [1, 5]}
+    return [evaluate(model, "demo", output=folder / model, **options).path for model in ("dis", "farneback")]
+
+
+def test_report_beside_the_published(robustflow, runs):
+    code, out, _ = robustflow("report", *runs, "--published", "--table", "epe,means", "--format", "csv")
+    assert code == 0
+    first, _, second = out.partition("\nsection,")
+    lines = list(csv.DictReader(io.StringIO(first)))
+    assert [line["model"] for line in lines if line["note"]] == ["dis", "farneback"]
+    assert len(lines) == 31
+    assert second.count("\n") == 3
+
+
+def test_report_to_files(robustflow, runs):
+    code, out, _ = robustflow("report", runs[0], "-t", "epe", "-f", "latex", "-o", "epe.tex", "--figures", "figures")
+    assert code == 0
+    assert out.split()[0] == "epe.tex"
+    assert r"\toprule" in Path("epe.tex").read_text()
+    assert {path.suffix for path in Path("figures").iterdir()} == {".png", ".svg", ".pdf"}
+
+
+def test_audit_of_the_published_tables(robustflow):
+    code, out, _ = robustflow("audit")
+    assert code == 3
+    assert "the CRE rows of BrightFlow and UPFlow (ID) are swapped" in out
+    code, text, _ = robustflow("audit", "--json")
+    assert code == 3
+    found = json.loads(text)
+    assert out.count("\n  ") == len(found["findings"])
+    assert {"given", "recomputed", "tolerance", "source", "says"} <= found["findings"][0].keys()
+
+
+def test_audit_of_own_results(robustflow, runs, tmp_path):
+    assert robustflow("audit", runs[0])[0] == 0
+    path = tmp_path / "mine.csv"
+    head = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2.00\nOOD,A,epe,fog,3.00\n"
+    path.write_text(head + "OOD,A,cre,fog,1.01\n")
+    assert robustflow("audit", path)[0] == 0
+    path.write_text((head + "OOD,A,cre,fog,1.02\n").replace(",A,", ",A\x1b[31m,"))
+    code, out, _ = robustflow("audit", path)
+    assert code == 3
+    assert "CRE 1.02, but EPE 3.00 - clean EPE 2.00 = 1.00" in out
+    assert "\x1b" not in out
+
+
+def test_compare(robustflow, runs):
+    code, out, _ = robustflow("compare", *runs, "--metric", "cre")
+    assert code == 0
+    assert "average CRE of dis and farneback" in out
+    code, text, _ = robustflow("compare", *runs, runs[0], "--json")
+    assert code == 0
+    assert len(json.loads(text)) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        ("report", 2, "--published"),
+        ("report nowhere", 1, "manifest.json"),
+        ("report --published --format pdf", 2, "terminal, markdown"),
+        ("report --published --table epes", 2, "did you mean 'epe'"),
+        ("report --published --table means", 2, "name at least one"),
+        ("report --published -t cost -o nowhere/cost.tex", 1, "cannot write"),
+        ("audit nowhere.csv", 1, "nowhere.csv"),
+        ("audit .", 1, "manifest.json"),
+        ("compare nowhere elsewhere", 1, "manifest.json"),
+        ("compare nowhere", 2, "two or more"),
+        ("compare a b --metric speed", 2, "unknown metric"),
+    ],
+)
+def test_bad_input_is_one_line(robustflow, arguments, code, says):
+    got, _, err = robustflow(*arguments.split())
+    assert got == code
+    assert err.count("\n") == 1
+    assert says in err

@@ -1,0 +1,102 @@
+"""Rows of imaginary runs whose true means are known, and how often intervals and tests are right about them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
+
+PIXELS = 1000
+SETTINGS = (("fog", 1), ("fog", 3), ("snow", 2))
+
+
+def rows_of(
+    clean: np.ndarray, corrupted: np.ndarray, rcre: np.ndarray, groups: list[str] | None = None, digest: str = "d"
+) -> pl.DataFrame:
+    """Rows from errors per image: clean (n,), corrupted and rcre (n, 3), pixels."""
+    records = []
+    for index, first in enumerate(clean):
+        base = {
+            "sample": f"{index:05d}",
+            "group": groups[index] if groups else f"{index:05d}",
+            "height": 1,
+            "width": PIXELS,
+            "n_invalid": 0,
+            "n_all": PIXELS,
+            "n_valid": PIXELS,
+            "pred_magnitude_sum": 1.0,
+            "magnitude_sum": 1.0,
+            "fl_count": 0,
+            "px1_count": 0,
+            "px3_count": 0,
+            "px5_count": 0,
+            "wauc_sum": 0.0,
+        }
+        cells = [(CLEAN, 0, first, 0.0)]
+        cells += [(*s, e, r) for s, e, r in zip(SETTINGS, corrupted[index], rcre[index], strict=True)]
+        for corruption, severity, epe, moved in cells:
+            records.append(
+                base
+                | {
+                    "corruption": corruption,
+                    "severity": severity,
+                    "frames_digest": f"{digest}{index}{corruption}{severity}",
+                    "epe_sum": PIXELS * float(epe),
+                    "rcre_sum": PIXELS * float(moved),
+                    "rcre_all_sum": PIXELS * float(moved),
+                }
+            )
+    return pl.DataFrame([dict.fromkeys(ROW_SCHEMA) | record for record in records], schema=ROW_SCHEMA)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A population of images with errors like those of flow: positive, skewed, hard images hard everywhere.
+
+    `spread` is the sigma of the logarithm of an image's difficulty; with `clusters`, `within` is the share of the
+    variance of the logarithm that is the image's own, the rest is its sequence's.
+    """
+
+    spread: float = 0.5
+    within: float = 1.0
+
+    def difficulty(self, rng: np.random.Generator, sizes: np.ndarray) -> np.ndarray:
+        """exp of a normal number of mean -s^2/2, so that the mean is 1: one per image, clusters after one another."""
+        shared = np.repeat(rng.normal(0, self.spread * math.sqrt(1 - self.within), len(sizes)), sizes)
+        own = rng.normal(0, self.spread * math.sqrt(self.within), int(sizes.sum()))
+        return np.exp(shared + own - self.spread**2 / 2)
+
+    def draw(self, rng: np.random.Generator, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Errors on the clean frames (n,), mean 2, and at the settings (n, 3), means 3, 5 and 10."""
+        hard = self.difficulty(rng, sizes)
+        clean = 2 * hard * rng.gamma(8, 1 / 8, len(hard))
+        corrupted = np.array([3, 5, 10]) * hard[:, None] * rng.gamma(8, 1 / 8, (len(hard), 3))
+        return clean, corrupted
+
+    @property
+    def means(self) -> dict[tuple[str, str], float]:
+        """The true means: fog (3 + 5) / 2 = 4, snow 10, average 7."""
+        return {
+            ("epe", "clean"): 2.0,
+            ("epe", "average"): 7.0,
+            ("epe", "fog"): 4.0,
+            ("cre", "average"): 5.0,
+            ("cre", "snow"): 8.0,
+            ("crer", "average"): 2.5,
+            ("rcre", "average"): 7.0,
+        }
+
+
+def coverage(once: Callable[[np.random.Generator], dict[object, bool]], repeats: int, seed: int) -> dict[object, float]:
+    """Percent of the repeats in which each statement was true."""
+    rng = np.random.default_rng(seed)
+    hits: dict[object, list[bool]] = {}
+    for _ in range(repeats):
+        for key, hit in once(rng).items():
+            hits.setdefault(key, []).append(hit)
+    return {key: 100.0 * float(np.mean(found)) for key, found in hits.items()}

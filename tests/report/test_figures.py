@@ -1,0 +1,140 @@
+"""Figures draw the numbers they are given, and every name as text."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+
+import cv2
+import numpy as np
+import polars as pl
+import pytest
+from matplotlib.figure import Figure
+
+from robustflow.errors import UsageError
+from robustflow.report.figures import (
+    FILE_FORMATS,
+    all_figures,
+    clean_against_cre,
+    crer_by_family,
+    effective_trend,
+    figure_bytes,
+    relations,
+    severity_curves,
+    write_figures,
+)
+from robustflow.report.figures.crer_by_family import family_crer
+from robustflow.report.published import published_results
+from robustflow.report.results import parse_results
+
+from .simulated import Truth, rows_of
+from .test_render import HOSTILE
+
+_KITTI = published_results().filter(benchmark="kitti-fc")
+
+
+def _rows(seed: int = 0, count: int = 12) -> pl.DataFrame:
+    clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(count, int))
+    return rows_of(clean, corrupted, corrupted)
+
+
+def _texts(figure: Figure) -> str:
+    return "\n".join(text.get_text() for text in figure.findobj(lambda artist: hasattr(artist, "get_text")))
+
+
+def test_bubbles_stand_where_the_numbers_say():
+    """RAFT in-domain: clean 1.81, CRE 6.70, CREr 3.70; the area of a bubble is in proportion to CREr."""
+    figure = clean_against_cre(_KITTI)
+    assert len(figure.axes) == 2
+    bubbles = [c for c in figure.axes[1].collections if c.get_sizes()[0] > 10]
+    places = {tuple(np.round(b.get_offsets()[0], 2)): b.get_sizes()[0] for b in bubbles}
+    assert len(places) == 14
+    assert places[1.81, 6.70] / places[3.02, 2.74] == pytest.approx((6.70 / 1.81) / (2.74 / 3.02))
+    assert "RAFT 3.70" in _texts(figure)
+    assert "FlowDiffuser" not in _texts(figure)
+    assert "Farneback" not in _texts(figure)
+
+
+def test_labels_do_not_hide_each_other():
+    figure = clean_against_cre(_KITTI)
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [text.get_window_extent() for text in axes.texts]
+        for index, box in enumerate(boxes):
+            assert not any(box.overlaps(other) for other in boxes[index + 1 :])
+
+
+def test_families_by_hand():
+    """CSFlow, noise, out-of-domain: (10.82 + 9.75 + 10.95) / 3 over 4.11, less 1."""
+    assert family_crer(_KITTI)["OOD", "CSFlow"]["noise"] == pytest.approx((10.82 + 9.75 + 10.95) / 3 / 4.11 - 1)
+    figure = crer_by_family(_KITTI)
+    assert [axes.get_title() for axes in figure.axes] == ["SAMFlow-H", "CSFlow", "ARFlow"]
+    heights = [bar.get_height() for bar in figure.axes[2].patches]
+    assert heights == pytest.approx(list(family_crer(_KITTI)["ID", "ARFlow"].values()))
+
+
+def test_relations_tell_their_correlation():
+    figure = relations(_KITTI)
+    offsets = figure.axes[3].collections[0].get_offsets()
+    assert len(offsets) == 11
+    assert f"OOD: r = {np.corrcoef(offsets.T)[0, 1]:.2f}" in figure.axes[3].get_title(loc="left")
+
+
+def test_severity_curves_have_a_line_per_run_and_a_band():
+    figure = severity_curves({"a": _rows(1), "b": _rows(2)})
+    fog = figure.axes[0]
+    assert fog.get_title() == "Fog"
+    assert [list(line.get_xdata()) for line in fog.lines] == [[1, 3], [1, 3]]
+    expected = _rows(1).filter(corruption="fog", severity=3)["rcre_sum"].mean() / 1000
+    assert fog.lines[0].get_ydata()[1] == pytest.approx(expected)
+    assert len(fog.collections) == 2
+    with pytest.raises(UsageError, match="cannot be told apart"):
+        severity_curves({str(i): _rows() for i in range(9)})
+
+
+_CELLS = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2\nOOD,A,epe,average,5\nOOD,A,epe,fog,4\n"
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_hostile_names_are_drawn_as_text():
+    made = parse_results(_CELLS, "made.csv", "made")
+    results = pl.concat([made.with_columns(model=pl.lit(name)) for name in HOSTILE])
+    rows = _rows(count=3)
+    figures = [
+        clean_against_cre(results),
+        *(crer_by_family(results, tuple(part)) for part in (HOSTILE[:8], HOSTILE[8:])),
+    ]
+    figures += [severity_curves(dict.fromkeys(part, rows)) for part in (HOSTILE[:8], HOSTILE[8:])]
+    for figure in figures:
+        ElementTree.fromstring(figure_bytes(figure, "svg"))
+    shown = _texts(figures[0])
+    assert "<img src=x onerror=alert(1)> 1.50" in shown
+    assert "\x1b" not in shown
+
+
+def test_files_open_and_are_the_same_every_time(tmp_path):
+    paths = write_figures({"a": crer_by_family(_KITTI)}, tmp_path / "figures")
+    assert [path.suffix[1:] for path in paths] == list(FILE_FORMATS)
+    assert cv2.imread(str(paths[0])).shape[1] > 1000
+    assert ElementTree.parse(paths[1]).getroot().tag.endswith("svg")
+    assert paths[2].read_bytes().startswith(b"%PDF-")
+    for path in paths:
+        assert path.read_bytes() == figure_bytes(crer_by_family(_KITTI), path.suffix[1:])
+
+
+def test_what_can_be_drawn_is_drawn():
+    figures = all_figures(published_results(), {"a": _rows()})
+    assert set(figures) == {
+        "clean_against_cre",
+        "crer_by_family",
+        "relations",
+        "effective_trend",
+        "severity_rcre",
+        "severity_epe",
+    }
+    assert not all_figures(published_results().clear(), {})
+
+
+@pytest.mark.parametrize("draw", [clean_against_cre, crer_by_family, relations, effective_trend])
+def test_nothing_to_draw_says_so(draw):
+    with pytest.raises(UsageError):
+        draw(published_results().clear())

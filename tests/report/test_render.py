@@ -1,0 +1,166 @@
+"""Every format carries the same numbers, and shows a hostile name as text."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+
+import pytest
+
+from robustflow.errors import UsageError
+from robustflow.report.published import published_costs, published_results
+from robustflow.report.render import FORMATS, render
+from robustflow.report.render.terminal import render as render_terminal
+from robustflow.report.table import Cell, Column, Line, Section, Table
+from robustflow.report.tables import TABLES, build_table
+
+HOSTILE = [
+    "<img src=x onerror=alert(1)>",
+    '"><script>alert(1)</script>',
+    "[red]bold[/red] [link=file:///etc/passwd]x[/link]",
+    "\x1b[31mred\x1b]8;;http://x\x07link\x1b]8;;\x07",
+    "a|b\nc\r\nd",
+    "[text](javascript:alert(1)) ![i](x)",
+    r"\input{/etc/passwd} $x_1$ & % # ~ ^ { } \end{tabular}",
+    "=HYPERLINK(0)",
+    "@SUM(1+1)*cmd|' /C calc'!A0",
+    "a\u202egnp.exe",
+    "漢字 emoji 🙂 Ωß",
+    "",
+    "x" * 500,
+    "`code` **b** ~~s~~ $$m$$",
+    "--''``\"",
+]
+
+
+def _table(name: str, note: str = "") -> Table:
+    line = Line(name, (Cell("1.00", True), Cell("-0.50")), note)
+    return Table("x", f"Errors of {name}", (Column("Clean"), Column("Fog", name)), (Section(name, (line,)),), (name,))
+
+
+@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("format", FORMATS)
+def test_every_number_of_every_table_is_there(name, format):
+    table = build_table(name, published_results(), published_costs())
+    text = render(table, format)
+    found = re.findall(r"-?\d+\.\d+", text)
+    for section in table.sections:
+        for line in section.lines:
+            assert line.label in text.replace("\\", "")
+            for cell in line.cells:
+                number = re.match(r"-?\d+\.\d+", cell.text)
+                assert number is None or number[0] in found
+    assert text.endswith("\n")
+
+
+def test_csv_reads_back():
+    table = build_table("epe", published_results())
+    lines = list(csv.DictReader(io.StringIO(render(table, "csv"))))
+    assert len(lines) == 29
+    raft = next(line for line in lines if line["model"] == "RAFT" and line["section"].startswith("In"))
+    assert raft["Weather Snow"] == "35.76"
+    samflow = next(line for line in lines if line["model"] == "SAMFlow-H" and line["section"].startswith("Out"))
+    assert "Clean" in samflow["best"].split("; ")
+
+
+@pytest.mark.parametrize("format", FORMATS)
+@pytest.mark.parametrize("name", HOSTILE)
+def test_no_format_lets_a_control_character_through(name, format):
+    text = render(_table(name, note=name), format)
+    assert not re.search("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]", text)
+
+
+class _Tags(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: set[str] = set()
+        self.attributes: set[str] = set()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.attributes |= {name for name, _ in attrs}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_html_of_a_hostile_name_is_text(name):
+    page = _Tags()
+    page.feed(render(_table(name, note=name), "html"))
+    known = {"figure", "figcaption", "table", "thead", "tbody", "tr", "th", "td", "b", "p", "sup"}
+    assert page.tags <= known
+    assert page.attributes <= {"class", "scope", "colspan"}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_csv_of_a_hostile_name_is_no_formula(name):
+    rows = list(csv.reader(io.StringIO(render(_table(name, note=name), "csv"))))
+    assert len(rows) == 2
+    assert len(rows[0]) == len(rows[1]) == 6
+    for cell in rows[0] + rows[1]:
+        assert cell[:1] not in ("=", "+", "@")
+        assert cell[:1] != "-" or re.fullmatch(r"-?\d+\.\d+", cell)
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_markdown_of_a_hostile_name_stays_in_its_cell(name):
+    rows = [line for line in render(_table(name, note=name), "markdown").splitlines() if line.startswith("|")]
+    assert len(rows) == 4
+    for row in rows:
+        assert len(re.findall(r"(?<!\\)\|", row)) == 4
+        plain = row.replace("<sup>1</sup>", "")
+        assert "<" not in plain
+        assert not re.search(r"(?<!\\)(`|\[|\]|\$)", plain)
+
+
+@pytest.mark.parametrize("colour", [True, False])
+@pytest.mark.parametrize("name", HOSTILE)
+def test_terminal_shows_markup_as_text(name, colour):
+    text = render_terminal(_table(name, note=name), colour=colour)
+    sequences = set(re.findall("\x1b[^m]*m", text))
+    assert all(re.fullmatch("\x1b\\[[0-9;]*m", sequence) for sequence in sequences)
+    assert "\x1b]" not in text
+    if name.startswith("[red]"):
+        assert "[red]" in text
+
+
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_the_terminal_is_never_wider_than_it_is(width):
+    text = render_terminal(build_table("epe", published_results()), width)
+    assert max(map(len, text.splitlines())) <= width
+    assert "51.76" in text
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_latex_of_a_hostile_name_has_no_live_command(name):
+    text = render(_table(name, note=name), "latex")
+    bare = re.sub(r"\\[{}$&#%_]|\\text[a-z]+\{\}|\\dots\{\}|-\{\}", "", text)
+    row = next(line for line in bare.splitlines() if line.endswith(r"\\") and "1.00" in line)
+    for line in (row, bare.splitlines()[-2]):
+        # What is left of braces is balanced and belongs to our own commands.
+        ours = ("textbf", "textsuperscript", "caption", "boldmath")
+        assert set(re.findall(r"\\([a-zA-Z]+)", line)) <= set(ours)
+        assert line.count("{") == line.count("}")
+    assert text.count(r"\end{tabular}") == 1
+
+
+@pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
+def test_latex_compiles(tmp_path):
+    parts = [render(build_table(name, published_results(), published_costs()), "latex") for name in TABLES]
+    parts += [render(_table(name, note=name), "latex") for name in HOSTILE]
+    head = r"\documentclass{article}\usepackage[T1]{fontenc}\usepackage{textcomp,booktabs,graphicx}\begin{document}"
+    (tmp_path / "t.tex").write_text("\n".join([head, *(f"{part}\\clearpage" for part in parts), r"\end{document}"]))
+    done = subprocess.run(
+        ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "t.tex"],
+        cwd=tmp_path,
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-2000:]
+
+
+def test_unknown_format():
+    with pytest.raises(UsageError, match="did you mean 'latex'"):
+        render(_table("a"), "latexx")
