@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
+import robustflow as rf
 from robustflow.corruptions import corrupt, load_corruption
 from robustflow.corruptions.blur.psf import PSF_DIR, PsfBlur
-from robustflow.errors import AssetError, DataError, UsageError
+from robustflow.errors import AssetError, DataError, RunError, UsageError
 from robustflow.imageio import read_image
 from robustflow.optics import reference_stack
 from robustflow.optics.psf_field import PsfField
@@ -103,7 +104,7 @@ def test_reference_stacks_are_turned_into_convolution_kernels(stacks):
     expected = PsfField(raw[:, :, ::-1, ::-1])
     assert blur.field(0.1102).digest == expected.digest
     assert blur.source.startswith("reference ")
-    assert PsfBlur().source == "robustflow"
+    assert PsfBlur().source == ""
 
 
 @pytest.mark.torch
@@ -129,6 +130,15 @@ def test_a_damaged_cache_entry_is_made_again(stacks, tmp_path):
 def test_the_environment_names_the_folder(stacks, monkeypatch):
     monkeypatch.setenv(PSF_DIR, str(stacks))
     assert load_corruption("psf_blur").source.startswith("reference ")
+
+
+@pytest.mark.torch
+def test_other_stacks_are_another_run(stacks, tmp_path, monkeypatch):
+    options = {"output": tmp_path / "run", "corruptions": ["contrast"], "severities": [1]}
+    rf.evaluate("dis", **options)
+    monkeypatch.setenv(PSF_DIR, str(stacks))
+    with pytest.raises(RunError, match="differs in: psf"):
+        rf.evaluate("dis", **options)
 
 
 def test_a_missing_folder_or_file_is_one_line_that_says_what_to_give(tmp_path):

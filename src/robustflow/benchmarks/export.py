@@ -53,7 +53,9 @@ def export(
     """
     scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
     corruptions = [load_corruption(name, variant, severity_scale) for name in benchmark.corruptions]
-    _claim(output, {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION, **scale})
+    psf = {"psf": source} if (source := load_corruption("psf_blur", variant).source) else {}
+    settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
+    _claim(output, settings | scale | psf)
     for key in benchmark.keys:
         if "/" in key or key.startswith("."):
             raise DataError(f"sample '{key}' cannot be written in the KITTI layout, whose files have no folders")

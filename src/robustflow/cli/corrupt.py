@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Seed, SeverityScale, Variant, names, numbers
+from .options import PsfDir, Seed, SeverityScale, Variant, names, numbers, use_psf_dir
 
 
 def corrupt(
@@ -21,6 +21,7 @@ def corrupt(
     seed: Seed = 0,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
+    psf_dir: PsfDir = None,
 ) -> None:
     """Write two frames corrupted, as <corruption>_<severity>/<frame's name>.png.
 
@@ -36,6 +37,7 @@ def corrupt(
     from ..errors import UsageError
     from ..imageio import read_image, write_image
 
+    use_psf_dir(psf_dir)
     chosen = [load_corruption(name, variant, severity_scale) for name in names(corruption) or []]
     levels = [check_severity(level) for level in numbers(severity) or []]
     if not chosen or not levels:

@@ -7,7 +7,20 @@ from typing import Annotated
 
 import typer
 
-from .options import Corruptions, Data, Limit, Seed, Severities, SeverityScale, Split, Variant, names, numbers
+from .options import (
+    Corruptions,
+    Data,
+    Limit,
+    PsfDir,
+    Seed,
+    Severities,
+    SeverityScale,
+    Split,
+    Variant,
+    names,
+    numbers,
+    use_psf_dir,
+)
 
 
 def export(
@@ -21,6 +34,7 @@ def export(
     seed: Seed = 0,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
+    psf_dir: PsfDir = None,
 ) -> None:
     """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}.
 
@@ -37,6 +51,7 @@ def export(
     from ..benchmarks.export import export as write
     from ..corruptions.stack import levels_of
 
+    use_psf_dir(psf_dir)
     chosen = load_benchmark(benchmark, data, split).narrowed(names(corruptions), numbers(severities), limit)
     levels = [len(levels_of(name, chosen.severities, severity_scale)) for name in chosen.corruptions]
     total = len(chosen.keys) * (1 + sum(levels))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Corruptions, Seed, SeverityScale, names
+from .options import Corruptions, PsfDir, Seed, SeverityScale, names, use_psf_dir
 
 
 def gallery(
@@ -17,6 +17,7 @@ def gallery(
     severity: Annotated[int, typer.Option("--severity", "-s", help="1 (mild) to 5 (severe).")] = 3,
     corruptions: Corruptions = None,
     severity_scale: SeverityScale = "paper",
+    psf_dir: PsfDir = None,
     seed: Seed = 0,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("gallery"),
 ) -> None:
@@ -37,6 +38,7 @@ def gallery(
     from ..report.gallery_figure import draw_figure
     from ..report.gallery_page import render_page
 
+    use_psf_dir(psf_dir)
     check_severity(severity)
     if frames is None:
         key, what = "motorcycle", "the motorcycle pair"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -37,6 +38,13 @@ Severities = Annotated[str | None, typer.Option("--severities", "-s", help="Comm
 Limit = Annotated[int | None, typer.Option(help="Use only the first N pairs.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw; the same seed gives the same bytes anywhere.")]
 Variant = Annotated[str, typer.Option(help="Of the corruptions: default, reference or paper.")]
+PsfDir = Annotated[
+    Path | None,
+    typer.Option(
+        "--psf-dir",
+        help="Folder with the reference code's PSF stacks (.pth) for psf_blur, instead of the project's own lenses.",
+    ),
+]
 SeverityScale = Annotated[
     str,
     typer.Option(
@@ -44,6 +52,20 @@ SeverityScale = Annotated[
         help="paper, or calibrated: the same mean SSIM for every corruption (see robustflow calibrate).",
     ),
 ]
+
+
+def use_psf_dir(folder: Path | None) -> None:
+    """Let psf_blur take its PSFs from `folder`, here and in worker processes, which inherit the environment.
+
+    Raises:
+        UsageError: no such folder.
+    """
+    from ..corruptions.blur.psf import PSF_DIR
+
+    if folder is not None:
+        if not folder.is_dir():
+            raise UsageError(f"--psf-dir {folder}: no such folder; name the one that holds the five .pth stacks")
+        os.environ[PSF_DIR] = str(folder.absolute())
 
 
 def names(text: str | None) -> list[str] | None:

@@ -15,6 +15,7 @@ from .options import (
     Limit,
     ModelName,
     ModelOptions,
+    PsfDir,
     Seed,
     Severities,
     SeverityScale,
@@ -23,6 +24,7 @@ from .options import (
     keyword_options,
     names,
     numbers,
+    use_psf_dir,
 )
 
 
@@ -42,6 +44,7 @@ def run(
     seed: Seed = 0,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
+    psf_dir: PsfDir = None,
     workers: Annotated[int, typer.Option("--workers", "-w", help="Processes.")] = 1,
     engine: Annotated[str | None, typer.Option(help="serial or processes; chosen from --workers by default.")] = None,
     timeout: Annotated[float | None, typer.Option(help="Seconds a single prediction may take.")] = None,
@@ -65,6 +68,7 @@ def run(
     from .progress import TerminalProgress
     from .tables import print_result
 
+    use_psf_dir(psf_dir)
     signal.signal(signal.SIGTERM, _interrupt)
     progress = TerminalProgress()
     try:

@@ -65,6 +65,11 @@ class Corruption(ABC):
             )
         return value
 
+    @property
+    def source(self) -> str:
+        """What names files of the user's that decide the result, for a run's identity; empty where there are none."""
+        return ""
+
     @abstractmethod
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
         """Every random choice for frames of `shape` (H, W); the state that `apply` takes."""

@@ -110,7 +110,8 @@ def evaluate(
             "or give the uncorrupted data"
         )
     spec, identity = _identify(model)
-    plan = Plan(chosen, Settings(seed, variant, allow_invalid, severity_scale), identity)
+    psf_source = load_corruption("psf_blur", variant).source
+    plan = Plan(chosen, Settings(seed, variant, allow_invalid, severity_scale, psf_source), identity)
     if plan.left_out() and len(plan.units()) == len(chosen.keys):
         raise UsageError(
             f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"

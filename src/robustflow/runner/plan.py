@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..benchmarks.base import Benchmark
@@ -41,15 +41,21 @@ class Settings:
     variant: str = "default"
     allow_invalid: bool = False
     severity_scale: str = "paper"
+    psf_source: str = ""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A benchmark, the settings, and the identity of the model it is for."""
+    """A benchmark, the settings, and the identity of the model it is for.
+
+    `provenance` is what the manifest says about the model's training. It changes no number, so it is no part of the
+    identity: a run goes on when its model's training sets are declared later.
+    """
 
     benchmark: Benchmark
     settings: Settings
     model_identity: dict[str, Any]
+    provenance: dict[str, Any] = field(default_factory=dict)
 
     def units(self) -> list[Unit]:
         """Everything that a complete run consists of; each sample's clean unit first."""
@@ -84,18 +90,23 @@ class Plan:
         chosen. Two runs with the same identity may share a folder; their rows agree."""
         calibrated = self.settings.severity_scale == "calibrated"
         scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
-        return scale | {
-            "version": IDENTITY_VERSION,
-            "benchmark": self.benchmark.name,
-            "dataset": self.benchmark.dataset.name,
-            "protocol": self.benchmark.protocol,
-            "model": self.model_identity,
-            "seed": self.settings.seed,
-            "variant": self.settings.variant,
-            "allow_invalid": self.settings.allow_invalid,
-            "streams": STREAM_VERSION,
-            "rows": ROW_SCHEMA_VERSION,
-        }
+        psf = {"psf": self.settings.psf_source} if self.settings.psf_source else {}
+        return (
+            scale
+            | psf
+            | {
+                "version": IDENTITY_VERSION,
+                "benchmark": self.benchmark.name,
+                "dataset": self.benchmark.dataset.name,
+                "protocol": self.benchmark.protocol,
+                "model": self.model_identity,
+                "seed": self.settings.seed,
+                "variant": self.settings.variant,
+                "allow_invalid": self.settings.allow_invalid,
+                "streams": STREAM_VERSION,
+                "rows": ROW_SCHEMA_VERSION,
+            }
+        )
 
     def digest(self) -> str:
         """The identity as 16 hexadecimal digits."""

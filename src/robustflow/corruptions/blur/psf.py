@@ -66,9 +66,9 @@ class PsfBlur(Corruption):
 
     @property
     def source(self) -> str:
-        """Where the PSFs come from, for the record of a run: "robustflow", or a digest of the reference's five."""
+        """Empty for this package's own lenses, else a digest of each of the reference's five stacks."""
         if self.psf_dir is None:
-            return "robustflow"
+            return ""
         return "reference " + " ".join(self.field(rms).digest[:12] for rms in self.paper_severities)
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
