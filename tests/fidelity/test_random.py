@@ -50,7 +50,7 @@ def compare(name, key, seeds, measure, record_property):
         worst = max(worst, (off / allowed if allowed else float(off > 0), text))
         if off > allowed:
             failures.append(text)
-    record_property("deviation", ("random, share of allowed", name, worst[0], worst[1]))
+    record_property("deviation", ("random, share of allowed", name, float(worst[0]), worst[1]))
     assert not failures, f"{name}: " + "; ".join(failures)
 
 
