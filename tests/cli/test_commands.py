@@ -85,6 +85,23 @@ def test_list(robustflow, kind):
     ) in out
 
 
+def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
+    _, out, _ = robustflow("list", "models")
+    lines = {line.split()[0]: line for line in out.splitlines()}
+    assert "things OOD" in lines["raft"]
+    assert "kitti LEAKED" in lines["raft"]
+    assert "2020" in lines["raft"]
+    assert "BSD-3-Clause" in lines["raft"]
+    assert "undeclared" in lines["arflow"]
+    assert "knowledge" in lines["farneback"]
+    assert "things288960 OOD" in lines["flowformer_pp"]
+
+
+def test_the_setting_stands_beside_the_name(robustflow):
+    command = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1", "-o", "run")
+    assert "dis (knowledge), 1 pair" in robustflow(*command)[1]
+
+
 def _truncated_png(folder: Path) -> None:
     first, _ = _frames(folder)
     first.write_bytes(first.read_bytes()[:-2000])

@@ -19,8 +19,9 @@ from robustflow.runner.result import Result
 class Still:
     """A model that sees no motion."""
 
-    def __init__(self, name: str = "<img src=x onerror=alert(1)>", setting: str = "") -> None:
-        self._identity = {"name": name} | ({"setting": setting} if setting else {})
+    def __init__(self, name: str = "<img src=x onerror=alert(1)>", trained_on: str | None = None) -> None:
+        self._identity = {"name": name}
+        self.trained_on = trained_on
 
     def identity(self):
         return self._identity
@@ -33,7 +34,7 @@ class Still:
 def runs(tmp_path_factory) -> list[Result]:
     folder = tmp_path_factory.mktemp("runs")
     options = {"corruptions": ["contrast", "jpeg_compression"], "severities": [1, 3]}
-    models = {"dis": "dis", "still": Still(), "in_domain": Still("Trained", setting="ID")}
+    models = {"dis": "dis", "still": Still(), "in_domain": Still("Trained", trained_on="M:train")}
     return [evaluate(model, "demo", output=folder / name, **options) for name, model in models.items()]
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..errors import unknown_name
 
+if TYPE_CHECKING:
+    from ..models.catalog import MethodEntry
+
+_MODEL_LINE = "{:14s} {:13s} {!s:5s} {:13s} {:12s} {:13s} {:16s} {}"
 KINDS = ("models", "corruptions", "benchmarks", "datasets")
 
 
@@ -34,8 +39,42 @@ def list_things(
 
 def _models() -> list[str]:
     from ..models import MODELS
+    from ..models.catalog import checkpoints, methods
+    from ..models.provenance import training_of_entry
 
-    return MODELS.names()
+    seen: dict[str, list[str]] = {}
+    for entry in checkpoints():
+        setting = training_of_entry(entry).setting("kitti-fc")
+        seen.setdefault(entry.model, []).append(f"{entry.checkpoint} {setting}")
+    lines = [
+        _MODEL_LINE.format(
+            "model", "method", "year", "type", "source", "code licence", "here", "checkpoints, on kitti-fc"
+        )
+    ]
+    known = methods()
+    for name in MODELS.names():
+        if name not in known:
+            lines.append(name)
+            continue
+        method = known[name]
+        here = "yes" if _installed(method) else f"needs [{method.extra}]"
+        public = ", ".join(seen.get(name, [])) or (
+            "" if method.type == "knowledge" else "the authors' file, undeclared"
+        )
+        line = (name, method.method, method.year, method.type, method.source, method.code_licence, here, public)
+        lines.append(_MODEL_LINE.format(*line).rstrip())
+    others = [f"{name} ({', '.join(of_name)})" for name, of_name in seen.items() if name not in known]
+    return [
+        *lines,
+        f"Any other model of ptlflow as ptlflow:NAME; of known training: {'; '.join(others)}.",
+        "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs.",
+        "Hardly any weights state a licence.",
+        "Your own: module.path:Attribute or a folder of flow files; declare its training with -O trained_on=C+T.",
+    ]
+
+
+def _installed(method: MethodEntry) -> bool:
+    return not method.extra or find_spec({"own": "torch"}.get(method.source, method.source)) is not None
 
 
 def _corruptions() -> list[str]:

@@ -18,7 +18,7 @@ def print_result(result: Result, metric: str = "all") -> None:
     summary = result.summary
     console = Console(width=None if Console().is_terminal else 120)
     if metric == "all":
-        console.print(_overview(result.name, summary))
+        console.print(_overview(f"{result.name} ({result.setting})", summary))
     else:
         console.print(_by_severity(result, metric))
     console.print(_sentence(summary), highlight=False, soft_wrap=True)
@@ -60,7 +60,7 @@ def _overview(name: str, summary: Summary) -> Table:
 
 def _by_severity(result: Result, metric: str) -> Table:
     frame = result.table(metric)
-    table = Table(title=f"{result.name}, {metric}", title_justify="left")
+    table = Table(title=f"{result.name} ({result.setting}), {metric}", title_justify="left")
     for column in frame.columns:
         table.add_column(column, justify="left" if column in ("corruption", "family") else "right")
     for row in frame.iter_rows():

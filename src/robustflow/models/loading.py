@@ -16,6 +16,7 @@ from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..registry import Registry
 from ..sample import Flow, Frame
 from .base import FlowLookup, FlowModel, model_identity
+from .provenance import DECLARED
 from .tiling import tiled
 
 MODELS: Registry[Callable[..., FlowModel | FlowLookup]] = Registry("model", entry_point_group="robustflow.models")
@@ -72,14 +73,17 @@ def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A model by name and options: what a worker process is told so that it can load its own copy."""
+    """A model by name and options: what a worker process is told so that it can load its own copy.
+
+    The option `trained_on` declares the training sets of any model (see `provenance`); it is not given to the model.
+    """
 
     name: str
     options: tuple[tuple[str, Any], ...] = ()
 
     def load(self) -> FlowModel | FlowLookup:
         """Load the model; every call makes a new one."""
-        return load_model(self.name, **dict(self.options))
+        return load_model(self.name, **{key: value for key, value in self.options if key != DECLARED})
 
     def identity(self, model: FlowModel | FlowLookup) -> dict[str, Any]:
         """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
@@ -87,7 +91,7 @@ class ModelSpec:
         counts instead of the option: a checkpoint by its hash, wherever the file lies."""
         identity = model_identity(model)
         said = set(identity)
-        identity["options"] = {key: str(value) for key, value in self.options if key not in said}
+        identity["options"] = {key: str(value) for key, value in self.options if key not in said | {DECLARED}}
         users = ":" in self.name and not self.name.startswith(PTLFLOW)
         module = sys.modules.get(self.name.partition(":")[0]) if users else None
         if module is not None and module.__file__:

@@ -11,7 +11,9 @@ SETTING_LABELS = {
     "knowledge": "Knowledge-driven",
     "OOD": "Out-of-domain (OOD)",
     "ID": "In-domain (ID)",
+    "LEAKED": "Trained on the evaluated pairs (LEAKED)",
     "own": "Own models",
+    "untrained": "Random weights",
 }
 FAMILY_LABELS = {name: name.capitalize() for name in FAMILIES}
 FAMILY_OF = {name: family for family, names in FAMILIES.items() for name in names}

@@ -12,7 +12,7 @@ import polars as pl
 
 from ..corruptions.catalog import IMAGE_PAIR, PAPER_ORDER
 from .published import PAPER_PAIRS
-from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA, SETTINGS
+from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA
 
 if TYPE_CHECKING:
     from ..runner.result import Result
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 OWN = "own"
 """The setting of a run whose model does not say what it was trained on."""
 
-_KNOWLEDGE = ("farneback", "dis", "dis_rgb")
 _OF_BENCHMARK = {"kitti-fc": IMAGE_PAIR, "gopro-fc": PAPER_ORDER}
 
 
@@ -62,13 +61,8 @@ def run_names(runs: Sequence[Result]) -> list[str]:
 
 
 def setting_of(run: Result) -> str:
-    """The paper's setting of a run: what the model's identity says under `setting`, "knowledge" for the methods that
-    learn nothing, and "own" for a model that does not say."""
-    model = run.manifest["identity"]["model"]
-    said = str(model.get("setting", ""))
-    if said in SETTINGS:
-        return said
-    return "knowledge" if model.get("name") in _KNOWLEDGE else OWN
+    """The setting of a run, by what its model has seen; "own" where nobody said what that is."""
+    return OWN if run.setting == "undeclared" else run.setting
 
 
 def sample_set(run: Result) -> str:

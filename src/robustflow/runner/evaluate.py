@@ -18,6 +18,7 @@ from ..errors import RunError, UsageError, unknown_name
 from ..models import FlowLookup, FlowModel, ModelSpec
 from ..models.base import model_identity
 from ..models.loading import as_model
+from ..models.provenance import DECLARED, Training, training_of
 from .engines.base import Done, Job
 from .engines.processes import processes
 from .engines.serial import serial
@@ -69,7 +70,8 @@ def evaluate(
 
     Args:
         model: a name (`"dis"`, `"module.path:Attribute"`, a folder of flows), or any object with
-            `predict(frame1, frame2) -> flow`, or a function of two frames.
+            `predict(frame1, frame2) -> flow`, or a function of two frames. An attribute `trained_on` ("C+T") declares
+            its training sets.
         benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", any dataset by name ("folder"
             for your own frames or video, "sintel", ...), or a `Benchmark`.
         data: the data set's folder, for benchmarks that need one.
@@ -109,9 +111,10 @@ def evaluate(
             "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
             "or give the uncorrupted data"
         )
-    spec, identity = _identify(model)
+    spec, identity, training = _identify(model)
     psf_source = load_corruption("psf_blur", variant).source
-    plan = Plan(chosen, Settings(seed, variant, allow_invalid, severity_scale, psf_source), identity)
+    settings = Settings(seed, variant, allow_invalid, severity_scale, psf_source)
+    plan = Plan(chosen, settings, identity, training.record(chosen.name))
     if plan.left_out() and len(plan.units()) == len(chosen.keys):
         raise UsageError(
             f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"
@@ -185,6 +188,7 @@ def _open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
         "identity": identity,
         "identity_digest": identity_digest(identity),
         "samples": before | samples,
+        "provenance": _provenance(old.get("provenance"), plan.provenance),
         "selection": {
             "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
             "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
@@ -197,6 +201,11 @@ def _open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     }
 
 
+def _provenance(before: dict[str, Any] | None, now: dict[str, Any]) -> dict[str, Any]:
+    """What was declared before stays when nothing is declared now."""
+    return before if before and now.get("basis") == "undeclared" else now
+
+
 def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
     """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
     try:
@@ -205,13 +214,17 @@ def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
         raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
 
 
-def _identify(model: Any) -> tuple[ModelSpec | FlowModel | FlowLookup, dict[str, Any]]:
+def _identify(model: Any) -> tuple[ModelSpec | FlowModel | FlowLookup, dict[str, Any], Training]:
     if isinstance(model, str):
         model = ModelSpec(model)
     if isinstance(model, ModelSpec):
-        return model, model.identity(model.load())
+        loaded = model.load()
+        identity = model.identity(loaded)
+        declared = dict(model.options).get(DECLARED, getattr(loaded, DECLARED, None))
+        return model, identity, training_of(identity, declared)
     found = as_model(model, f"the model {model!r}")
-    return found, model_identity(found)
+    identity = model_identity(found)
+    return found, identity, training_of(identity, getattr(found, DECLARED, None))
 
 
 def _engine(name: str | None, workers: int, timeout: float | None) -> Callable[[Job, list[Unit]], Iterator[Done]]:

@@ -14,6 +14,7 @@ from ..errors import RunError
 from ..metrics.aggregate import summarize
 from ..metrics.rows import CLEAN
 from ..metrics.summary import Averaging, Summary
+from ..models.provenance import training_of
 from .plan import Cell
 from .store import RunFolder
 
@@ -83,6 +84,13 @@ class Result:
         model = self.manifest["identity"]["model"]
         return str(model.get("spec") or model.get("name") or model.get("object"))
 
+    @property
+    def setting(self) -> str:
+        """What the model has seen of the benchmark: "OOD", "ID", "LEAKED", ... (see `Training.setting`)."""
+        identity = self.manifest["identity"]
+        recorded = self.manifest.get("provenance") or training_of(identity["model"]).record(identity["benchmark"])
+        return str(recorded["setting"])
+
     def table(self, metric: str = "epe") -> pl.DataFrame:
         """One metric, corruption x severity, in the paper's order."""
         return self.summary.table(metric)
@@ -97,7 +105,12 @@ class Result:
         from ..report.html import render_report
 
         summary = {"image": self.summary.model_dump(), "pixel": self.summarize("pixel").model_dump()}
-        document = {**summary["image"], "pooled": summary["pixel"], "run": self.manifest["identity_digest"]}
+        document = {
+            **summary["image"],
+            "pooled": summary["pixel"],
+            "run": self.manifest["identity_digest"],
+            "setting": self.setting,
+        }
         write_json(self.path / "summary.json", document)
         write_bytes(self.path / "report.html", render_report(self).encode())
 

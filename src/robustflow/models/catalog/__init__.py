@@ -1,0 +1,88 @@
+"""What is known about the methods and their public checkpoints, as data: `methods.csv` and `checkpoints.csv`.
+
+The training sets of a checkpoint are those its authors state; where they contradict themselves, `note` says so and the
+larger set counts.
+"""
+
+from __future__ import annotations
+
+import csv
+from functools import cache
+from importlib.resources import files
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+_FROZEN = ConfigDict(frozen=True, extra="forbid")
+
+
+class MethodEntry(BaseModel):
+    """A method that can be loaded by name.
+
+    Attributes:
+        model: the name it is loaded by.
+        method: what its paper calls it.
+        year: of its publication.
+        type: what it was made from: prior knowledge, or training with or without labels.
+        source: whose implementation runs: a library's, or the project's own.
+        extra: of the installation it needs, "" for none.
+        code_licence: of that implementation; hardly any weights state one.
+    """
+
+    model_config = _FROZEN
+
+    model: str
+    method: str
+    year: int = Field(ge=1980, le=2100)
+    type: Literal["knowledge", "supervised", "unsupervised"]
+    source: Literal["OpenCV", "ptlflow", "torchvision", "own"]
+    extra: Literal["", "torch", "ptlflow"]
+    code_licence: str
+
+
+class CheckpointEntry(BaseModel):
+    """A public checkpoint.
+
+    Attributes:
+        model: the name of the model it is for.
+        checkpoint: its name.
+        file: its file's name.
+        sha256: the first eight digits of the file's hash.
+        trained_on: training sets, in the words of `provenance.TRAINING_SETS`, separated by "+".
+        confidence: of `trained_on`.
+        note: what is not certain, or what else it was trained on.
+    """
+
+    model_config = _FROZEN
+
+    model: str
+    checkpoint: str
+    file: str
+    sha256: str = Field(pattern="^[0-9a-f]{8}$")
+    trained_on: str = Field(pattern=r"^[a-z0-9+-]+$")
+    confidence: Literal["high", "medium"]
+    note: str
+
+
+@cache
+def methods() -> dict[str, MethodEntry]:
+    """Methods by the name they are loaded by.
+
+    >>> methods()["flowformer_pp"].method
+    'FlowFormer++'
+    """
+    return {entry.model: entry for entry in map(MethodEntry.model_validate, _lines("methods"))}
+
+
+@cache
+def checkpoints() -> tuple[CheckpointEntry, ...]:
+    """Every public checkpoint known.
+
+    >>> [entry.checkpoint for entry in checkpoints() if entry.model == "csflow"]
+    ['chairs', 'things', 'kitti']
+    """
+    return tuple(map(CheckpointEntry.model_validate, _lines("checkpoints")))
+
+
+def _lines(table: str) -> list[dict[str, str]]:
+    return list(csv.DictReader((files(__package__) / f"{table}.csv").read_text(encoding="utf-8").splitlines()))

@@ -1,0 +1,130 @@
+"""What a model has seen decides what its numbers are worth; nothing is guessed."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+import robustflow as rf
+from robustflow.datasets import DATASETS
+from robustflow.errors import UsageError
+from robustflow.models import MODELS, ModelSpec
+from robustflow.models.catalog import checkpoints, methods
+from robustflow.models.provenance import TRAINING_SETS, parse_training_sets, training_of, training_of_entry
+from robustflow.report.published import published_methods
+from robustflow.report.runs import setting_of
+
+
+def test_the_catalog_knows_every_model_by_name_and_no_other():
+    assert set(methods()) == set(MODELS.names()) - {"precomputed"}
+
+
+def test_years_and_types_are_the_papers():
+    paper = published_methods()
+    for entry in methods().values():
+        method = paper.get(entry.method) or paper.get(entry.method.rpartition("-")[0])
+        assert (entry.year, entry.type) == (method.year, method.type)
+
+
+def test_the_catalog_agrees_with_itself():
+    files = [entry.file for entry in checkpoints()]
+    assert len(set(files)) == len(files)
+    for entry in checkpoints():
+        assert f"-{entry.sha256}." in entry.file
+        assert set(entry.trained_on.split("+")) <= set(TRAINING_SETS.values())
+        assert entry.model in methods() or entry.model.startswith("ptlflow:")
+
+
+def test_the_catalog_agrees_with_the_list_of_checkpoints(shared):
+    """The shared list gives the label of each file on both benchmarks, found independently of this derivation."""
+    with shared("checkpoints.csv").open(newline="") as file:
+        expected = {row["ptlflow_file"]: row for row in csv.DictReader(file)}
+    assert set(expected) == {entry.file for entry in checkpoints()}
+    for entry in checkpoints():
+        training = training_of_entry(entry)
+        row = expected[entry.file]
+        assert training.setting("kitti-fc") == row["label_kitti_fc"]
+        assert training.setting("gopro-fc") == row["label_gopro_fc"]
+        assert (training.setting("sintel") == "LEAKED") == (row["saw_sintel"] != "no")
+
+
+@pytest.mark.parametrize(
+    ("sets", "benchmark", "setting"),
+    [
+        ("C+T", "kitti-fc", "OOD"),
+        ("C+T>K:train", "kitti-fc", "ID"),
+        ("C+T>K:train", "kitti2015", "ID"),
+        ("C+T+S+K+H", "kitti-fc", "LEAKED"),
+        ("C+T+S+K+H", "gopro-fc", "OOD"),
+        ("kitti-raw", "kitti-fc", "ID"),
+        ("kitti2012", "kitti-fc", "ID"),
+        ("K", "kitti2012", "ID"),
+        ("C,S", "sintel", "LEAKED"),
+        ("G:train", "gopro-fc", "ID"),
+        ("M", "demo", "LEAKED"),
+        ("X", "spring", "OOD"),
+        ("C", "folder", "undeclared"),
+    ],
+)
+def test_settings(sets, benchmark, setting):
+    assert training_of({"name": "mine", "checkpoint": "ab" * 32}, sets).setting(benchmark) == setting
+
+
+def test_every_data_set_that_models_train_on_has_a_name():
+    own = {"motorcycle", "folder", "kitti_fc", "gopro_fc", "gopro_fc_released"}
+    assert set(DATASETS.names()) - own <= set(TRAINING_SETS.values())
+
+
+def test_a_known_file_is_known_by_its_hash_whatever_is_declared():
+    digest = "3a831a4b" + "0" * 56
+    training = training_of({"name": "raft", "checkpoint": digest}, "C")
+    assert training.basis == "catalog: raft kitti"
+    assert training.setting("kitti-fc") == "LEAKED"
+    assert training_of({"name": "gma", "checkpoint": digest}).setting("kitti-fc") == "undeclared"
+    assert training_of({"name": "raft", "checkpoint": "3a831a4b"}).setting("kitti-fc") == "undeclared"
+
+
+def test_random_weights_are_untrained():
+    assert training_of({"name": "raft", "checkpoint": "random"}, "C+T").setting("kitti-fc") == "untrained"
+
+
+@pytest.mark.parametrize("text", ["", "C+Q", "kiti2015", "K:test", "K:", "C++T+"])
+def test_what_is_no_training_set(text):
+    with pytest.raises(UsageError, match="training set"):
+        parse_training_sets(text)
+
+
+def test_a_declaration_is_shown_and_changes_no_identity(tmp_path):
+    """The same run goes on when its training sets are declared later."""
+    (tmp_path / "clean").mkdir()
+    runs = []
+    for declared in (None, "C+T", "M"):
+        options = (("preset", "ultrafast"), *((("trained_on", declared),) if declared else ()))
+        spec = ModelSpec("robustflow.models.opencv:Dis", options)
+        runs.append(rf.evaluate(spec, output=tmp_path / "run", corruptions=["contrast"], severities=[1]))
+    # a model of the user's, by module and attribute, though this one says that it is called dis
+    assert {run.manifest["identity_digest"] for run in runs} == {runs[0].manifest["identity_digest"]}
+    assert runs[2].rows.equals(runs[0].rows)
+
+
+class Mine:
+    """Says itself what it was trained on."""
+
+    trained_on = "C+T>M:train"
+
+    def predict(self, frame1, frame2):
+        return frame1[..., :2].astype("float32")
+
+
+def test_a_users_own_model_declares_itself(tmp_path):
+    run = rf.evaluate(Mine(), output=tmp_path / "a", corruptions=["contrast"], severities=[1])
+    assert run.manifest["provenance"] == {
+        "setting": "ID",
+        "trained_on": ["flyingchairs", "flyingthings3d", "middlebury:train"],
+        "basis": "declared",
+    }
+    assert run.setting == setting_of(run) == "ID"
+    silent = rf.evaluate(lambda a, b: Mine().predict(a, b), output=tmp_path / "b", corruptions=["contrast"])
+    assert silent.setting == "undeclared"
+    assert setting_of(silent) == "own"
