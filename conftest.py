@@ -15,4 +15,5 @@ if find_spec("torch") is None:
         "src/robustflow/video/flavr.py",
         "tests/models/small_net.py",
         "tests/parity/pack.py",
+        "tests/parity/samflow_case.py",
     ]
