@@ -100,18 +100,20 @@ class Result:
         """Severities asked for that do not exist on the run's severity scale, by corruption; they are in no mean."""
         return dict(self.manifest.get("left_out", {}))
 
+    def document(self) -> dict[str, Any]:
+        """What `summary.json` holds: the paper's means, the pooled ones, which run, and its setting."""
+        return {
+            **self.summary.model_dump(),
+            "pooled": self.summarize("pixel").model_dump(),
+            "run": self.manifest["identity_digest"],
+            "setting": self.setting,
+        }
+
     def write_summary(self) -> None:
         """Write `summary.json` and `report.html` into the run's folder."""
         from ..report.html import render_report
 
-        summary = {"image": self.summary.model_dump(), "pixel": self.summarize("pixel").model_dump()}
-        document = {
-            **summary["image"],
-            "pooled": summary["pixel"],
-            "run": self.manifest["identity_digest"],
-            "setting": self.setting,
-        }
-        write_json(self.path / "summary.json", document)
+        write_json(self.path / "summary.json", self.document())
         write_bytes(self.path / "report.html", render_report(self).encode())
 
     def _planned(self) -> list[Cell]:

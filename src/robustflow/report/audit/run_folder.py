@@ -46,7 +46,7 @@ def audit_run(folder: str | Path) -> Audit:
 
 
 def _summary(run: Result) -> tuple[str, int, list[Finding]]:
-    made = {**run.summary.model_dump(), "pooled": run.summarize("pixel").model_dump()}
+    made = run.document()
     given = _read_summary(run.path / "summary.json")
     count, findings = 0, []
     for path, left, right in _leaves((), given, made):
