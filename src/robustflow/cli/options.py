@@ -22,6 +22,11 @@ ModelOptions = Annotated[
     list[str] | None,
     typer.Option("--option", "-O", metavar="KEY=VALUE", help="An option of the model, e.g. preset=fast. Repeatable."),
 ]
+Checkpoint = Annotated[
+    str | None, typer.Option(help="The model's weights: a file, or a published name (robustflow list models).")
+]
+Device = Annotated[str | None, typer.Option(help="auto, cpu, cuda or cuda:0, for models that take it.")]
+Precision = Annotated[str | None, typer.Option(help="fp32 or bf16, for models that take it.")]
 Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the data set (or a video, for 'folder').")]
 DataOptions = Annotated[
     list[str] | None,
@@ -99,6 +104,20 @@ def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
             raise UsageError(f"'{pair}' is not an option: write KEY=VALUE, for example preset=fast")
         options.append((key.strip(), _value(text.strip())))
     return tuple(options)
+
+
+def model_options(pairs: list[str] | None, **named: str | None) -> tuple[tuple[str, Any], ...]:
+    """The options of a model: `KEY=VALUE` texts, and those that have an option of the command line to themselves.
+
+    >>> model_options(["iterations=24"], checkpoint="things", device=None)
+    (('iterations', 24), ('checkpoint', 'things'))
+    """
+    options = keyword_options(pairs)
+    given = {key: value for key, value in named.items() if value is not None}
+    for key, _ in options:
+        if key in given:
+            raise UsageError(f"{key} is given twice, as -O {key}=... and as --{key}; give it once")
+    return options + tuple(given.items())
 
 
 def _value(text: str) -> Any:

@@ -9,12 +9,15 @@ from typing import Annotated, Any
 import typer
 
 from .options import (
+    Checkpoint,
     Corruptions,
     Data,
     DataOptions,
+    Device,
     Limit,
     ModelName,
     ModelOptions,
+    Precision,
     PsfDir,
     Seed,
     Severities,
@@ -22,6 +25,7 @@ from .options import (
     Split,
     Variant,
     keyword_options,
+    model_options,
     names,
     numbers,
     use_psf_dir,
@@ -35,6 +39,9 @@ def run(
     ] = "demo",
     data: Data = None,
     data_option: DataOptions = None,
+    checkpoint: Checkpoint = None,
+    device: Device = None,
+    precision: Precision = None,
     option: ModelOptions = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
@@ -46,6 +53,9 @@ def run(
     severity_scale: SeverityScale = "paper",
     psf_dir: PsfDir = None,
     workers: Annotated[int, typer.Option("--workers", "-w", help="Processes.")] = 1,
+    batch_size: Annotated[
+        int, typer.Option("--batch-size", help="Severities predicted in one call, where the model can.")
+    ] = 1,
     engine: Annotated[str | None, typer.Option(help="serial or processes; chosen from --workers by default.")] = None,
     timeout: Annotated[float | None, typer.Option(help="Seconds a single prediction may take.")] = None,
     allow_invalid: Annotated[
@@ -60,6 +70,7 @@ def run(
     Examples:
       robustflow run --model dis
       robustflow run --model farneback --benchmark kitti-fc --data ~/kitti --workers 4
+      robustflow run --model raft --checkpoint things --device cuda --batch-size 5 --benchmark kitti-fc --data ~/kitti
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
@@ -74,7 +85,7 @@ def run(
     try:
         with progress:
             result = evaluate(
-                ModelSpec(model, keyword_options(option)),
+                ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device, precision=precision)),
                 benchmark,
                 data,
                 output,
@@ -87,6 +98,7 @@ def run(
                 variant=variant,
                 severity_scale=severity_scale,
                 workers=workers,
+                batch_size=batch_size,
                 engine=engine,
                 timeout=timeout,
                 allow_invalid=allow_invalid,

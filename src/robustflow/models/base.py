@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -20,6 +22,15 @@ class FlowModel(Protocol):
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         """Flow from `frame1` to `frame2`: RGB uint8 (H, W, 3) in, float32 (H, W, 2) out, (u right, v down), pixels."""
+        ...
+
+
+@runtime_checkable
+class BatchedFlowModel(FlowModel, Protocol):
+    """A model that predicts several pairs in one call, which changes a flow by 1e-4 px at most."""
+
+    def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> Sequence[Flow]:
+        """The flows of as many pairs as there are first frames; shapes as in `predict`."""
         ...
 
 
@@ -48,12 +59,44 @@ def predict_checked(
     Raises:
         ModelError: the model raised, or returned something that is not float (H, W, 2).
     """
-    where = f"sample '{key}', {corruption}" + (f" severity {severity}" if severity else "")
-    try:
+    where = place(key, corruption, severity)
+    with _named(where):
         if isinstance(model, FlowLookup):
             flow = model.lookup(key, corruption, severity)
         else:
             flow = model.predict(frames[0], frames[1])
+    return _checked(flow, frames, where)
+
+
+def predict_batch_checked(
+    model: BatchedFlowModel, pairs: Sequence[tuple[Frame, ...]], key: str, corruption: str, severities: Sequence[int]
+) -> list[Flow]:
+    """As `predict_checked`, of one sample at several severities in one call of the model."""
+    where = place(key, corruption, *severities)
+    with _named(where):
+        flows = list(model.predict_batch([frames[0] for frames in pairs], [frames[1] for frames in pairs]))
+    if len(flows) != len(pairs):
+        raise ModelError(f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one each")
+    return [
+        _checked(flow, frames, place(key, corruption, severity))
+        for flow, frames, severity in zip(flows, pairs, severities, strict=True)
+    ]
+
+
+def place(key: str, corruption: str, *severities: int) -> str:
+    """Where something happened, in words.
+
+    >>> place("a", "fog", 1, 2), place("a", "clean", 0)
+    ("sample 'a', fog severity 1, 2", "sample 'a', clean")
+    """
+    levels = ", ".join(str(severity) for severity in severities if severity)
+    return f"sample '{key}', {corruption}" + (f" severity {levels}" if levels else "")
+
+
+@contextmanager
+def _named(where: str) -> Iterator[None]:
+    try:
+        yield
     except ModelError:
         raise
     except Exception as error:
@@ -61,6 +104,9 @@ def predict_checked(
             f"the model raised {type(error).__name__} on {where}: {error or 'no message'}; "
             "run the model on this pair by itself to see why"
         ) from error
+
+
+def _checked(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
     flow = np.asarray(flow)
     expected = (*frames[0].shape[:2], 2)
     if flow.shape != expected or flow.dtype.kind != "f":

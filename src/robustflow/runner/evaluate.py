@@ -16,7 +16,7 @@ from ..corruptions import load_corruption
 from ..datasets.base import FromClips
 from ..errors import RunError, UsageError, unknown_name
 from ..models import FlowLookup, FlowModel, ModelSpec
-from ..models.base import model_identity
+from ..models.base import BatchedFlowModel, model_identity
 from ..models.loading import as_model
 from ..models.provenance import DECLARED, Training, training_of
 from .engines.base import Done, Job
@@ -61,6 +61,7 @@ def evaluate(
     variant: str = "default",
     severity_scale: str = "paper",
     workers: int = 1,
+    batch_size: int = 1,
     engine: str | None = None,
     timeout: float | None = None,
     allow_invalid: bool = False,
@@ -84,8 +85,10 @@ def evaluate(
         severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that
             a corruption does not have on it are left out, and named in `Result.left_out`.
         workers: processes; 1 stays in this process unless `timeout` is given.
+        batch_size: severities of one corruption and sample that a model with `predict_batch` gets in one call. It is
+            no part of a run's identity: a flow may change by 1e-4 px.
         engine: "serial" or "processes"; chosen from `workers` and `timeout` by default.
-        timeout: seconds a single prediction may take.
+        timeout: seconds a single prediction, or batch of them, may take.
         allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
 
     Returns:
@@ -111,7 +114,7 @@ def evaluate(
             "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
             "or give the uncorrupted data"
         )
-    spec, identity, training = _identify(model)
+    spec, identity, training = _identify(model, batch_size)
     psf_source = load_corruption("psf_blur", variant).source
     settings = Settings(seed, variant, allow_invalid, severity_scale, psf_source)
     plan = Plan(chosen, settings, identity, training.record(chosen.name))
@@ -123,7 +126,9 @@ def evaluate(
     folder = RunFolder(output if output is not None else _default_output(plan, spec))
     folder.lock()
     try:
-        _fill(folder, plan, Job(chosen.dataset, spec, plan.settings, folder.path), run, progress or _Silent())
+        _fill(
+            folder, plan, Job(chosen.dataset, spec, plan.settings, folder.path, batch_size), run, progress or _Silent()
+        )
     finally:
         folder.unlock()
     return Result(folder.path)
@@ -214,17 +219,28 @@ def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
         raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
 
 
-def _identify(model: Any) -> tuple[ModelSpec | FlowModel | FlowLookup, dict[str, Any], Training]:
+def _identify(model: Any, batch_size: int) -> tuple[ModelSpec | FlowModel | FlowLookup, dict[str, Any], Training]:
     if isinstance(model, str):
         model = ModelSpec(model)
     if isinstance(model, ModelSpec):
         loaded = model.load()
         identity = model.identity(loaded)
+        _check_batch_size(batch_size, loaded)
         declared = dict(model.options).get(DECLARED, getattr(loaded, DECLARED, None))
         return model, identity, training_of(identity, declared)
     found = as_model(model, f"the model {model!r}")
+    _check_batch_size(batch_size, found)
     identity = model_identity(found)
     return found, identity, training_of(identity, getattr(found, DECLARED, None))
+
+
+def _check_batch_size(batch_size: int, model: FlowModel | FlowLookup) -> None:
+    if batch_size < 1:
+        raise UsageError(f"a batch of {batch_size} pairs cannot be predicted: give 1 or more")
+    if batch_size > 1 and not isinstance(model, BatchedFlowModel):
+        raise UsageError(
+            "this model predicts one pair at a time (it has no method predict_batch); leave out --batch-size"
+        )
 
 
 def _engine(name: str | None, workers: int, timeout: float | None) -> Callable[[Job, list[Unit]], Iterator[Done]]:

@@ -15,7 +15,14 @@ from ..datasets.base import Dataset, PreCorrupted
 from ..errors import DataError, ModelError
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN, measure
-from ..models.base import FlowLookup, FlowModel, predict_checked
+from ..models.base import (
+    BatchedFlowModel,
+    FlowLookup,
+    FlowModel,
+    place,
+    predict_batch_checked,
+    predict_checked,
+)
 from ..sample import Flow, Frame, Sample
 from .plan import Settings, Unit
 from .store import read_clean, write_clean
@@ -35,6 +42,7 @@ class Worker:
         clean_path: where a sample's clean flow is kept between units, so that it is computed once per sample.
         on_predict: called with what is being predicted before each prediction and with None after it; the process
             engine watches a model's time this way.
+        batch_size: severities of a unit that are predicted in one call, where the model can.
     """
 
     def __init__(
@@ -44,12 +52,14 @@ class Worker:
         settings: Settings,
         clean_path: Callable[[str], Path],
         on_predict: Callable[[str | None], None] = lambda what: None,
+        batch_size: int = 1,
     ) -> None:
         self._dataset = dataset
         self._model = model
         self._settings = settings
         self._clean_path = clean_path
         self._on_predict = on_predict
+        self._batch_size = batch_size
         self._corruptions: dict[str, Corruption] = {}
         self._loaded: _Loaded | None = None
         self.seconds = {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
@@ -60,10 +70,12 @@ class Worker:
         if unit.corruption == CLEAN:
             return [self._row(loaded, loaded.clean, loaded.sample.frames, CLEAN, 0)]
         rows = []
-        for severity in unit.severities:
-            frames = self._corrupt(loaded.sample, unit.corruption, severity)
-            flow = self._predict(frames, unit.key, unit.corruption, severity)
-            rows.append(self._row(loaded, flow, frames, unit.corruption, severity))
+        for start in range(0, len(unit.severities), self._batch_size):
+            severities = unit.severities[start : start + self._batch_size]
+            corrupted = [self._corrupt(loaded.sample, unit.corruption, severity) for severity in severities]
+            flows = self._predict(corrupted, unit.key, unit.corruption, severities)
+            for flow, frames, severity in zip(flows, corrupted, severities, strict=True):
+                rows.append(self._row(loaded, flow, frames, unit.corruption, severity))
         return rows
 
     def _load(self, key: str) -> _Loaded:
@@ -81,7 +93,7 @@ class Worker:
             path = self._clean_path(key)
             clean = read_clean(path)
             if clean is None:
-                clean = self._predict(sample.frames, key, CLEAN, 0)
+                (clean,) = self._predict([sample.frames], key, CLEAN, (0,))
                 write_clean(path, clean)
             self._loaded = _Loaded(sample, regions, clean)
         return self._loaded
@@ -99,13 +111,22 @@ class Worker:
         self.seconds["corrupt"] += time.perf_counter() - start
         return frames
 
-    def _predict(self, frames: tuple[Frame, ...], key: str, corruption: str, severity: int) -> Flow:
+    def _predict(
+        self, pairs: list[tuple[Frame, ...]], key: str, corruption: str, severities: tuple[int, ...]
+    ) -> list[Flow]:
+        """One call of the model for a batch; a single pair goes through `predict`."""
         start = time.perf_counter()
-        self._on_predict(f"sample '{key}', {corruption}" + (f" severity {severity}" if severity else ""))
-        flow = predict_checked(self._model, frames, key, corruption, severity)
+        self._on_predict(place(key, corruption, *severities))
+        if len(pairs) > 1 and isinstance(self._model, BatchedFlowModel):
+            flows = predict_batch_checked(self._model, pairs, key, corruption, severities)
+        else:
+            flows = [
+                predict_checked(self._model, frames, key, corruption, severity)
+                for frames, severity in zip(pairs, severities, strict=True)
+            ]
         self._on_predict(None)
         self.seconds["predict"] += time.perf_counter() - start
-        return flow
+        return flows
 
     def _row(
         self, loaded: _Loaded, flow: Flow, frames: tuple[Frame, ...], corruption: str, severity: int
@@ -122,7 +143,7 @@ class Worker:
             frames_digest=digest,
         )
         if row["n_invalid"] and not self._settings.allow_invalid:
-            where = f"sample '{loaded.sample.key}', {corruption}" + (f" severity {severity}" if severity else "")
+            where = place(loaded.sample.key, corruption, severity)
             raise ModelError(
                 f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {where}; repair the model, "
                 "or give --allow-invalid to leave such pixels out and count them"

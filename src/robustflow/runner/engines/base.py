@@ -22,11 +22,14 @@ class Job:
     model: ModelSpec | FlowModel | FlowLookup
     settings: Settings
     folder: Path
+    batch_size: int = 1
 
     def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
         """A worker with its own model where the model is given by name."""
         model = self.model.load() if isinstance(self.model, ModelSpec) else self.model
-        return Worker(self.dataset, model, self.settings, RunFolder(self.folder).clean_path, on_predict)
+        return Worker(
+            self.dataset, model, self.settings, RunFolder(self.folder).clean_path, on_predict, self.batch_size
+        )
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,66 @@
+"""Batches: one call for several severities, the same rows, and a sentence where something does not fit."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.errors import ModelError, UsageError
+
+
+class Batched:
+    """Depends on its frames, so that rows mixed up within a batch would show; counts the pairs of every call."""
+
+    def __init__(self) -> None:
+        self.calls: list[int] = []
+
+    def predict(self, frame1, frame2):
+        return self.predict_batch([frame1], [frame2])[0]
+
+    def predict_batch(self, frames1, frames2):
+        self.calls.append(len(frames1))
+        return [
+            np.stack([cv2.blur(frame, (9, 9))[..., 0] / 16, other[..., 1] / 16], axis=2).astype(np.float32)
+            for frame, other in zip(frames1, frames2, strict=True)
+        ]
+
+
+def run(model, folder, **options):
+    return rf.evaluate(model, output=folder, corruptions=["contrast", "impulse_noise"], severities=[1, 2, 4], **options)
+
+
+@pytest.mark.parametrize(("size", "calls"), [(1, [1] * 7), (2, [1, 2, 1, 2, 1]), (3, [1, 3, 3]), (9, [1, 3, 3])])
+def test_rows_do_not_depend_on_the_batch(tmp_path, size, calls):
+    model = Batched()
+    batched = run(model, tmp_path / "batched", batch_size=size)
+    single = run(Batched(), tmp_path / "single")
+    assert model.calls == calls
+    assert batched.rows.equals(single.rows)
+    assert batched.manifest["identity_digest"] == single.manifest["identity_digest"]
+
+
+def test_a_model_without_batches(tmp_path):
+    with pytest.raises(UsageError, match="predicts one pair at a time"):
+        run("dis", tmp_path / "run", batch_size=2)
+    with pytest.raises(UsageError, match="a batch of 0 pairs"):
+        run(Batched(), tmp_path / "run", batch_size=0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (lambda flows: flows[:1], "returned 1 flows for 3 pairs on sample 'motorcycle', contrast severity 1, 2, 4"),
+        (lambda flows: [flows[0], flows[1][:9], flows[2]], "contrast severity 2; expected a float array"),
+        (lambda flows: 1 / 0, "raised ZeroDivisionError on sample 'motorcycle', contrast severity 1, 2, 4"),
+    ],
+)
+def test_a_batch_that_is_no_answer(tmp_path, answer, says):
+    class Wrong(Batched):
+        def predict_batch(self, frames1, frames2):
+            flows = super().predict_batch(frames1, frames2)
+            return answer(flows) if len(flows) > 1 else flows
+
+    with pytest.raises(ModelError, match=says):
+        run(Wrong(), tmp_path / "run", batch_size=3)
