@@ -12,7 +12,7 @@ import polars as pl
 
 from ..benchmarks import Benchmark
 from ..errors import DataError, UsageError
-from ..models.base import FlowModel, predict_checked
+from ..models.base import FlowLookup, FlowModel, predict_checked
 from ..sample import Flow, Mask
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
@@ -21,7 +21,7 @@ EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("
 
 def displacement_histogram(
     benchmark: Benchmark,
-    model: FlowModel | None = None,
+    model: FlowModel | FlowLookup | None = None,
     source: str = "",
     edges: Sequence[float] = EDGES,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -98,7 +98,11 @@ def displacement_figure(tables: Sequence[pl.DataFrame], path: Path, limit: float
 
 
 def _flow(
-    benchmark: Benchmark, key: str, model: FlowModel | None, number: int, progress: Callable[[int, int], None]
+    benchmark: Benchmark,
+    key: str,
+    model: FlowModel | FlowLookup | None,
+    number: int,
+    progress: Callable[[int, int], None],
 ) -> tuple[Flow, Mask]:
     sample = benchmark.dataset.load(key)
     progress(number, len(benchmark.keys))
