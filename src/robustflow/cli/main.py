@@ -12,11 +12,13 @@ from .audit import audit
 from .calibrate import calibrate
 from .compare import compare
 from .corrupt import corrupt
+from .displacement import displacement
 from .export import export
 from .gallery import gallery
 from .listing import list_things
 from .optics import app as optics
 from .prepare import prepare
+from .profile import profile
 from .report import report
 from .run import run
 from .show import show
@@ -32,6 +34,7 @@ app = typer.Typer(
 )
 app.command("run")(run)
 app.command("show")(show)
+app.command("profile")(profile)
 app.command("report")(report)
 app.command("compare")(compare)
 app.command("audit")(audit)
@@ -39,6 +42,7 @@ app.command("list")(list_things)
 app.command("corrupt")(corrupt)
 app.command("export")(export)
 app.command("gallery")(gallery)
+app.command("displacement")(displacement)
 app.command("calibrate")(calibrate)
 app.add_typer(prepare, name="prepare")
 app.add_typer(optics, name="optics")
