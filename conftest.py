@@ -12,6 +12,7 @@ if find_spec("torch") is None:
         "src/robustflow/models/reproducible.py",
         "src/robustflow/models/torch_model.py",
         "src/robustflow/models/weights.py",
+        "src/robustflow/profiling/*",
         "src/robustflow/video/flavr.py",
         "tests/models/small_net.py",
         "tests/parity/pack.py",

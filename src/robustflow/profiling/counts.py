@@ -1,0 +1,163 @@
+"""Parameters and multiply-accumulates of a network: true ones, and as the library thop counts them.
+
+thop is what the paper's table was made with. It sees modules only (convolutions, linear layers, norms, pooling and
+upsampling modules): products of matrices, in correlation volumes and attention, cost nothing there, and neither do
+layers that are not run or whose class is not exactly PyTorch's own. A module that hangs at two places of the network is
+hooked twice and then added twice, so its operations count four times; RAFT has such norms. Its rules are written anew
+here from its behaviour, because it changes the network it measures and is no longer kept.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import prod
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch._subclasses.fake_tensor import (
+    DataDependentOutputException,
+    DynamicOutputShapeException,
+    FakeTensorMode,
+    unset_fake_temporarily,
+)
+from torch.utils.flop_counter import FlopCounterMode
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What one prediction costs.
+
+    Attributes:
+        parameters: all that are learned.
+        macs: multiply-accumulates by PyTorch's counter (half its FLOPs): convolutions and matrix products, attention
+            and correlation among them.
+        thop_parameters: of the modules that thop knows and that were run.
+        thop_macs: of those modules, by thop's rules.
+    """
+
+    parameters: int
+    macs: int
+    thop_parameters: int
+    thop_macs: int
+
+
+def count(net: nn.Module, height: int, width: int) -> Counts:
+    """Count one call of `net` on two images of (1, 3, height, width), without computing anything.
+
+    Tensors have a shape but no values, so it costs a second and no memory; only a network whose shapes depend on values
+    is really run. The network is copied first.
+
+    >>> net = nn.Conv2d(6, 2, 3, padding=1)
+    >>> class Net(nn.Module):
+    ...     def __init__(self):
+    ...         super().__init__()
+    ...         self.net = net
+    ...     def forward(self, image1, image2):
+    ...         return self.net(torch.cat([image1, image2], 1))
+    >>> count(Net(), 10, 20)
+    Counts(parameters=110, macs=21600, thop_parameters=110, thop_macs=21600)
+    """
+    try:
+        with FakeTensorMode(allow_non_fake_inputs=True):
+            return _count(_copy(net), height, width)
+    except (DataDependentOutputException, DynamicOutputShapeException):
+        return _count(_copy(net), height, width)
+
+
+def _copy(net: nn.Module) -> nn.Module:
+    with unset_fake_temporarily():
+        return copy.deepcopy(net).cpu().eval()
+
+
+def _count(net: nn.Module, height: int, width: int) -> Counts:
+    tally = _ThopTally(net)
+    handles = [
+        module.register_forward_hook(tally.hook, with_kwargs=True) for module in net.modules() if type(module) in _RULES
+    ]
+    counter = FlopCounterMode(display=False)
+    try:
+        with torch.no_grad(), counter:
+            net(*(torch.zeros(1, 3, height, width) for _ in range(2)))
+    finally:
+        for handle in handles:
+            handle.remove()
+    return Counts(
+        parameters=sum(value.numel() for value in net.parameters()),
+        macs=int(counter.get_total_flops()) // 2,
+        thop_parameters=sum(
+            tally.places[module] * value.numel() for module in tally.run for value in module.parameters()
+        ),
+        thop_macs=tally.macs,
+    )
+
+
+class _ThopTally:
+    def __init__(self, net: nn.Module) -> None:
+        self.macs = 0
+        self.run: dict[nn.Module, None] = {}
+        self.places = Counter(_visits(net))
+
+    def hook(self, module: nn.Module, inputs: tuple[Any, ...], named: dict[str, Any], output: Any) -> None:
+        self.run[module] = None
+        given = [value for value in (*inputs, *named.values()) if isinstance(value, Tensor)]
+        if given and isinstance(output, Tensor):
+            self.macs += self.places[module] ** 2 * _RULES[type(module)](module, given[0], output)
+
+
+def _visits(net: nn.Module) -> Iterator[nn.Module]:
+    """Every module, as often as there are ways down to it."""
+    yield net
+    for child in net.children():
+        yield from _visits(child)
+
+
+def _convolution(module: Any, x: Tensor, y: Tensor) -> int:
+    return y.numel() * (x.shape[1] // module.groups) * prod(module.weight.shape[2:])
+
+
+def _linear(module: Any, x: Tensor, y: Tensor) -> int:
+    return y.numel() * int(module.in_features)
+
+
+def _norm(module: Any, x: Tensor, y: Tensor) -> int:
+    scaled = getattr(module, "affine", False) or getattr(module, "elementwise_affine", False)
+    return x.numel() * (4 if scaled else 2)
+
+
+def _softmax(module: Any, x: Tensor, y: Tensor) -> int:
+    features = x.shape[module.dim]
+    return x.numel() // features * (3 * features - 1)
+
+
+def _adaptive_pooling(module: Any, x: Tensor, y: Tensor) -> int:
+    return int((prod(x.shape[2:]) / prod(y.shape[2:]) + 1) * y.numel())
+
+
+def _upsampling(module: Any, x: Tensor, y: Tensor) -> int:
+    return y.numel() * {"nearest": 1, "linear": 5, "bilinear": 11, "bicubic": 259}.get(module.mode, 0)
+
+
+def _elements_in(module: Any, x: Tensor, y: Tensor) -> int:
+    return x.numel()
+
+
+def _elements_out(module: Any, x: Tensor, y: Tensor) -> int:
+    return y.numel()
+
+
+_RULES: dict[type[nn.Module], Callable[[Any, Tensor, Tensor], int]] = {
+    **dict.fromkeys((nn.Conv1d, nn.Conv2d, nn.Conv3d), _convolution),
+    **dict.fromkeys((nn.ConvTranspose1d, nn.ConvTranspose2d, nn.ConvTranspose3d), _convolution),
+    nn.Linear: _linear,
+    **dict.fromkeys((nn.BatchNorm1d, nn.BatchNorm2d, nn.BatchNorm3d, nn.SyncBatchNorm, nn.LayerNorm), _norm),
+    **dict.fromkeys((nn.InstanceNorm1d, nn.InstanceNorm2d, nn.InstanceNorm3d), _norm),
+    nn.Softmax: _softmax,
+    nn.PReLU: _elements_in,
+    **dict.fromkeys((nn.AvgPool1d, nn.AvgPool2d, nn.AvgPool3d), _elements_out),
+    **dict.fromkeys((nn.AdaptiveAvgPool1d, nn.AdaptiveAvgPool2d, nn.AdaptiveAvgPool3d), _adaptive_pooling),
+    **dict.fromkeys((nn.Upsample, nn.UpsamplingNearest2d, nn.UpsamplingBilinear2d), _upsampling),
+}

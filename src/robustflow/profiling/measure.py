@@ -1,0 +1,53 @@
+"""Seconds and memory of one prediction, really run."""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..errors import UsageError
+from ..models.torch_model import TorchModel
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The best of several predictions.
+
+    Attributes:
+        seconds: of one pair, the shortest time.
+        peak_bytes: on a GPU the most memory that tensors took during a prediction; on a CPU the most memory this
+            process has ever held, libraries and weights included.
+        device: as PyTorch calls it.
+    """
+
+    seconds: float
+    peak_bytes: int
+    device: str
+
+
+def measure(model: TorchModel, height: int, width: int, repeat: int = 1) -> Measured:
+    """Predict a pair of random frames; one prediction more comes first where a GPU needs it to warm up.
+
+    Raises:
+        UsageError: a number of repetitions below 1.
+    """
+    if repeat < 1:
+        raise UsageError(f"{repeat} repetitions measure nothing: give 1 or more")
+    frames = np.random.default_rng(0).integers(0, 256, (2, height, width, 3)).astype(np.uint8)
+    gpu = model.device.type == "cuda"
+    if gpu:
+        model.predict(*frames)
+        torch.cuda.reset_peak_memory_stats(model.device)
+    seconds = []
+    for _ in range(repeat):
+        start = time.perf_counter()
+        model.predict(*frames)  # copies the flow to the CPU, which waits for the GPU
+        seconds.append(time.perf_counter() - start)
+    unit = 1 if sys.platform == "darwin" else 1024
+    peak = torch.cuda.max_memory_allocated(model.device) if gpu else 0
+    return Measured(min(seconds), peak or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit, str(model.device))

@@ -1,0 +1,25 @@
+"""The PyTorch network inside a model, where there is one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..errors import UsageError
+from ..models.tiling import TiledModel
+from ..models.torch_model import TorchModel
+
+
+def network_of(model: Any) -> TorchModel:
+    """The adapter that holds a model's network, without the tiles it may predict in.
+
+    Raises:
+        UsageError: a model that is no PyTorch network of this project.
+    """
+    while isinstance(model, TiledModel):
+        model = model.model
+    if not isinstance(model, TorchModel):
+        raise UsageError(
+            "only PyTorch networks can be profiled: this model is none, or hides it; choose one that "
+            "robustflow list models shows with the source own, ptlflow or torchvision"
+        )
+    return model

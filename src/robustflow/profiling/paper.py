@@ -1,0 +1,55 @@
+"""The paper's Tab. 3, parameters and FLOPs, counted again the way it was counted (Sec. 4.2).
+
+Its FLOPs are thop's multiply-accumulates of 12 iterations on 1x3x432x720; ARFlow's are of the 256x832 that it
+stretches KITTI to. FlowFormer++ was counted without the padding to multiples of 32 that it gets when it predicts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ..errors import ModelError
+from ..models import load_model
+from ..models.catalog import methods
+from ..models.network import RANDOM
+from ..report.published import Cost, published_costs
+from .counts import Counts, count
+from .network_of import network_of
+
+SIZE = (432, 720)
+_UNPADDED = ("flowformer_pp",)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A line of the paper's table beside ours.
+
+    Attributes:
+        model: the name it is loaded by.
+        cost: as published.
+        size: (height, width) it was counted at.
+        counts: ours; None where the model is not available here, and `missing` says why.
+    """
+
+    model: str
+    cost: Cost
+    size: tuple[int, int]
+    counts: Counts | None
+    missing: str = ""
+
+
+def compare_with_paper() -> Iterator[Comparison]:
+    """One line after the other, in the paper's order."""
+    names = {entry.method: name for name, entry in reversed(methods().items())}
+    for method, cost in published_costs().items():
+        name = names[method]
+        try:
+            model = network_of(load_model(name, checkpoint=RANDOM, device="cpu"))
+        except ModelError as error:
+            yield Comparison(name, cost, SIZE, None, str(error))
+            continue
+        if name in _UNPADDED:
+            model.net.model.output_stride = 8
+        size = model.convention.fitted_size(*SIZE)
+        yield Comparison(name, cost, size, count(model.net, *size))

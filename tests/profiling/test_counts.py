@@ -1,0 +1,112 @@
+"""Counts against the paper's table, against sums by hand, and that measuring leaves a network as it was."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+import torch
+from torch import nn
+
+from robustflow import load_model
+from robustflow.errors import UsageError
+from robustflow.models.tiling import TiledModel
+from robustflow.profiling.counts import count
+from robustflow.profiling.measure import measure
+from robustflow.profiling.network_of import network_of
+from robustflow.profiling.paper import SIZE
+from robustflow.report.published import published_costs
+
+pytestmark = pytest.mark.torch
+
+
+def test_sums_by_hand():
+    class Net(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.conv = nn.Conv2d(6, 8, 3, padding=1, groups=2)
+            self.norm = nn.InstanceNorm2d(8)
+            self.same = nn.Sequential(self.norm)
+            self.linear = nn.Linear(8, 2)
+            self.unused = nn.Linear(100, 100)
+            self.scale = nn.Parameter(torch.ones(5))
+
+        def forward(self, image1, image2):
+            x = self.same(self.conv(torch.cat([image1, image2], 1)))
+            x.flatten(2).transpose(1, 2) @ x.flatten(2)
+            return self.linear(x.permute(0, 2, 3, 1)).permute(0, 3, 1, 2)
+
+    net = Net()
+    counts = count(net, 4, 5)
+    pixels = 20
+    modules = 8 * pixels * 3 * 9 + 2 * pixels * 8
+    assert counts.thop_macs == modules + 4 * 2 * 8 * pixels  # the norm hangs at two places
+    assert counts.macs == modules + pixels * 8 * pixels
+    assert counts.thop_parameters == 8 * 3 * 9 + 8 + 8 * 2 + 2
+    assert counts.parameters == counts.thop_parameters + 100 * 100 + 100 + 5
+    assert not net.conv._forward_hooks
+    assert net.training
+
+
+def test_shapes_that_depend_on_values_are_really_run():
+    class Net(nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.conv = nn.Conv2d(3, 2, 1)
+
+        def forward(self, image1, image2):
+            self.kept = image1
+            return self.conv(image1) if (self.kept + image2).sum().item() == 0 else image1
+
+    assert count(Net(), 4, 5).macs == 3 * 2 * 20
+
+
+# What the paper prints is cut off, not rounded. GMFlowNet and CRAFT have to be run.
+PAPER = {
+    "RAFT": "raft",
+    "GMA": "gma",
+    "CSFlow": "csflow",
+    "SKFlow": "skflow",
+    "FlowFormer": "flowformer",
+    "FlowFormer++": "flowformer_pp",
+    "UPFlow": "upflow",
+    "ARFlow": "arflow",
+    "GMFlowNet": "gmflownet",
+    "CRAFT": "craft",
+}
+
+
+@pytest.mark.parametrize(
+    "method", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("GMFlowNet", "CRAFT"))) for name in PAPER]
+)
+def test_the_papers_table(method):
+    name = PAPER[method]
+    if name not in ("upflow", "arflow"):
+        pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    model = load_model(name, checkpoint="random", device="cpu")
+    if name == "flowformer_pp":
+        model.net.model.output_stride = 8
+    counts = count(model.net, *model.convention.fitted_size(*SIZE))
+    cost = published_costs()[method]
+    assert counts.thop_macs / 1e9 == pytest.approx(cost.flops_g, abs=0.1)
+    assert counts.thop_parameters / 1e6 == pytest.approx(cost.parameters_m, abs=0.01)
+    assert counts.macs >= 0.99 * counts.thop_macs
+
+
+def test_only_networks():
+    with pytest.raises(UsageError, match="only PyTorch networks can be profiled"):
+        network_of(load_model("dis"))
+    tiled = load_model("arflow", checkpoint="random", device="cpu", tile="64x128")
+    assert isinstance(tiled, TiledModel)
+    assert network_of(tiled) is tiled.model
+
+
+def test_a_prediction_is_timed():
+    model = load_model("arflow", checkpoint="random", device="cpu", size="64x64")
+    measured = measure(model, 64, 64, repeat=2)
+    assert measured.seconds > 0
+    assert measured.peak_bytes > 2**20
+    assert measured.device == "cpu"
+    with pytest.raises(UsageError, match="0 repetitions"):
+        measure(model, 64, 64, repeat=0)
