@@ -47,3 +47,12 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
     close = get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"did you mean '{close[0]}'? " if close else ""
     return UsageError(f"unknown {kind} '{name}': {hint}Known: {', '.join(names)}")
+
+
+def plain_warning(message: Warning | str, *_: object, **__: object) -> str:
+    """A warning as a person reads it: one line, without the place in the code. For `warnings.formatwarning`.
+
+    >>> plain_warning(UserWarning("nothing was changed"), UserWarning, "cache.py", 66)
+    'robustflow: warning: nothing was changed\\n'
+    """
+    return f"robustflow: warning: {' '.join(str(message).split())}\n"

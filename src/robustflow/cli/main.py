@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
+import warnings
 
 import typer
 
 from .. import __version__
-from ..errors import RobustFlowError
+from ..errors import RobustFlowError, plain_warning
 from .audit import audit
 from .calibrate import calibrate
 from .compare import compare
@@ -62,7 +63,8 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; a known error is one line on stderr and its exit code."""
+    """Run the command line; a known error is one line on stderr and its exit code, a warning one line."""
+    warnings.formatwarning = plain_warning
     try:
         app()
     except RobustFlowError as error:

@@ -12,6 +12,7 @@ import pickle
 import signal
 import time
 import traceback
+import warnings
 from collections.abc import Iterable, Iterator
 from multiprocessing.connection import Connection, wait
 from typing import Any
@@ -132,6 +133,7 @@ class _Process:
 def _serve(pipe: Connection, job: Job) -> None:
     """The life of a worker process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    warnings.formatwarning = errors.plain_warning
     import cv2
 
     cv2.setNumThreads(1)
