@@ -50,9 +50,7 @@ def read_flow(path: str | Path) -> tuple[Flow, Mask]:
     try:
         return reader(path)
     except OSError as error:
-        raise DataError(
-            f"{path}: cannot be read ({error.strerror or error}); check its permissions"
-        ) from error
+        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
 
 
 def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> None:

@@ -37,38 +37,26 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
     """
     array = np.asarray(flow)
     if array.ndim != 3 or array.shape[2] != 2 or 0 in array.shape or array.dtype.kind not in "fiu":
-        raise DataError(
-            f"{path}: cannot write {array.dtype} {array.shape} as flow; give numbers of shape (H, W, 2)"
-        )
+        raise DataError(f"{path}: cannot write {array.dtype} {array.shape} as flow; give numbers of shape (H, W, 2)")
     if max(array.shape[:2]) > MAX_SIDE:
-        raise DataError(
-            f"{path}: a flow of {array.shape[1]}x{array.shape[0]} exceeds {MAX_SIDE} pixels a side"
-        )
+        raise DataError(f"{path}: a flow of {array.shape[1]}x{array.shape[0]} exceeds {MAX_SIDE} pixels a side")
     mask = np.ones(array.shape[:2], bool) if valid is None else np.asarray(valid)
     if mask.shape != array.shape[:2] or mask.dtype != np.bool_:
-        raise DataError(
-            f"{path}: valid is {mask.dtype} {mask.shape}; give bool {array.shape[:2]}, as the flow"
-        )
+        raise DataError(f"{path}: valid is {mask.dtype} {mask.shape}; give bool {array.shape[:2]}, as the flow")
     mask = mask & np.isfinite(array).all(axis=2)
     if (np.abs(array[mask]) > UNKNOWN_THRESHOLD).any():
-        raise DataError(
-            f"{path}: a known component beyond 1e9 would read as unknown; mark such pixels invalid"
-        )
+        raise DataError(f"{path}: a known component beyond 1e9 would read as unknown; mark such pixels invalid")
     return np.where(mask[..., None], array, 0).astype(np.float32), mask
 
 
 def claimed_size(path: Path, width: int, height: int) -> None:
     """Refuse dimensions no flow has, before anything is allocated for them."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
-        raise DataError(
-            f"{path}: the header claims {width}x{height} pixels, so the file is damaged; get it again"
-        )
+        raise DataError(f"{path}: the header claims {width}x{height} pixels, so the file is damaged; get it again")
 
 
 def exact_size(path: Path, expected: int, found: int, width: int, height: int) -> None:
     """Refuse a file that is not exactly as long as its header says."""
     if found != expected:
         state = "cut short" if found < expected else "too long"
-        raise DataError(
-            f"{path}: {state}, {found} bytes where {width}x{height} pixels take {expected}; copy it again"
-        )
+        raise DataError(f"{path}: {state}, {found} bytes where {width}x{height} pixels take {expected}; copy it again")

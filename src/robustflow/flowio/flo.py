@@ -25,9 +25,7 @@ def read_flo(path: Path) -> tuple[Flow, Mask]:
     with open(path, "rb") as file:
         header = file.read(_HEADER)
         if header[:4] != MAGIC[: len(header)] or not header:
-            raise DataError(
-                f"{path}: not a Middlebury .flo file (it does not begin with 'PIEH'); check the format"
-            )
+            raise DataError(f"{path}: not a Middlebury .flo file (it does not begin with 'PIEH'); check the format")
         if len(header) < _HEADER:
             raise DataError(f"{path}: cut short, only {len(header)} bytes; copy or download it again")
         width, height = struct.unpack("<ii", header[4:])

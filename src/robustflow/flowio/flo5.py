@@ -27,9 +27,7 @@ def read_flo5(path: Path) -> tuple[Flow, Mask]:
         with h5py.File(path, "r") as file:
             # A link or virtual dataset could point at any other file of this machine.
             if not isinstance(file.get("flow", getlink=True), h5py.HardLink):
-                raise DataError(
-                    f"{path}: no dataset 'flow' inside, so not a Spring .flo5 file; check the file"
-                )
+                raise DataError(f"{path}: no dataset 'flow' inside, so not a Spring .flo5 file; check the file")
             values = _values(h5py, path, file["flow"])
     except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -56,9 +54,7 @@ def _values(h5py: Any, path: Path, node: Any) -> Any:
     chunk = int(np.prod(node.chunks, dtype=np.int64)) * node.dtype.itemsize if node.chunks else 0
     stored = node.id.get_storage_size()
     if max(needed, chunk) > _INFLATE * stored:
-        raise DataError(
-            f"{path}: damaged, claims {needed} bytes of flow and stores {stored}; get the file again"
-        )
+        raise DataError(f"{path}: damaged, claims {needed} bytes of flow and stores {stored}; get the file again")
     return node[()]
 
 

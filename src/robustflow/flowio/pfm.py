@@ -25,9 +25,7 @@ def read_pfm(path: Path) -> tuple[Flow, Mask]:
         header = _HEADER.match(start)
         if header is None:
             if start[:2] == b"Pf":
-                raise DataError(
-                    f"{path}: one channel, so a disparity map; flow in .pfm has three channels ('PF')"
-                )
+                raise DataError(f"{path}: one channel, so a disparity map; flow in .pfm has three channels ('PF')")
             raise DataError(f"{path}: not a .pfm flow file (no 'PF' header) or cut short; check the file")
         width, height = int(header[1]), int(header[2])
         claimed_size(path, width, height)
@@ -53,7 +51,5 @@ def _scale(path: Path, text: bytes) -> float:
         scale = 0.0
     if abs(scale) != 1.0:
         # Readers disagree on whether the magnitude multiplies the values; flow is always stored with 1.
-        raise DataError(
-            f"{path}: scale {text.decode()} in the header; flow is stored with 1.0 or -1.0, write it so"
-        )
+        raise DataError(f"{path}: scale {text.decode()} in the header; flow is stored with 1.0 or -1.0, write it so")
     return scale
