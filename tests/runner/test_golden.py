@@ -1,0 +1,47 @@
+"""Rows of one small run, kept: a byte of a corruption or a digit of a metric that changes is noticed.
+
+The flow is one that no library decides. Where a change is meant, raise STREAM_VERSION or ROW_SCHEMA_VERSION and write
+the file anew: `python -m tests.runner.test_golden`.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+import robustflow as rf
+from robustflow.corruptions import IMAGE_PAIR
+
+GOLDEN = Path(__file__).parent / "golden_rows.csv"
+CORRUPTIONS = [name for name in IMAGE_PAIR if name != "frost"]  # its photographs are fetched; tested by itself
+COLUMNS = ["corruption", "severity", "frames_digest", "n_all", "n_valid", "epe_sum", "rcre_sum", "fl_count", "wauc_sum"]
+
+
+def brightness_flow(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    """A flow that depends on every pixel of both frames, by integer arithmetic alone."""
+    u = -(frame1.astype(np.int32).sum(axis=2) // 8)
+    v = (frame2.astype(np.int32).sum(axis=2) - frame1.astype(np.int32).sum(axis=2)) // 16
+    return np.stack([u, v], axis=2).astype(np.float32)
+
+
+def rows(folder: Path) -> pl.DataFrame:
+    """The run's rows, in the columns that are kept."""
+    result = rf.evaluate(brightness_flow, "demo", output=folder, corruptions=CORRUPTIONS, severities=[3])
+    return result.rows.select(COLUMNS)
+
+
+def test_rows_are_those_of_the_golden_run(tmp_path):
+    found = rows(tmp_path / "run")
+    golden = pl.read_csv(GOLDEN, schema=found.schema)
+    differing = [a[0] for a, b in zip(found.iter_rows(), golden.iter_rows(), strict=True) if a != b]
+    assert not differing
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as scratch:
+        rows(Path(scratch) / "run").write_csv(GOLDEN)
+    sys.stdout.write(f"{GOLDEN}\n")
