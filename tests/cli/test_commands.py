@@ -13,25 +13,6 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.cli.main import main
-
-
-@pytest.fixture
-def robustflow(monkeypatch, capsys, tmp_path):
-    """Run the command line in `tmp_path`; returns (exit code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["robustflow", *map(str, arguments)])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        captured = capsys.readouterr()
-        return code, captured.out, captured.err
-
-    return call
 
 
 def _frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:
