@@ -22,9 +22,11 @@ def print_result(result: Result, metric: str = "all") -> None:
     else:
         console.print(_by_severity(result, metric))
     console.print(_sentence(summary), highlight=False, soft_wrap=True)
-    if not summary.complete:
-        missing = sum(len(unit.samples) for unit in summary.missing)
+    missing, unmeasured = (sum(len(unit.samples) for unit in units) for units in (summary.missing, summary.unmeasured))
+    if missing:
         console.print(f"Incomplete: {missing} of the planned settings are missing; the means are over the rest.")
+    if unmeasured:
+        console.print(f"Incomplete: {unmeasured} settings have no pixel to measure; the means are over the rest.")
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")
     if result.left_out:
@@ -69,6 +71,8 @@ def _by_severity(result: Result, metric: str) -> Table:
 
 
 def _sentence(summary: Summary) -> str:
+    if summary.rcre is None:
+        return "nothing could be measured"
     if summary.epe_clean is None:
         return f"RCRE {cell(summary.rcre)} px (no ground truth: EPE, CRE and CREr cannot be measured)"
     return (
