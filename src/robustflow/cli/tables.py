@@ -29,6 +29,8 @@ def print_result(result: Result, metric: str = "all") -> None:
         console.print(f"Incomplete: {unmeasured} settings have no pixel to measure; the means are over the rest.")
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")
+    for warning in dict.fromkeys(text for clip in result.manifest.get("clips", []) for text in clip["warnings"]):
+        console.print(f"Warning: {warning}", highlight=False, markup=False, soft_wrap=True)
     if result.left_out:
         console.print(f"Left out: {left_out_sentence(result.left_out)}.", highlight=False, soft_wrap=True)
     console.print(f"report: {result.path / 'report.html'}", highlight=False, soft_wrap=True)

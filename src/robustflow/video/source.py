@@ -92,7 +92,7 @@ class VideoFile:
             low, high = self.variable
             raise DataError(
                 f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); convert it to "
-                "a constant one, or give --fps to take its frames as evenly spaced"
+                "a constant one, or take its frames as evenly spaced with robustflow prepare gopro-fc --fps"
             )
         first = next(self.frames(), None)
         if first is None:
