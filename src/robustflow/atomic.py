@@ -40,10 +40,21 @@ def write_bytes(path: Path, data: bytes) -> None:
         raise
 
 
+def json_bytes(value: Any) -> bytes:
+    """JSON as this project writes it: the same bytes for the same value, and no number that JSON does not know.
+
+    Raises:
+        ValueError: a number that is not finite, or text that is no Unicode.
+
+    >>> json_bytes({"b": 1, "a": None})
+    b'{\\n  "a": null,\\n  "b": 1\\n}\\n'
+    """
+    return (json.dumps(value, indent=2, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
 def write_json(path: Path, value: Any) -> None:
-    """Write JSON atomically: the same bytes for the same value, and no number that JSON does not know."""
-    text = json.dumps(value, indent=2, sort_keys=True, ensure_ascii=False, allow_nan=False)
-    write_bytes(path, (text + "\n").encode())
+    """Write `json_bytes` atomically."""
+    write_bytes(path, json_bytes(value))
 
 
 def make_folder(path: Path) -> None:

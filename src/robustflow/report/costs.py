@@ -1,0 +1,102 @@
+"""What the model of a run costs, counted by `robustflow profile MODEL --into RUN` and kept beside the run's rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..errors import RunError
+from .runs import run_names
+
+if TYPE_CHECKING:
+    from ..runner.result import Result
+
+PROFILE = "profile.json"
+_LARGEST = 1 << 16
+
+_Count = Annotated[int, Field(ge=0, le=10**18)]
+
+
+class RunCost(BaseModel):
+    """The cost of one prediction of a run's model.
+
+    Attributes:
+        version: of this file.
+        run: the digest of the run's identity.
+        height, width: of the frames it was counted for; the paper's are 432 x 720.
+        iterations: of the model, None where it has none.
+        parameters: all that are learned.
+        macs: multiply-accumulates by PyTorch's counter.
+        thop_parameters, thop_macs: as the paper's table counts them.
+        seconds: of one pair, the shortest time of several; None where it was not timed.
+        peak_bytes: memory, None where it was not measured.
+        device: where it was timed, as PyTorch calls it.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    version: Literal[1] = 1
+    run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
+    height: Annotated[int, Field(ge=1, le=10**5)]
+    width: Annotated[int, Field(ge=1, le=10**5)]
+    iterations: Annotated[int, Field(ge=0, le=10**6)] | None = None
+    parameters: _Count
+    macs: _Count
+    thop_parameters: _Count
+    thop_macs: _Count
+    seconds: Annotated[float, Field(ge=0)] | None = None
+    peak_bytes: _Count | None = None
+    device: Annotated[str, Field(max_length=40)] | None = None
+
+    @property
+    def parameters_m(self) -> float:
+        """Millions, in the paper's way."""
+        return self.thop_parameters / 1e6
+
+    @property
+    def flops_g(self) -> float:
+        """What the paper calls FLOPs: thop's multiply-accumulates, 10^9."""
+        return self.thop_macs / 1e9
+
+
+def parse_cost(data: bytes, name: str) -> RunCost:
+    """A cost from its file.
+
+    Raises:
+        RunError: not in this shape.
+    """
+    try:
+        return RunCost.model_validate_json(data)
+    except ValidationError as error:
+        first = error.errors(include_input=False, include_url=False)[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        raise RunError(
+            f"{name}: {where}: {first['msg']}; delete it, or write it anew with robustflow profile MODEL --into RUN"
+        ) from error
+
+
+def read_cost(run: Result) -> RunCost | None:
+    """The cost kept in a run's folder; None where nobody counted it.
+
+    Raises:
+        RunError: the file is damaged, or was counted for another run.
+    """
+    path: Path = run.path / PROFILE
+    try:
+        with open(path, "rb") as file:
+            data = file.read(_LARGEST + 1)
+    except OSError:
+        return None
+    cost = parse_cost(data[:_LARGEST], str(path))
+    if cost.run != run.manifest["identity_digest"]:
+        raise RunError(f"{path} was counted for another run ({cost.run}); delete it, or count it anew")
+    return cost
+
+
+def run_costs(runs: Sequence[Result]) -> dict[str, RunCost]:
+    """Costs by the names that `run_results` gives the runs; runs without one are left out."""
+    costs = {name: read_cost(run) for name, run in zip(run_names(runs), runs, strict=True)}
+    return {name: cost for name, cost in costs.items() if cost is not None}
