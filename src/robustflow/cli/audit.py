@@ -14,7 +14,9 @@ FOUND = 3
 def audit(
     source: Annotated[
         Path | None,
-        typer.Argument(metavar="[FILE]", help="A results file (CSV) or a run's folder [the published tables]."),
+        typer.Argument(
+            metavar="[FILE]", help="A results file (CSV), or a run's folder or record [the published tables]."
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:

@@ -9,7 +9,9 @@ import typer
 
 
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders of runs over the same data.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders or records of runs over the same data.")
+    ],
     metric: Annotated[str | None, typer.Option("--metric", help="epe, cre, crer or rcre alone.")] = None,
     level: Annotated[float, typer.Option(help="Of the confidence intervals.")] = 0.95,
     resamples: Annotated[int, typer.Option(help="Of the bootstrap.")] = 4999,
@@ -27,18 +29,18 @@ def compare(
       robustflow compare runs/a runs/b runs/c --metric rcre
     """
     from ..errors import UsageError, unknown_name
+    from ..report.load import load_run
     from ..report.runs import run_names
     from ..report.text import plain
     from ..report.uncertainty import compare as compare_two
     from ..report.uncertainty import compare_all
     from ..report.uncertainty.sums import METRICS
-    from ..runner.result import Result
 
     if metric is not None and metric not in METRICS:
         raise unknown_name("metric", metric, METRICS)
     if len(runs) < 2:
         raise UsageError("one run cannot be compared: name two or more")
-    found = [Result(run) for run in runs]
+    found = [load_run(run) for run in runs]
     rows = dict(zip(run_names(found), (run.rows for run in found), strict=True))
     if len(found) == 2:
         (first, a), (second, b) = rows.items()

@@ -18,11 +18,13 @@ from .export import export
 from .gallery import gallery
 from .listing import list_things
 from .optics import app as optics
+from .pack import pack
 from .prepare import prepare
 from .profile import profile
 from .report import report
 from .run import run
 from .show import show
+from .verify import verify
 
 app = typer.Typer(
     name="robustflow",
@@ -39,6 +41,8 @@ app.command("profile")(profile)
 app.command("report")(report)
 app.command("compare")(compare)
 app.command("audit")(audit)
+app.command("pack")(pack)
+app.command("verify")(verify)
 app.command("list")(list_things)
 app.command("corrupt")(corrupt)
 app.command("export")(export)

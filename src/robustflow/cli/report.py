@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def report(
-    runs: Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Folders of runs.")] = None,
+    runs: Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Folders or records of runs.")] = None,
     published: Annotated[bool, typer.Option("--published", help="Put the paper's results beside them.")] = False,
     table: Annotated[
         str | None,
@@ -42,15 +42,15 @@ def report(
     from ..atomic import write_bytes
     from ..errors import UsageError, unknown_name
     from ..report.assemble import figures_of, tables_of
+    from ..report.load import load_run
     from ..report.render import FORMATS
-    from ..runner.result import Result
     from .options import names
 
     if format not in FORMATS:
         raise unknown_name("format", format, FORMATS)
     if not runs and not published:
         raise UsageError("nothing to report: name a run's folder, or give --published")
-    found = [Result(run) for run in runs or []]
+    found = [load_run(run) for run in runs or []]
     tables = tables_of(found, published=published, wanted=names(table), seed=seed)
     text = "\n".join(_shown(one, format, to_screen=output is None) for one in tables)
     if output is not None:

@@ -51,7 +51,7 @@ class Result:
 
     def summarize(self, averaging: Averaging = "image") -> Summary:
         """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
-        return summarize(self.rows, averaging, self._planned())
+        return summarize(self.rows, averaging, self.planned())
 
     @property
     def epe_clean(self) -> float | None:
@@ -116,7 +116,8 @@ class Result:
         write_json(self.path / "summary.json", self.document())
         write_bytes(self.path / "report.html", render_report(self).encode())
 
-    def _planned(self) -> list[Cell]:
+    def planned(self) -> list[Cell]:
+        """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
         selection = self.manifest["selection"]
         cells: list[Cell] = []
         for key in self.manifest["samples"]:

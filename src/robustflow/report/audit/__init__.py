@@ -7,6 +7,7 @@ from pathlib import Path
 
 import polars as pl
 
+from ..load import is_record, load_run
 from ..published import Cost, published_costs, published_results
 from ..results import read_results
 from .checks import Book, check_averages, check_bound, check_cre, check_crer, check_marks
@@ -19,13 +20,15 @@ __all__ = ["CHECKS", "Audit", "Finding", "audit", "audit_published", "audit_resu
 
 
 def audit(path: str | Path) -> Audit:
-    """A results file (CSV, see `robustflow.report.results.read_results`) or a run's folder.
+    """A results file (CSV, see `robustflow.report.results.read_results`) or a run: its folder, or a record of it.
 
     Raises:
-        DataError, RunError: it is neither, or cannot be read.
+        DataError, RunError: it is none of these, or cannot be read.
     """
     path = Path(path).expanduser()
-    return audit_run(path) if path.is_dir() else audit_results(read_results(path), audited=str(path))
+    if path.is_dir() or is_record(path):
+        return audit_run(load_run(path), str(path))
+    return audit_results(read_results(path), audited=str(path))
 
 
 def audit_published() -> Audit:

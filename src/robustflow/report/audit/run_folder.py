@@ -21,20 +21,22 @@ _LARGEST_SUMMARY = 256 * 2**20
 _CLOSE = 1e-9
 
 
-def audit_run(folder: str | Path) -> Audit:
-    """Whether what a run folder says follows from its rows.
+def audit_run(run: Result, audited: str | None = None) -> Audit:
+    """Whether what a run's folder says follows from its rows.
 
     `summary.json` is made again from the rows and compared number by number; the digest is made again from the
     identity; rows are checked for what no measurement can be (an error below 0 or not finite, more outliers than
     pixels, an error that grew by more than the flow moved).
 
+    Args:
+        run: in its folder.
+        audited: what to call it; the folder by default.
+
     Raises:
-        RunError: not a run folder, or one without a readable summary.
+        RunError: a folder without a readable summary.
     """
     from ...runner.plan import identity_digest
-    from ...runner.result import Result
 
-    run = Result(folder)
     digest = identity_digest(run.manifest["identity"])
     identity = []
     if digest != run.manifest.get("identity_digest"):
@@ -42,7 +44,7 @@ def audit_run(folder: str | Path) -> Audit:
             f"manifest.json: the digest is {run.manifest.get('identity_digest')}, but that of its identity is {digest}"
         )
         identity.append(Finding(check="identity", source="manifest.json", says=says))
-    return merged(str(run.path), [_summary(run), ("identity", 1, identity), _rows(run.rows)])
+    return merged(audited or str(run.path), [_summary(run), ("identity", 1, identity), _rows(run.rows)])
 
 
 def _summary(run: Result) -> tuple[str, int, list[Finding]]:

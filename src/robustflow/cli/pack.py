@@ -1,0 +1,47 @@
+"""`robustflow pack`: a run in one file, to be sent and checked elsewhere."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def pack(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="The file, NAME.robustflow [the folder's name].")
+    ] = None,
+    author: Annotated[str, typer.Option(help="Who submits it.")] = "",
+    link: Annotated[str, typer.Option(help="Where to read more: https://...")] = "",
+    description: Annotated[str, typer.Option(help="A sentence or two, plain text.")] = "",
+    partial: Annotated[bool, typer.Option("--partial", help="Pack a run that is not finished, marked so.")] = False,
+    keep_paths: Annotated[
+        bool, typer.Option("--keep-paths", help="Pack texts that name places on this machine.")
+    ] = False,
+) -> None:
+    """Pack a run into one file that another machine can verify and add to its leaderboard.
+
+    It holds what ran, the rows and the means; no image, no command line, no path and no name of this machine. The same
+    run gives the same bytes.
+
+    \b
+    Examples:
+      robustflow pack runs/kitti-fc_mine_1a2b3c4d
+      robustflow pack runs/mine -o mine.robustflow --author "A. Author" --link https://example.org/mine
+    """
+    from ..report.record.pack import pack as pack_run
+    from ..report.text import plain
+    from ..runner.result import Result
+
+    path = pack_run(
+        Result(run),
+        output,
+        author=author,
+        link=link,
+        description=description,
+        partial=partial,
+        keep_paths=keep_paths,
+    )
+    typer.echo(plain(str(path), None))
