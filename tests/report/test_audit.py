@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from robustflow.corruptions.catalog import IMAGE_PAIR
 from robustflow.errors import RunError
 from robustflow.report.audit import CHECKS, Audit, audit, audit_published, audit_results
+from robustflow.report.audit.row_rules import RULES
 from robustflow.report.published import published_results
 from robustflow.report.results import AVERAGE, CLEAN, parse_results
 from robustflow.runner.evaluate import evaluate
@@ -170,7 +171,7 @@ def test_a_run_folder_fits(run):
     found = audit(run.path)
     assert not found.findings
     assert found.checked["summary"] > 100
-    assert found.checked["rows"] == 3 * run.rows.height
+    assert found.checked["rows"] == len(RULES) * run.rows.height
 
 
 def test_a_changed_summary_is_found(run, tmp_path):

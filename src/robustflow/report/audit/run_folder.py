@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from ...errors import RunError
-from ...metrics.rows import CLEAN
 from .findings import Audit, Finding, merged
+from .row_rules import RULES, broken_rules
 
 if TYPE_CHECKING:
     from ...runner.result import Result
@@ -25,8 +25,7 @@ def audit_run(run: Result, audited: str | None = None) -> Audit:
     """Whether what a run's folder says follows from its rows.
 
     `summary.json` is made again from the rows and compared number by number; the digest is made again from the
-    identity; rows are checked for what no measurement can be (an error below 0 or not finite, more outliers than
-    pixels, an error that grew by more than the flow moved).
+    identity; rows are checked for what no measurement can be (`row_rules.RULES`).
 
     Args:
         run: in its folder.
@@ -118,24 +117,10 @@ def _shown(value: Any) -> str:
 
 
 def _rows(rows: pl.DataFrame) -> tuple[str, int, list[Finding]]:
-    clean = rows.filter(corruption=CLEAN).select("sample", _before="epe_sum", _pixels="n_valid")
-    both = rows.join(clean, on="sample", how="left")
-    scale = _CLOSE * (1 + pl.col("epe_sum") + pl.col("rcre_sum"))
-    impossible = {
-        "its sums are negative or not finite": pl.any_horizontal(
-            (~pl.col(c).is_finite() | (pl.col(c) < 0)) for c in ("epe_sum", "rcre_sum", "rcre_all_sum", "wauc_sum")
-        ),
-        "it has more outliers than pixels": pl.any_horizontal(
-            (pl.col(c) > pl.col("n_valid")) | (pl.col(c) < 0)
-            for c in ("fl_count", "px1_count", "px3_count", "px5_count", "wauc_sum")
-        ),
-        "the error changed by more than the flow moved": (pl.col("n_valid") == pl.col("_pixels"))
-        & ((pl.col("epe_sum") - pl.col("_before")).abs() > pl.col("rcre_sum") + scale),
-    }
     findings = []
-    for reason, condition in impossible.items():
-        for row in both.filter(condition.fill_null(False)).iter_rows(named=True):
+    for reason, broken in broken_rules(rows):
+        for row in broken.iter_rows(named=True):
             where = f"sample '{row['sample']}', {row['corruption']} severity {row['severity']}"
             says = f"rows: {where}: {reason}"
             findings.append(Finding(check="rows", source="rows", corruption=str(row["corruption"]), says=says))
-    return "rows", both.height * len(impossible), findings
+    return "rows", rows.height * len(RULES), findings

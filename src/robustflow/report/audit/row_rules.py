@@ -1,0 +1,143 @@
+"""What no measurement can be: rules that every row of a run obeys by the definitions in `robustflow.metrics.rows`.
+
+They hold for any model on any frames, so a row that breaks one was not measured, or was changed afterwards. A sum of
+lengths is compared up to a rounding of 1e-9 of itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import reduce
+from operator import add, or_
+
+import polars as pl
+
+from ...metrics.regions import REGIONS
+from ...metrics.rows import CLEAN, ROW_SCHEMA
+
+_CLOSE = 1e-9
+_SUMS = tuple(name for name, kind in ROW_SCHEMA.items() if kind is pl.Float64)
+_COUNTS = tuple(name for name, kind in ROW_SCHEMA.items() if kind is pl.Int64)
+_OUTLIERS = ("fl_count", "px1_count", "px3_count", "px5_count")
+_TRUTH = ("n_valid", "epe_sum", "rcre_sum", "magnitude_sum", *_OUTLIERS, "wauc_sum")
+_SPLITS = (("noc", "occ"), ("s0_10", "s10_40", "s40"), ("d0_10", "d10_60", "d60"))
+_BEFORE = "_clean"
+
+_Expr = pl.Expr
+
+
+def broken_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
+    """Each rule as what is wrong with the rows that break it, with those rows (columns of `ROW_SCHEMA` among others).
+
+    Args:
+        rows: of one run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
+    """
+    clean = rows.filter(corruption=CLEAN).unique("sample")
+    both = rows.join(clean.select("sample", pl.exclude("sample").name.suffix(_BEFORE)), on="sample", how="left")
+    for reason, condition in RULES.items():
+        yield reason, both.filter(condition.fill_null(False))
+
+
+def _any(conditions: Iterator[_Expr] | list[_Expr]) -> _Expr:
+    return reduce(or_, (condition.fill_null(False) for condition in conditions))
+
+
+def _apart(first: _Expr, second: _Expr) -> _Expr:
+    """Two sums of the same pixels in another order."""
+    return (first - second).abs() > _CLOSE * (1 + first.abs() + second.abs())
+
+
+def _exceeds(first: _Expr, second: _Expr) -> _Expr:
+    return first > second + _CLOSE * (1 + first.abs() + second.abs())
+
+
+def _shift(total: str, count: str, moved: str) -> _Expr:
+    """A sum of lengths changed against the clean row by more than the flow moved, over the same pixels."""
+    same = pl.col(count) == pl.col(count + _BEFORE)
+    before = pl.col(total + _BEFORE)
+    scale = _CLOSE * (1 + pl.col(total) + before + pl.col(moved))
+    return same & ((pl.col(total) - before).abs() > pl.col(moved) + scale)
+
+
+def _missing_together(names: tuple[str, ...]) -> _Expr:
+    return pl.any_horizontal(pl.col(name).is_null() != pl.col(names[0]).is_null() for name in names[1:])
+
+
+def _misfit(parts: tuple[str, ...]) -> _Expr:
+    """The regions of one split do not add up to all valid pixels."""
+    exact = [
+        reduce(add, (pl.col(f"{field}_{part}") for part in parts)) != pl.col(whole)
+        for field, whole in (("n", "n_valid"), ("fl_count", "fl_count"))
+    ]
+    sums = [
+        _apart(reduce(add, (pl.col(f"{field}_{part}") for part in parts)), pl.col(field))
+        for field in ("epe_sum", "rcre_sum")
+    ]
+    return _any(exact + sums)
+
+
+def _differs_within_sample(name: str, where: _Expr) -> _Expr:
+    first = pl.col(name).filter(where).first().over("sample")
+    return where & pl.col(name).ne_missing(first)
+
+
+_pixels = pl.col("height") * pl.col("width")
+_whole = pl.col("n_all") == _pixels
+_all_of = ("n", "epe_sum", "rcre_sum", "fl_count")
+
+RULES: dict[str, _Expr] = {
+    "its sums are negative or not finite": _any([~pl.col(c).is_finite() | (pl.col(c) < 0) for c in _SUMS]),
+    "it has more outliers than pixels": _any(
+        [(pl.col(c) > pl.col("n_valid")) | (pl.col(c) < 0) for c in _OUTLIERS]
+        + [_exceeds(pl.col("wauc_sum"), pl.col("n_valid").cast(pl.Float64))]
+        + [pl.col(f"fl_count_{region}") > pl.col(f"n_{region}") for region in REGIONS]
+    ),
+    "the error changed by more than the flow moved": _any(
+        [_shift("epe_sum", "n_valid", "rcre_sum")]
+        + [_shift(f"epe_sum_{region}", f"n_{region}", f"rcre_sum_{region}") for region in REGIONS]
+    ),
+    "the length of the flow changed by more than the flow moved": _shift("pred_magnitude_sum", "n_all", "rcre_all_sum"),
+    "it counts more pixels than there are": _any(
+        [pl.col(c) < 0 for c in _COUNTS]
+        + [pl.col("height") < 1, pl.col("width") < 1, pl.col("n_all") + pl.col("n_invalid") > _pixels]
+        + [pl.col("n_valid") > pl.col("n_all")]
+    ),
+    "numbers are there without the others that belong to them": _any(
+        [_missing_together(_TRUTH)]
+        + [_missing_together(tuple(f"{field}_{region}" for field in _all_of)) for region in REGIONS]
+        + [pl.col("n_valid").is_null() & pl.col(f"n_{region}").is_not_null() for region in REGIONS]
+    ),
+    "its regions do not add up to all pixels": _any([_misfit(parts) for parts in _SPLITS]),
+    "its outliers of 5, 3 and 1 px are not contained in each other": _any(
+        [
+            pl.col(few) > pl.col(many)
+            for few, many in (("px5_count", "px3_count"), ("px3_count", "px1_count"), ("fl_count", "px3_count"))
+        ]
+    ),
+    "its error is below what its outliers alone add up to": _exceeds(
+        pl.col("px1_count") + 2.0 * pl.col("px3_count") + 2.0 * pl.col("px5_count"), pl.col("epe_sum")
+    ),
+    "its ground truth is shorter or longer than its regions say": _any(
+        [
+            _exceeds(10.0 * pl.col("n_s10_40") + 40.0 * pl.col("n_s40"), pl.col("magnitude_sum")),
+            (pl.col("n_s40") == 0)
+            & _exceeds(pl.col("magnitude_sum"), 10.0 * pl.col("n_s0_10") + 40.0 * pl.col("n_s10_40")),
+        ]
+    ),
+    "its flow is too short for such a small error": _exceeds(
+        pl.col("magnitude_sum"), pl.col("pred_magnitude_sum") + pl.col("epe_sum")
+    ),
+    "the flow moved more on the valid pixels than on all": _exceeds(pl.col("rcre_sum"), pl.col("rcre_all_sum")),
+    "the flow on the clean frames differs from itself": (pl.col("corruption") == CLEAN)
+    & _any([pl.col("severity") != 0] + [pl.col(c) != 0 for c in _SUMS if c.startswith("rcre")]),
+    "its size or group is another one than that of the sample's other rows": _any(
+        [_differs_within_sample(name, pl.lit(True)) for name in ("height", "width", "group")]
+    ),
+    "its ground truth is another one than that of the sample's other rows": _any(
+        [
+            _differs_within_sample(name, _whole)
+            for name in ("n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
+        ]
+    ),
+}
+"""What is wrong with a row, and the condition under which it is. `<column>_clean` is the sample's clean row."""
