@@ -14,8 +14,10 @@ from .calibrate import calibrate
 from .compare import compare
 from .corrupt import corrupt
 from .displacement import displacement
+from .examples import examples
 from .export import export
 from .gallery import gallery
+from .leaderboard import leaderboard
 from .listing import list_things
 from .optics import app as optics
 from .pack import pack
@@ -37,9 +39,11 @@ app = typer.Typer(
 )
 app.command("run")(run)
 app.command("show")(show)
+app.command("examples")(examples)
 app.command("profile")(profile)
 app.command("report")(report)
 app.command("compare")(compare)
+app.command("leaderboard")(leaderboard)
 app.command("audit")(audit)
 app.command("pack")(pack)
 app.command("verify")(verify)

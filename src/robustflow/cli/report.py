@@ -11,6 +11,9 @@ import typer
 
 if TYPE_CHECKING:
     from ..report.table import Table
+    from ..runner.result import Result
+
+PAGE = "page"
 
 
 def report(
@@ -25,12 +28,14 @@ def report(
             "can be made].",
         ),
     ] = None,
-    format: Annotated[str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv or html.")] = "terminal",
+    format: Annotated[
+        str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or page.")
+    ] = "terminal",
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder for figures (PNG, SVG and PDF).")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the tables [printed].")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap behind the intervals.")] = 0,
 ) -> None:
-    """Tables and figures of runs, with the paper's results beside them.
+    """Tables and figures of runs, with the paper's results beside them; as a page, all of it in one HTML file.
 
     \b
     Examples:
@@ -38,6 +43,7 @@ def report(
       robustflow report runs/mine runs/other --table means,anatomy
       robustflow report --published --table cost --format latex -o cost.tex
       robustflow report runs/mine --published --figures figures
+      robustflow report runs/mine runs/other --published --format page -o report.html
     """
     from ..atomic import write_bytes
     from ..errors import UsageError, unknown_name
@@ -46,13 +52,16 @@ def report(
     from ..report.render import FORMATS
     from .options import names
 
-    if format not in FORMATS:
-        raise unknown_name("format", format, FORMATS)
+    if format not in (*FORMATS, PAGE):
+        raise unknown_name("format", format, (*FORMATS, PAGE))
     if not runs and not published:
         raise UsageError("nothing to report: name a run's folder, or give --published")
     found = [load_run(run) for run in runs or []]
-    tables = tables_of(found, published=published, wanted=names(table), seed=seed)
-    text = "\n".join(_shown(one, format, to_screen=output is None) for one in tables)
+    if format == PAGE:
+        text = _page(found, published, table)
+    else:
+        tables = tables_of(found, published=published, wanted=names(table), seed=seed)
+        text = "\n".join(_shown(one, format, to_screen=output is None) for one in tables)
     if output is not None:
         write_bytes(output, text.encode())
         typer.echo(str(output))
@@ -63,6 +72,15 @@ def report(
 
         for path in write_figures(figures_of(found, published=published), figures):
             typer.echo(str(path), err=output is None)
+
+
+def _page(runs: list[Result], published: bool, table: str | None) -> str:
+    from ..errors import UsageError
+    from ..report.site import render_site, whole_content
+
+    if table is not None:
+        raise UsageError("a page has all tables; leave out --table, or choose another --format")
+    return render_site(whole_content(runs, published=published))
 
 
 def _shown(table: Table, format: str, to_screen: bool) -> str:

@@ -111,10 +111,10 @@ class Result:
 
     def write_summary(self) -> None:
         """Write `summary.json` and `report.html` into the run's folder."""
-        from ..report.html import render_report
+        from ..report.site import render_site, run_content
 
         write_json(self.path / "summary.json", self.document())
-        write_bytes(self.path / "report.html", render_report(self).encode())
+        write_bytes(self.path / "report.html", render_site(run_content(self)).encode())
 
     def planned(self) -> list[Cell]:
         """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""

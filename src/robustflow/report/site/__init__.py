@@ -1,0 +1,8 @@
+"""The pages: a report of runs and the leaderboard, each one HTML file that asks the network for nothing."""
+
+from __future__ import annotations
+
+from .content import Content, run_content, whole_content
+from .page import render_site
+
+__all__ = ["Content", "render_site", "run_content", "whole_content"]

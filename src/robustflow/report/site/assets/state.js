@@ -1,0 +1,79 @@
+"use strict";
+// What the address after # says: `model=ID` is a model's page, `key=value&...` the state of the leaderboard, anything
+// else an ordinary anchor. A change of the leaderboard replaces the address; opening a model adds to the history.
+const overview = document.querySelectorAll("[data-overview]");
+const models = new Map([...document.querySelectorAll("article.model")].map((page) => [page.dataset.page, page]));
+const title = document.title;
+let shown = null;
+
+window.robustflow = { listeners: [], boardState: new URLSearchParams(), highlight() {} };
+
+function parsed() {
+  const text = location.hash.slice(1);
+  return text.includes("=") ? new URLSearchParams(text) : null;
+}
+
+function open(id) {
+  const page = models.get(id) ?? null;
+  for (const part of overview) part.hidden = page !== null;
+  for (const [other, element] of models) element.hidden = other !== id;
+  document.documentElement.classList.toggle("one-model", page !== null);
+  document.title = page === null ? title : `${page.querySelector("h2").textContent} – ${title}`;
+  const left = shown;
+  shown = page === null ? null : id;
+  window.robustflow.highlight(shown);
+  if (page !== null && left !== id) {
+    window.scrollTo(0, 0);
+    page.querySelector("h2").focus({ preventScroll: true });
+  }
+  return left;
+}
+
+function follow() {
+  const state = parsed();
+  const left = open(state?.get("model"));
+  if (state !== null && !state.has("model")) {
+    for (const listener of window.robustflow.listeners) listener(state);
+  }
+  if (state === null && location.hash.length > 1) document.getElementById(location.hash.slice(1))?.scrollIntoView();
+  if (left !== null && shown === null) {
+    const rows = [...document.querySelectorAll(".board:not([hidden]) tr[data-page]")];
+    rows.find((row) => row.dataset.page === left && !row.hidden)?.querySelector("a").focus();
+  }
+}
+
+// The board's script calls this after each change.
+window.robustflow.remember = (state) => {
+  if (shown !== null) return;
+  const text = state.toString();
+  history.replaceState(null, "", text ? `#${text}` : location.pathname + location.search);
+};
+
+const theme = document.getElementById("theme");
+const themes = ["auto", "light", "dark"];
+function setTheme(name) {
+  if (name === "auto") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = name;
+  theme.textContent = `Theme: ${name}`;
+  theme.dataset.name = name;
+}
+theme.addEventListener("click", () => {
+  const next = themes[(themes.indexOf(theme.dataset.name) + 1) % themes.length];
+  setTheme(next);
+  try {
+    localStorage.setItem("robustflow-theme", next);
+  } catch {
+    // A page from disk may have no storage; the choice then lasts as long as the page.
+  }
+});
+let kept = null;
+try {
+  kept = localStorage.getItem("robustflow-theme");
+} catch {
+  kept = null;
+}
+setTheme(themes.includes(kept) ? kept : "auto");
+
+for (const part of document.querySelectorAll(".needs-script")) part.hidden = false;
+window.addEventListener("hashchange", follow);
+document.addEventListener("DOMContentLoaded", follow);

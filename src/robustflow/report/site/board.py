@@ -1,0 +1,136 @@
+"""The leaderboard as data: which columns, and which lines below which heading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ...corruptions.catalog import FAMILIES
+from ..labels import BENCHMARK_LABELS, FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, long_label, short_label
+from ..published import PAPER
+from ..results import AVERAGE, CLEAN
+from ..text import plain
+from .entries import START, Entry, Key, default_order
+
+OVERVIEW = "overview"
+CLASSES = "classes"
+BOARD_METRICS = ("epe", "cre", "rcre")
+
+
+@dataclass(frozen=True)
+class BoardColumn:
+    """A column: it is shown in some `views` (`OVERVIEW`, `CLASSES`, a family), if it has a metric only with that."""
+
+    key: Key
+    label: str
+    title: str
+    views: tuple[str, ...]
+    metric: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Lines measured on the same frames, the only ones that are compared."""
+
+    title: str
+    published: bool
+    entries: tuple[Entry, ...]
+
+
+@dataclass(frozen=True)
+class Board:
+    """The leaderboard of a benchmark.
+
+    Attributes:
+        benchmark: its name; `label` as it is written.
+        views, metrics, settings: what can be chosen, (value, label).
+        start: the column that the lines are sorted by at first, an index.
+    """
+
+    benchmark: str
+    label: str
+    columns: tuple[BoardColumn, ...]
+    groups: tuple[Group, ...]
+    views: tuple[tuple[str, str], ...]
+    metrics: tuple[tuple[str, str], ...]
+    settings: tuple[tuple[str, str], ...]
+    start: int
+
+    @property
+    def count(self) -> int:
+        """Number of lines."""
+        return sum(len(group.entries) for group in self.groups)
+
+
+_OVERVIEW = (
+    BoardColumn(("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", (OVERVIEW,), unit="px"),
+    BoardColumn(("epe", AVERAGE), "EPE", "End-point error, mean over all corruptions", (OVERVIEW,), unit="px"),
+    BoardColumn(("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", (OVERVIEW,), unit="px"),
+    BoardColumn(("crer", AVERAGE), "CREr", "CRE / clean EPE", (OVERVIEW,)),
+    BoardColumn(("rcre", AVERAGE), "RCRE", "How far the flow moves under corruption", (OVERVIEW,), unit="px"),
+    BoardColumn(("parameters", ""), "Param.", "Parameters, millions", (OVERVIEW,), unit="M"),
+    BoardColumn(("flops", ""), "FLOPs", "Floating-point operations of one prediction, 10⁹", (OVERVIEW,), unit="G"),
+    BoardColumn(("rank", ""), "Avg. rank", "Rank of the mean of the FLOPs and CREr ranks (Tab. 3)", (OVERVIEW,)),
+)
+
+
+def boards_of(entries: Sequence[Entry], group_titles: dict[str, str]) -> list[Board]:
+    """A board per benchmark, in the order of the entries.
+
+    Args:
+        entries: from `entries_of`.
+        group_titles: heading of each sample set.
+    """
+    benchmarks = dict.fromkeys(entry.benchmark for entry in entries)
+    return [_board(name, [e for e in entries if e.benchmark == name], group_titles) for name in benchmarks]
+
+
+def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -> Board:
+    keys = {key for entry in entries for key in entry.texts}
+    columns = [column for column in _OVERVIEW if column.key in keys]
+    metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in FAMILIES)]
+    found = [family for family in FAMILIES if any((metric, family) in keys for metric in metrics)]
+    for metric in metrics:
+        columns.append(_mean_column(metric, (metric, AVERAGE), f"AVG {METRIC_LABELS[metric]}", (CLASSES,)))
+        for family in found:
+            columns.append(_mean_column(metric, (metric, family), FAMILY_LABELS[family], (CLASSES, family)))
+            columns += [_column(metric, name, family) for name in FAMILIES[family] if (metric, name) in keys]
+    start = next((i for key in START for i, column in enumerate(columns) if column.key == key), 0)
+    views = [(OVERVIEW, "Overview"), *([(CLASSES, "Class means")] if found else [])]
+    settings = dict.fromkeys(entry.setting for entry in entries)
+    return Board(
+        benchmark=benchmark,
+        label=BENCHMARK_LABELS.get(benchmark, plain(benchmark)),
+        columns=tuple(columns),
+        groups=_groups(entries, group_titles),
+        views=(*views, *((family, FAMILY_LABELS[family]) for family in found)),
+        metrics=tuple((metric, METRIC_LABELS[metric]) for metric in metrics),
+        settings=tuple(
+            (name, setting_label(name)) for name in dict.fromkeys([*SETTING_LABELS, *settings]) if name in settings
+        ),
+        start=start,
+    )
+
+
+def setting_label(setting: str) -> str:
+    """A setting in words; one that a file names is text."""
+    return SETTING_LABELS.get(setting, plain(setting, 40))
+
+
+def _groups(entries: list[Entry], titles: dict[str, str]) -> tuple[Group, ...]:
+    groups = []
+    for frames in dict.fromkeys(entry.sample_set for entry in entries):
+        lines = sorted((entry for entry in entries if entry.sample_set == frames), key=default_order)
+        groups.append(Group(titles.get(frames, plain(frames, 200)), frames == PAPER, tuple(lines)))
+    return tuple(groups)
+
+
+def _column(metric: str, corruption: str, family: str) -> BoardColumn:
+    title = f"{METRIC_LABELS[metric]} under {long_label(corruption)} ({FAMILY_LABELS[family]})"
+    return BoardColumn((metric, corruption), short_label(corruption), title, (family,), metric, "px")
+
+
+def _mean_column(metric: str, key: Key, label: str, views: tuple[str, ...]) -> BoardColumn:
+    title = f"{METRIC_LABELS[metric]}, mean over {'all corruptions' if key[1] == AVERAGE else 'the class'}"
+    return BoardColumn(key, label, title, views, metric, "px")

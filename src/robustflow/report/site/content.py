@@ -1,0 +1,114 @@
+"""What a page is made from: runs, results files, and the paper's results beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import polars as pl
+
+from ...errors import DataError
+from ..assemble import results_of
+from ..costs import read_cost
+from ..labels import BENCHMARK_LABELS
+from ..published import PAPER, Cost, published_costs
+from ..results import RESULT_KEY
+from ..runs import note_of, run_names, sample_set
+from ..text import plain
+from ..uncertainty import intervals
+from .entries import Entry, Interval, Key, entries_of
+
+if TYPE_CHECKING:
+    from ...runner.result import Result
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a page is made from.
+
+    Attributes:
+        title: of the page.
+        runs: (sample set, name) -> run.
+        results: of everything, columns of `results.RESULT_SCHEMA`.
+        costs: the paper's, empty where its results are not there.
+        entries: the lines of the leaderboard.
+        group_titles: sample set -> heading.
+        alone: whether the page is about its runs, and the paper's results only stand beside them: then they have no
+            figures, observations and audit of their own.
+    """
+
+    title: str
+    runs: Mapping[tuple[str, str], Result]
+    results: pl.DataFrame
+    costs: Mapping[str, Cost]
+    entries: Sequence[Entry]
+    group_titles: Mapping[str, str]
+    alone: bool
+
+    @property
+    def focus(self) -> pl.DataFrame:
+        """The results that the page is about."""
+        return self.results.filter(pl.col("sample_set") != PAPER) if self.alone else self.results
+
+
+def run_content(run: Result) -> Content:
+    """Of a run's own report: the run first, the paper's lines below."""
+    benchmark = str(run.manifest["identity"]["benchmark"])
+    title = f"{run.name} on {BENCHMARK_LABELS.get(benchmark, benchmark)}"
+    return _content(plain(title, 160), [run], [], published=True, alone=True)
+
+
+def whole_content(
+    runs: Sequence[Result], files: Sequence[tuple[str, pl.DataFrame]] = (), *, published: bool = True
+) -> Content:
+    """Of a leaderboard.
+
+    Args:
+        runs: none or more.
+        files: (name of a file, the results read from it). Each is a sample set of its own unless its lines name one.
+        published: whether the paper's results stand beside them.
+
+    Raises:
+        DataError: a value that is there twice, in two files or in a file and the paper's results.
+    """
+    return _content("Robustness of optical flow", runs, files, published, alone=False)
+
+
+def _content(
+    title: str, runs: Sequence[Result], files: Sequence[tuple[str, pl.DataFrame]], published: bool, alone: bool
+) -> Content:
+    own, paper = results_of(runs, published=False), results_of([], published=published)
+    parts, titles = [own], {PAPER: "Published values"}
+    for run in runs:
+        titles[sample_set(run)] = f"Measured here: {note_of(run) or 'the frames of the paper'}"
+    for index, (name, frame) in enumerate(files, 1):
+        here = f"file {index}"
+        parts.append(frame.with_columns(sample_set=pl.col("sample_set").replace({"file": here})))
+        titles[here] = f"From {plain(name)}"
+    results = pl.concat([*parts, paper])
+    twice = results.filter(results.select(RESULT_KEY).is_duplicated())
+    if twice.height:
+        found = twice.row(0, named=True)
+        raise DataError(
+            f"{found['metric']} of '{plain(found['model'])}' ({plain(found['setting'])}) on {found['corruption']} is "
+            f"there twice for the sample set '{plain(found['sample_set'])}'; give each result once"
+        )
+    by_name = {(sample_set(run), name): run for name, run in zip(run_names(runs), runs, strict=True)}
+    sizes = {key: read_cost(run) for key, run in by_name.items()}
+    costs = published_costs() if published else {}
+    entries = entries_of(
+        results,
+        costs,
+        {key: _intervals(run) for key, run in by_name.items()},
+        {key: (cost.parameters_m, cost.flops_g) for key, cost in sizes.items() if cost is not None},
+    )
+    return Content(title, by_name, results, costs, entries, titles, alone)
+
+
+def _intervals(run: Result) -> dict[Key, Interval]:
+    known = intervals(run.rows).drop_nulls(["low", "high"])
+    return {
+        (metric, corruption): (low, high)
+        for metric, corruption, low, high in known.select("metric", "corruption", "low", "high").iter_rows()
+    }

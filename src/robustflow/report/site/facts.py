@@ -1,0 +1,68 @@
+"""What ran, or where published numbers come from: (label, text) pairs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ...runner.plan import left_out_sentence
+from ..costs import read_cost
+from ..published import method_of
+from ..runs import note_of
+from ..text import plain
+
+if TYPE_CHECKING:
+    from ...runner.result import Result
+
+_LONGEST = 600
+Facts = list[tuple[str, str]]
+
+
+def run_facts(run: Result) -> Facts:
+    """Of a run, from its manifest: model, data, seed, versions, and what is left out or not as in the paper."""
+    manifest = run.manifest
+    identity, environment = manifest["identity"], manifest.get("environment") or {}
+    provenance = manifest.get("provenance") or {}
+    facts = [
+        ("Model", _spelled(identity["model"])),
+        ("Setting", run.setting),
+        ("Trained on", ", ".join(provenance.get("trained_on") or ()) or "nobody said, or nothing"),
+        ("How that is known", str(provenance.get("basis", ""))),
+        ("Note on the training", str(provenance.get("note", ""))),
+        ("Benchmark", f"{identity['benchmark']} ({identity.get('dataset', '')})"),
+        ("Samples", str(len(manifest["samples"]))),
+        ("Difference from the paper", note_of(run)),
+        ("Severities", ", ".join(map(str, manifest["selection"]["severities"]))),
+        ("Severity scale", str(identity.get("severity_scale", "paper"))),
+        ("Left out", left_out_sentence(run.left_out) if run.left_out else ""),
+        ("Seed", str(identity["seed"])),
+        ("Variant of the corruptions", str(identity["variant"])),
+        ("Cost", _cost(run)),
+        ("Run", str(manifest["identity_digest"])),
+        ("Packages", ", ".join(f"{name} {version}" for name, version in environment.get("packages", {}).items())),
+    ]
+    return [(label, plain(text, _LONGEST)) for label, text in facts if text]
+
+
+def published_facts(model: str, sources: list[str]) -> Facts:
+    """Of a model of the paper or of a results file: its method, and the tables its values stand in."""
+    method = method_of(model)
+    facts = [("Source", ", ".join(source for source in sources if source))]
+    if method is not None:
+        facts += [
+            ("Method", f"{method.method} ({method.type}, {method.year})"),
+            ("Encoder", method.encoder),
+            ("Decoder", method.decoder),
+        ]
+    return [(label, plain(text, _LONGEST)) for label, text in facts if text]
+
+
+def _spelled(values: dict[str, Any]) -> str:
+    return ", ".join(f"{key}: {value}" for key, value in values.items() if value not in ({}, None, ""))
+
+
+def _cost(run: Result) -> str:
+    cost = read_cost(run)
+    if cost is None:
+        return ""
+    size = f"{cost.parameters_m:.2f} M parameters, {cost.flops_g:.1f} G FLOPs for {cost.width} x {cost.height} frames"
+    return size + (f", {cost.seconds:.3f} s on {cost.device}" if cost.seconds is not None else "")

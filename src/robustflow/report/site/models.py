@@ -1,0 +1,171 @@
+"""The page of a model: its numbers under every corruption, what ran, and the anatomy of its error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ...corruptions.catalog import PAPER_ORDER
+from ...errors import UsageError
+from ..analysis_tables import anatomy_table
+from ..labels import BENCHMARK_LABELS, METRIC_LABELS, UNITS, long_label
+from ..results import AVERAGE, CLEAN
+from ..table import Section, Table
+from ..text import plain
+from .content import Content
+from .entries import Entry, Key
+from .facts import Facts, published_facts, run_facts
+from .heat import heat_class, scale_top
+
+if TYPE_CHECKING:
+    from ...runner.result import Result
+
+_METRICS = ("cre", "rcre", "epe")
+_TILES = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
+
+
+@dataclass(frozen=True)
+class HeatTable:
+    """Corruptions down, severities or settings across; a cell is (text, class of its colour, note)."""
+
+    title: str
+    columns: tuple[str, ...]
+    lines: tuple[tuple[str, tuple[tuple[str, str, str], ...]], ...]
+    across: str = ""
+
+
+@dataclass(frozen=True)
+class ModelPage:
+    """What the page of a model shows.
+
+    Attributes:
+        id: of the page.
+        name: of the model.
+        tiles: per entry (label, text, interval) of the overall means.
+        says: sentences.
+        tables: heat tables, the first one the most telling.
+        facts: what ran.
+        anatomy: error by region, family and slope, of a run.
+    """
+
+    id: str
+    name: str
+    tiles: tuple[tuple[Entry, tuple[tuple[str, str, str], ...]], ...]
+    says: tuple[str, ...]
+    tables: tuple[HeatTable, ...]
+    facts: Facts
+    anatomy: Table | None
+
+
+def model_pages(content: Content) -> list[ModelPage]:
+    """A page for each model of each sample set, in the order of the entries."""
+    by_page: dict[str, list[Entry]] = {}
+    for entry in content.entries:
+        by_page.setdefault(entry.page, []).append(entry)
+    pages = []
+    for page, entries in by_page.items():
+        run = content.runs.get((entries[0].sample_set, entries[0].name))
+        pages.append(_of_results(page, entries, content) if run is None else _of_run(page, entries[0], run))
+    return pages
+
+
+def _of_run(page: str, entry: Entry, run: Result) -> ModelPage:
+    return ModelPage(
+        id=page,
+        name=entry.model,
+        tiles=((entry, _tiles(entry)),),
+        says=_sentences(entry),
+        tables=tuple(_severity_table(entry, run, metric) for metric in _METRICS if (metric, AVERAGE) in entry.texts),
+        facts=run_facts(run),
+        anatomy=_anatomy(run),
+    )
+
+
+def _of_results(page: str, entries: list[Entry], content: Content) -> ModelPage:
+    first = entries[0]
+    of_model = content.results.filter(sample_set=first.sample_set, model=first.name)
+    tables = []
+    for benchmark in dict.fromkeys(entry.benchmark for entry in entries):
+        shown = [entry for entry in entries if entry.benchmark == benchmark]
+        tables.append(_settings_table(BENCHMARK_LABELS.get(benchmark, plain(benchmark)), shown))
+    return ModelPage(
+        id=page,
+        name=first.model,
+        tiles=tuple((entry, _tiles(entry)) for entry in entries),
+        says=tuple(sentence for entry in entries for sentence in _sentences(entry)),
+        tables=tuple(tables),
+        facts=published_facts(first.name, list(dict.fromkeys(of_model["source"]))),
+        anatomy=None,
+    )
+
+
+def _tiles(entry: Entry) -> tuple[tuple[str, str, str], ...]:
+    return tuple(
+        (f"{'clean ' if key[1] == CLEAN else ''}{METRIC_LABELS[key[0]]}", entry.texts[key], interval_text(entry, key))
+        for key in _TILES
+        if key in entry.texts
+    )
+
+
+def interval_text(entry: Entry, key: Key) -> str:
+    """ "[1.02, 1.71]", or "" where there is no interval."""
+    found = entry.intervals.get(key)
+    return f"[{found[0]:.2f}, {found[1]:.2f}]" if found else ""
+
+
+def _sentences(entry: Entry) -> tuple[str, ...]:
+    """Under which corruptions the model does worst and best."""
+    for metric in ("cre", "rcre"):
+        values = {name: entry.numbers[metric, name] for name in PAPER_ORDER if (metric, name) in entry.numbers}
+        if len(values) < 2:
+            continue
+        order = sorted(values, key=lambda name: -values[name])
+        worst = ", ".join(f"{long_label(name)} ({values[name]:+.2f} px)" for name in order[:3])
+        best = f"{long_label(order[-1])} ({values[order[-1]]:+.2f} px)"
+        where = f"{BENCHMARK_LABELS.get(entry.benchmark, plain(entry.benchmark))}, {plain(entry.setting, 40)}"
+        return (f"{where}: by {METRIC_LABELS[metric]} the worst are {worst}; the mildest is {best}.",)
+    return ()
+
+
+def _severity_table(entry: Entry, run: Result, metric: str) -> HeatTable:
+    table = run.table(metric)
+    levels = [column for column in table.columns if column.isdigit()]
+    top = scale_top(value for level in levels for value in table[level])
+    lines = []
+    for row in table.iter_rows(named=True):
+        cells = [(_number(row[level]), heat_class(row[level], top), "") for level in levels]
+        mean = (_number(row["mean"]), heat_class(row["mean"], top), interval_text(entry, (metric, row["corruption"])))
+        lines.append((plain(long_label(row["corruption"])), (*cells, mean)))
+    unit = f" ({UNITS[metric]})" if UNITS[metric] else ""
+    return HeatTable(f"{METRIC_LABELS[metric]}{unit} by severity", (*levels, "mean"), tuple(lines), "Severity")
+
+
+def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
+    shown = [(m, e) for m in _METRICS for e in entries if any((m, name) in e.texts for name in PAPER_ORDER)]
+    tops = {
+        metric: scale_top(e.numbers.get((metric, name)) for _, e in shown for name in PAPER_ORDER)
+        for metric in _METRICS
+    }
+    lines = []
+    for name in [name for name in PAPER_ORDER if any((m, name) in e.texts for m, e in shown)] + [AVERAGE]:
+        cells = tuple(
+            (e.texts.get((m, name), "–"), heat_class(e.numbers.get((m, name)), tops[m]), "") for m, e in shown
+        )
+        lines.append(("Average" if name == AVERAGE else long_label(name), cells))
+    columns = tuple(f"{METRIC_LABELS[metric]} {plain(entry.setting, 40)}" for metric, entry in shown)
+    return HeatTable(f"{title} (px)", columns, tuple(lines))
+
+
+def _anatomy(run: Result) -> Table | None:
+    """The region and family part of the anatomy table, without the run's name."""
+    try:
+        table = anatomy_table([run])
+    except UsageError:
+        return None
+    sections = tuple(Section("", section.lines) for section in table.sections)
+    return Table(table.name, table.title, table.columns, sections, table.remarks) if sections else None
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.2f}"

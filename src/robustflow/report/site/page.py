@@ -1,0 +1,67 @@
+"""A page as HTML. Everything that comes from a file is escaped by the templates."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
+
+from ... import __version__
+from ..labels import SETTING_LABELS
+from . import assets
+from .board import boards_of, setting_label
+from .content import Content
+from .downloads import download_data
+from .headline import headline
+from .models import interval_text, model_pages
+
+
+def render_site(content: Content) -> str:
+    """The page as one HTML file: it opens from disk and asks the network for nothing.
+
+    >>> from .content import whole_content
+    >>> render_site(whole_content([])).splitlines()[0]
+    '<!doctype html>'
+    """
+    boards = boards_of(content.entries, dict(content.group_titles))
+    return (
+        _environment()
+        .get_template("page.html")
+        .render(
+            content=content,
+            boards=boards,
+            headline=headline(content),
+            pages=model_pages(content),
+            data=json_block(download_data(content.entries)),
+            style=assets.style(),
+            script=assets.script(),
+            policy=assets.policy(),
+            version=__version__,
+        )
+    )
+
+
+def json_block(value: Any) -> Markup:
+    """JSON that may stand inside `<script type="application/json">`: no text in it can end the element.
+
+    >>> print(json_block({"model": "</script><!--"}))
+    {"model":"\\u003c/script\\u003e\\u003c!--"}
+    """
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    for character in "<>&\u2028\u2029":
+        text = text.replace(character, f"\\u{ord(character):04x}")
+    return Markup(text)
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("robustflow.report.site"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.globals["interval_text"] = interval_text
+    environment.globals["setting_label"] = setting_label
+    environment.globals["known_settings"] = tuple(SETTING_LABELS)
+    return environment
