@@ -117,6 +117,26 @@ def write_image(path: str | Path, image: Frame) -> None:
     atomic.write_bytes(path, buffer.getvalue())
 
 
+def shrunk(image: Frame, widest: int) -> Frame:
+    """RGB uint8 (H, W, 3) brought down to `widest` pixels of width by averaging; a narrower one stays as it is.
+
+    >>> shrunk(np.zeros((10, 960, 3), np.uint8), 480).shape
+    (5, 480, 3)
+    """
+    height, width = image.shape[:2]
+    if width <= widest:
+        return image
+    size = (widest, max(1, round(height * widest / width)))
+    return np.asarray(Image.fromarray(np.ascontiguousarray(image)).resize(size, Image.Resampling.BOX))
+
+
+def jpeg_bytes(image: Frame, quality: int = 80) -> bytes:
+    """RGB uint8 (H, W, 3) as a JPEG to be looked at, not measured."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=quality)
+    return buffer.getvalue()
+
+
 def check_png(path: Path, data: bytes) -> PngHeader:
     """The header of a PNG whose every chunk is there and unharmed, or DataError. Decodes nothing."""
     if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:

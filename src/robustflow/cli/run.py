@@ -61,6 +61,9 @@ def run(
     allow_invalid: Annotated[
         bool, typer.Option("--allow-invalid", help="Leave out and count NaN or infinite predictions.")
     ] = False,
+    examples: Annotated[
+        bool, typer.Option("--examples/--no-examples", help="Draw the worst and the median sample at the end.")
+    ] = True,
 ) -> None:
     """Measure how robust a model is.
 
@@ -102,6 +105,7 @@ def run(
                 engine=engine,
                 timeout=timeout,
                 allow_invalid=allow_invalid,
+                examples=examples,
                 progress=progress,
             )
     except KeyboardInterrupt:

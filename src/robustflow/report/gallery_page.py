@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from jinja2 import Environment, PackageLoader, select_autoescape
-from PIL import Image
 
 from ..errors import UsageError
+from ..imageio import jpeg_bytes, shrunk
 from ..sample import Frame
 from .gallery import Cell
 
 WIDEST = 480
 """Pixels a picture is shrunk to, so that a hundred of them stay a few megabytes."""
-_QUALITY = 80
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ def render_page(clean: Frame, cells: Sequence[Cell], severity: int, title: str) 
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    height, width = _fitted(clean).shape[:2]
+    height, width = shrunk(clean, WIDEST).shape[:2]
     return environment.get_template("gallery.html").render(
         title=title,
         clean=data_uri(clean),
@@ -69,14 +66,4 @@ def render_page(clean: Frame, cells: Sequence[Cell], severity: int, title: str) 
 
 def data_uri(frame: Frame) -> str:
     """The frame as a JPEG inside a `data:` address, at most `WIDEST` pixels wide."""
-    file = io.BytesIO()
-    Image.fromarray(_fitted(frame)).save(file, "JPEG", quality=_QUALITY)
-    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()
-
-
-def _fitted(frame: Frame) -> Frame:
-    height, width = frame.shape[:2]
-    if width <= WIDEST:
-        return frame
-    small = Image.fromarray(frame).resize((WIDEST, max(1, round(height * WIDEST / width))), Image.Resampling.BOX)
-    return np.asarray(small)
+    return "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(shrunk(frame, WIDEST))).decode()

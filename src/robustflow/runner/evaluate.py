@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -14,7 +15,7 @@ from typing import Any, Protocol
 from ..benchmarks import Benchmark, load_benchmark
 from ..corruptions import load_corruption
 from ..datasets.base import FromClips
-from ..errors import RunError, UsageError, unknown_name
+from ..errors import RobustFlowError, RunError, UsageError, unknown_name
 from ..models import FlowLookup, FlowModel, ModelSpec
 from ..models.base import BatchedFlowModel, model_identity
 from ..models.loading import as_model
@@ -23,8 +24,12 @@ from .engines.base import Done, Job
 from .engines.processes import processes
 from .engines.serial import serial
 from .environment import environment
+from .example_record import FOLDER as EXAMPLES
+from .example_record import are_current, drop_examples
+from .examples import write_examples
 from .plan import Plan, Settings, Unit, identity_digest, left_out_sentence
 from .result import Result
+from .source import Source, differing
 from .store import RunFolder
 
 ENGINES = ("serial", "processes")
@@ -65,6 +70,7 @@ def evaluate(
     engine: str | None = None,
     timeout: float | None = None,
     allow_invalid: bool = False,
+    examples: bool = False,
     progress: Progress | None = None,
 ) -> Result:
     """Measure how robust a model is. Resumable: the same call goes on where a killed one stopped.
@@ -90,6 +96,8 @@ def evaluate(
         engine: "serial" or "processes"; chosen from `workers` and `timeout` by default.
         timeout: seconds a single prediction, or batch of them, may take.
         allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
+        examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
+            report; a few predictions are made again. Where they cannot be drawn, a warning says why.
 
     Returns:
         The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
@@ -126,12 +134,34 @@ def evaluate(
     folder = RunFolder(output if output is not None else _default_output(plan, spec))
     folder.lock()
     try:
-        _fill(
-            folder, plan, Job(chosen.dataset, spec, plan.settings, folder.path, batch_size), run, progress or _Silent()
-        )
+        job = Job(chosen.dataset, spec, plan.settings, folder.path, batch_size)
+        _fill(folder, plan, job, run, progress or _Silent())
+        if isinstance(benchmark, str):
+            named = spec if isinstance(spec, ModelSpec) else None
+            Source(named, Path(data) if data is not None else None, data_options or {}).write(folder.path)
+        _draw(Result(folder.path), job, examples)
     finally:
         folder.unlock()
     return Result(folder.path)
+
+
+def _draw(result: Result, job: Job, wanted: bool) -> None:
+    """The example pictures, when the numbers are safe: nothing that happens here costs a run its rows."""
+    result.write_summary()
+    if are_current(result):
+        return
+    if (result.path / EXAMPLES).exists():
+        drop_examples(result.path)
+        result.write_summary()
+    if not wanted:
+        return
+    try:
+        model = job.model.load() if isinstance(job.model, ModelSpec) else job.model
+        write_examples(result, job.dataset, model, job.settings)
+    except RobustFlowError as error:
+        warnings.warn(f"no example pictures: {error}", stacklevel=3)
+    else:
+        result.write_summary()
 
 
 def _fill(
@@ -161,7 +191,6 @@ def _fill(
     if isinstance(job.dataset, FromClips):
         manifest["clips"] = job.dataset.clip_records()
     folder.write_manifest({**manifest, "seconds": seconds, "finished": _now()})
-    Result(folder.path).write_summary()
 
 
 def _open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
@@ -169,11 +198,8 @@ def _open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     identity = plan.identity()
     old = folder.manifest() or {}
     if old and old["identity_digest"] != identity_digest(identity):
-        differing = sorted(
-            k for k in identity.keys() | old["identity"].keys() if identity.get(k) != old["identity"].get(k)
-        )
         raise RunError(
-            f"{folder.path} holds another run (it differs in: {', '.join(differing) or 'identity'}); "
+            f"{folder.path} holds another run (it differs in: {differing(identity, old['identity'])}); "
             "choose another folder with --output"
         )
     samples = {key: _fingerprint(plan, key) for key in plan.benchmark.keys}

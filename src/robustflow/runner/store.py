@@ -4,6 +4,8 @@ manifest.json      what ran: identity, versions, machine, selection
 rows/*.parquet     one shard per unit, written once, by rename
 clean/*.npy        clean flows of samples that are not finished yet
 summary.json, report.html
+examples/           pictures of the worst and the median sample
+source.json        where model and data lay on this machine
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import io
 import json
 import os
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +63,11 @@ class RunFolder:
             raise RunError(
                 f"cannot write {self.path}: {error.strerror}; choose another folder with --output"
             ) from error
-        for left in self.path.rglob(f"{TEMPORARY}*"):
-            left.unlink(missing_ok=True)
+        for left in list(self.path.rglob(f"{TEMPORARY}*")):
+            if left.is_dir():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
 
     def unlock(self) -> None:
         """Let go of the folder."""

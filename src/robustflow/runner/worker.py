@@ -35,6 +35,24 @@ class _Loaded:
     clean: Flow
 
 
+@dataclass(frozen=True)
+class View:
+    """One cell as a person looks at it: what the model was given, what it answered, and the row that was measured.
+
+    Attributes:
+        sample: with the clean frames.
+        frames: the corrupted ones, RGB uint8 (H, W, 3); the first two are the pair.
+        flow, clean_flow: float32 (H, W, 2), pixels.
+        row: see `robustflow.metrics.rows`.
+    """
+
+    sample: Sample
+    frames: tuple[Frame, ...]
+    flow: Flow
+    clean_flow: Flow
+    row: dict[str, Any]
+
+
 class Worker:
     """Computes units of one run, keeping the last sample and its clean flow at hand.
 
@@ -77,6 +95,22 @@ class Worker:
             for flow, frames, severity in zip(flows, corrupted, severities, strict=True):
                 rows.append(self._row(loaded, flow, frames, unit.corruption, severity))
         return rows
+
+    def look(self, key: str, corruption: str, severity: int) -> View:
+        """Compute one cell and keep everything of it."""
+        loaded = self._load(key)
+        frames = self._corrupt(loaded.sample, corruption, severity)
+        (flow,) = self._predict([frames], key, corruption, (severity,))
+        row = self._row(loaded, flow, frames, corruption, severity)
+        return View(loaded.sample, frames, flow, loaded.clean, row)
+
+    def sample(self, key: str) -> Sample:
+        """A sample, with its clean frames."""
+        return self._load(key).sample
+
+    def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
+        """The corrupted frames of a cell."""
+        return self._corrupt(self._load(key).sample, corruption, severity)
 
     def _load(self, key: str) -> _Loaded:
         if self._loaded is None or self._loaded.sample.key != key:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 import cv2
 
@@ -13,11 +14,18 @@ from .base import Done, Job, take_seconds
 def serial(job: Job, units: Iterable[Unit]) -> Iterator[Done]:
     """Compute the units one after the other."""
     worker = job.worker()
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
+    with one_opencv_thread():
         for unit in units:
             rows = worker.run(unit)
             yield Done(unit, rows, take_seconds(worker))
+
+
+@contextmanager
+def one_opencv_thread() -> Iterator[None]:
+    """OpenCV's methods in one thread, as in every engine; what the caller had set comes back."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
     finally:
         cv2.setNumThreads(threads)

@@ -1,0 +1,85 @@
+"""`robustflow examples`: pictures of a finished run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import (
+    Checkpoint,
+    Data,
+    DataOptions,
+    Device,
+    ModelOptions,
+    Precision,
+    PsfDir,
+    keyword_options,
+    model_options,
+    use_psf_dir,
+)
+
+
+def examples(
+    run: Annotated[Path, typer.Argument(help="A run's folder.")],
+    sample: Annotated[str | None, typer.Option("--sample", help="Draw this sample, as a PNG of its own.")] = None,
+    corruption: Annotated[str | None, typer.Option("--corruption", "-c", help="With --sample.")] = None,
+    severity: Annotated[int | None, typer.Option("--severity", "-s", help="With --sample.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="The PNG of --sample.")] = None,
+    data: Data = None,
+    data_option: DataOptions = None,
+    model: Annotated[str | None, typer.Option("--model", "-m", help="Where the run does not know its model.")] = None,
+    checkpoint: Checkpoint = None,
+    device: Device = None,
+    precision: Precision = None,
+    option: ModelOptions = None,
+    psf_dir: PsfDir = None,
+) -> None:
+    """Draw the worst and the median sample of a run: frames, corrupted frames, flows and the map of errors.
+
+    Model and data are found where the run had them; options say where they lie now. The pictures go into
+    RUN/examples and into RUN/report.html.
+
+    \b
+    Examples:
+      robustflow examples runs/demo_dis_1a2b3c4d
+      robustflow examples RUN --data /mnt/kitti
+      robustflow examples RUN --sample 000010_10 --corruption fog --severity 3 -o fog.png
+    """
+    from ..atomic import write_bytes
+    from ..errors import UsageError
+    from ..models import ModelSpec
+    from ..runner.example_record import FOLDER
+    from ..runner.examples import draw_example, write_examples
+    from ..runner.result import Result
+    from ..runner.source import Source, set_up_again
+    from ..runner.store import RunFolder
+
+    use_psf_dir(psf_dir)
+    result = Result(run)
+    cell = (sample, corruption, severity)
+    if any(part is not None for part in cell) and None in cell:
+        raise UsageError("one picture needs all three: --sample KEY, --corruption NAME and --severity N")
+    if sample is None and output is not None:
+        raise UsageError(f"--output names the PNG of one --sample; all examples go into {result.path / FOLDER}")
+    before = Source.read(result.path)
+    given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
+    name = model or (before.model.name if before.model else None)
+    kept = dict(before.model.options) if before.model and model is None else {}
+    spec = None if name is None else ModelSpec(name, tuple((kept | dict(given)).items()))
+    source = Source(spec, data or before.data, before.data_options | dict(keyword_options(data_option)))
+    setup = set_up_again(result, source)
+    if sample is not None and corruption is not None and severity is not None:
+        target = output or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")
+        write_bytes(target, draw_example(result, *setup, sample, corruption, severity))
+        typer.echo(str(target))
+        return
+    folder = RunFolder(result.path)
+    folder.lock()
+    try:
+        if write_examples(result, *setup):
+            result.write_summary()
+    finally:
+        folder.unlock()
+    typer.echo(str(result.path / FOLDER))

@@ -1,0 +1,87 @@
+"""Flow as colours: hue is the direction, saturation the length (Baker et al., "A Database and Evaluation Methodology
+for Optical Flow", IJCV 2011, Sec. 4.4, with the colour wheel of their software).
+
+Still is white, flow to the right red, down yellow, to the left cyan-blue, up violet. A vector as long as the radius has
+its full colour; longer ones are darkened to three quarters, and unknown flow is black.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DataError
+from ..sample import Flow, Frame, Mask
+
+# Each stretch of the wheel: its steps, the colour it begins with, and the channel that rises (+) or falls (-) over it.
+_STRETCHES = (
+    (15, (255, 0, 0), 1, +1),  # red to yellow
+    (6, (255, 255, 0), 0, -1),  # yellow to green
+    (4, (0, 255, 0), 2, +1),  # green to cyan
+    (11, (0, 255, 255), 1, -1),  # cyan to blue
+    (13, (0, 0, 255), 0, +1),  # blue to magenta
+    (6, (255, 0, 255), 2, -1),  # magenta to red
+)
+_BEYOND = 0.75
+
+
+def colour_wheel() -> npt.NDArray[np.float64]:
+    """The 55 colours of the wheel, float64 (55, 3) from 0 to 255, beginning with red (flow to the right).
+
+    More of them lie between red and yellow than between green and cyan, so that equal steps look equal.
+
+    >>> colour_wheel()[[0, 15, 21]].tolist()
+    [[255.0, 0.0, 0.0], [255.0, 255.0, 0.0], [0.0, 255.0, 0.0]]
+    """
+    colours = []
+    for steps, first, channel, sign in _STRETCHES:
+        stretch = np.tile(np.array(first, np.float64), (steps, 1))
+        stretch[:, channel] += sign * np.floor(255 * np.arange(steps) / steps)
+        colours.append(stretch)
+    return np.concatenate(colours)
+
+
+def flow_radius(flow: Flow, valid: Mask | None = None) -> float:
+    """A radius that suits a flow: the length that 99 % of its known vectors do not exceed, in pixels; at least 1.
+
+    Few outliers, which corrupted flow has, would otherwise leave everything else white.
+
+    >>> flow_radius(np.full((2, 2, 2), (3, 4), np.float32))
+    5.0
+    """
+    length = np.linalg.norm(flow.astype(np.float64), axis=2)
+    known = length[np.isfinite(length) if valid is None else valid & np.isfinite(length)]
+    return max(1.0, float(np.quantile(known, 0.99))) if known.size else 1.0
+
+
+def flow_colours(flow: Flow, radius: float, valid: Mask | None = None) -> Frame:
+    """A flow as a picture.
+
+    Args:
+        flow: float32 (H, W, 2), (u right, v down) in pixels.
+        radius: the length that gets full colour, in pixels; pictures that are compared share one.
+        valid: bool (H, W), False where the flow is unknown; what is not finite is unknown in any case.
+
+    Returns:
+        RGB uint8 (H, W, 3).
+
+    Raises:
+        DataError: a flow of another shape, or a radius that is not positive.
+
+    >>> flow_colours(np.array([[[0, 0], [2, 0], [4, 0], [np.nan, 0]]], np.float32), radius=2).tolist()
+    [[[255, 255, 255], [255, 0, 0], [191, 0, 0], [0, 0, 0]]]
+    """
+    if flow.ndim != 3 or flow.shape[2] != 2 or not radius > 0:
+        raise DataError(f"cannot colour {flow.shape} with radius {radius}; give a flow (H, W, 2) and a positive radius")
+    known = np.asarray(np.isfinite(flow).all(axis=2))
+    if valid is not None:
+        known = known & valid
+    u, v = np.moveaxis(np.where(known[..., None], flow, 0).astype(np.float64) + 0.0, 2, 0)  # + 0.0: no negative zero
+    wheel = colour_wheel() / 255
+    place = (np.arctan2(-v, -u) / np.pi + 1) / 2 * (len(wheel) - 1)
+    before = place.astype(np.intp)
+    share = (place - before)[..., None]
+    colour = (1 - share) * wheel[before] + share * wheel[(before + 1) % len(wheel)]
+    length = (np.hypot(u, v) / radius)[..., None]
+    colour = np.where(length <= 1, 1 - length * (1 - colour), _BEYOND * colour)
+    return np.where(known[..., None], np.floor(255 * colour), 0).astype(np.uint8)

@@ -1,0 +1,29 @@
+"""Errors in pixels as colours, on a logarithmic scale that is the same in every picture."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import LogNorm
+
+from ..metrics.epe import Errors
+from ..sample import Frame
+
+LOWEST, HIGHEST = 0.1, 100.0
+"""Ends of the scale in pixels: errors below and above have the colours of the ends."""
+
+COLOUR_MAP = "inferno"
+UNKNOWN = (160, 160, 160)
+"""Where there is no error to show: no ground truth, or a prediction that is not finite."""
+
+
+def error_colours(errors: Errors) -> Frame:
+    """A map of errors as RGB uint8 (H, W, 3): black for `LOWEST` or less to pale yellow for `HIGHEST`; NaN is grey.
+
+    >>> error_colours(np.array([[0.0, 0.1, 100.0, np.nan]])).tolist()
+    [[[0, 0, 3], [0, 0, 3], [252, 254, 164], [160, 160, 160]]]
+    """
+    shown = np.clip(np.nan_to_num(errors, nan=LOWEST), LOWEST, HIGHEST)
+    colours: Frame = colormaps[COLOUR_MAP](LogNorm(LOWEST, HIGHEST)(shown), bytes=True)[..., :3]
+    colours[np.isnan(errors)] = UNKNOWN
+    return colours

@@ -1,0 +1,158 @@
+"""One cell side by side: the pair, the corrupted pair, both flows, ground truth and the map of errors."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+from PIL import Image
+
+from ..flowio.colour import flow_colours, flow_radius
+from ..metrics.epe import epe_map
+from ..sample import Flow, Frame, Sample
+from .error_colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours
+from .figures.canvas import name_text
+
+_WIDTH_IN = 14.0
+_TITLE_IN = 0.26
+_HEAD_IN = 0.34
+_BAR_IN = 0.62
+_DPI = 100
+_JPEG_QUALITY = 88
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What a panel shows.
+
+    Attributes:
+        sample: the clean frames, and ground truth where there is one.
+        frames: the corrupted frames, RGB uint8 (H, W, 3); the first two are shown.
+        flow, clean_flow: float32 (H, W, 2), the model's on the corrupted and on the clean frames, pixels.
+        title: one line: which cell, and why.
+        numbers: one line: EPE, CRE, RCRE.
+    """
+
+    sample: Sample
+    frames: tuple[Frame, ...]
+    flow: Flow
+    clean_flow: Flow
+    title: str
+    numbers: str
+
+
+def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
+    """A panel as a file, the same bytes for the same panel.
+
+    All flows share one radius (that of the ground truth, or of the clean flow), so that equal colours are equal
+    vectors. The error is the end-point error where there is ground truth; without it, the distance between the flow
+    on the corrupted and on the clean frames.
+    """
+    sample = panel.sample
+    truth, valid = sample.flow, sample.valid
+    radius = flow_radius(panel.clean_flow) if truth is None else flow_radius(truth, valid)
+    pictures: list[tuple[str, Frame | None]] = [
+        ("frame 1", sample.frames[0]),
+        ("frame 2", sample.frames[1]),
+        ("corrupted frame 1", panel.frames[0]),
+        ("corrupted frame 2", panel.frames[1]),
+        (f"flow on the clean frames (full colour: {radius:.3g} px)", flow_colours(panel.clean_flow, radius)),
+        ("flow on the corrupted frames", flow_colours(panel.flow, radius)),
+    ]
+    if truth is None or valid is None:
+        pictures.append(("", None))
+        pictures.append(("difference of the two flows", error_colours(epe_map(panel.flow, panel.clean_flow))))
+    else:
+        errors = np.where(valid, epe_map(panel.flow, truth), np.nan)
+        pictures.append(("ground truth (black: unknown)", flow_colours(truth, radius, valid)))
+        pictures.append(("end-point error on the corrupted frames (grey: unknown)", error_colours(errors)))
+    figure = _drawn(panel, pictures)
+    return _file(figure, form)
+
+
+def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
+    height, width = panel.sample.shape
+    each = _WIDTH_IN / 2 * 0.985 * height / width
+    rows = len(pictures) // 2
+    total = _HEAD_IN + rows * (each + _TITLE_IN) + _BAR_IN
+    figure = Figure(figsize=(_WIDTH_IN, total), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(figure)
+    head = 1 - _HEAD_IN / total / 2
+    figure.text(0.005, head, panel.title, va="center", fontsize=12, fontweight="bold")
+    figure.text(0.995, head, panel.numbers, va="center", ha="right", fontsize=12)
+    for index, (title, picture) in enumerate(pictures):
+        row, column = divmod(index, 2)
+        top = _HEAD_IN + row * (each + _TITLE_IN) + _TITLE_IN
+        axes = figure.add_axes((0.005 + 0.5 * column, 1 - (top + each) / total, 0.4925, each / total))
+        axes.axis("off")
+        if picture is None:
+            _wheel(axes)
+        else:
+            axes.imshow(picture, aspect="auto", interpolation="antialiased")
+            axes.set_title(title, fontsize=9.5, pad=3, loc="left")
+    _error_scale(figure, figure.add_axes((0.52, 0.36 / total, 0.46, 0.14 / total)))
+    return figure
+
+
+def _error_scale(figure: Figure, axes: Axes) -> None:
+    shade = ScalarMappable(LogNorm(LOWEST, HIGHEST), colormaps[COLOUR_MAP])
+    bar = figure.colorbar(shade, cax=axes, orientation="horizontal", extend="both")
+    bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g} px"))
+    bar.ax.tick_params(labelsize=9)
+
+
+def _wheel(axes: Axes) -> None:
+    """What the colours mean, where there is no ground truth to fill the place."""
+    side = np.linspace(-1, 1, 161, dtype=np.float32)
+    flow = np.stack(np.meshgrid(side, side), axis=2)
+    colours = flow_colours(flow, 1.0)
+    colours[np.hypot(*np.moveaxis(flow, 2, 0)) > 1] = 255
+    axes.imshow(colours, aspect="equal")
+    axes.set_title("direction and length of the flow, as colours", fontsize=9.5, pad=3)
+
+
+def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> str:
+    """The scores of a cell in one line; what is None is left out.
+
+    >>> numbers_line(None, None, 0.5), numbers_line(2.0, 0.25, 1.0)
+    ('RCRE 0.50 px', 'EPE 2.00 px   CRE +0.25 px   RCRE 1.00 px')
+    """
+    parts = [
+        None if epe is None else f"EPE {epe:.2f} px",
+        None if cre is None else f"CRE {cre:+.2f} px",
+        None if rcre is None else f"RCRE {rcre:.2f} px",
+    ]
+    return "   ".join(part for part in parts if part)
+
+
+def panel_title(key: str, corruption: str, severity: int, why: str = "") -> str:
+    """The headline; names come from files and are made harmless.
+
+    >>> panel_title("000010", "fog", 3, "worst")
+    'worst: 000010, fog severity 3'
+    """
+    what = f"{name_text(key)}, {name_text(corruption)} severity {severity}"
+    return f"{why}: {what}" if why else what
+
+
+def _file(figure: Figure, form: Literal["png", "jpeg"]) -> bytes:
+    out = io.BytesIO()
+    if form == "png":
+        figure.savefig(out, format="png", metadata={"Software": None})
+    else:
+        raw = io.BytesIO()
+        figure.savefig(raw, format="rgba")
+        width, height = (round(side * _DPI) for side in figure.get_size_inches())
+        pixels = np.frombuffer(raw.getvalue(), np.uint8).reshape(-1, width, 4)[:, :, :3]
+        assert len(pixels) - height in (-1, 0, 1)
+        Image.fromarray(np.ascontiguousarray(pixels)).save(out, "JPEG", quality=_JPEG_QUALITY, subsampling=0)
+    return out.getvalue()

@@ -1,0 +1,105 @@
+"""Which cells of a run are worth a picture: the worst sample and the median one, each where it is worst and median.
+
+A sample's score is its CRE over all corruptions of the run; where the run has no ground truth at all, its RCRE.
+Everything is computed from rows, so the choice is the same on every machine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import polars as pl
+
+from ..metrics.robustness import cre as cre_of
+from ..metrics.rows import CLEAN
+
+Kind = Literal["worst", "median"]
+
+T = TypeVar("T", bound=tuple[Any, ...])
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What was measured of one cell, in pixels; None without ground truth, RCRE None where no pixel is left."""
+
+    epe: float | None
+    cre: float | None
+    rcre: float | None
+
+
+@dataclass(frozen=True)
+class ExampleCell:
+    """A cell to be drawn, and why."""
+
+    kind: Kind
+    key: str
+    corruption: str
+    severity: int
+    scores: Scores
+
+
+def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
+    """The worst cell of the worst sample and the median cell of the median sample, of a run's rows.
+
+    Of an even number the lower one is the median. Ties go to the first in the order of keys, corruptions, severities.
+    Empty where nothing was measured.
+    """
+    columns = ("sample", "corruption", "severity", "epe_sum", "rcre_sum", "n_valid", "rcre_all_sum", "n_all")
+    clean, cells = {}, {}
+    for row in rows.select(columns).sort("sample", "corruption", "severity").iter_rows(named=True):
+        if row["corruption"] == CLEAN:
+            clean[row["sample"]] = row
+        else:
+            cells[row["sample"], row["corruption"], row["severity"]] = row
+    scored = {cell: cell_scores(row, clean.get(cell[0])) for cell, row in cells.items()}
+    metric = "cre" if any(scores.cre is not None for scores in scored.values()) else "rcre"
+    values = {cell: getattr(scores, metric) for cell, scores in scored.items() if getattr(scores, metric) is not None}
+    if not values:
+        return []
+    samples = {(key,): _over_corruptions(values, key) for key in dict.fromkeys(cell[0] for cell in values)}
+    chosen: list[ExampleCell] = []
+    for kind, pick in (("worst", _worst), ("median", _median)):
+        (key,) = pick(samples)
+        cell = pick({cell: value for cell, value in values.items() if cell[0] == key})
+        chosen.append(ExampleCell(kind, *cell, scored[cell]))  # type: ignore[arg-type]  # kind is one of the two
+    return chosen
+
+
+def cell_scores(row: dict[str, Any], clean: dict[str, Any] | None) -> Scores:
+    """EPE, CRE and RCRE of one row and its sample's clean row."""
+    epe = _mean(row["epe_sum"], row["n_valid"])
+    before = _mean(clean["epe_sum"], clean["n_valid"]) if clean else None
+    rcre = (
+        _mean(row["rcre_all_sum"], row["n_all"]) if row["n_valid"] is None else _mean(row["rcre_sum"], row["n_valid"])
+    )
+    return Scores(epe, cre_of(epe, before), rcre)
+
+
+def _mean(total: float | None, count: int | None) -> float | None:
+    return total / count if count and total is not None else None
+
+
+def _over_corruptions(values: dict[tuple[str, str, int], float], key: str) -> float:
+    """The paper's order of means: over severities, then over corruptions."""
+    by_corruption: dict[str, list[float]] = defaultdict(list)
+    for (sample, corruption, _), value in values.items():
+        if sample == key:
+            by_corruption[corruption].append(value)
+    return _fmean([_fmean(each) for each in by_corruption.values()])
+
+
+def _fmean(values: Sequence[float]) -> float:
+    return math.fsum(values) / len(values)
+
+
+def _worst(values: dict[T, float]) -> T:
+    return min(values, key=lambda name: (-values[name], name))
+
+
+def _median(values: dict[T, float]) -> T:
+    order = sorted(values, key=lambda name: (values[name], name))
+    return order[(len(order) - 1) // 2]

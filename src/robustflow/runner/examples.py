@@ -1,0 +1,164 @@
+"""Example pictures of a run: the worst and the median cell side by side, and one frame under every corruption."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+import numpy as np
+import polars as pl
+
+from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
+from ..corruptions.rng import key_of
+from ..datasets.base import Dataset
+from ..errors import DataError, RunError, UsageError, unknown_name
+from ..imageio import jpeg_bytes, shrunk
+from ..metrics.rows import CLEAN
+from ..models import FlowLookup, FlowModel
+from ..models.base import place
+from ..sample import Frame
+from .engines.serial import one_opencv_thread
+from .example_cells import Scores, cell_scores
+from .example_record import FOLDER, RECORD, are_current, drop_examples, examples_record
+from .plan import Cell, Settings
+from .result import Result
+from .worker import View, Worker
+
+WIDEST = 480
+"""Pixels a picture of the slider is wide at most."""
+
+_SAME_PX, _SAME_SHARE = 0.01, 0.01
+"""A prediction made again may differ by this much: batches and devices round differently."""
+
+
+def write_examples(result: Result, dataset: Dataset, model: FlowModel | FlowLookup, settings: Settings) -> bool:
+    """Draw the examples of a complete run into its folder, unless they are there already.
+
+    Args:
+        result: of a run whose folder this process holds.
+        dataset, model, settings: of that run.
+
+    Returns:
+        Whether they were drawn.
+
+    Raises:
+        RunError: an incomplete run, one without anything measured, or frames or flows that are not those of the run.
+        DataError: the pictures cannot be written.
+    """
+    if not result.summary.complete:
+        raise RunError(f"{result.path} is not complete, so its worst sample is not known; give its command again first")
+    record = examples_record(result.rows)
+    if record is None:
+        raise RunError(f"{result.path} has no pixel to measure, so no sample is the worst")
+    if are_current(result):
+        return False
+    home = result.path / FOLDER
+    making = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{FOLDER}")
+    make_folder(making)
+    try:
+        with _worker(dataset, model, settings) as worker:
+            for panel in record["panels"]:
+                cell = (panel["key"], panel["corruption"], panel["severity"])
+                write_bytes(making / panel["file"], _picture(result.rows, worker, cell, panel["kind"], "jpeg"))
+            _write_slider(making, record["slider"], worker)
+        write_json(making / RECORD, record)
+        drop_examples(result.path)
+        try:
+            making.rename(home)
+        except OSError as error:
+            raise DataError(f"cannot write {home}: {error.strerror}; choose a folder that has room") from error
+    finally:
+        shutil.rmtree(making, ignore_errors=True)
+    return True
+
+
+def draw_example(
+    result: Result,
+    dataset: Dataset,
+    model: FlowModel | FlowLookup,
+    settings: Settings,
+    key: str,
+    corruption: str,
+    severity: int,
+) -> bytes:
+    """Any cell of a run as a PNG, with the run's numbers.
+
+    Raises:
+        UsageError: a cell that the run does not have.
+        RunError: frames or flows that are not those of the run.
+    """
+    with _worker(dataset, model, settings) as worker:
+        return _picture(result.rows, worker, (key, corruption, severity), "", "png")
+
+
+@contextmanager
+def _worker(dataset: Dataset, model: FlowModel | FlowLookup, settings: Settings) -> Iterator[Worker]:
+    """A worker that keeps its clean flows outside of the run's folder."""
+    with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
+        yield Worker(dataset, model, settings, lambda key: Path(scratch) / f"{key_of(key):x}.npy")
+
+
+def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker) -> None:
+    key = slider["key"]
+    clean = worker.sample(key).frames
+    write_bytes(folder / slider["clean"], jpeg_bytes(shrunk(clean[0], WIDEST)))
+    for picture in slider["pictures"]:
+        frames = worker.frames(key, picture["corruption"], picture["severity"])
+        changed = [frame for frame, before in zip(frames, clean, strict=False) if not np.array_equal(frame, before)]
+        shown: Frame = (changed or frames)[0]  # one of the two frames is all that over_exposure changes
+        write_bytes(folder / picture["file"], jpeg_bytes(shrunk(shown, WIDEST)))
+
+
+def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Literal["png", "jpeg"]) -> bytes:
+    from ..report.panel import Panel, draw_panel, numbers_line, panel_title  # matplotlib, and only here
+
+    key, corruption, severity = cell
+    row, clean = _row(rows, cell), _row(rows, (key, CLEAN, 0))
+    scores = cell_scores(row, clean)
+    view = worker.look(*cell)
+    _check_same(view, row, scores)
+    numbers = numbers_line(scores.epe, scores.cre, scores.rcre)
+    title = panel_title(key, corruption, severity, why)
+    return draw_panel(Panel(view.sample, view.frames, view.flow, view.clean_flow, title, numbers), form)
+
+
+def _row(rows: pl.DataFrame, cell: Cell) -> dict[str, Any]:
+    key, corruption, severity = cell
+    found = rows.filter(sample=key, corruption=corruption, severity=severity)
+    if found.is_empty():
+        raise _no_such_cell(rows, cell)
+    return found.row(0, named=True)
+
+
+def _no_such_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
+    key, corruption, severity = cell
+    of_sample = rows.filter(sample=key)
+    if of_sample.is_empty():
+        return unknown_name("sample of this run", key, rows["sample"].unique().sort()[:20])
+    of_corruption = of_sample.filter(corruption=corruption)
+    if of_corruption.is_empty():
+        return unknown_name("corruption of this run", corruption, of_sample["corruption"].unique().sort())
+    levels = ", ".join(str(level) for level in of_corruption["severity"].sort())
+    return UsageError(f"this run has no severity {severity} of {corruption} on sample '{key}': choose from {levels}")
+
+
+def _check_same(view: View, row: dict[str, Any], scores: Scores) -> None:
+    """A picture beside a number shows what the number was measured on, or there is no picture."""
+    where = place(row["sample"], row["corruption"], row["severity"])
+    if view.row["frames_digest"] != row["frames_digest"]:
+        raise RunError(f"the frames of {where} are not those that the run measured; give the data that it was run on")
+    again = cell_scores(view.row, None)
+    for name in ("epe", "rcre"):
+        before, now = getattr(scores, name), getattr(again, name)
+        if before is None and now is None:
+            continue
+        if before is None or now is None or abs(now - before) > max(_SAME_PX, _SAME_SHARE * before):
+            raise RunError(
+                f"the model no longer answers as it did on {where} ({name.upper()} {now} where the run has {before}), "
+                "so a picture would not show what was measured; run it again in another folder"
+            )

@@ -1,0 +1,79 @@
+"""`robustflow run` draws its examples, and `robustflow examples` those of a finished run."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from robustflow.imageio import write_image
+
+RUN = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1,3", "-o", "run")
+
+
+def test_run_draws_and_examples_draws_the_same(robustflow):
+    assert robustflow(*RUN)[0] == 0
+    before = {path.name: path.read_bytes() for path in Path("run/examples").iterdir()}
+    shutil.rmtree("run/examples")
+    code, out, _ = robustflow("examples", "run")
+    assert (code, out.strip()) == (0, "run/examples")
+    assert {path.name: path.read_bytes() for path in Path("run/examples").iterdir()} == before
+
+
+def test_no_examples_then_one_cell(robustflow):
+    assert robustflow(*RUN, "--no-examples")[0] == 0
+    assert not Path("run/examples").exists()
+    code, out, _ = robustflow("examples", "run", "--sample", "motorcycle", "-c", "contrast", "-s", 3, "-o", "cell.png")
+    assert (code, out.strip()) == (0, "cell.png")
+    with Image.open("cell.png") as picture:
+        assert (picture.format, picture.width) == ("PNG", 1400)
+    assert not Path("run/examples").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (("--sample", "motorcycle"), 2, "needs all three"),
+        (("--sample", "motorcycle", "-c", "contrast", "-s", 5), 2, "no severity 5 of contrast"),
+        (("--sample", "motorcycle", "-c", "fog", "-s", 1), 2, "unknown corruption of this run 'fog'"),
+        (("--sample", "car", "-c", "contrast", "-s", 1), 2, "unknown sample of this run 'car'"),
+        (("-o", "x.png"), 2, "--output names the PNG of one --sample"),
+        (("-m", "farneback"), 1, "it differs in: model"),
+        (("-O", "preset=fast"), 1, "it differs in: model"),
+        (("-m", "no_such_module:net"), 1, "can no longer be loaded: cannot import 'no_such_module'"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_line(robustflow, arguments, code, says):
+    robustflow(*RUN, "--no-examples")
+    got, _, error = robustflow("examples", "run", *arguments)
+    assert got == code
+    assert says in error
+    assert error.startswith("robustflow: ")
+    assert error.count("\n") == 1
+
+
+def test_data_that_moved_and_data_that_changed(robustflow, tmp_path):
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    picture = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
+    for index in range(2):
+        write_image(frames / f"{index}.png", np.roll(picture, index, axis=1))
+    (tmp_path / "mine_for_examples.py").write_text(
+        "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), a.mean() / 50, np.float32)\n"
+    )
+    run = ("run", "-m", "mine_for_examples:flow", "-b", "folder", "-d", frames, "-c", "contrast", "-s", 1, "-o", "run")
+    assert robustflow(*run, "--no-examples")[0] == 0
+    frames.rename(tmp_path / "moved")
+    code, _, error = robustflow("examples", "run")
+    assert code == 1
+    assert "no such folder or video" in error
+    assert robustflow("examples", "run", "--data", "moved")[0] == 0
+    shutil.rmtree("run/examples")
+    write_image(tmp_path / "moved" / "0.png", np.roll(picture, 7, axis=1))
+    code, _, error = robustflow("examples", "run", "--data", "moved")
+    assert code == 1
+    assert "are not those that the run measured" in error
+    assert not Path("run/examples").exists()

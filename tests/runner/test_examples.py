@@ -1,0 +1,133 @@
+"""Example pictures of a run: what they show, that they are the same bytes again, and that nothing half is left."""
+
+from __future__ import annotations
+
+import io
+import json
+import warnings
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage import data
+
+import robustflow as rf
+from robustflow.imageio import write_image
+from robustflow.models import ModelSpec
+from robustflow.runner import examples as examples_module
+from robustflow.runner.store import RunFolder
+
+DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+CELLS = {"corruptions": ["contrast", "over_exposure"], "severities": [2, 5]}
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    return rf.evaluate(DIS, output=tmp_path_factory.mktemp("examples") / "run", examples=True, **CELLS)
+
+
+def _files(run) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in (run.path / "examples").iterdir()}
+
+
+def test_the_record_names_what_is_there(drawn):
+    record = json.loads((drawn.path / "examples" / "examples.json").read_text())
+    assert record["version"] == 1
+    pictures = [picture["file"] for picture in (*record["slider"]["pictures"], *record["panels"])]
+    assert {*pictures, record["slider"]["clean"], "examples.json"} == set(_files(drawn))
+    settings = [(picture["corruption"], picture["severity"]) for picture in record["slider"]["pictures"]]
+    assert settings == [("contrast", 2), ("contrast", 5), ("over_exposure", 2), ("over_exposure", 5)]
+    worst, median = record["panels"]
+    assert (worst["kind"], median["kind"]) == ("worst", "median")
+    cre = {
+        (name, severity): drawn.summary.corruptions[name].by_severity["cre"][index]
+        for name in CELLS["corruptions"]
+        for index, severity in enumerate(CELLS["severities"])
+    }
+    assert worst["cre"] == pytest.approx(max(cre.values()), abs=1e-12)
+    assert median["cre"] == pytest.approx(sorted(cre.values())[1], abs=1e-12)
+    assert worst["rcre"] >= abs(worst["cre"]) - 1e-12
+
+
+def test_slider_pictures_are_the_corrupted_frames(drawn):
+    sample = rf.load_dataset("motorcycle").load("motorcycle")
+    corrupted = rf.corrupt(*sample.frames, "contrast", 5, key=sample.key)
+    with Image.open(drawn.path / "examples" / "contrast_5.jpg") as picture:
+        assert (picture.format, picture.size) == ("JPEG", (480, 324))
+        small = np.asarray(Image.fromarray(corrupted[0]).resize(picture.size, Image.Resampling.BOX), float)
+        assert np.abs(np.asarray(picture, float) - small).mean() < 3
+
+
+def test_the_same_bytes_whatever_the_engine(drawn, tmp_path):
+    again = rf.evaluate(DIS, output=tmp_path / "run", examples=True, workers=2, **CELLS)
+    assert _files(again) == _files(drawn)
+
+
+def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch):
+    run = {"output": tmp_path / "run", "severities": [2]}
+    first = rf.evaluate(DIS, corruptions=["contrast"], examples=True, **run)
+    before = _files(first)
+    monkeypatch.setattr(examples_module, "_picture", lambda *_: pytest.fail("drawn again"))
+    assert _files(rf.evaluate(DIS, corruptions=["contrast"], examples=True, **run)) == before
+    more = rf.evaluate(DIS, corruptions=["contrast", "high_light"], **run)
+    assert not (more.path / "examples").exists(), "pictures of other numbers do not stay"
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, MemoryError])
+def test_an_interruption_leaves_the_numbers_and_no_half_folder(tmp_path, monkeypatch, stop):
+    def stopped(*_):
+        raise stop
+
+    monkeypatch.setattr(examples_module, "_write_slider", stopped)
+    with pytest.raises(stop):
+        rf.evaluate(DIS, output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[2])
+    assert not (tmp_path / "run" / "examples").exists()
+    assert not list((tmp_path / "run").rglob(".partial-*"))
+    assert rf.Result(tmp_path / "run").summary.complete
+    assert (tmp_path / "run" / "summary.json").exists()
+
+
+def test_what_a_killed_run_left_is_cleared(tmp_path):
+    left = tmp_path / "run" / ".partial-1234-examples"
+    left.mkdir(parents=True)
+    (left / "worst.jpg").write_bytes(b"half")
+    folder = RunFolder(tmp_path / "run")
+    folder.lock()
+    folder.unlock()
+    assert not left.exists()
+
+
+def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
+    class Drifts:
+        """Moves further at every call."""
+
+        calls = 0
+
+        def predict(self, frame1, frame2):
+            self.calls += 1
+            return np.full((*frame1.shape[:2], 2), self.calls, np.float32)
+
+    with pytest.warns(UserWarning, match="no example pictures: the model no longer answers as it did on sample"):
+        run = rf.evaluate(Drifts(), output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[1])
+    assert not (run.path / "examples").exists()
+    assert run.summary.complete
+
+
+def test_an_incomplete_run_has_no_worst_sample(tmp_path):
+    for name in ("one", "two"):
+        frame = data.astronaut()[:96, :160].copy() if name == "one" else data.cat()[:96, :160].copy()
+        (tmp_path / "frames" / name).mkdir(parents=True)
+        for index in range(2):
+            write_image(tmp_path / "frames" / name / f"{index}.png", np.roll(frame, index, axis=1))
+    run = {"benchmark": "folder", "data": tmp_path / "frames", "output": tmp_path / "run", "severities": [1]}
+    rf.evaluate("dis", corruptions=["contrast"], limit=1, **run)
+    with pytest.warns(UserWarning, match="no example pictures: .* is not complete"):
+        rf.evaluate("dis", corruptions=["high_light"], examples=True, limit=2, **run)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        whole = rf.evaluate("dis", corruptions=["contrast", "high_light"], examples=True, **run)
+    record = json.loads((whole.path / "examples" / "examples.json").read_text())
+    assert [panel["epe"] for panel in record["panels"]] == [None, None]
+    assert {panel["key"] for panel in record["panels"]} <= {"one/0", "two/0"}
+    with Image.open(io.BytesIO(_files(whole)["clean.jpg"])) as picture:
+        assert picture.size == (160, 96), "a small frame is not blown up"
