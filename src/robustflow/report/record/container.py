@@ -8,6 +8,7 @@ under a name from the file.
 from __future__ import annotations
 
 import io
+import os
 import struct
 import zipfile
 import zlib
@@ -61,12 +62,15 @@ def read_file(path: Path) -> bytes:
     Raises:
         DataError: no file, or larger than any record.
     """
+    if path.exists() and not path.is_file():  # a pipe would be waited for, for ever
+        raise DataError(f"{path} is no file; give a file that 'robustflow pack' wrote")
     try:
         with open(path, "rb") as file:
-            data = file.read(_LARGEST + 1)
+            size = os.fstat(file.fileno()).st_size
+            data = b"" if size > _LARGEST else file.read(_LARGEST + 1)
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror}; give a file that 'robustflow pack' wrote") from error
-    if len(data) > _LARGEST:
+    if max(size, len(data)) > _LARGEST:
         raise DataError(f"{path} has more than {_LARGEST >> 20} MiB; no record is that large")
     return data
 

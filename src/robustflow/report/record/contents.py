@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
 from ...errors import DataError, RunError
+from ...runner.store import MANIFEST_SCHEMA
 from ..text import plain
 from .rows_text import MOST_ROWS
 from .text import holds_path, texts
@@ -35,7 +36,7 @@ class Record(_Strict):
     """`record.json`: what the file is, and who says so; author, link and description are anybody's plain text."""
 
     format: Literal["robustflow-record"] = "robustflow-record"
-    version: Literal[1] = 1
+    version: Annotated[int, Field(ge=1, le=VERSION)] = VERSION
     run: _Digest
     complete: bool
     entries: dict[str, Entry]
@@ -103,7 +104,7 @@ class Environment(_Strict):
 class Manifest(_Strict):
     """`manifest.json` of a record: that of the run, less its command line and the machine's name and version."""
 
-    run_schema: Annotated[Literal[1], Field(alias="schema")]
+    run_schema: Annotated[int, Field(alias="schema", ge=MANIFEST_SCHEMA, le=MANIFEST_SCHEMA)]
     identity: Identity
     identity_digest: _Digest
     samples: Annotated[dict[_Text, list[tuple[_Text, int]]], Field(min_length=1, max_length=MOST_ROWS)]

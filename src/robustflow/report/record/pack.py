@@ -10,7 +10,7 @@ from ...atomic import json_bytes, write_bytes
 from ...errors import RunError, UsageError
 from ..costs import PROFILE, read_cost
 from .container import container_bytes
-from .contents import Entry, Record, shareable_manifest, validated
+from .contents import FORMAT, VERSION, Entry, Record, shareable_manifest, validated
 from .read import Reader
 from .rows_text import rows_to_text
 from .text import check_text
@@ -88,8 +88,8 @@ def record_bytes(
     for name, text in said.items():
         check_text(text, f"--{name}")
     facts = {
-        "format": "robustflow-record",
-        "version": 1,
+        "format": FORMAT,
+        "version": VERSION,
         "run": run.manifest["identity_digest"],
         "complete": not missing,
         "entries": {
