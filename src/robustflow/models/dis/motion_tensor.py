@@ -1,0 +1,87 @@
+"""What the colours of a pixel say about how its flow should change: two quadratic forms (section 2.4).
+
+Around the flow so far, constancy of a quantity q of the image reads q_x du + q_y dv + q_t = 0. Its square, divided by
+|grad q|^2 + 0.01 so that it is a squared distance in pixels, and summed over channels, is a quadratic form in
+(du, dv, 1). E_I takes the colours for q, E_G their two slopes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...sample import Flow
+from .cubic import cubic_weights
+from .pyramid import Image, slopes
+
+Tensors = npt.NDArray[np.float32]
+"""float32 (H, W, 2, 6): for E_I and E_G the coefficients xx, xy, yy, xt, yt, tt."""
+
+
+def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
+    """The forms around `flow`, zero where it leads out of the frame.
+
+    Args:
+        image1, image2: float32 (H, 3 W) interleaved RGB.
+        flow: float32 (H, W, 2).
+    """
+    height, width, _ = flow.shape
+    middle, change = np.empty_like(image1), np.empty_like(image1)
+    inside = np.empty((height, width), np.bool_)
+    _warp(image1, image2, flow, middle, change, inside)
+    qx, qy = slopes(middle, 4)
+    qxx, qxy = slopes(qx, 4)
+    _, qyy = slopes(qy, 4)
+    qxt, qyt = slopes(change, 4)
+    tensors = np.zeros((height, width, 2, 6), np.float32)
+    _accumulate(qx, qy, change, inside, tensors[:, :, 0])
+    _accumulate(qxx, qxy, qxt, inside, tensors[:, :, 1])
+    _accumulate(qxy, qyy, qyt, inside, tensors[:, :, 1])
+    return tensors
+
+
+@njit(cache=True, nogil=True)
+def _warp(image1: Any, image2: Any, flow: Any, middle: Any, change: Any, inside: Any) -> None:
+    """The mean of frame 1 and frame 2 brought back along the flow, and their difference."""
+    height, width, _ = flow.shape
+    half = np.float32(0.5)
+    for y in range(height):
+        for x in range(width):
+            at_y, at_x = y + float(flow[y, x, 1]), x + float(flow[y, x, 0])
+            inside[y, x] = 0 <= at_y <= height - 1 and 0 <= at_x <= width - 1
+            at_y, at_x = min(max(at_y, 0.0), height - 1.0), min(max(at_x, 0.0), width - 1.0)
+            y0, x0 = int(at_y), int(at_x)
+            down, right = cubic_weights(at_y - y0), cubic_weights(at_x - x0)
+            for c in range(3):
+                there = np.float32(0)
+                for a in range(4):
+                    row = image2[min(max(y0 + a - 1, 0), height - 1)]
+                    for b in range(4):
+                        weight = np.float32(down[a] * right[b])
+                        there += weight * row[3 * min(max(x0 + b - 1, 0), width - 1) + c]
+                here = image1[y, 3 * x + c]
+                middle[y, 3 * x + c] = half * (here + there)
+                change[y, 3 * x + c] = there - here
+
+
+@njit(cache=True, nogil=True)
+def _accumulate(qx: Any, qy: Any, qt: Any, inside: Any, tensors: Any) -> None:
+    height, width = inside.shape
+    one, floor = np.float32(1), np.float32(0.01)
+    for y in range(height):
+        for x in range(width):
+            if not inside[y, x]:
+                continue
+            t = tensors[y, x]
+            for k in range(3 * x, 3 * x + 3):
+                a, b, c = qx[y, k], qy[y, k], qt[y, k]
+                beta = one / (a * a + b * b + floor)
+                t[0] += beta * a * a
+                t[1] += beta * a * b
+                t[2] += beta * b * b
+                t[3] += beta * a * c
+                t[4] += beta * b * c
+                t[5] += beta * c * c

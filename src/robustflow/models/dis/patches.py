@@ -1,0 +1,54 @@
+"""Where the patches of a scale lie, where they begin their search, and where they may look."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from .pyramid import Image, with_border
+
+_TAPS = 3
+"""Pixels around a patch that interpolation reads."""
+
+
+def grid(size: int, patch: int, stride: int) -> npt.NDArray[np.int64]:
+    """Where patches begin along an axis: every `stride` pixels and flush with the end, so that every pixel is covered.
+
+    >>> grid(21, 8, 5).tolist(), grid(8, 8, 5).tolist()
+    ([0, 5, 10, 13], [0])
+    """
+    return np.append(np.arange(0, size - patch, stride, dtype=np.int64), size - patch)
+
+
+def surroundings(image: Image, patch: int) -> Image:
+    """Frame 2 with its edges repeated as far as `looked_at` lets a patch go."""
+    return with_border(image, patch + _TAPS)
+
+
+@njit(cache=True, nogil=True)
+def looked_at(place: float, size: int, patch: int) -> tuple[int, float]:
+    """Whole and fractional part of a coordinate in `surroundings`, for a patch that begins at `place` in frame 2.
+
+    A patch goes no further than just out of the frame, where everything repeats the edge.
+    """
+    inside = min(max(place, float(-patch)), float(size)) + (patch + _TAPS)
+    whole = int(inside)
+    return whole, inside - whole
+
+
+@njit(cache=True, nogil=True)
+def beginning(coarse: Any, y: float, x: float) -> tuple[float, float]:
+    """Twice the flow at half the size, bilinear, at a place given in pixels of the finer scale: (u, v)."""
+    height, width, _ = coarse.shape
+    at_y = min(max((y + 0.5) / 2 - 0.5, 0.0), height - 1.0)
+    at_x = min(max((x + 0.5) / 2 - 0.5, 0.0), width - 1.0)
+    y0, x0 = int(at_y), int(at_x)
+    y1, x1 = min(y0 + 1, height - 1), min(x0 + 1, width - 1)
+    b, a = at_y - y0, at_x - x0
+    w00, w01, w10, w11 = (1 - b) * (1 - a), (1 - b) * a, b * (1 - a), b * a
+    u = w00 * coarse[y0, x0, 0] + w01 * coarse[y0, x1, 0] + w10 * coarse[y1, x0, 0] + w11 * coarse[y1, x1, 0]
+    v = w00 * coarse[y0, x0, 1] + w01 * coarse[y0, x1, 1] + w10 * coarse[y1, x0, 1] + w11 * coarse[y1, x1, 1]
+    return 2 * u, 2 * v

@@ -1,0 +1,141 @@
+"""Frames as float32 images at the scales of the search, their slopes, and flow from a scale to full size."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...corruptions.contiguous import contiguous
+from ...sample import Flow, Frame
+
+Image = npt.NDArray[np.float32]
+"""float32, shape (H, 3 W): rows of interleaved RGB, 0 to 255."""
+
+
+def pyramid(frame: Frame, height: int, width: int, coarsest: int) -> list[Image]:
+    """The frame at scales 0 to `coarsest`, each half the size of the one before.
+
+    Means of 2x2 pixels, the simplest way, alias: the texture of a frame shrunk so changes as it moves.
+
+    Args:
+        frame: uint8 (H, W, 3).
+        height, width: what it is extended to first, by repeating its last row and column; multiples of 2**coarsest.
+
+    >>> [level.shape for level in pyramid(np.zeros((30, 61, 3), np.uint8), 32, 64, 2)]
+    [(32, 192), (16, 96), (8, 48)]
+    """
+    full = np.empty((height, 3 * width), np.float32)
+    _extend(contiguous(frame), full)
+    levels = [full]
+    for _ in range(coarsest):
+        rows, columns = levels[-1].shape
+        levels.append(np.empty((rows // 2, columns // 2), np.float32))
+        _halve(levels[-2], levels[-1])
+    return levels
+
+
+def with_border(image: Image, border: int) -> Image:
+    """The image with its edge pixels repeated `border` times on every side: (H + 2 border, 3 (W + 2 border))."""
+    height, columns = image.shape
+    out = np.empty((height + 2 * border, columns + 6 * border), np.float32)
+    _border(image, border, out)
+    return out
+
+
+def slopes(image: Image, order: int) -> tuple[Image, Image]:
+    """Derivatives to the right and downwards, per pixel: central differences of order 2 or 4, edges repeated.
+
+    >>> right, down = slopes(np.repeat(np.arange(8, dtype=np.float32), 3)[None].repeat(5, 0), 4)
+    >>> round(float(right[2, 12]), 6), float(down[2, 12])
+    (1.0, 0.0)
+    """
+    near, far = {2: (1 / 2, 0.0), 4: (2 / 3, 1 / 12)}[order]
+    right, down = np.empty_like(image), np.empty_like(image)
+    _slopes(image, np.float32(near), np.float32(far), right, down)
+    return right, down
+
+
+def enlarged(flow: Flow, factor: int, height: int, width: int) -> Flow:
+    """Flow of frames shrunk by `factor`, in pixels of the full frames: bilinear, cut to (height, width, 2)."""
+    out = np.empty((height, width, 2), np.float32)
+    _enlarge(flow, factor, out)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _extend(frame: Any, out: Any) -> None:
+    height, width, _ = frame.shape
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1] // 3):
+            for c in range(3):
+                out[y, 3 * x + c] = frame[min(y, height - 1), min(x, width - 1), c]
+
+
+@njit(cache=True, nogil=True)
+def _halve(image: Any, out: Any) -> None:
+    """Every second place between pixels of `image`, weighed 1 5 10 10 5 1 (over 32) along both axes, edges repeated."""
+    height, columns = image.shape
+    outer, inner, middle = np.float32(1 / 32), np.float32(5 / 32), np.float32(10 / 32)
+    row = np.empty(columns + 12, np.float32)
+    for y in range(out.shape[0]):
+        top = 2 * y - 2
+        r0, r1, r2 = image[max(top, 0)], image[max(top + 1, 0)], image[top + 2]
+        r3, r4, r5 = image[top + 3], image[min(top + 4, height - 1)], image[min(top + 5, height - 1)]
+        for i in range(columns):
+            row[6 + i] = outer * (r0[i] + r5[i]) + inner * (r1[i] + r4[i]) + middle * (r2[i] + r3[i])
+        for i in range(6):
+            row[i] = row[6 + i % 3]
+            row[6 + columns + i] = row[3 + columns + i % 3]
+        for x in range(out.shape[1] // 3):
+            for c in range(3):
+                p = row[6 * x + c : 6 * x + c + 16]
+                out[y, 3 * x + c] = outer * (p[0] + p[15]) + inner * (p[3] + p[12]) + middle * (p[6] + p[9])
+
+
+@njit(cache=True, nogil=True)
+def _border(image: Any, border: int, out: Any) -> None:
+    height, columns = image.shape
+    for y in range(out.shape[0]):
+        source, target = image[min(max(y - border, 0), height - 1)], out[y]
+        target[3 * border : 3 * border + columns] = source
+        for i in range(3 * border):
+            target[i] = source[i % 3]
+            target[3 * border + columns + i] = source[columns - 3 + i % 3]
+
+
+@njit(cache=True, nogil=True)
+def _slopes(image: Any, near: Any, far: Any, right: Any, down: Any) -> None:
+    height, columns = image.shape
+    last = height - 1
+    row = np.empty(columns + 12, np.float32)
+    for y in range(height):
+        row[6 : 6 + columns] = image[y]
+        for i in range(6):
+            row[i] = image[y, i % 3]
+            row[6 + columns + i] = image[y, columns - 3 + i % 3]
+        for i in range(columns):
+            right[y, i] = near * (row[i + 9] - row[i + 3]) - far * (row[i + 12] - row[i])
+        up2, up1, down1, down2 = max(y - 2, 0), max(y - 1, 0), min(y + 1, last), min(y + 2, last)
+        for i in range(columns):
+            down[y, i] = near * (image[down1, i] - image[up1, i]) - far * (image[down2, i] - image[up2, i])
+
+
+@njit(cache=True, nogil=True)
+def _enlarge(flow: Any, factor: int, out: Any) -> None:
+    height, width, _ = flow.shape
+    scale = np.float32(factor)
+    for y in range(out.shape[0]):
+        at_y = min(max((y + 0.5) / factor - 0.5, 0.0), height - 1.0)
+        y0 = int(at_y)
+        y1, wy = min(y0 + 1, height - 1), np.float32(at_y - y0)
+        for x in range(out.shape[1]):
+            at_x = min(max((x + 0.5) / factor - 0.5, 0.0), width - 1.0)
+            x0 = int(at_x)
+            x1, wx = min(x0 + 1, width - 1), np.float32(at_x - x0)
+            for i in range(2):
+                above = flow[y0, x0, i] + wx * (flow[y0, x1, i] - flow[y0, x0, i])
+                below = flow[y1, x0, i] + wx * (flow[y1, x1, i] - flow[y1, x0, i])
+                out[y, x, i] = scale * (above + wy * (below - above))

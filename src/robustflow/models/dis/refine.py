@@ -1,0 +1,113 @@
+"""Variational refinement of dense flow (Kroeger et al. 2016, section 2.4).
+
+Minimised around a flow (u, v): the sum over pixels of delta Psi(E_I) + gamma Psi(E_G) + alpha Psi(E_S), where
+Psi(s^2) = sqrt(s^2 + 0.001^2), E_I and E_G are the forms of `motion_tensor`, and E_S = |grad u|^2 + |grad v|^2. In
+each of a few fixed-point iterations the slopes of Psi are held, which leaves a linear system, and that is relaxed a few
+times (successive over-relaxation; all black pixels of a chessboard, then all white ones, so that no direction is
+favoured). Weights, sweeps and relaxation are those the authors give for their program.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from ...sample import Flow
+from .motion_tensor import motion_tensors
+from .pyramid import Image
+
+DELTA, GAMMA, ALPHA = 5.0, 10.0, 10.0
+"""Weights of E_I, E_G and E_S."""
+RELAXATION, SWEEPS = 1.6, 3
+_EPSILON = 1e-3
+
+
+def refined(image1: Image, image2: Image, flow: Flow, iterations: int) -> Flow:
+    """The flow after `iterations` fixed-point iterations around it.
+
+    Args:
+        image1, image2: float32 (H, 3 W) interleaved RGB.
+        flow: float32 (H, W, 2); left as it is.
+        iterations: fixed-point iterations, each with 3 sweeps of relaxation.
+    """
+    tensors = motion_tensors(image1, image2, flow)
+    height, width, _ = flow.shape
+    better = flow.copy()
+    system = np.empty((height, width, 5), np.float32)
+    smooth = np.empty((height, width), np.float32)
+    links = np.zeros((2, height + 1, width + 1), np.float32)
+    for _ in range(iterations):
+        _hold(tensors, flow, better, np.float32(DELTA), np.float32(GAMMA), np.float32(ALPHA), system, smooth)
+        _link(smooth, links)
+        for _ in range(SWEEPS):
+            for colour in range(2):
+                _relax(system, links, flow, colour, np.float32(RELAXATION), better)
+    return better
+
+
+@njit(cache=True, nogil=True)
+def _hold(tensors: Any, flow: Any, better: Any, delta: Any, gamma: Any, alpha: Any, system: Any, smooth: Any) -> None:
+    """The linear system of the data per pixel (xx, xy, yy, right sides), and the weight of smoothness."""
+    height, width, _ = flow.shape
+    zero, two, least = np.float32(0), np.float32(2), np.float32(_EPSILON * _EPSILON)
+    for y in range(height):
+        for x in range(width):
+            du, dv = better[y, x, 0] - flow[y, x, 0], better[y, x, 1] - flow[y, x, 1]
+            s = system[y, x]
+            s[:] = 0
+            for term in range(2):
+                t = tensors[y, x, term]
+                square = t[0] * du * du + two * t[1] * du * dv + t[2] * dv * dv + two * (t[3] * du + t[4] * dv) + t[5]
+                weight = (gamma if term else delta) / np.sqrt(max(square, zero) + least)
+                for k in range(3):
+                    s[k] += weight * t[k]
+                s[3] -= weight * t[3]
+                s[4] -= weight * t[4]
+            slope = least
+            for i in range(2):
+                right = better[y, min(x + 1, width - 1), i] - better[y, max(x - 1, 0), i]
+                down = better[min(y + 1, height - 1), x, i] - better[max(y - 1, 0), x, i]
+                slope += np.float32(0.25) * (right * right + down * down)
+            smooth[y, x] = alpha / np.sqrt(slope)
+
+
+@njit(cache=True, nogil=True)
+def _link(smooth: Any, links: Any) -> None:
+    """How strongly neighbours pull: links[0, y, x] between (y, x - 1) and (y, x), links[1] between rows; 0 at edges."""
+    height, width = smooth.shape
+    half = np.float32(0.5)
+    for y in range(height):
+        for x in range(1, width):
+            links[0, y, x] = half * (smooth[y, x - 1] + smooth[y, x])
+    for y in range(1, height):
+        for x in range(width):
+            links[1, y, x] = half * (smooth[y - 1, x] + smooth[y, x])
+
+
+@njit(cache=True, nogil=True)
+def _relax(system: Any, links: Any, flow: Any, colour: int, omega: Any, better: Any) -> None:
+    height, width, _ = flow.shape
+    for y in range(height):
+        for x in range((y + colour) % 2, width, 2):
+            left, right, up, down = links[0, y, x], links[0, y, x + 1], links[1, y, x], links[1, y + 1, x]
+            pull_u = pull_v = np.float32(0)
+            if x > 0:
+                pull_u += left * better[y, x - 1, 0]
+                pull_v += left * better[y, x - 1, 1]
+            if x < width - 1:
+                pull_u += right * better[y, x + 1, 0]
+                pull_v += right * better[y, x + 1, 1]
+            if y > 0:
+                pull_u += up * better[y - 1, x, 0]
+                pull_v += up * better[y - 1, x, 1]
+            if y < height - 1:
+                pull_u += down * better[y + 1, x, 0]
+                pull_v += down * better[y + 1, x, 1]
+            total = left + right + up + down
+            u, v, s = flow[y, x, 0], flow[y, x, 1], system[y, x]
+            du, dv = better[y, x, 0] - u, better[y, x, 1] - v
+            du += omega * ((s[3] - s[1] * dv + pull_u - total * u) / (s[0] + total) - du)
+            dv += omega * ((s[4] - s[1] * du + pull_v - total * v) / (s[2] + total) - dv)
+            better[y, x, 0], better[y, x, 1] = u + du, v + dv

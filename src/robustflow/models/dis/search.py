@@ -1,0 +1,193 @@
+"""Inverse search: the displacement of every patch of a grid, by gradient descent (Kroeger et al. 2016, section 2.1).
+
+A patch T of frame 1 is looked for in frame 2, I: minimise the sum over pixels x and channels of (I(x + u) - T(x))^2,
+both less their means per channel. A step is u -= H^-1 sum S (I(x + u) - T(x)), S the slopes of T, H = sum S S^T. The
+slopes stay at T, so H is computed once.
+
+Two identities make a step cheap and change nothing but rounding. With the mean of S taken off it, sum S (I - T) does
+not feel the means of I and T. And I between pixels is a fixed mix of 4x4 pixels, so sum S I(x + u) is the same mix of
+its values at 4x4 whole displacements; each of those is computed once per patch, however many steps come back to it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...sample import Flow
+from .cubic import cubic_weights
+from .patches import beginning, grid, looked_at, surroundings
+from .pyramid import Image, slopes
+
+Displacements = npt.NDArray[np.float32]
+"""float32 (rows, columns, 2): (u, v) of the patches at `grid(H, ...)` x `grid(W, ...)`."""
+
+
+def inverse_search(
+    image1: Image, image2: Image, coarse: Flow, patch: int, stride: int, iterations: int
+) -> Displacements:
+    """Displacements of the patches of a grid.
+
+    A patch stays where its search begins if it has no texture, if it would move by more than its own size (the
+    paper's outliers), or if it matches no better in the end. The last is not in the paper: a descent without a line
+    search may climb, and OpenCV's stops then.
+
+    Args:
+        image1, image2: float32 (H, 3 W) interleaved RGB, H and W at least `patch`.
+        coarse: float32 (h, w, 2), where the search begins: dense flow of the same frames at half the size, or zeros.
+        patch, stride: in pixels.
+        iterations: steps at most; a step under 0.001 px is the last.
+    """
+    height, width = image1.shape[0], image1.shape[1] // 3
+    rows, columns = grid(height, patch, stride), grid(width, patch, stride)
+    found = np.empty((rows.size, columns.size, 2), np.float32)
+    around, slope = surroundings(image2, patch), slopes(image1, 2)
+    _search(image1, *slope, around, coarse, (rows, columns), patch, iterations, found)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _search(
+    image1: Any, slope_x: Any, slope_y: Any, image2: Any, coarse: Any, corners: Any, patch: int, steps: int, found: Any
+) -> None:
+    rows, columns = corners
+    sx, sy = np.empty((patch, 3 * patch), np.float32), np.empty((patch, 3 * patch), np.float32)
+    lanes = np.empty((2, 3 * patch), np.float32)
+    side = 2 * patch + 8
+    sums, owner = np.empty((side, side, 2)), np.full((side, side), -1, np.int64)
+    for i in range(rows.size):
+        for j in range(columns.size):
+            y, x = rows[i], columns[j]
+            u0, v0 = beginning(coarse, y + 0.5 * (patch - 1), x + 0.5 * (patch - 1))
+            found[i, j, 0], found[i, j, 1] = u0, v0
+            _centre(slope_x, y, 3 * x, sx)
+            _centre(slope_y, y, 3 * x, sy)
+            hessian = _products(sx, sy)
+            trace, det = hessian[0] + hessian[2], hessian[0] * hessian[2] - hessian[1] ** 2
+            if trace < 0.01 * patch * patch or det < 1e-6 * trace * trace:
+                continue
+            wanted = _project(image1, y, 3 * x, sx, sy, lanes)
+            memory = (i * columns.size + j, owner, sums)
+            u, v = _descend(image1, image2, (y, x), (u0, v0), (sx, sy), hessian, wanted, steps, memory, lanes)
+            if (u - u0) ** 2 + (v - v0) ** 2 > patch * patch:
+                continue
+            before = _mismatch(image1, image2, y, x, u0, v0, patch, lanes)
+            if _mismatch(image1, image2, y, x, u, v, patch, lanes) <= before:
+                found[i, j, 0], found[i, j, 1] = u, v
+
+
+@njit(cache=True, nogil=True)
+def _descend(
+    image1: Any,
+    image2: Any,
+    corner: Any,
+    begin: Any,
+    slope: Any,
+    hessian: Any,
+    wanted: Any,
+    steps: int,
+    memory: Any,
+    lanes: Any,
+) -> tuple[float, float]:
+    """Where a patch's descent ends. `memory` keeps sums at whole displacements; those that the patch owns count."""
+    (y, x), (u0, v0), (sx, sy), (hxx, hxy, hyy), (patch_id, owner, sums) = corner, begin, slope, hessian, memory
+    height, width, patch = image1.shape[0], image1.shape[1] // 3, sx.shape[0]
+    top = looked_at(y + v0, height, patch)[0] - patch - 2
+    left = looked_at(x + u0, width, patch)[0] - patch - 2
+    det = hxx * hyy - hxy * hxy
+    u, v = u0, v0
+    for _ in range(steps):
+        y0, wy = looked_at(y + v, height, patch)
+        x0, wx = looked_at(x + u, width, patch)
+        down, right = cubic_weights(wy), cubic_weights(wx)
+        bx, by = -wanted[0], -wanted[1]
+        for a in range(4):
+            for b in range(4):
+                row, column = y0 + a - 1, x0 + b - 1
+                cell = sums[row - top, column - left]
+                if owner[row - top, column - left] != patch_id:
+                    owner[row - top, column - left] = patch_id
+                    cell[0], cell[1] = _project(image2, row, 3 * column, sx, sy, lanes)
+                weight = down[a] * right[b]
+                bx += weight * cell[0]
+                by += weight * cell[1]
+        du, dv = (hyy * bx - hxy * by) / det, (hxx * by - hxy * bx) / det
+        u, v = u - du, v - dv
+        if abs(u - u0) > patch or abs(v - v0) > patch or du * du + dv * dv < 1e-6:
+            break
+    return u, v
+
+
+@njit(cache=True, nogil=True)
+def _centre(slope: Any, row: int, column: int, out: Any) -> None:
+    """A patch of a slope image into `out`, less its mean per channel."""
+    patch, columns = out.shape
+    for c in range(3):
+        total = 0.0
+        for r in range(patch):
+            for k in range(c, columns, 3):
+                total += slope[row + r, column + k]
+        mean = np.float32(total / (patch * patch))
+        for r in range(patch):
+            for k in range(c, columns, 3):
+                out[r, k] = slope[row + r, column + k] - mean
+
+
+@njit(cache=True, nogil=True)
+def _products(sx: Any, sy: Any) -> tuple[float, float, float]:
+    hxx = hxy = hyy = 0.0
+    for r in range(sx.shape[0]):
+        for k in range(sx.shape[1]):
+            hxx += sx[r, k] * sx[r, k]
+            hxy += sx[r, k] * sy[r, k]
+            hyy += sy[r, k] * sy[r, k]
+    return hxx, hxy, hyy
+
+
+@njit(cache=True, nogil=True)
+def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) -> tuple[float, float]:
+    """Sums of a patch of `image` times `sx` and `sy`: each column by itself, a loop that vectorises, then all."""
+    a, b = lanes[0], lanes[1]
+    a[:] = 0
+    b[:] = 0
+    for r in range(sx.shape[0]):
+        pixels, p, q = image[row + r, column : column + a.size], sx[r], sy[r]
+        for k in range(a.size):
+            a[k] += pixels[k] * p[k]
+            b[k] += pixels[k] * q[k]
+    total_a = total_b = 0.0
+    for k in range(a.size):
+        total_a += a[k]
+        total_b += b[k]
+    return total_a, total_b
+
+
+@njit(cache=True, nogil=True)
+def _mismatch(image1: Any, image2: Any, y: int, x: int, u: float, v: float, patch: int, lanes: Any) -> float:
+    """Sum of squared differences between a patch and what it looks at (bilinear), both less their means per channel."""
+    y0, at_y = looked_at(y + v, image1.shape[0], patch)
+    x0, at_x = looked_at(x + u, image1.shape[1] // 3, patch)
+    wy, wx = np.float32(at_y), np.float32(at_x)
+    w00, w01 = (np.float32(1) - wy) * (np.float32(1) - wx), (np.float32(1) - wy) * wx
+    w10, w11 = wy * (np.float32(1) - wx), wy * wx
+    a, b = lanes[0], lanes[1]
+    a[:] = 0
+    b[:] = 0
+    for r in range(patch):
+        here = image1[y + r, 3 * x : 3 * (x + patch)]
+        above, below = image2[y0 + r, 3 * x0 :], image2[y0 + r + 1, 3 * x0 :]
+        for k in range(a.size):
+            there = (w00 * above[k] + w01 * above[k + 3]) + (w10 * below[k] + w11 * below[k + 3])
+            a[k] += there - here[k]
+            b[k] += (there - here[k]) * (there - here[k])
+    total = 0.0
+    for c in range(3):
+        of_channel = 0.0
+        for k in range(c, a.size, 3):
+            of_channel += a[k]
+            total += b[k]
+        total -= of_channel * of_channel / (patch * patch)
+    return total
