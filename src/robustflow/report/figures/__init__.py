@@ -12,6 +12,7 @@ from .canvas import FILE_FORMATS, figure_bytes, write_figures
 from .clean_against_cre import clean_against_cre
 from .crer_by_family import crer_by_family
 from .effective_trend import effective_trend
+from .marks import MarkedFigure
 from .relations import relations
 from .severity_curves import severity_curves
 
@@ -22,12 +23,13 @@ __all__ = [
     "crer_by_family",
     "effective_trend",
     "figure_bytes",
+    "figures_by_sample_set",
     "relations",
     "severity_curves",
     "write_figures",
 ]
 
-_OF_RESULTS: dict[str, Callable[[pl.DataFrame], Figure]] = {
+_OF_RESULTS: dict[str, Callable[[pl.DataFrame], MarkedFigure]] = {
     "clean_against_cre": clean_against_cre,
     "crer_by_family": crer_by_family,
     "relations": relations,
@@ -42,20 +44,28 @@ def all_figures(results: pl.DataFrame, runs: Mapping[str, pl.DataFrame]) -> dict
     set are separate, the latter with the number of the set in their names.
     """
     figures: dict[str, Figure] = {}
-    on_kitti = results.filter(pl.col("benchmark") != "gopro-fc")
-    for index, frames in enumerate(dict.fromkeys(on_kitti["sample_set"])):
-        suffix = (
-            "" if frames == "paper" else f"_runs_{index}" if "paper" in set(on_kitti["sample_set"]) else f"_{index}"
-        )
-        for name, draw in _OF_RESULTS.items():
-            try:
-                figures[name + suffix] = draw(on_kitti.filter(sample_set=frames))
-            except UsageError:
-                # Not every set of results has what each figure shows; the caller sees what there is.
-                continue
+    by_frames = figures_by_sample_set(results)
+    for index, (frames, drawn) in enumerate(by_frames.items()):
+        suffix = "" if frames == "paper" else f"_runs_{index}" if "paper" in by_frames else f"_{index}"
+        figures |= {name + suffix: figure for name, figure in drawn.items()}
     for metric in ("rcre", "epe"):
         try:
             figures[f"severity_{metric}"] = severity_curves(runs, metric)
         except UsageError:
             continue
+    return figures
+
+
+def figures_by_sample_set(results: pl.DataFrame) -> dict[str, dict[str, MarkedFigure]]:
+    """Sample set -> the figures of results by name, of all benchmarks but GoPro-FC, which has no ground truth."""
+    on_kitti = results.filter(pl.col("benchmark") != "gopro-fc")
+    figures: dict[str, dict[str, MarkedFigure]] = {}
+    for frames in dict.fromkeys(on_kitti["sample_set"]):
+        figures[frames] = {}
+        for name, draw in _OF_RESULTS.items():
+            try:
+                figures[frames][name] = draw(on_kitti.filter(sample_set=frames))
+            except UsageError:
+                # Not every set of results has what each figure shows; the caller sees what there is.
+                continue
     return figures

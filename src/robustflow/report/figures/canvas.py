@@ -19,6 +19,7 @@ from ...atomic import make_folder, write_bytes
 from ...errors import unknown_name
 from ..published import method_of
 from ..text import plain
+from .marks import MarkedFigure
 
 FILE_FORMATS = ("png", "svg", "pdf")
 
@@ -63,9 +64,9 @@ def kind_of(model: str) -> str:
     return "Transformer-based" if "Transformer" in method.encoder else "CNN-based"
 
 
-def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, list[Axes]]:
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[MarkedFigure, list[Axes]]:
     """A figure of `width` x `height` inches with a grid of axes, row by row."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = MarkedFigure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     axes = [figure.add_subplot(rows, columns, index + 1) for index in range(rows * columns)]
     for one in axes:
@@ -133,8 +134,10 @@ def _places(radius: float) -> list[_Place]:
     return places
 
 
-def figure_bytes(figure: Figure, format: str) -> bytes:
+def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     """A figure as a file: "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
+
+    With `live_text` an SVG holds its texts as texts, in whatever font the reader has, and not as outlines.
 
     Raises:
         UsageError: another format.
@@ -147,7 +150,8 @@ def figure_bytes(figure: Figure, format: str) -> bytes:
         figure.set_layout_engine("none")
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()
-    with rc_context({"svg.hashsalt": "robustflow", "pdf.fonttype": 42}):
+    outlines = "none" if live_text else "path"
+    with rc_context({"svg.hashsalt": "robustflow", "svg.fonttype": outlines, "pdf.fonttype": 42}):
         figure.savefig(out, format=format, dpi=200, metadata=metadata)
     return out.getvalue()
 

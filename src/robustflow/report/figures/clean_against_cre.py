@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import polars as pl
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ...errors import UsageError
@@ -13,12 +12,13 @@ from ..labels import SETTING_LABELS
 from ..results import AVERAGE, CLEAN, values_of
 from ..tables import settings_in_order
 from .canvas import KIND_COLOURS, kind_of, new_figure, spread_labels
+from .marks import Mark, MarkedFigure
 
 _AREA = 260.0
 """Square points of a bubble of CREr 1."""
 
 
-def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDiffuser",)) -> Figure:
+def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDiffuser",)) -> MarkedFigure:
     """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting.
 
     CRE is made from the EPE. Models in `without` are left out, and knowledge-driven methods where there are others,
@@ -48,7 +48,11 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDi
             kind = kind_of(model)
             kinds[kind] = None
             area = _AREA * max(cre / clean, 0.02)
-            panel.scatter(clean, cre, s=area, color=KIND_COLOURS[kind], alpha=0.55, edgecolor="white", linewidth=0.8)
+            bubble = panel.scatter(
+                clean, cre, s=area, color=KIND_COLOURS[kind], alpha=0.55, edgecolor="white", linewidth=0.8
+            )
+            values = (("clean EPE", f"{clean:.2f} px"), ("CRE", f"{cre:.2f} px"), ("CREr", f"{cre / clean:.2f}"))
+            figure.mark(bubble, [Mark(model, setting, values)])
             panel.scatter(clean, cre, s=6, color=KIND_COLOURS[kind])
             radii.append(math.sqrt(area / math.pi))
             points.append((clean, cre, f"{model} {cre / clean:.2f}"))
@@ -56,7 +60,8 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDi
         panel.set_title(SETTING_LABELS.get(setting, setting))
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("CRE (px)")
-        spread_labels(panel, points, radii)
+        for model, text in zip(models, spread_labels(panel, points, radii), strict=True):
+            figure.mark(text, [Mark(model, setting)])
     handles = [
         Line2D([], [], marker="o", linestyle="", color=KIND_COLOURS[kind], label=kind)
         for kind in KIND_COLOURS

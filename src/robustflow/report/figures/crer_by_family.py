@@ -6,13 +6,13 @@ from statistics import fmean
 
 import numpy as np
 import polars as pl
-from matplotlib.figure import Figure
 
 from ...corruptions.catalog import FAMILIES
 from ...errors import UsageError
 from ..labels import FAMILY_LABELS
 from ..results import CLEAN, values_of
 from .canvas import BLUE, ORANGE, RED, name_text, new_figure
+from .marks import Mark, MarkedFigure
 
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
 _COLOURS = {"OOD": BLUE, "ID": RED}
@@ -31,12 +31,13 @@ def family_crer(results: pl.DataFrame) -> dict[tuple[str, str], dict[str, float]
     return out
 
 
-def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None) -> Figure:
+def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None) -> MarkedFigure:
     """Bars of CREr per family, one panel per model, one colour per setting.
 
     Args:
         results: with EPE per corruption.
-        models: which; by default the paper's example models (Fig. 1) and those it does not know, at most nine.
+        models: which; by default the paper's example models (Fig. 1) and those it does not know, all where
+            there are none of these; at most nine.
 
     Raises:
         UsageError: none of the models has a clean EPE.
@@ -44,7 +45,8 @@ def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None)
     found = family_crer(results)
     if models is None:
         own = [model for setting, model in found if setting not in ("knowledge", "OOD", "ID")]
-        models = (*REPRESENTATIVE, *own)
+        chosen = [model for _, model in found if model in (*REPRESENTATIVE, *own)]
+        models = (*REPRESENTATIVE, *own) if chosen else tuple(model for _, model in found)
     shown = [model for model in dict.fromkeys(models) if any(m == model for _, m in found)][:9]
     if not shown:
         raise UsageError("no CREr to draw: none of these models has a clean EPE")
@@ -61,6 +63,10 @@ def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None)
             heights = [found[setting, model].get(family, np.nan) for family in families]
             at = np.arange(len(families)) + (index - (len(settings) - 1) / 2) * width
             bars = panel.bar(at, heights, width, color=_COLOURS.get(setting, ORANGE), label=name_text(setting))
+            for bar, family, height in zip(bars, families, heights, strict=True):
+                if np.isnan(height):
+                    continue
+                figure.mark(bar, [Mark(model, setting, (("class", FAMILY_LABELS[family]), ("CREr", f"{height:.2f}")))])
             panel.bar_label(bars, fmt="%.2g", fontsize=6, padding=1)
         panel.set_xticks(range(len(families)), [FAMILY_LABELS[family] for family in families], fontsize=7)
         panel.set_title(name_text(model), fontsize=10)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import polars as pl
-from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from ..effective import effective_robustness
 from ..labels import SETTING_LABELS
 from .canvas import KIND_COLOURS, kind_of, new_figure, spread_labels
+from .marks import Mark, MarkedFigure
 
 
-def effective_trend(results: pl.DataFrame) -> Figure:
+def effective_trend(results: pl.DataFrame) -> MarkedFigure:
     """One panel per setting; a model's printed factor is its EPE over what the trend of the others gives.
 
     Raises:
@@ -27,7 +27,10 @@ def effective_trend(results: pl.DataFrame) -> Figure:
         panel.set_xscale("log")
         panel.set_yscale("log")
         for row in models.iter_rows(named=True):
-            panel.scatter(row["epe_clean"], row["epe"], s=30, color=KIND_COLOURS[kind_of(row["model"])])
+            point = panel.scatter(row["epe_clean"], row["epe"], s=30, color=KIND_COLOURS[kind_of(row["model"])])
+            texts = (f"{row['epe_clean']:.2f} px", f"{row['epe']:.2f} px", f"{row['expected']:.2f} px")
+            values = tuple(zip(("clean EPE", "corrupted EPE", "expected"), texts, strict=True))
+            figure.mark(point, [Mark(row["model"], setting, (*values, ("factor", f"{row['factor']:.2f}")))])
         line = np.polyfit(np.log(clean), np.log(epe), 1)
         ends = np.array([clean.min() * 0.9, clean.max() * 1.1])
         panel.plot(ends, np.exp(np.polyval(line, np.log(ends))), color="black", linewidth=1)
@@ -43,6 +46,7 @@ def effective_trend(results: pl.DataFrame) -> Figure:
             (row["epe_clean"], row["epe"], f"{row['model']} ×{row['factor']:.2f}")
             for row in models.iter_rows(named=True)
         ]
-        spread_labels(panel, labels)
+        for model, text in zip(models["model"], spread_labels(panel, labels), strict=True):
+            figure.mark(text, [Mark(model, setting)])
     figure.suptitle("Effective robustness: below the line is more robust than the clean error lets expect", fontsize=10)
     return figure

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import polars as pl
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ...errors import UsageError
 from ..results import AVERAGE, CLEAN, values_of
 from .canvas import BLUE, ORANGE, RED, new_figure
+from .marks import Mark, MarkedFigure
 
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))
 _COLOURS = {"OOD": BLUE, "ID": RED}
 _LEFT_OUT = ("FlowDiffuser",)
 
 
-def relations(results: pl.DataFrame) -> Figure:
+def relations(results: pl.DataFrame) -> MarkedFigure:
     """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model.
 
     Pearson's r and Spearman's rho are given per setting. FlowDiffuser is left out, and knowledge-driven methods
@@ -28,12 +28,15 @@ def relations(results: pl.DataFrame) -> Figure:
     epe, rcre = values_of(results, "epe"), values_of(results, "rcre")
     models = [(s, m) for s, m, name in epe if name == AVERAGE and m not in _LEFT_OUT]
     points: dict[str, list[dict[str, float]]] = {}
+    marks: dict[str, list[Mark]] = {}
     for setting, model in models:
         clean, moved = epe.get((setting, model, CLEAN)), rcre.get((setting, model, AVERAGE))
         if clean is not None and moved is not None:
             whole = epe[setting, model, AVERAGE]
             point = {"clean EPE": clean, "corrupted EPE": whole, "CRE": whole - clean, "RCRE": moved}
             points.setdefault(setting, []).append(point)
+            values = tuple((label, f"{value:.2f} px") for label, value in point.items())
+            marks.setdefault(setting, []).append(Mark(model, setting, values))
     if len(points) > 1:
         points.pop("knowledge", None)
     if not points:
@@ -43,9 +46,10 @@ def relations(results: pl.DataFrame) -> Figure:
         told = []
         for setting, found in points.items():
             xs, ys = (np.array([point[name] for point in found]) for name in (x, y))
-            panel.scatter(
+            drawn = panel.scatter(
                 xs, ys, s=26, color=_COLOURS.get(setting, ORANGE), alpha=0.8, edgecolor="white", linewidth=0.5
             )
+            figure.mark(drawn, marks[setting])
             told.append(f"{setting}: {_correlation(xs, ys)}")
         panel.set_xlabel(f"{x} (px)")
         panel.set_ylabel(f"{y} (px)")

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import polars as pl
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ...corruptions.catalog import PAPER_ORDER
@@ -13,11 +13,12 @@ from ...errors import UsageError
 from ..labels import METRIC_LABELS, UNITS, long_label
 from ..uncertainty import intervals
 from .canvas import SERIES, name_text, new_figure
+from .marks import Mark, MarkedFigure
 
 _COLUMNS = 5
 
 
-def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, seed: int = 0) -> Figure:
+def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, seed: int = 0) -> MarkedFigure:
     """A metric at each severity of each corruption, with 95 % intervals where there are enough images.
 
     Args:
@@ -44,9 +45,12 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
     for extra in axes[len(shown) :]:
         extra.remove()
     for panel, corruption in zip(axes, shown, strict=False):
-        for colour, curve in zip(SERIES, curves.values(), strict=False):
+        for colour, (name, curve) in zip(SERIES, curves.items(), strict=False):
             line = curve.filter(corruption=corruption).sort("severity")
-            panel.plot(line["severity"], line["estimate"], color=colour, marker="o", markersize=3, linewidth=1.2)
+            drawn = panel.plot(
+                line["severity"], line["estimate"], color=colour, marker="o", markersize=3, linewidth=1.2
+            )
+            figure.mark(drawn[0], [_mark(name, metric, row) for row in line.iter_rows(named=True)])
             known = line.drop_nulls(["low", "high"])
             if known.height:
                 panel.fill_between(
@@ -64,3 +68,10 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
     ]
     figure.legend(handles=handles, loc="outside upper center", ncols=min(4, len(handles)), frameon=False, fontsize=8)
     return figure
+
+
+def _mark(name: str, metric: str, row: dict[str, Any]) -> Mark:
+    interval = "" if row["low"] is None else f" [{row['low']:.2f}, {row['high']:.2f}]"
+    where = (("corruption", long_label(row["corruption"])), ("severity", str(row["severity"])))
+    value = f"{row['estimate']:.2f} {UNITS[metric]}".strip() + interval
+    return Mark(name, "", (*where, (METRIC_LABELS[metric], value)))

@@ -9,7 +9,7 @@ from importlib.resources import files
 
 from markupsafe import Markup
 
-SCRIPTS = ("state.js", "board.js", "figures.js", "examples.js", "downloads.js")
+SCRIPTS = ("state.js", "board.js", "figures.js", "findings.js", "examples.js", "downloads.js")
 
 
 @cache

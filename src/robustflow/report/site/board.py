@@ -101,7 +101,7 @@ def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -
     settings = dict.fromkeys(entry.setting for entry in entries)
     return Board(
         benchmark=benchmark,
-        label=BENCHMARK_LABELS.get(benchmark, plain(benchmark)),
+        label=benchmark_label(benchmark),
         columns=tuple(columns),
         groups=_groups(entries, group_titles),
         views=(*views, *((family, FAMILY_LABELS[family]) for family in found)),
@@ -111,6 +111,11 @@ def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -
         ),
         start=start,
     )
+
+
+def benchmark_label(benchmark: str) -> str:
+    """A benchmark as it is written; one that a file names is text."""
+    return BENCHMARK_LABELS.get(benchmark, plain(benchmark, 40))
 
 
 def setting_label(setting: str) -> str:

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...corruptions.catalog import PAPER_ORDER
-from ...errors import UsageError
 from ..analysis_tables import anatomy_table
-from ..labels import BENCHMARK_LABELS, METRIC_LABELS, UNITS, long_label
+from ..anatomy import by_severity
+from ..labels import METRIC_LABELS, UNITS, long_label
 from ..results import AVERAGE, CLEAN
-from ..table import Section, Table
+from ..table import Line, Section, Table
 from ..text import plain
+from .board import benchmark_label
 from .content import Content
 from .entries import Entry, Key
 from .facts import Facts, published_facts, run_facts
@@ -32,7 +33,6 @@ class HeatTable:
     title: str
     columns: tuple[str, ...]
     lines: tuple[tuple[str, tuple[tuple[str, str, str], ...]], ...]
-    across: str = ""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class ModelPage:
     Attributes:
         id: of the page.
         name: of the model.
-        tiles: per entry (label, text, interval) of the overall means.
+        tiles: per line of the leaderboard (label, text, interval) of the overall means.
         says: sentences.
         tables: heat tables, the first one the most telling.
         facts: what ran.
@@ -88,7 +88,7 @@ def _of_results(page: str, entries: list[Entry], content: Content) -> ModelPage:
     tables = []
     for benchmark in dict.fromkeys(entry.benchmark for entry in entries):
         shown = [entry for entry in entries if entry.benchmark == benchmark]
-        tables.append(_settings_table(BENCHMARK_LABELS.get(benchmark, plain(benchmark)), shown))
+        tables.append(_settings_table(benchmark_label(benchmark), shown))
     return ModelPage(
         id=page,
         name=first.model,
@@ -123,7 +123,7 @@ def _sentences(entry: Entry) -> tuple[str, ...]:
         order = sorted(values, key=lambda name: -values[name])
         worst = ", ".join(f"{long_label(name)} ({values[name]:+.2f} px)" for name in order[:3])
         best = f"{long_label(order[-1])} ({values[order[-1]]:+.2f} px)"
-        where = f"{BENCHMARK_LABELS.get(entry.benchmark, plain(entry.benchmark))}, {plain(entry.setting, 40)}"
+        where = f"{benchmark_label(entry.benchmark)}, {plain(entry.setting, 40)}"
         return (f"{where}: by {METRIC_LABELS[metric]} the worst are {worst}; the mildest is {best}.",)
     return ()
 
@@ -132,13 +132,18 @@ def _severity_table(entry: Entry, run: Result, metric: str) -> HeatTable:
     table = run.table(metric)
     levels = [column for column in table.columns if column.isdigit()]
     top = scale_top(value for level in levels for value in table[level])
+    slopes = {row["corruption"]: row["slope"] for row in by_severity(run.summary, metric).iter_rows(named=True)}
     lines = []
     for row in table.iter_rows(named=True):
         cells = [(_number(row[level]), heat_class(row[level], top), "") for level in levels]
-        mean = (_number(row["mean"]), heat_class(row["mean"], top), interval_text(entry, (metric, row["corruption"])))
-        lines.append((plain(long_label(row["corruption"])), (*cells, mean)))
-    unit = f" ({UNITS[metric]})" if UNITS[metric] else ""
-    return HeatTable(f"{METRIC_LABELS[metric]}{unit} by severity", (*levels, "mean"), tuple(lines), "Severity")
+        cells.append(
+            (_number(row["mean"]), heat_class(row["mean"], top), interval_text(entry, (metric, row["corruption"])))
+        )
+        if slopes:
+            cells.append((_number(slopes.get(row["corruption"])), "", ""))
+        lines.append((plain(long_label(row["corruption"])), tuple(cells)))
+    columns = (*levels, "mean", *(["slope"] if slopes else []))
+    return HeatTable(f"{METRIC_LABELS[metric]} ({UNITS[metric]}) by severity", columns, tuple(lines))
 
 
 def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
@@ -158,13 +163,13 @@ def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
 
 
 def _anatomy(run: Result) -> Table | None:
-    """The region and family part of the anatomy table, without the run's name."""
-    try:
-        table = anatomy_table([run])
-    except UsageError:
+    """Regions and families of the anatomy table; the slopes stand in the tables of severities."""
+    whole = anatomy_table([run])
+    lines = [line for section in whole.sections for line in section.lines if line.cells[0].text != "-"]
+    if not lines:
         return None
-    sections = tuple(Section("", section.lines) for section in table.sections)
-    return Table(table.name, table.title, table.columns, sections, table.remarks) if sections else None
+    kept = tuple(Line(line.label, line.cells[:-1]) for line in lines)
+    return Table(whole.name, whole.title, whole.columns[:-1], (Section("", kept),), whole.remarks)
 
 
 def _number(value: float | None) -> str:

@@ -11,10 +11,13 @@ from markupsafe import Markup
 
 from ... import __version__
 from ..labels import SETTING_LABELS
+from ..text import plain
 from . import assets
-from .board import boards_of, setting_label
+from .board import benchmark_label, boards_of, setting_label
 from .content import Content
 from .downloads import download_data
+from .figures import page_figures
+from .findings import VERDICT_CLASSES, audits, by_check, checked_observations
 from .headline import headline
 from .models import interval_text, model_pages
 
@@ -35,6 +38,9 @@ def render_site(content: Content) -> str:
             boards=boards,
             headline=headline(content),
             pages=model_pages(content),
+            figures=page_figures(content),
+            observations=checked_observations(content),
+            audits=audits(content),
             data=json_block(download_data(content.entries)),
             style=assets.style(),
             script=assets.script(),
@@ -61,7 +67,13 @@ def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("robustflow.report.site"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
-    environment.globals["interval_text"] = interval_text
-    environment.globals["setting_label"] = setting_label
-    environment.globals["known_settings"] = tuple(SETTING_LABELS)
+    environment.globals.update(
+        benchmark_label=benchmark_label,
+        by_check=by_check,
+        interval_text=interval_text,
+        known_settings=tuple(SETTING_LABELS),
+        plain=plain,
+        setting_label=setting_label,
+        verdict_classes=VERDICT_CLASSES,
+    )
     return environment

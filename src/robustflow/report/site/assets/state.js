@@ -16,7 +16,9 @@ function parsed() {
 function open(id) {
   const page = models.get(id) ?? null;
   for (const part of overview) part.hidden = page !== null;
-  for (const [other, element] of models) element.hidden = other !== id;
+  for (const [other, element] of models) {
+    element.hidden = page === null ? element.dataset.primary === undefined : other !== id;
+  }
   document.documentElement.classList.toggle("one-model", page !== null);
   document.title = page === null ? title : `${page.querySelector("h2").textContent} – ${title}`;
   const left = shown;

@@ -1,0 +1,100 @@
+"""The figures of a page, each with the table of what it shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import islice
+
+from markupsafe import Markup
+
+from ...errors import UsageError
+from ..figures import figures_by_sample_set, severity_curves
+from ..figures.canvas import SERIES
+from ..figures.marks import MarkedFigure
+from ..text import plain
+from .content import Content
+from .svg import inline_svg
+
+_TEXTS = {
+    "clean_against_cre": (
+        "Accuracy against robustness",
+        "Clean EPE to the right, CRE upwards, the area of a bubble is CREr: best is a small bubble at the lower left.",
+    ),
+    "crer_by_family": (
+        "Relative robustness by class of corruption",
+        "Bars of CREr for each class of corruptions, one colour per setting: what fine-tuning on the domain costs.",
+    ),
+    "relations": (
+        "How the numbers go together",
+        "Four panels, a point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE.",
+    ),
+    "effective_trend": (
+        "Effective robustness",
+        "Corrupted against clean EPE with the trend of a setting: below the line is more robust than the clean error "
+        "lets expect.",
+    ),
+    "severity_curves": (
+        "Severity curves",
+        "RCRE at each severity, a panel per corruption, a line per run; bands are 95 % confidence intervals.",
+    ),
+}
+_MOST_LINES = 200
+
+
+@dataclass(frozen=True)
+class PageFigure:
+    """A figure: `svg` is markup, `columns` and `lines` say the same in numbers, empty where tables elsewhere do; `wide`
+    where it has many panels."""
+
+    id: str
+    title: str
+    description: str
+    frames: str
+    svg: Markup
+    wide: bool
+    columns: tuple[str, ...]
+    lines: tuple[tuple[str, str, tuple[str, ...]], ...]
+
+
+def page_figures(content: Content) -> list[PageFigure]:
+    """Figures of each sample set that the page is about, then the severity curves of its runs, eight in a figure."""
+    drawn: list[tuple[str, str, MarkedFigure]] = []
+    for frames, figures in figures_by_sample_set(content.focus).items():
+        drawn += [(frames, name, figure) for name, figure in figures.items() if _compares(name, figure)]
+    for frames in dict.fromkeys(frames for frames, _ in content.runs):
+        runs = iter([(name, run) for (of, name), run in content.runs.items() if of == frames])
+        while part := dict(islice(runs, len(SERIES))):
+            try:
+                drawn.append((frames, "severity_curves", severity_curves({n: run.rows for n, run in part.items()})))
+            except UsageError:
+                # Runs without a single pixel to measure have no curve.
+                continue
+    return [_page_figure(f"figure-{index}", *one, content) for index, one in enumerate(drawn)]
+
+
+def _compares(name: str, figure: MarkedFigure) -> bool:
+    """Whether there is something to see: a cloud of one point is none."""
+    return name == "crer_by_family" or len({mark.model for marks in figure.marks.values() for mark in marks}) > 1
+
+
+def _page_figure(id_: str, frames: str, name: str, figure: MarkedFigure, content: Content) -> PageFigure:
+    pages = {entry.name: entry.page for entry in content.entries if entry.sample_set == frames}
+    title, description = _TEXTS[name]
+    if figure.get_suptitle():
+        figure.suptitle("")  # The page has its own heading.
+    marks = dict.fromkeys(mark for of_artist in figure.marks.values() for mark in of_artist if mark.values)
+    columns = tuple(dict.fromkeys(what for mark in marks for what, _ in mark.values))
+    lines = tuple(
+        (plain(mark.model), plain(mark.setting, 40), tuple(dict(mark.values).get(what, "–") for what in columns))
+        for mark in marks
+    )
+    return PageFigure(
+        id=id_,
+        title=title,
+        description=description,
+        frames=content.group_titles.get(frames, plain(frames)),
+        svg=inline_svg(figure, id_, title, description, pages.get),
+        wide=figure.get_figwidth() > 9,
+        columns=columns,
+        lines=lines if len(lines) <= _MOST_LINES else (),
+    )

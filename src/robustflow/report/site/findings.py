@@ -1,0 +1,55 @@
+"""The paper's observations checked on each set of comparable results, and what the audit of the tables found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import polars as pl
+
+from ..audit import CHECKS, Audit, Finding, audit_published, audit_results
+from ..observations import Observation, observations
+from ..published import PAPER
+from ..text import plain
+from .content import Content
+
+VERDICT_CLASSES = {"holds": "yes", "does not hold": "no", "cannot be computed": "open"}
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The ten observations on one set of results."""
+
+    title: str
+    observations: tuple[Observation, ...]
+
+
+def checked_observations(content: Content) -> list[Checked]:
+    """For each sample set that the page is about, where at least one observation can be computed."""
+    found = []
+    for frames in dict.fromkeys(content.focus["sample_set"]):
+        part = content.results.filter(pl.col("sample_set") == frames)
+        made = observations(part, content.costs if frames == PAPER else {})
+        if any(one.verdict != "cannot be computed" for one in made):
+            found.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(made)))
+    return found
+
+
+def audits(content: Content) -> list[Audit]:
+    """Of the paper's tables, and of the results that came from files; runs are audited by `robustflow audit RUN`."""
+    if content.alone:
+        return []
+    frames = set(content.results["sample_set"])
+    found = [audit_published()] if content.costs else []
+    from_runs = {of for of, _ in content.runs}
+    for name in sorted(frames - from_runs - {PAPER}):
+        audited = content.group_titles.get(name, plain(name))
+        found.append(audit_results(content.results.filter(sample_set=name), audited=audited))
+    return found
+
+
+def by_check(audit: Audit) -> list[tuple[str, int, list[Finding]]]:
+    """(what is checked, how many numbers, what does not fit) in the order of the checks."""
+    return [
+        (CHECKS[check], count, [finding for finding in audit.findings if finding.check == check])
+        for check, count in audit.checked.items()
+    ]

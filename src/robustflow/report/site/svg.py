@@ -1,0 +1,122 @@
+"""A matplotlib figure as SVG inside a page: it takes the page's colours and fonts, and its marks say what they are."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable, Sequence
+
+from markupsafe import Markup
+
+from ..figures import figure_bytes
+from ..figures.marks import Mark, MarkedFigure
+from ..text import plain
+
+_SVG, _XLINK = "http://www.w3.org/2000/svg", "{http://www.w3.org/1999/xlink}href"
+_COLOURS = {
+    "#000000": "currentColor",
+    "#ffffff": "var(--page)",
+    "#dddddd": "var(--grid)",
+    "#999999": "var(--chart-grey)",
+    "#0072b2": "var(--chart-blue)",
+    "#d55e00": "var(--chart-red)",
+    "#009e73": "var(--chart-green)",
+    "#e69f00": "var(--chart-orange)",
+    "#56b4e9": "var(--chart-sky)",
+    "#cc79a7": "var(--chart-pink)",
+    "#f0e442": "var(--chart-yellow)",
+}
+_FONT = re.compile(r"font:[^;]*?([\d.]+)px[^;]*")
+_LONG_NUMBER = re.compile(r"\d+\.\d{3,}")
+_GEOMETRY = ("d", "x", "y", "points", "transform", "width", "height")
+
+
+def inline_svg(
+    figure: MarkedFigure, prefix: str, title: str, description: str, page_of: Callable[[str], str | None]
+) -> Markup:
+    """The `<svg>` element.
+
+    Args:
+        figure: with its marks.
+        prefix: of every id in it, so that several figures can stand in one page.
+        title, description: what it shows, for those who do not see it.
+        page_of: the id of a model's page, by the model's name.
+
+    Returns:
+        The element; marks have `class="mark"`, `data-page` and `data-says`, names beside them `class="name"`.
+    """
+    root = ElementTree.fromstring(figure_bytes(figure, "svg", live_text=True))
+    by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
+    for gid, marks in figure.marks.items():
+        if gid in by_id:
+            _name_marks(by_id[gid], marks, page_of)
+    _drop(root, "metadata", "style")
+    _rename_ids(root, prefix)
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+        _restyle(element)
+    width = float(root.attrib.pop("width").removesuffix("pt"))
+    root.attrib.pop("height")
+    root.attrib.pop("version", None)
+    for name, text in (("desc", description), ("title", title)):
+        element = ElementTree.Element(name, {"id": f"{prefix}-{name}"})
+        element.text = text
+        root.insert(0, element)
+    labels = {"aria-labelledby": f"{prefix}-title", "aria-describedby": f"{prefix}-desc"}
+    root.attrib.update({"class": "chart", "role": "img", "style": f"max-width: {4 * width / 3:.0f}px", **labels})
+    return Markup(ElementTree.tostring(root, encoding="unicode"))
+
+
+def mark_text(mark: Mark) -> str:
+    """ "RAFT (OOD): clean EPE 4.29 px, CRE 5.24 px"."""
+    setting = f" ({plain(mark.setting, 40)})" if mark.setting else ""
+    return f"{plain(mark.model)}{setting}: " + ", ".join(f"{what} {value}" for what, value in mark.values)
+
+
+def _name_marks(group: ElementTree.Element, marks: Sequence[Mark], page_of: Callable[[str], str | None]) -> None:
+    """A point of a collection or line is a `use`; a bar or a text is the group itself."""
+    points = list(group.iter(f"{{{_SVG}}}use"))
+    found = zip(points, marks, strict=True) if len(points) == len(marks) else ((group, mark) for mark in marks[:1])
+    for element, mark in found:
+        page = page_of(mark.model)
+        if page is not None:
+            element.set("data-page", page)
+        element.set("class", "mark" if mark.values else "name")
+        if mark.values:
+            element.set("data-says", mark_text(mark))
+
+
+def _drop(root: ElementTree.Element, *tags: str) -> None:
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if child.tag in {f"{{{_SVG}}}{tag}" for tag in tags}:
+                parent.remove(child)
+
+
+def _rename_ids(root: ElementTree.Element, prefix: str) -> None:
+    """Only ids that something refers to stay."""
+    used: set[str] = set()
+    for element in root.iter():
+        target = element.attrib.pop(_XLINK, None)
+        if target is not None:
+            used.add(target[1:])
+            element.set("href", f"#{prefix}-{target[1:]}")
+        clip = element.get("clip-path")
+        if clip is not None:
+            used.add(clip[5:-1])
+            element.set("clip-path", f"url(#{prefix}-{clip[5:-1]})")
+    for element in root.iter():
+        name = element.attrib.pop("id", None)
+        if name in used:
+            element.set("id", f"{prefix}-{name}")
+
+
+def _restyle(element: ElementTree.Element) -> None:
+    style = element.get("style")
+    if style is not None:
+        style = _FONT.sub(r"font-size: \1px", style)
+        element.set("style", re.sub("#[0-9a-f]{6}", lambda found: _COLOURS.get(found[0], found[0]), style))
+    for name in _GEOMETRY:
+        value = element.get(name)
+        if value is not None:
+            element.set(name, _LONG_NUMBER.sub(lambda found: f"{float(found[0]):.2f}", value))
