@@ -1,4 +1,4 @@
-"""Without the torch extra the modules that need it are not collected for doctests; their tests skip, with a reason."""
+"""Without their extras the modules that need them are not collected for doctests; their tests skip, with a reason."""
 
 from importlib.util import find_spec
 
@@ -18,3 +18,5 @@ if find_spec("torch") is None:
         "tests/parity/pack.py",
         "tests/parity/samflow_case.py",
     ]
+if find_spec("onnx") is None:
+    collect_ignore_glob += ["tests/models/onnx_graphs.py"]

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import codecs
-import hashlib
 import pickle
-import re
 import warnings
 import zipfile
 from dataclasses import dataclass, field
@@ -15,7 +12,8 @@ from typing import Any, BinaryIO
 import torch
 from torch import Tensor
 
-from ..errors import ModelError, UsageError
+from ..errors import ModelError
+from .model_file import damaged, opened
 
 
 class _Unread:
@@ -33,10 +31,6 @@ _BESIDE_WEIGHTS = [
     (_Unread, name)
     for name in ("numpy.core.multiarray.scalar", "numpy._core.multiarray.scalar", "numpy.dtype", "argparse.Namespace")
 ]
-_NOT_WEIGHTS = {
-    b"<": "a web page: the download gave a login or error page instead of the file",
-    b"version https://git-lfs": "a pointer of Git LFS: fetch the file itself with `git lfs pull`",
-}
 
 
 @dataclass(frozen=True)
@@ -71,48 +65,22 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
         UsageError: `sha256` is no such digits.
     """
     path = Path(path).expanduser()
-    try:
-        with path.open("rb") as file:
-            _refuse_what_is_no_checkpoint(path, file)
-            file.seek(0)
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-            if sha256 is not None:
-                _check_hash(path, digest, sha256)
-            content = _load(path, file)
-    except FileNotFoundError:
-        raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or give its path") from None
-    except OSError as error:
-        raise ModelError(f"{path}: cannot be read: {error.strerror or error}; give the path of a checkpoint") from None
+    with opened(path, sha256) as (file, digest):
+        _refuse_zip_bombs(path, file)
+        content = _load(path, file)
     beside = content.get("hyper_parameters") if isinstance(content, dict) else None
     return Checkpoint(path, digest, _weights(path, content), beside if isinstance(beside, dict) else {})
 
 
-def _check_hash(path: Path, digest: str, expected: str) -> None:
-    if not re.fullmatch("[0-9a-fA-F]{8,64}", str(expected)) or not isinstance(expected, str):
-        raise UsageError(f"sha256={expected} is not the 64 hexadecimal digits of a SHA-256, nor the first 8 or more")
-    if not digest.startswith(expected.lower()):
-        raise ModelError(
-            f"{path}: its SHA-256 is {digest}, expected {expected}: another file than the one meant, or changed on the "
-            "way; download it again"
-        )
-
-
-def _refuse_what_is_no_checkpoint(path: Path, file: BinaryIO) -> None:
-    file.seek(0)
-    head = file.read(1024).removeprefix(codecs.BOM_UTF8).lstrip()
-    if not head:
-        raise ModelError(f"{path}: is empty; download it again")
-    for start, what in _NOT_WEIGHTS.items():
-        if head.startswith(start):
-            raise ModelError(f"{path}: is {what}; download the checkpoint itself, for example in a browser")
-    if not head.startswith(b"PK"):
+def _refuse_zip_bombs(path: Path, file: BinaryIO) -> None:
+    if file.read(2) != b"PK":
         return  # the format of PyTorch before 1.6, whose sizes torch compares with the file as it reads
     size = file.seek(0, 2)
     try:
         with zipfile.ZipFile(file) as archive:
             declared = sum(record.file_size for record in archive.infolist())
     except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
-        raise _damaged(path, size, error) from None
+        raise damaged(path, error) from None
     if declared > size:
         # torch.save never compresses, so what is inside cannot be larger than the file.
         raise ModelError(
@@ -122,7 +90,6 @@ def _refuse_what_is_no_checkpoint(path: Path, file: BinaryIO) -> None:
 
 
 def _load(path: Path, file: BinaryIO) -> Any:
-    size = file.seek(0, 2)
     file.seek(0)
     try:
         with warnings.catch_warnings(), torch.serialization.safe_globals(_BESIDE_WEIGHTS):
@@ -136,15 +103,7 @@ def _load(path: Path, file: BinaryIO) -> Any:
             "authors' file, or save its state_dict alone with torch.save where you trust it"
         ) from None
     except Exception as error:  # torch has no error class of its own for a file that ends early or contradicts itself
-        raise _damaged(path, size, error) from None
-
-
-def _damaged(path: Path, size: int, error: Exception) -> ModelError:
-    first_line = next(iter(str(error).splitlines()), "it ends early")
-    return ModelError(
-        f"{path}: truncated or damaged ({size} bytes; {type(error).__name__}: {first_line[:120]}); download it again "
-        "and compare its size with the source's"
-    )
+        raise damaged(path, error) from None
 
 
 def _weights(path: Path, content: Any) -> dict[str, Tensor]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from ..errors import UsageError
+from ..errors import ModelError, UsageError
 
 
 @dataclass(frozen=True)
@@ -14,23 +14,22 @@ class InputConvention:
 
     Attributes:
         mean: subtracted from values 0..255, per channel in `order`.
-        scale: then multiplied by this.
+        scale: then multiplied by this, one number or one per channel in `order`.
         order: of the colours.
-        fit: what is done about sizes that are no multiple of `multiple`: "none" (the network takes any), "pad" up to
-            the next multiple, or "stretch" to `size` (up to the next multiple where that is None) and stretch the flow
-            back, values included.
+        fit: what is done about sizes that are no multiple of `multiple`: "none" (the network takes any), "pad" or
+            "stretch" up to `size` or the next multiple, and crop the flow, or stretch it back, values included.
         multiple: of height and width.
-        size: (height, width) to stretch to.
+        size: (height, width) to fit to; None, or None for one of them, for the next multiple.
         padding: of "pad": "replicate" repeats the border, "zeros" adds network zeros.
         vertical: where "pad" adds rows: "both" (the smaller half above) or "bottom". Columns are added on both sides.
     """
 
     mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    scale: float = 1 / 255
+    scale: float | tuple[float, float, float] = 1 / 255
     order: Literal["rgb", "bgr"] = "rgb"
     fit: Literal["none", "pad", "stretch"] = "none"
     multiple: int = 1
-    size: tuple[int, int] | None = None
+    size: tuple[int | None, int | None] | None = None
     padding: Literal["replicate", "zeros"] = "replicate"
     vertical: Literal["both", "bottom"] = "both"
 
@@ -39,12 +38,23 @@ class InputConvention:
 
         >>> InputConvention(fit="pad", multiple=8).fitted_size(375, 1242)
         (376, 1248)
+
+        Raises:
+            ModelError: a frame larger than the size it would be padded to.
         """
         if self.fit == "none":
             return height, width
-        if self.fit == "stretch" and self.size is not None:
-            return self.size
-        return height + -height % self.multiple, width + -width % self.multiple
+        fixed_height, fixed_width = self.size or (None, None)
+        fitted = (
+            fixed_height or height + -height % self.multiple,
+            fixed_width or width + -width % self.multiple,
+        )
+        if self.fit == "pad" and (fitted[0] < height or fitted[1] < width):
+            raise ModelError(
+                f"the network takes frames up to {fitted[0]}x{fitted[1]}, and one is {height}x{width}: export it with "
+                f"dynamic height and width, or predict in tiles with -O tile={fitted[0]}x{fitted[1]}"
+            )
+        return fitted
 
     def padding_sides(self, height: int, width: int) -> tuple[int, int, int, int]:
         """Columns left and right, rows above and below that "pad" adds.
@@ -59,12 +69,13 @@ class InputConvention:
 
     def describe(self) -> dict[str, Any]:
         """What a run's manifest says about it; nothing that has no effect."""
-        about: dict[str, Any] = {"order": self.order, "mean": list(self.mean), "scale": self.scale, "fit": self.fit}
+        about: dict[str, Any] = {"order": self.order, "mean": list(self.mean), "fit": self.fit}
+        about["scale"] = list(self.scale) if isinstance(self.scale, tuple) else self.scale
         if self.fit != "none":
             about["multiple"] = self.multiple
         if self.fit == "pad":
             about |= {"padding": self.padding, "vertical": self.vertical}
-        if self.fit == "stretch":
+        if self.fit == "stretch" or self.size:
             about["size"] = list(self.size) if self.size else "next multiple"
         return about
 

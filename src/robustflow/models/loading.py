@@ -1,4 +1,4 @@
-"""Find a model by name, by `module.path:Attribute`, or in a folder of flow files."""
+"""Find a model by name, by `module.path:Attribute`, in the file of an exported network or in a folder of flow files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from .tiling import tiled
 MODELS: Registry[Callable[..., FlowModel | FlowLookup]] = Registry("model", entry_point_group="robustflow.models")
 MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
-MODELS.add("dis_rgb", "robustflow.models.dis_rgb:DisRgb")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
 MODELS.add("arflow", "robustflow.models.arflow:arflow")
 MODELS.add("upflow", "robustflow.models.upflow:upflow")
@@ -35,9 +34,13 @@ for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowform
     MODELS.add(_name, f"robustflow.models.ptlflow:{_name}")
 MODELS.add("raft_large", "robustflow.models.torchvision:raft_large")
 MODELS.add("raft_small", "robustflow.models.torchvision:raft_small")
+MODELS.add("onnx", "robustflow.models.onnx:OnnxModel")
 
 PTLFLOW = "ptlflow:"
 """Before the name of any model of ptlflow."""
+
+EXPORTED = {".onnx": "onnx"}
+"""Endings of files that are a model by themselves, and the model that reads them."""
 
 
 def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
@@ -46,7 +49,7 @@ def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
     Args:
         name: a registered name (`robustflow list models`), `ptlflow:NAME` for any model of that library,
             `module.path:Attribute` (an object with `predict`, a class or factory that makes one, or a function of two
-            frames), or a folder of flow files.
+            frames), an exported network (a .onnx file), or a folder of flow files.
         options: passed to the model's constructor (`preset="fast"` for `dis`). Every model also takes
             `tile="HEIGHTxWIDTH"`, to predict in tiles (see `tiling.TiledModel`).
 
@@ -58,6 +61,13 @@ def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
     'fast'
     """
     registered = name in MODELS.names()
+    exported = None if registered else EXPORTED.get(Path(name).suffix.lower())
+    if exported is not None:
+        if "checkpoint" in options:
+            raise UsageError(
+                f"'{name}' is the network itself; leave out the checkpoint, or give it to model '{exported}'"
+            )
+        return load_model(exported, checkpoint=name, **options)
     if "tile" in options and not (registered and "tile" in _parameters(MODELS.get(name))):
         tile = options.pop("tile")
         return tiled(load_model(name, **options), tile)

@@ -14,6 +14,7 @@ from ..errors import ModelError, UsageError, unknown_name
 from ..sample import Flow, Frame
 from .blocks.resize import resize_flow
 from .input_convention import InputConvention
+from .pairs import predict_by_size
 from .reproducible import reproducible
 
 PRECISIONS = ("fp32", "bf16")
@@ -93,17 +94,7 @@ class TorchModel:
         Raises:
             UsageError: frames that are no pairs of RGB uint8 images.
         """
-        if len(frames1) != len(frames2):
-            raise UsageError(f"{len(frames1)} first frames and {len(frames2)} second frames; give pairs")
-        sizes: dict[tuple[int, ...], list[int]] = {}
-        for i, (frame1, frame2) in enumerate(zip(frames1, frames2, strict=True)):
-            _check_pair(frame1, frame2)
-            sizes.setdefault(frame1.shape, []).append(i)
-        flows: dict[int, Flow] = {}
-        for members in sizes.values():
-            batch = self._predict([frames1[i] for i in members], [frames2[i] for i in members])
-            flows.update(zip(members, batch, strict=True))
-        return [flows[i] for i in range(len(frames1))]
+        return predict_by_size(self._predict, frames1, frames2)
 
     def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
         height, width = frames1[0].shape[:2]
@@ -119,7 +110,8 @@ class TorchModel:
         if self.convention.order == "bgr":
             values = values.flip(1)
         mean = values.new_tensor(self.convention.mean).view(1, 3, 1, 1)
-        images = (values - mean) * self.convention.scale
+        scale = self.convention.scale
+        images = (values - mean) * (scale if isinstance(scale, float) else values.new_tensor(scale).view(1, 3, 1, 1))
         if self.convention.fit == "pad":
             mode = "replicate" if self.convention.padding == "replicate" else "constant"
             return F.pad(images, self.convention.padding_sides(*images.shape[2:]), mode=mode)
@@ -161,12 +153,3 @@ def find_device(name: str) -> torch.device:
             f"this machine has no device '{name}' that torch can use ({reason}); give cpu or auto"
         ) from None
     return device
-
-
-def _check_pair(frame1: Frame, frame2: Frame) -> None:
-    for frame in (frame1, frame2):
-        if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
-            what = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
-            raise UsageError(f"a frame is {what}; expected RGB uint8 (H, W, 3)")
-    if frame1.shape != frame2.shape:
-        raise UsageError(f"frames of one pair differ in size: {frame1.shape[:2]} and {frame2.shape[:2]}")

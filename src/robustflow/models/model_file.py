@@ -1,0 +1,73 @@
+"""Open the file of a model as what it is: an untrusted download. Importable without the torch extra."""
+
+from __future__ import annotations
+
+import codecs
+import hashlib
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from ..errors import ModelError, UsageError
+
+_NO_MODEL = {
+    b"<": "a web page: the download gave a login or error page instead of the file",
+    b"version https://git-lfs": "a pointer of Git LFS: fetch the file itself with `git lfs pull`",
+}
+
+
+@contextmanager
+def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, str]]:
+    """Open a file, at its beginning, and say its SHA-256, 64 hexadecimal digits.
+
+    Args:
+        path: the file.
+        sha256: the hash it must have, or the first eight or more digits of it.
+
+    Raises:
+        ModelError: missing, cannot be read, empty, a web page, a pointer of Git LFS, or another hash.
+        UsageError: `sha256` is no such digits.
+    """
+    try:
+        with path.open("rb") as file:
+            _refuse_what_is_no_model(path, file)
+            file.seek(0)
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            if sha256 is not None:
+                _check_hash(path, digest, sha256)
+            file.seek(0)
+            yield file, digest
+    except FileNotFoundError:
+        raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or give its path") from None
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read: {error.strerror or error}; give the path of a checkpoint") from None
+
+
+def damaged(path: Path, error: Exception) -> ModelError:
+    """The error for a file that its library cannot read, with the first line of what the library says."""
+    first_line = next(iter(str(error).splitlines()), "it ends early")
+    return ModelError(
+        f"{path}: truncated or damaged ({path.stat().st_size} bytes; {type(error).__name__}: {first_line[:120]}); "
+        "download it again and compare its size with the source's"
+    )
+
+
+def _refuse_what_is_no_model(path: Path, file: BinaryIO) -> None:
+    head = file.read(1024).removeprefix(codecs.BOM_UTF8).lstrip()
+    if not head:
+        raise ModelError(f"{path}: is empty; download it again")
+    for start, what in _NO_MODEL.items():
+        if head.startswith(start):
+            raise ModelError(f"{path}: is {what}; download the checkpoint itself, for example in a browser")
+
+
+def _check_hash(path: Path, digest: str, expected: str) -> None:
+    if not re.fullmatch("[0-9a-fA-F]{8,64}", str(expected)) or not isinstance(expected, str):
+        raise UsageError(f"sha256={expected} is not the 64 hexadecimal digits of a SHA-256, nor the first 8 or more")
+    if not digest.startswith(expected.lower()):
+        raise ModelError(
+            f"{path}: its SHA-256 is {digest}, expected {expected}: another file than the one meant, or changed on the "
+            "way; download it again"
+        )

@@ -1,0 +1,49 @@
+"""Pairs of frames on their way into a network: checked, and those of one size together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..errors import UsageError
+from ..sample import Flow, Frame
+
+
+def predict_by_size(
+    predict: Callable[[list[Frame], list[Frame]], Sequence[Flow]], frames1: Sequence[Frame], frames2: Sequence[Frame]
+) -> list[Flow]:
+    """Call `predict` once for each size among the pairs, and return the flows in the pairs' order.
+
+    Args:
+        predict: the flows of pairs of one size.
+        frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
+        frames2: as many, each of its first frame's size.
+
+    Raises:
+        UsageError: frames that are no pairs of RGB uint8 images.
+
+    >>> black = np.zeros((2, 3, 3), np.uint8)
+    >>> predict_by_size(lambda first, second: [frame[..., :2] for frame in first], [black], [black])[0].shape
+    (2, 3, 2)
+    """
+    if len(frames1) != len(frames2):
+        raise UsageError(f"{len(frames1)} first frames and {len(frames2)} second frames; give pairs")
+    sizes: dict[tuple[int, ...], list[int]] = {}
+    for i, (frame1, frame2) in enumerate(zip(frames1, frames2, strict=True)):
+        _check_pair(frame1, frame2)
+        sizes.setdefault(frame1.shape, []).append(i)
+    flows: dict[int, Flow] = {}
+    for members in sizes.values():
+        batch = predict([frames1[i] for i in members], [frames2[i] for i in members])
+        flows.update(zip(members, batch, strict=True))
+    return [flows[i] for i in range(len(frames1))]
+
+
+def _check_pair(frame1: Frame, frame2: Frame) -> None:
+    for frame in (frame1, frame2):
+        if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
+            what = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
+            raise UsageError(f"a frame is {what}; expected RGB uint8 (H, W, 3)")
+    if frame1.shape != frame2.shape:
+        raise UsageError(f"frames of one pair differ in size: {frame1.shape[:2]} and {frame2.shape[:2]}")

@@ -1,0 +1,30 @@
+"""Exported networks through the command line."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("onnx", reason="needs the onnx extra")
+pytest.importorskip("onnxruntime", reason="needs the onnx extra")
+
+import robustflow as rf
+
+from ..models import onnx_graphs as graphs
+
+
+def test_an_onnx_file_as_model_or_as_checkpoint(robustflow, tmp_path):
+    graphs.channels(tmp_path / "net.onnx")
+    run = ["run", "-c", "contrast", "-s", "1,2", "-O", "scaling=-1-1", "-O", "order=bgr", "--batch-size", "2"]
+    for i, model in enumerate((["--model", "net.onnx"], ["--model", "onnx", "--checkpoint", "net.onnx"])):
+        code, _, said = robustflow(*run, *model, "--output", f"run{i}")
+        assert code == 0, said
+    one, other = (rf.Result(tmp_path / f"run{i}") for i in range(2))
+    assert one.rows.equals(other.rows)
+    assert one.manifest["identity"]["model"]["input"]["mean"] == [127.5] * 3
+    assert one.name == "onnx:net"
+
+
+def test_the_network_given_twice(robustflow, tmp_path):
+    code, _, said = robustflow("run", "--model", "net.onnx", "--checkpoint", "net.onnx")
+    assert code == 2
+    assert "'net.onnx' is the network itself; leave out the checkpoint" in said
