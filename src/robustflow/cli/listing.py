@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from ..errors import unknown_name
-
-if TYPE_CHECKING:
-    from ..models.catalog import MethodEntry
 
 _MODEL_LINE = "{:14s} {:13s} {!s:5s} {:13s} {:12s} {:13s} {:16s} {}"
 KINDS = ("models", "corruptions", "benchmarks", "datasets")
@@ -39,7 +35,7 @@ def list_things(
 
 def _models() -> list[str]:
     from ..models import MODELS
-    from ..models.catalog import checkpoints, methods
+    from ..models.catalog import checkpoints, is_installed, methods
     from ..models.provenance import training_of_entry
 
     seen: dict[str, list[str]] = {}
@@ -57,7 +53,7 @@ def _models() -> list[str]:
             lines.append(name)
             continue
         method = known[name]
-        here = "yes" if _installed(method) else f"needs [{method.extra}]"
+        here = "yes" if is_installed(method) else f"needs [{method.extra}]"
         public = ", ".join(seen.get(name, [])) or (
             "" if method.type == "knowledge" else "the authors' file, undeclared"
         )
@@ -71,10 +67,6 @@ def _models() -> list[str]:
         "Hardly any weights state a licence.",
         "Your own: module.path:Attribute or a folder of flow files; declare its training with -O trained_on=C+T.",
     ]
-
-
-def _installed(method: MethodEntry) -> bool:
-    return not method.extra or find_spec({"own": "torch"}.get(method.source, method.source)) is not None
 
 
 def _corruptions() -> list[str]:

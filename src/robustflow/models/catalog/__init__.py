@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 from functools import cache
 from importlib.resources import files
+from importlib.util import find_spec
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -82,6 +83,15 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
     ['chairs', 'things', 'kitti']
     """
     return tuple(map(CheckpointEntry.model_validate, _lines("checkpoints")))
+
+
+def is_installed(method: MethodEntry) -> bool:
+    """Whether the libraries that a method needs are here.
+
+    >>> is_installed(methods()["dis"])
+    True
+    """
+    return not method.extra or find_spec({"own": "torch"}.get(method.source, method.source)) is not None
 
 
 def _lines(table: str) -> list[dict[str, str]]:
