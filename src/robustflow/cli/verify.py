@@ -7,27 +7,50 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .options import DataOptions, keyword_options
+
 if TYPE_CHECKING:
+    from ..report.record.read import Reader
     from ..report.record.verify import Verification
 
 
 def verify(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that 'robustflow pack' wrote.")],
+    data: Annotated[
+        Path | None,
+        typer.Option("--data", "-d", help="Your own copy of the data: corrupted frames are made again and compared."),
+    ] = None,
+    data_option: DataOptions = None,
+    check_frames: Annotated[
+        int | None, typer.Option("--check-frames", metavar="N", help="Rows to compare with the data [20].")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Which rows these are [drawn anew each time].")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Check records without the model or the data: the file, hashes, what was planned, rows, and every mean anew.
 
-    Exit code 0: every check of every file holds; 1: one does not.
+    With the data, random rows are made again up to the model: the frames it was given, to the byte, and what the
+    ground truth decides. Exit code 0: every check of every file holds; 1: one does not.
 
     \b
-    Example:
+    Examples:
       robustflow verify submissions/*.robustflow
+      robustflow verify mine.robustflow --data ~/kitti --check-frames 100
     """
     import json
 
     from ..report.record.verify import verify as verify_file
 
-    found = [verify_file(path) for path in files]
+    def frames(reader: Reader) -> str:
+        from ..runner.recheck import recheck
+
+        identity = reader.raw_manifest["identity"]
+        options = dict(keyword_options(data_option))
+        count = 20 if check_frames is None else check_frames
+        return recheck(identity, reader.frame, data, options=options, count=count, seed=seed)
+
+    wanted = data is not None or check_frames is not None
+    found = [verify_file(path, frames=frames if wanted else None) for path in files]
     if as_json:
         typer.echo(json.dumps([{"ok": one.ok, **one.model_dump()} for one in found], indent=2))
     else:

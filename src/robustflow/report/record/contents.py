@@ -67,6 +67,7 @@ class Identity(_Strict):
     rows: int
     severity_scale: _Text | None = None
     psf: _Text | None = None
+    window: dict[str, JsonValue] | None = None
 
 
 class Selection(_Strict):

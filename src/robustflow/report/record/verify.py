@@ -79,7 +79,8 @@ def verify(path: str | Path, *, frames: Callable[[Reader], str] | None = None) -
 
     Args:
         path: the file; whatever is wrong with it becomes a failed check.
-        frames: checks the frames, see `frames.frame_check`; it is called when everything else holds.
+        frames: compares frames with data that are here (`robustflow.runner.recheck`); it is called when all else
+            holds, returns what it did in a sentence, and raises where frames differ.
 
     Returns:
         The `Verification`.

@@ -1,0 +1,110 @@
+"""Whether rows were made from the frames that somebody else has too: their digests, made again from the data.
+
+A row carries a digest of the frames its model was given. Frames follow from the data, the corruption, its severity, the
+seed and the sample's key alone, so anyone with the data can make them again without the model.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ..benchmarks import load_benchmark
+from ..corruptions import load_corruption
+from ..corruptions.calibrated import calibration_digest
+from ..corruptions.rng import Rng
+from ..datasets.base import Dataset, FromClips
+from ..errors import RunError, UsageError
+from ..metrics.regions import REGIONS
+from ..models.base import place
+from ..sample import Flow, Frame
+from .plan import Settings, Unit
+from .worker import Worker
+
+_TRUTH = ("height", "width", "n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
+
+
+def recheck(
+    identity: dict[str, Any],
+    rows: pl.DataFrame,
+    data: str | Path | None = None,
+    *,
+    options: dict[str, Any] | None = None,
+    count: int = 20,
+    seed: int | None = None,
+) -> str:
+    """Make the frames of some rows of a run again, and compare their digests and what the ground truth decides.
+
+    Args:
+        identity: of the run; benchmark, seed, variant and scale are taken from it.
+        rows: of the run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
+        data, options: of the benchmark, as for `evaluate`; they are never taken from the run.
+        count: how many rows, drawn at random; all of them where there are fewer.
+        seed: of the draw; a new one each time by default, so that nobody knows beforehand which rows are looked at.
+
+    Returns:
+        What was compared, in a sentence.
+
+    Raises:
+        RunError: a row is not what the data give, or these are other data than the run's.
+        UsageError, DataError: the data are not there.
+    """
+    if count < 1:
+        raise UsageError(f"{count} rows cannot be checked: give 1 or more")
+    seed = int.from_bytes(os.urandom(4)) if seed is None else seed
+    dataset, settings = _set_up(identity, data, options or {})
+    drawn = np.argsort(Rng.of(seed, "recheck").uniforms(rows.height), kind="stable")[:count]
+    chosen = rows[sorted(drawn.tolist())]
+    known = set(dataset.keys())
+    absent = sorted(set(chosen["sample"]) - known)
+    if absent:
+        raise RunError(f"these data have no sample '{absent[0]}' ({len(known)} others); give the data of the run")
+    problems = []
+    names = {key: index for index, key in enumerate(dict.fromkeys(chosen["sample"]))}
+    with TemporaryDirectory(prefix="robustflow-") as folder:
+        worker = Worker(dataset, _Still(), settings, lambda key: Path(folder) / f"{names[key]}.npy")
+        for row in chosen.iter_rows(named=True):
+            where = place(row["sample"], row["corruption"], row["severity"])
+            (made,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
+            if made["frames_digest"] != row["frames_digest"]:
+                problems.append(f"{where}: other frames")
+            elif row["n_all"] == row["height"] * row["width"] and any(made[c] != row[c] for c in _TRUTH):
+                problems.append(f"{where}: another ground truth")
+    if problems:
+        raise RunError(f"{len(problems)} of {chosen.height} rows do not fit these data, the first {problems[0]}")
+    return (
+        f"{chosen.height} of {rows.height} rows, drawn with seed {seed}, have the frames and ground truth of these data"
+    )
+
+
+def _set_up(identity: dict[str, Any], data: str | Path | None, options: dict[str, Any]) -> tuple[Dataset, Settings]:
+    variant = identity["variant"]
+    chosen = load_benchmark(identity["benchmark"], data, None, options)
+    if chosen.dataset.name != identity["dataset"] or chosen.protocol != identity["protocol"]:
+        raise RunError(
+            f"the run's data are {identity['dataset']} {identity['protocol']}, these are {chosen.dataset.name} "
+            f"{chosen.protocol}; give the data and data options of the run"
+        )
+    scale = "calibrated" if "severity_scale" in identity else "paper"
+    if scale == "calibrated" and identity["severity_scale"] != f"calibrated {calibration_digest()}":
+        raise RunError("the run's calibrated severities are not those of this version; use the version that ran it")
+    source = load_corruption("psf_blur", variant).source
+    if source != identity.get("psf", ""):
+        raise RunError("the run blurred with other PSFs than are set up here; set ROBUSTFLOW_PSF_DIR as the run did")
+    dataset = chosen.dataset
+    if isinstance(dataset, FromClips):
+        dataset = dataset.with_variant(variant)
+    # Invalid pixels are a model's; the still one here has none. A window changes no frame of the pair.
+    return dataset, Settings(identity["seed"], variant, True, scale, source)
+
+
+class _Still:
+    """Stands in for the run's model, which is not needed: no motion."""
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        return np.zeros((*frame1.shape[:2], 2), np.float32)

@@ -1,0 +1,95 @@
+"""`pack` and `verify` on the command line, and records where runs are read."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from robustflow.runner.evaluate import evaluate
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    options = {"corruptions": ["contrast"], "severities": [1, 5]}
+    return [evaluate(model, "demo", output=folder / model, **options).path for model in ("dis", "farneback")]
+
+
+@pytest.fixture
+def records(robustflow, runs):
+    """Both runs packed in the working folder, which holds nothing else of them."""
+    paths = []
+    for run in runs:
+        code, out, _ = robustflow("pack", run, "--author", "Ada", "--link", "https://example.org")
+        assert code == 0
+        paths.append(Path(out.strip()))
+    return paths
+
+
+def test_pack_and_verify(robustflow, records):
+    assert [path.name for path in records] == ["dis.robustflow", "farneback.robustflow"]
+    code, out, _ = robustflow("verify", *records)
+    assert code == 0
+    assert out.count("\n  verified, SHA-256 ") == 2
+    assert "author: Ada" in out
+    code, out, _ = robustflow("verify", records[0], "--check-frames", 3, "--seed", 1)
+    assert code == 0
+    assert "3 of 3 rows, drawn with seed 1" in out
+
+
+def test_a_changed_record_fails_and_the_others_are_still_checked(robustflow, records):
+    data = bytearray(records[0].read_bytes())
+    data[len(data) // 3] ^= 1
+    Path("bad\x1b[31m.robustflow").write_bytes(data)
+    code, out, err = robustflow("verify", "bad\x1b[31m.robustflow", records[1], "nowhere")
+    assert code == 1
+    assert not err
+    assert "\x1b" not in out
+    assert out.count("  not verified") == 2
+    assert out.count("\n  verified") == 1
+    code, out, _ = robustflow("verify", "nowhere", "--json")
+    assert code == 1
+    found = json.loads(out)[0]
+    assert not found["ok"]
+    assert found["checks"][0]["status"] == "failed"
+
+
+def test_frames_that_need_data_which_are_not_there(robustflow, records):
+    code, out, _ = robustflow("verify", records[0], "--data", "nowhere")
+    assert code == 1
+    assert "failed       frames" in out
+
+
+def test_records_where_runs_are_read(robustflow, runs, records):
+    def same(*arguments):
+        outputs = []
+        for paths in (runs, records):
+            code, out, err = robustflow(*(part for a in arguments for part in (paths if a is None else [a])))
+            assert code == 0, err
+            outputs.append(out)
+        assert outputs[0] == outputs[1]
+
+    same("report", None, "--published", "-t", "epe,cost,means,anatomy", "-f", "csv")
+    same("compare", None, "--metric", "cre")
+    assert robustflow("audit", records[0])[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        ("pack nowhere", 1, "manifest.json"),
+        ("pack run -o a.zip", 2, ".robustflow"),
+        ("pack run --link ftp://x", 1, "https://"),
+        ("report text.robustflow", 1, "neither a run's folder nor a record"),
+    ],
+)
+def test_bad_input_is_one_line(robustflow, runs, arguments, code, says):
+    shutil.copytree(runs[0], "run")
+    Path("text.robustflow").write_text("no record")
+    got, _, err = robustflow(*arguments.split())
+    assert got == code
+    assert err.count("\n") == 1
+    assert says in err

@@ -1,0 +1,93 @@
+"""Frames made again from the data are those of the run, and other data, seeds and rows are noticed."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import polars as pl
+import pytest
+
+from robustflow.errors import RobustFlowError, RunError, UsageError
+from robustflow.runner.evaluate import evaluate
+from robustflow.runner.recheck import recheck
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recheck") / "run"
+    return evaluate("dis", "demo", output=folder, corruptions=["gaussian_noise", "fog"], severities=[1, 4], seed=3)
+
+
+def test_every_row_of_a_run(run):
+    said = recheck(run.manifest["identity"], run.rows, count=1000)
+    assert said.startswith(f"{run.rows.height} of {run.rows.height} rows")
+
+
+def test_the_draw_follows_from_its_seed_and_is_new_without(run):
+    said = [recheck(run.manifest["identity"], run.rows, count=1, seed=seed) for seed in (1, 1, None, None)]
+    assert said[0] == said[1]
+    assert len(set(said[1:])) == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"frames_digest": pl.lit("0" * 32)}, "other frames"),
+        ({"magnitude_sum": pl.col("magnitude_sum") * 0.999}, "another ground truth"),
+        ({"n_valid": pl.col("n_valid") - 1}, "another ground truth"),
+        ({"sample": pl.lit("../../etc/passwd")}, "have no sample '../../etc/passwd'"),
+    ],
+)
+def test_changed_rows(run, change, says):
+    rows = run.rows.with_columns(**change)
+    with pytest.raises(RunError, match=says):
+        recheck(run.manifest["identity"], rows, count=2)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"seed": 4}, "gaussian_noise severity 1: other frames"),
+        ({"variant": "reference"}, "other frames"),
+        ({"protocol": {"frames": "released"}}, "data options of the run"),
+        ({"dataset": "kitti2015"}, "data options of the run"),
+        ({"severity_scale": "calibrated 0000"}, "not those of this version"),
+        ({"psf": "reference 00"}, "other PSFs"),
+    ],
+)
+def test_changed_identities(run, change, says):
+    noise = run.rows.filter(corruption="gaussian_noise")
+    with pytest.raises(RunError, match=says):
+        recheck(run.manifest["identity"] | change, noise)
+
+
+def test_own_frames_and_others_of_the_same_name(tmp_path):
+    rng = np.random.default_rng(0)
+    for folder in ("mine", "other"):
+        (tmp_path / folder).mkdir()
+        for index in range(3):
+            cv2.imwrite(str(tmp_path / folder / f"{index}.png"), rng.integers(0, 255, (40, 60, 3), np.uint8))
+    found = evaluate(
+        "dis", "folder", tmp_path / "mine", tmp_path / "run", corruptions=["contrast", "snow"], severities=[2]
+    )
+    identity = found.manifest["identity"]
+    assert "6 of 6 rows" in recheck(identity, found.rows, tmp_path / "mine")
+    with pytest.raises(RunError, match="6 of 6 rows do not fit"):
+        recheck(identity, found.rows, tmp_path / "other")
+    with pytest.raises(RunError, match="give the data"):
+        recheck(identity, found.rows, tmp_path / "mine", options={"step": 2})
+
+
+def test_arguments_that_cannot_be_meant(run):
+    with pytest.raises(UsageError, match="give 1 or more"):
+        recheck(run.manifest["identity"], run.rows, count=0)
+    with pytest.raises(RobustFlowError, match="unknown benchmark"):
+        recheck(run.manifest["identity"] | {"benchmark": "../x"}, run.rows)
+
+
+def test_real_pairs(shared, tmp_path):
+    data = shared("data/kitti2015")
+    found = evaluate(
+        "dis", "kitti-fc", data, tmp_path / "run", corruptions=["snow"], severities=[3], limit=2, variant="reference"
+    )
+    assert recheck(found.manifest["identity"], found.rows, data).startswith(f"{found.rows.height} of")
