@@ -9,6 +9,7 @@ import typer
 
 from .. import __version__
 from ..errors import RobustFlowError, plain_warning
+from .app import app as local_app
 from .audit import audit
 from .calibrate import calibrate
 from .compare import compare
@@ -51,6 +52,7 @@ app.command("list")(list_things)
 app.command("corrupt")(corrupt)
 app.command("export")(export)
 app.command("gallery")(gallery)
+app.command("app")(local_app)
 app.command("displacement")(displacement)
 app.command("calibrate")(calibrate)
 app.add_typer(prepare, name="prepare")

@@ -1,0 +1,296 @@
+"use strict";
+
+// Text of the server and of files is only ever set as textContent; addresses of pictures are the server's own data.
+const $ = (id) => document.getElementById(id);
+const PAGE = Math.random().toString(36).slice(2);
+const PAUSE_MS = 250;
+const NUMBERS = [
+  ["epe", "EPE", "px"], ["epe_clean", "clean EPE", "px"], ["cre", "CRE", "px"],
+  ["crer", "CREr", ""], ["rcre", "RCRE", "px"], ["fl", "Fl-all", "%"],
+];
+const STAGES = {
+  starting: "Waiting for the model…", "loading the model": "Loading the model…", corrupting: "Corrupting…",
+  "predicting the clean frames": "Predicting the clean frames…",
+  "predicting the corrupted frames": "Predicting the corrupted frames…", drawing: "Drawing…",
+};
+
+let choices = null;
+let source = null;      // {source, name, pairs}
+let framesShown = "";   // which pair the clean frames on the page are of
+let running = null;     // AbortController of what is under way
+let timer = 0;
+
+function element(tag, text, attributes = {}) {
+  const made = document.createElement(tag);
+  if (text) made.textContent = text;
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  return made;
+}
+
+function say(text) { $("status").textContent = text; }
+
+function complain(text) {
+  $("error").textContent = text;
+  $("error").hidden = !text;
+}
+
+function busy(on) {
+  $("busy").hidden = !on;
+  $("results").setAttribute("aria-busy", String(on));
+}
+
+// ---- settings
+
+function addLayer(name = "fog", severity = 3) {
+  const item = element("li");
+  const select = element("select", "", { "aria-label": "Corruption" });
+  for (const [family, names] of Object.entries(choices.families)) {
+    const group = element("optgroup", "", { label: family });
+    for (const one of names) group.append(element("option", one.replaceAll("_", " "), { value: one }));
+    select.append(group);
+  }
+  select.value = name;
+  const level = element("output", String(severity));
+  const range = element("input", "", { type: "range", min: 1, max: 5, step: 1, "aria-label": "Severity" });
+  range.value = severity;
+  range.addEventListener("input", () => { level.textContent = range.value; });
+  const head = element("label", "Severity ");
+  head.append(level, range);
+  item.append(select, head);
+  if ($("layers").children.length) {
+    const remove = element("button", "Remove", { type: "button", "aria-label": `Remove corruption ${$("layers").children.length + 1}` });
+    remove.addEventListener("click", () => { item.remove(); $("add").disabled = false; $("add").focus(); later(); });
+    item.append(remove);
+  }
+  $("layers").append(item);
+  $("add").disabled = $("layers").children.length >= 4;
+  return item;
+}
+
+function layers() {
+  return [...$("layers").children].map((item) => ({
+    name: item.querySelector("select").value,
+    severity: Number(item.querySelector("input").value),
+  }));
+}
+
+function wish(chosen, withFrames) {
+  return {
+    page: PAGE, source: source.source, index: Number($("pair").value) - 1, model: $("model").value,
+    layers: chosen, seed: Number($("seed").value) || 0, frames: withFrames,
+  };
+}
+
+function use(found) {
+  source = found;
+  framesShown = "";
+  $("shown").textContent = found.name;
+  $("pair").max = found.pairs;
+  $("pair").value = 1;
+  $("pair-number").textContent = "1";
+  $("pair-field").hidden = found.pairs < 2;
+  later(0);
+}
+
+// ---- the server
+
+async function answer(response) {
+  let found = {};
+  try { found = await response.json(); } catch { /* not ours: the status says it */ }
+  if (!response.ok) throw new Error(found.error || `the server answered ${response.status}; is it still running?`);
+  return found;
+}
+
+async function look(request, signal, onStage) {
+  const response = await fetch("/look", {
+    method: "POST", body: JSON.stringify(request), headers: { "Content-Type": "application/json" }, signal,
+  });
+  if (!response.ok) return answer(response);
+  const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
+  let text = "";
+  for (;;) {
+    const { done, value } = await reader.read();
+    text += value || "";
+    const lines = text.split("\n");
+    text = lines.pop();
+    for (const message of lines.map((line) => JSON.parse(line))) {
+      if (message.stage) onStage(STAGES[message.stage] || message.stage);
+      if (message.error) throw new Error(message.error);
+      if (message.outdated) throw new DOMException("outdated", "AbortError");
+      if (message.result) return message.result;
+    }
+    if (done) throw new Error("the server stopped in the middle; is it still running?");
+  }
+}
+
+function later(pause = PAUSE_MS) {
+  clearTimeout(timer);
+  if (running) running.abort();
+  running = null;
+  timer = setTimeout(() => whole(show), pause);
+}
+
+async function whole(work) {
+  if (running) running.abort();
+  const mine = running = new AbortController();
+  busy(true);
+  complain("");
+  try {
+    await work(mine.signal);
+  } catch (error) {
+    if (error.name === "AbortError" || running !== mine) return;
+    say("No result.");
+    complain(error instanceof TypeError ? "the server cannot be reached; is it still running?" : error.message);
+  } finally {
+    if (running === mine) { running = null; busy(false); }
+  }
+}
+
+async function show(signal) {
+  const chosen = layers();
+  const pair = `${source.source} ${$("pair").value} ${$("model").value}`;
+  const result = await look(wish(chosen, framesShown !== pair), signal, say);
+  if (signal.aborted) return;
+  showPictures(result);
+  framesShown = pair;
+  showNumbers(result);
+  const what = chosen.map((layer) => `${layer.name.replaceAll("_", " ")} ${layer.severity}`).join(" + ");
+  say(`${$("model").value}, ${what}: predicted in ${result.seconds.toFixed(2)} s.`);
+  $("sweep").disabled = chosen.length > 1;
+  $("sweep-box").hidden = true;
+}
+
+async function sweep(signal) {
+  const [first] = layers();
+  $("sweep-rows").replaceChildren();
+  for (let severity = 1; severity <= 5; severity += 1) {
+    const request = wish([{ name: first.name, severity }], false);
+    const result = await look(request, signal, (stage) => say(`Severity ${severity} of 5: ${stage}`));
+    const row = element("tr");
+    row.append(element("th", String(severity), { scope: "row" }));
+    for (const name of ["epe", "cre", "rcre"]) row.append(element("td", figure(result.numbers[name])));
+    $("sweep-rows").append(row);
+    $("sweep-box").hidden = false;
+  }
+  say(`${first.name.replaceAll("_", " ")}: all five severities measured.`);
+}
+
+// ---- results
+
+function figure(value) { return value === null ? "–" : value.toFixed(3); }
+
+function showNumbers(result) {
+  $("numbers").replaceChildren(...NUMBERS.filter(([name]) => result.numbers[name] !== null).map(([name, label, unit]) => {
+    const box = element("div");
+    const value = element("dd");
+    value.append(element("data", figure(result.numbers[name]), { value: result.numbers[name], id: `number-${name}` }));
+    if (unit) value.append(" ", element("small", unit));
+    box.append(element("dt", label), value);
+    return box;
+  }));
+  const unknown = result.invalid ? ` ${result.invalid} predicted pixels are NaN or infinite and left out.` : "";
+  if (unknown) complain(unknown.trim());
+  $("call").textContent = result.call;
+  $("call").hidden = false;
+  $("radius").textContent = `${result.radius.toPrecision(3)} px`;
+}
+
+function showPictures(result) {
+  const error = result.truth ? "End-point error of the corrupted flow (grey: unknown)" : "Difference of the two flows";
+  const captions = {
+    frame1: "Frame 1", frame2: "Frame 2", corrupted1: "Corrupted frame 1", corrupted2: "Corrupted frame 2",
+    clean_flow: "Flow on the clean frames", flow: "Flow on the corrupted frames",
+    truth_flow: "Ground truth (black: unknown)", error,
+  };
+  const before = Object.fromEntries([...$("pictures").children].map((one) => [one.dataset.name, one]));
+  const keep = result.pictures.frame1 ? {} : before;
+  const figures = [];
+  for (const [name, caption] of Object.entries(captions)) {
+    const address = result.pictures[name];
+    if (!address) { if (keep[name]) figures.push(keep[name]); continue; }
+    const box = before[name] || element("figure", "", { "data-name": name });
+    const image = box.querySelector("img") || element("img");
+    [image.width, image.height] = result.size;
+    image.alt = caption;
+    image.src = address;
+    if (!box.firstChild) box.append(image, element("figcaption"));
+    box.querySelector("figcaption").textContent = caption;
+    figures.push(box);
+  }
+  $("pictures").replaceChildren(...figures);
+}
+
+// ---- uploads
+
+async function upload(files) {
+  const form = new FormData();
+  let bytes = 0;
+  for (const [name, file] of Object.entries(files)) { form.append(name, file); bytes += file.size; }
+  await whole(async (signal) => {
+    if (bytes > choices.max_bytes) throw new Error(`more than ${Math.floor(choices.max_bytes / 2 ** 20)} MB; shrink it or take less`);
+    say("Reading the files…");
+    use(await answer(await fetch("/upload", { method: "POST", body: form, signal })));
+  });
+}
+
+function chosenFrames() {
+  const files = Object.fromEntries(["frame1", "frame2", "truth"].map((id) => [id, $(id).files[0]]).filter(([, file]) => file));
+  if (!files.frame1 || !files.frame2) return complain("choose both frames first");
+  return upload(files);
+}
+
+function dropped(files) {
+  const kind = (pattern) => files.filter((file) => pattern.test(file.name)).sort((a, b) => (a.name < b.name ? -1 : 1));
+  const flows = kind(/\.(flo|pfm)$/i);
+  const clips = kind(new RegExp(`(${$("clip").accept.replaceAll(".", "\\.").replaceAll(",", "|")})$`, "i"));
+  const pictures = files.filter((file) => !flows.includes(file) && !clips.includes(file)).sort((a, b) => (a.name < b.name ? -1 : 1));
+  if (clips.length === 1 && files.length === 1) return upload({ clip: clips[0] });
+  if (pictures.length === 2 && flows.length <= 1) {
+    return upload({ frame1: pictures[0], frame2: pictures[1], ...(flows.length ? { truth: flows[0] } : {}) });
+  }
+  return complain("drop two frames, with a .flo or .pfm file of ground truth where there is one, or one clip");
+}
+
+// ---- start
+
+function listen() {
+  $("controls").addEventListener("submit", (event) => event.preventDefault());
+  $("layers").addEventListener("input", () => later());
+  for (const id of ["model", "seed"]) $(id).addEventListener("input", () => later());
+  $("pair").addEventListener("input", () => { $("pair-number").textContent = $("pair").value; later(); });
+  $("add").addEventListener("click", () => { addLayer("jpeg_compression", 3).querySelector("select").focus(); later(); });
+  $("use-demo").addEventListener("click", () => use(choices.demo));
+  $("use-frames").addEventListener("click", chosenFrames);
+  $("clip").addEventListener("change", () => { if ($("clip").files[0]) upload({ clip: $("clip").files[0] }); });
+  $("sweep").addEventListener("click", () => { clearTimeout(timer); whole(sweep); });
+  $("theme").addEventListener("click", () => {
+    const dark = getComputedStyle(document.documentElement).colorScheme === "dark" || (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches);
+    document.documentElement.dataset.theme = dark ? "light" : "dark";
+    $("theme").textContent = dark ? "Dark" : "Light";
+  });
+  for (const name of ["dragenter", "dragover"]) {
+    document.addEventListener(name, (event) => { event.preventDefault(); $("drop").classList.add("over"); });
+  }
+  document.addEventListener("dragleave", () => $("drop").classList.remove("over"));
+  document.addEventListener("drop", (event) => {
+    event.preventDefault();
+    $("drop").classList.remove("over");
+    dropped([...event.dataTransfer.files]);
+  });
+}
+
+(async () => {
+  try {
+    choices = await answer(await fetch("/choices"));
+    for (const name of choices.models) $("model").append(element("option", name, { value: name }));
+    $("wheel").src = choices.wheel;
+    $("scale").src = choices.error_scale;
+    if (matchMedia("(prefers-color-scheme: dark)").matches) $("theme").textContent = "Light";
+    addLayer();
+    listen();
+    use(choices.demo);
+  } catch (error) {
+    say("Nothing to show.");
+    complain(error.message);
+  }
+})();

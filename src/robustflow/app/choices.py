@@ -1,0 +1,62 @@
+"""The models that a page can choose from, and the one that is loaded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..errors import ModelError, unknown_name
+from ..models import MODELS, FlowModel, ModelSpec
+from ..models.catalog import is_installed, methods
+
+_NOT_BY_FRAMES = ("precomputed",)
+"""Models that are asked by a sample's name, which new frames do not have."""
+
+
+class Models:
+    """Models by name: those given on the command line first, then all that this installation can run.
+
+    Holds one loaded model. Used from one thread alone, but for `names`.
+
+    >>> Models([]).names[:2]
+    ['dis', 'farneback']
+    """
+
+    def __init__(self, given: Sequence[ModelSpec]) -> None:
+        known = methods()
+        here = [name for name in MODELS.names() if name not in _NOT_BY_FRAMES]
+        here = [name for name in here if name not in known or is_installed(known[name])]
+        here.sort(key=lambda name: (name not in ("dis", "farneback"), name))  # those that need no weights
+        self._specs = {spec.name: spec for spec in given} | {
+            name: ModelSpec(name) for name in here if name not in {spec.name for spec in given}
+        }
+        self._loaded: tuple[str, FlowModel] | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """In the order they are offered."""
+        return list(self._specs)
+
+    def check(self, name: str) -> None:
+        """Refuse a name that is not offered, before anything is loaded or imported for it.
+
+        Raises:
+            UsageError: such a name.
+        """
+        if name not in self._specs:
+            raise unknown_name("model of this app", name, self.names)
+
+    def load(self, name: str) -> FlowModel:
+        """The model, loaded where it is not the one loaded last.
+
+        Raises:
+            UsageError: not one of `names`.
+            ModelError: it cannot be loaded, or does not take two frames.
+        """
+        self.check(name)
+        if self._loaded is None or self._loaded[0] != name:
+            self._loaded = None  # two networks at once may be more than fits
+            model = self._specs[name].load()
+            if not isinstance(model, FlowModel):
+                raise ModelError(f"model '{name}' does not predict from two frames; choose another")
+            self._loaded = (name, model)
+        return self._loaded[1]

@@ -1,0 +1,115 @@
+"""Who may talk to the app: this page of this session, and nobody else.
+
+A web server on loopback can be reached by every page the same browser opens. Three things keep those out: the Host
+header must name this server (a foreign domain may be made to resolve to 127.0.0.1), a POST must come from a page of
+this server (Origin), and everything needs the session's token, which only the address printed in the terminal carries.
+"""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import socket
+from http.cookies import CookieError, SimpleCookie
+
+from starlette.datastructures import Headers, MutableHeaders, QueryParams
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    "content-security-policy": POLICY,
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "cache-control": "no-store",
+}
+_SAFE = ("GET", "HEAD")
+
+
+class Guard:
+    """Middleware around the whole app.
+
+    Args:
+        app: what is guarded.
+        token: of this session.
+        port: that the server listens on.
+        open_to_others: whether it listens on more than loopback, and so may be called by its addresses.
+    """
+
+    def __init__(self, app: ASGIApp, token: str, port: int, open_to_others: bool = False) -> None:
+        self._app = app
+        self._token = token
+        self._port = port
+        self._open = open_to_others
+        self._cookie = f"robustflow-{port}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """See ASGI."""
+        if scope["type"] != "http":
+            return  # no websockets here; uvicorn closes what is not answered
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers[name] = value
+            await send(message)
+
+        await (self._refusal(scope) or self._app)(scope, receive, with_headers)
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        """What is answered instead of the app, or None."""
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        if not self._is_this_server(host):
+            return _text("this server answers to its own address alone: use the one printed in the terminal", 421)
+        if scope["method"] not in _SAFE and headers.get("origin") != f"http://{host}":
+            return _text("requests from other pages are refused", 403)
+        given = QueryParams(scope["query_string"]).get("token", "")
+        if scope["method"] == "GET" and scope["path"] == "/" and _same(given, self._token):
+            into = RedirectResponse("/", 303)  # the token leaves the address bar and the history
+            into.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+            return into
+        if not _same(_cookie(headers, self._cookie), self._token):
+            return _text("open the address that robustflow app printed in the terminal; it carries a token", 403)
+        return None
+
+    def _is_this_server(self, host: str) -> bool:
+        name, colon, port = host.rpartition(":")
+        if not colon or port != str(self._port):
+            return False
+        name = name.lower()
+        if name in ("localhost", "127.0.0.1", "[::1]"):
+            return True
+        return self._open and (_is_address(name.strip("[]")) or name == socket.gethostname().lower())
+
+
+def _is_address(name: str) -> bool:
+    """A number, which no foreign name server decides on."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _cookie(headers: Headers, name: str) -> str:
+    try:
+        found = SimpleCookie(headers.get("cookie", "")).get(name)
+    except CookieError:
+        return ""
+    return found.value if found else ""
+
+
+def _same(given: str, token: str) -> bool:
+    return hmac.compare_digest(given.encode("utf-8", "surrogateescape"), token.encode())
+
+
+def _text(line: str, status: int) -> Response:
+    return PlainTextResponse(line + "\n", status)

@@ -1,0 +1,114 @@
+"""What can be looked at: the demo pair, uploaded pairs, and the pairs of uploaded clips. The latest few are kept."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from ..datasets import load_dataset
+from ..datasets.video import Video
+from ..errors import UsageError
+from ..sample import Sample
+
+DEMO = "demo"
+KEPT = 4
+"""Uploads held at once; the least recently used one goes first."""
+
+
+class PairSource(Protocol):
+    """One or more pairs under one name."""
+
+    name: str
+    pairs: int
+
+    def sample(self, index: int) -> Sample:
+        """Pair number `index`, from 0."""
+
+    def close(self) -> None:
+        """Let go of files."""
+
+
+@dataclass
+class OnePair:
+    """A pair in memory."""
+
+    name: str
+    held: Sample
+    pairs: int = 1
+
+    def sample(self, index: int) -> Sample:
+        """See `PairSource.sample`."""
+        return self.held
+
+    def close(self) -> None:
+        """See `PairSource.close`."""
+
+
+class Clip:
+    """The pairs of adjacent frames of a video; its folder goes with it."""
+
+    def __init__(self, name: str, path: Path) -> None:
+        self.name = name
+        self._folder = path.parent
+        self._video = Video(path)
+        self.pairs = len(self._video.keys())
+
+    def sample(self, index: int) -> Sample:
+        """See `PairSource.sample`."""
+        return self._video.load(self._video.keys()[index])
+
+    def close(self) -> None:
+        """See `PairSource.close`."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+class Shelf:
+    """Sources by number; safe to use from several threads.
+
+    >>> shelf = Shelf()
+    >>> shelf.get("demo").name
+    'Motorcycle (Middlebury 2014)'
+    """
+
+    def __init__(self, kept: int = KEPT) -> None:
+        demo = load_dataset("motorcycle")
+        self._demo = OnePair("Motorcycle (Middlebury 2014)", demo.load(demo.keys()[0]))
+        self._kept = kept
+        self._sources: OrderedDict[str, PairSource] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def add(self, source: PairSource) -> str:
+        """Keep a source, letting go of the oldest where there are too many; returns what it is asked for by."""
+        with self._lock:
+            number = secrets.token_hex(8)
+            self._sources[number] = source
+            gone = [self._sources.popitem(last=False)[1] for _ in range(len(self._sources) - self._kept)]
+        for old in gone:
+            old.close()
+        return number
+
+    def get(self, number: str) -> PairSource:
+        """A source.
+
+        Raises:
+            UsageError: it was never there, or had to make room.
+        """
+        if number == DEMO:
+            return self._demo
+        with self._lock:
+            if number not in self._sources:
+                raise UsageError(f"these frames are no longer held (the last {self._kept} uploads are); add them again")
+            self._sources.move_to_end(number)
+            return self._sources[number]
+
+    def close(self) -> None:
+        """Let go of everything."""
+        with self._lock:
+            gone, self._sources = list(self._sources.values()), OrderedDict()
+        for source in gone:
+            source.close()

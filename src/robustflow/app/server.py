@@ -1,0 +1,126 @@
+"""The app's addresses: one page, its two files, what can be chosen, uploads, and looks as a stream of lines."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from functools import partial
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.formparsers import MultiPartException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from ..corruptions.catalog import CLIP, CORRUPTIONS, FAMILIES
+from ..errors import RobustFlowError
+from ..flowio.colour import flow_colours
+from ..report.error_colours import HIGHEST, LOWEST, error_colours
+from .choices import Models
+from .desk import Desk, Job, Message
+from .look import Looker, Wish, data_uri
+from .pairs import DEMO, Shelf
+from .uploads import MAX_BYTES, limited, source_of
+
+_MAX_WISH = 2**14
+_FILES = {"/": ("app.html", "text/html"), "/app.css": ("app.css", "text/css"), "/app.js": ("app.js", "text/javascript")}
+_END = ("result", "error", "outdated")
+
+
+def build(models: Models, shelf: Shelf) -> Starlette:
+    """The app without its guard."""
+    desk, looker = Desk(), Looker(shelf, models)
+
+    async def choices(request: Request) -> Response:
+        return JSONResponse(_choices(models, shelf))
+
+    async def upload(request: Request) -> Response:
+        async with limited(request, MAX_BYTES).form(max_files=3, max_fields=0) as form:
+            source = await run_in_threadpool(source_of, form)
+        return JSONResponse({"source": shelf.add(source), "name": source.name, "pairs": source.pairs})
+
+    async def look(request: Request) -> Response:
+        wish = Wish.model_validate_json(await limited(request, _MAX_WISH).body())
+        models.check(wish.model)
+        shelf.get(wish.source)
+        messages: asyncio.Queue[Message] = asyncio.Queue()
+        loop = asyncio.get_running_loop()
+
+        def tell(message: Message) -> None:
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(messages.put_nowait, message)
+
+        job = Job(wish.page, partial(looker.look, wish), tell)
+        desk.submit(job)
+        return StreamingResponse(_lines(job, messages), media_type="application/x-ndjson")
+
+    pages = [Route(path, partial(_file, *found)) for path, found in _FILES.items()]
+    routes = [
+        Route("/choices", choices),
+        Route("/upload", upload, methods=["POST"]),
+        Route("/look", look, methods=["POST"]),
+    ]
+    handlers: dict[Any, Any] = {
+        RobustFlowError: _refused,
+        ValidationError: _refused,
+        MultiPartException: _refused,
+        HTTPException: _refused,
+        Exception: _failed,
+    }
+    return Starlette(routes=[*pages, *routes], exception_handlers=handlers)
+
+
+async def _file(name: str, kind: str, request: Request) -> Response:
+    return Response((files("robustflow.app") / "assets" / name).read_bytes(), media_type=f"{kind}; charset=utf-8")
+
+
+async def _lines(job: Job, messages: asyncio.Queue[Message]) -> AsyncIterator[bytes]:
+    """Every message of a job as a line of JSON; a page that goes away makes the job outdated."""
+    try:
+        while True:
+            message = await messages.get()
+            yield json.dumps(message, allow_nan=False).encode() + b"\n"
+            if any(name in message for name in _END):
+                return
+    finally:
+        job.outdated.set()
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    status = error.status_code if isinstance(error, HTTPException) else 400
+    if isinstance(error, ValidationError):
+        first = error.errors()[0]
+        line = f"{'.'.join(str(part) for part in first['loc']) or 'the request'}: {first['msg']}"
+    elif isinstance(error, HTTPException):
+        line = error.detail
+    else:
+        line = str(error)
+    return JSONResponse({"error": " ".join(line.split())}, status)
+
+
+async def _failed(request: Request, error: Exception) -> Response:
+    return JSONResponse({"error": f"the app failed ({type(error).__name__}); its terminal says more"}, 500)
+
+
+def _choices(models: Models, shelf: Shelf) -> dict[str, Any]:
+    """What the page offers."""
+    families = {family: [name for name in names if name not in CLIP] for family, names in FAMILIES.items()}
+    others = [name for name in CORRUPTIONS.names() if name not in {one for names in FAMILIES.values() for one in names}]
+    scale = np.geomspace(LOWEST, HIGHEST, 300)[None].repeat(12, 0)
+    side = np.linspace(-1, 1, 120, dtype=np.float32)
+    wheel = np.stack(np.meshgrid(side, side), axis=2)
+    return {
+        "models": models.names,
+        "families": {family: names for family, names in (families | {"other": others}).items() if names},
+        "demo": {"source": DEMO, "name": shelf.get(DEMO).name, "pairs": 1},
+        "max_bytes": MAX_BYTES,
+        "error_scale": data_uri(error_colours(scale)),
+        "wheel": data_uri(flow_colours(wheel, 1.0)),
+    }

@@ -1,0 +1,126 @@
+"""Uploaded frames, ground truth and clips: hostile until read. Sizes are checked before anything is kept or decoded."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from tempfile import mkdtemp
+
+import av
+from starlette.datastructures import FormData, UploadFile
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.types import Message
+
+from ..datasets.pairs import read_frames
+from ..datasets.video import VIDEO_SUFFIXES
+from ..errors import DataError, RobustFlowError, UsageError
+from ..flowio import read_flow
+from ..imageio import IMAGE_SUFFIXES, image_size
+from ..sample import Sample
+from .pairs import Clip, OnePair, PairSource
+
+MAX_BYTES = 64 * 2**20
+"""Of one upload, all files together."""
+
+MAX_PIXELS = 3840 * 2160
+"""Of a frame."""
+
+MAX_CLIP_FRAMES = 3000
+
+TRUTH_SUFFIXES = (".flo", ".png", ".pfm")
+
+
+def limited(request: Request, most: int) -> Request:
+    """The request with a body that ends in a refusal once it is longer than `most` bytes, whatever it announced."""
+    announced = request.headers.get("content-length", "0")
+    if not announced.isdigit() or int(announced) > most:
+        raise _too_large(most)
+    taken = 0
+
+    async def receive() -> Message:
+        nonlocal taken
+        message = await request.receive()
+        taken += len(message.get("body", b""))
+        if taken > most:
+            raise _too_large(most)
+        return message
+
+    return Request(request.scope, receive)
+
+
+def _too_large(most: int) -> HTTPException:
+    size = f"{most // 2**20} MB" if most >= 2**20 else f"{most // 2**10} kB"
+    return HTTPException(413, f"more than {size}; shrink it or take less")
+
+
+def source_of(form: FormData) -> PairSource:
+    """What a form with `frame1` and `frame2` (and `truth`), or with `clip`, brings.
+
+    Raises:
+        UsageError: other fields, or a kind of file that is not taken.
+        DataError: files that are damaged, too large, or do not fit each other.
+    """
+    files = {name: value for name, value in form.multi_items() if isinstance(value, UploadFile)}
+    folder = Path(mkdtemp(prefix="robustflow-app-"))
+    kept = False
+    try:
+        if set(files) == {"clip"}:
+            clip = _clip(files["clip"], folder)
+            kept = True  # it is decoded as it is asked for
+            return clip
+        if {"frame1", "frame2"} <= set(files) <= {"frame1", "frame2", "truth"}:
+            return _pair(files, folder)
+    except RobustFlowError as error:
+        raise type(error)(str(error).replace(f"{folder}/", "").replace("_frames/", "")) from error
+    finally:
+        if not kept:
+            shutil.rmtree(folder, ignore_errors=True)
+    raise UsageError("give two frames, with ground truth where there is one, or one clip")
+
+
+def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
+    paths = []
+    for index, field in enumerate(("frame1", "frame2")):
+        path = _saved(files[field], folder / f"{index}_frames", IMAGE_SUFFIXES, "a picture")
+        height, width = image_size(path)
+        if height * width > MAX_PIXELS:
+            raise DataError(f"{path}: {width}x{height} is more than {MAX_PIXELS / 1e6:.1f} megapixels; scale it down")
+        paths.append(path)
+    frames = read_frames((paths[0], paths[1]))
+    name = f"{paths[0].name}, {paths[1].name}"
+    if "truth" not in files:
+        return OnePair(name, Sample(paths[0].stem, frames))
+    truth = _saved(files["truth"], folder / "2_frames", TRUTH_SUFFIXES, "ground truth")
+    flow, valid = read_flow(truth)
+    if not valid.any():
+        raise DataError(f"{truth}: no pixel with known flow, so there is nothing to measure against")
+    return OnePair(name, Sample(paths[0].stem, frames, flow, valid))
+
+
+def _clip(file: UploadFile, folder: Path) -> Clip:
+    path = _saved(file, folder, VIDEO_SUFFIXES, "a video")
+    try:
+        with av.open(str(path)) as container:
+            pixels = max((s.codec_context.width * s.codec_context.height for s in container.streams.video), default=0)
+            frames = max((s.frames for s in container.streams.video), default=0)
+    except (av.FFmpegError, ValueError, OSError) as error:
+        raise DataError(f"{path}: cannot be read as a video; is it damaged?") from error
+    if pixels > MAX_PIXELS or frames > MAX_CLIP_FRAMES:
+        most = f"{MAX_CLIP_FRAMES} frames of {MAX_PIXELS / 1e6:.1f} megapixels"
+        raise DataError(f"{path}: clips of up to {most} are taken; cut it short, or scale it down")
+    return Clip(path.name, path)
+
+
+def _saved(file: UploadFile, folder: Path, suffixes: tuple[str, ...], what: str) -> Path:
+    """The file under the last part of its name, whatever the browser called it."""
+    name = PureWindowsPath(PurePosixPath(file.filename or "").name).name
+    name = "".join(c for c in name if c.isprintable() and c not in '<>:"|?*')[-80:].lstrip(".") or "unnamed"
+    suffix = Path(name).suffix.lower()
+    if suffix not in suffixes:
+        raise UsageError(f"{name}: not {what} ({', '.join(suffixes)})")
+    folder.mkdir(exist_ok=True)
+    path = folder / name
+    with open(path, "wb") as out:
+        shutil.copyfileobj(file.file, out)
+    return path

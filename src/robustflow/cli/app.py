@@ -1,0 +1,55 @@
+"""`robustflow app`: look at a pair under corruptions, live, in a browser."""
+
+from __future__ import annotations
+
+import sys
+from importlib.util import find_spec
+from typing import Annotated
+
+import typer
+
+from .options import Checkpoint, Device, ModelOptions, Precision, PsfDir, model_options, use_psf_dir
+
+
+def app(
+    model: Annotated[
+        str | None, typer.Option("--model", "-m", help="A model to offer first, such as module.path:Attribute.")
+    ] = None,
+    checkpoint: Checkpoint = None,
+    device: Device = None,
+    precision: Precision = None,
+    option: ModelOptions = None,
+    psf_dir: PsfDir = None,
+    host: Annotated[
+        str | None, typer.Option(help="Address to listen on, for others than this machine [127.0.0.1].")
+    ] = None,
+    port: Annotated[int | None, typer.Option(help="Port to listen on [8642, or any where that is taken].")] = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+) -> None:
+    """Choose or drop two frames, a model and corruptions; see frames, flow, error and numbers change.
+
+    The page is served by this machine to this machine, with a token in its address. Ctrl-C ends it.
+
+    \b
+    Examples:
+      robustflow app
+      robustflow app --model raft --checkpoint things --device cuda
+      robustflow app --model mypackage.flow:MyModel --no-browser --port 9000
+    """
+    from ..errors import AssetError, UsageError
+
+    if any(find_spec(name) is None for name in ("starlette", "uvicorn", "python_multipart")):
+        raise AssetError("the app needs starlette, uvicorn and python-multipart: pip install 'robustflow[app]'")
+    from ..app.serve import serve
+    from ..models import ModelSpec
+
+    use_psf_dir(psf_dir)
+    options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
+    if options and model is None:
+        raise UsageError(f"{options[0][0]} belongs to a model: name it with --model")
+    given = [] if model is None else [ModelSpec(model, options)]
+    serve(given, host, port, browser, lambda line: print(line, flush=True), _warn)
+
+
+def _warn(line: str) -> None:
+    print(f"robustflow: warning: {line}", file=sys.stderr, flush=True)
