@@ -1,0 +1,51 @@
+"""The steps of dense inverse search as plain float64 loops over patches, without their shortcuts."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from robustflow.models.dis.cubic import cubic_weights
+
+
+def cubic(image, y, x):
+    """Values (C,) of an (H, W, C) image at a place, Catmull-Rom, edges repeated."""
+    y0, x0 = int(np.floor(y)), int(np.floor(x))
+    rows = np.clip(np.arange(y0 - 1, y0 + 3), 0, image.shape[0] - 1)
+    columns = np.clip(np.arange(x0 - 1, x0 + 3), 0, image.shape[1] - 1)
+    near = image[np.ix_(rows, columns)]
+    return np.einsum("a,b,abc->c", cubic_weights(y - y0), cubic_weights(x - x0), near)
+
+
+def linear(image, y, x):
+    at = np.broadcast_arrays(*np.ix_(y, x))
+    return np.stack([map_coordinates(image[..., c], at, order=1, mode="nearest") for c in range(image.shape[2])], -1)
+
+
+def central(image):
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    return (padded[1:-1, 2:] - padded[1:-1, :-2]) / 2, (padded[2:, 1:-1] - padded[:-2, 1:-1]) / 2
+
+
+def centred(patch):
+    return patch - patch.mean(axis=(0, 1))
+
+
+def descended(image1, image2, y, x, start, patch, steps):
+    """Where the patch at (y, x) ends, by the formula of a step with both patches less their means."""
+    window = np.s_[y : y + patch, x : x + patch]
+    slope = np.stack([centred(s[window]).ravel() for s in central(image1)])
+    u = np.array(start, float)
+    for _ in range(steps):
+        looked = [[cubic(image2, y + r + u[1], x + k + u[0]) for k in range(patch)] for r in range(patch)]
+        residual = centred(np.array(looked)) - centred(image1[window])
+        step = np.linalg.solve(slope @ slope.T, slope @ residual.ravel())
+        u -= step
+        if np.hypot(*step) < 1e-3:
+            break
+    return u
+
+
+def mismatch(image1, image2, y, x, u, patch):
+    looked = linear(image2, y + np.arange(patch) + u[1], x + np.arange(patch) + u[0])
+    return float((centred(looked - image1[y : y + patch, x : x + patch]) ** 2).sum())

@@ -1,0 +1,80 @@
+"""Scales, slopes and enlarging, against SciPy and plain formulas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.polynomial.polynomial import polyder, polyval2d
+from scipy.ndimage import correlate1d, map_coordinates
+
+from robustflow.models.dis.cubic import cubic_weights
+from robustflow.models.dis.operating_point import OPERATING_POINTS
+from robustflow.models.dis.pyramid import enlarged, pyramid, slopes, with_border
+
+RNG = np.random.default_rng(0)
+
+
+@pytest.mark.parametrize(("size", "full"), [((13, 22), (16, 24)), ((16, 16), (16, 16)), ((1, 9), (4, 12))])
+def test_a_scale_is_the_one_before_filtered_and_taken_every_second_time(size, full):
+    frame = RNG.integers(0, 256, (*size, 3)).astype(np.uint8)
+    levels = pyramid(frame, *full, 2)
+    wanted = np.pad(frame.astype(float), ((0, full[0] - size[0]), (0, full[1] - size[1]), (0, 0)), mode="edge")
+    for level in levels:
+        np.testing.assert_allclose(level.reshape(*wanted.shape), wanted, atol=1e-3)
+        for axis in (0, 1):
+            # of even length: SciPy's origin 0 puts the middle between pixel i - 1 and i, so every odd one is taken
+            wanted = correlate1d(wanted, np.array([1, 5, 10, 10, 5, 1]) / 32, axis=axis, mode="nearest")
+            wanted = np.take(wanted, np.arange(1, wanted.shape[axis], 2), axis)
+
+
+@pytest.mark.parametrize(("order", "degree"), [(2, 2), (4, 4)])
+def test_slopes_of_polynomials_are_exact(order, degree):
+    coefficients = RNG.normal(size=(degree + 1, degree + 1))
+    y, x = np.mgrid[:9, :12] / 8
+    image = polyval2d(y, x, coefficients)
+    right, down = slopes(np.repeat(image, 3, axis=1).astype(np.float32), order)
+    inside = np.s_[2:-2, 2:-2]
+    for found, axis in ((down, 0), (right, 1)):
+        exact = polyval2d(y, x, polyder(coefficients, axis=axis)) / 8
+        for channel in range(3):
+            np.testing.assert_allclose(found[:, channel::3][inside], exact[inside], atol=1e-5)
+
+
+def test_borders_repeat_the_edge():
+    image = RNG.normal(size=(5, 7, 3)).astype(np.float32)
+    wanted = np.pad(image, ((4, 4), (4, 4), (0, 0)), mode="edge")
+    np.testing.assert_array_equal(with_border(image.reshape(5, 21), 4).reshape(13, 15, 3), wanted)
+
+
+@pytest.mark.parametrize("factor", [1, 2, 8])
+def test_enlarged_flow_is_bilinear_between_centres_of_pixels(factor):
+    flow = RNG.normal(size=(4, 6, 2)).astype(np.float32)
+    out = enlarged(flow, factor, 4 * factor - 1, 6 * factor - 2 if factor > 2 else 6 * factor)
+    y, x = np.mgrid[: out.shape[0], : out.shape[1]]
+    at = np.stack([(y + 0.5) / factor - 0.5, (x + 0.5) / factor - 0.5])
+    for i in range(2):
+        wanted = factor * map_coordinates(flow[..., i].astype(float), at, order=1, mode="nearest")
+        np.testing.assert_allclose(out[..., i], wanted, atol=1e-5 * factor)
+
+
+def test_cubic_weights_reproduce_parabolas():
+    for t in np.linspace(0, 1, 11):
+        at = np.arange(-1, 3)
+        for power in range(3):
+            assert np.dot(cubic_weights(t), at**power) == pytest.approx(t**power, abs=1e-12)
+
+
+@pytest.mark.parametrize("height", [1, 7, 8, 16, 100, 375, 2160])
+@pytest.mark.parametrize("width", [1, 12, 160, 1242, 3840])
+@pytest.mark.parametrize("number", OPERATING_POINTS)
+def test_scales_have_room_for_a_patch_and_reach_a_fifth_of_the_frame(number, height, width):
+    point = OPERATING_POINTS[number]
+    coarsest, finest = point.scales(height, width)
+    assert 0 <= finest <= point.finest_scale
+    assert finest <= coarsest
+    longer, shorter = max(height, width), min(height, width)
+    if coarsest:
+        assert shorter / 2**coarsest >= point.patch_size
+        assert coarsest <= np.log2(2 * longer / (5 * point.patch_size))
+    if shorter / 2 ** (coarsest + 1) >= point.patch_size:
+        assert coarsest + 1 > np.log2(2 * longer / (5 * point.patch_size))

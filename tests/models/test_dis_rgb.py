@@ -1,0 +1,172 @@
+"""Dense inverse search on colours: motion that is known, frames of every kind, and OpenCV's version beside it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, shift
+from skimage import data
+
+from robustflow import load_model
+from robustflow.datasets import load_dataset
+from robustflow.errors import ModelError, UsageError
+from robustflow.metrics.epe import mean_epe
+from robustflow.models.dis.operating_point import OPERATING_POINTS
+
+SHIFTS = [(0.5, -0.25), (3.3, 2.7), (-7.5, 4.4), (12.4, -9.8), (-19.6, 3.2)]
+
+
+def moved(image, u, v):
+    """The middle of an image, and the same place after a move by a spline of fifth order."""
+    planes = [shift(image[..., c].astype(float), (v, u), order=5, mode="mirror") for c in range(3)]
+    after = np.clip(np.rint(np.stack(planes, axis=-1)), 0, 255).astype(np.uint8)
+    top, left = (image.shape[0] - 240) // 2, (image.shape[1] - 320) // 2
+    window = np.s_[top : top + 240, left : left + 320]
+    return image[window].copy(), after[window]
+
+
+def error_inside(flow, u, v):
+    inside = flow[32:-32, 32:-32]
+    return float(np.hypot(inside[..., 0] - u, inside[..., 1] - v).mean())
+
+
+def texture(seed, size=(96, 128), sigma=1.5):
+    noise = gaussian_filter(np.random.default_rng(seed).normal(size=(*size, 3)), (sigma, sigma, 0), mode="wrap")
+    return np.clip(128 + 45 * noise / noise.std(), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("image", [data.astronaut, data.coffee, data.chelsea])
+@pytest.mark.parametrize("point", [3, 4])
+def test_a_translated_photograph_is_recovered_to_a_tenth_of_a_pixel(image, point):
+    for u, v in SHIFTS if point == 3 else SHIFTS[1::2]:
+        assert error_inside(load_model("dis_rgb", operating_point=point).predict(*moved(image(), u, v)), u, v) < 0.1
+
+
+@pytest.mark.parametrize("image", [data.astronaut, data.coffee, data.chelsea])
+def test_the_default_recovers_it_to_a_twentieth_of_a_pixel_of_its_scale(image):
+    """Its flow is found at an eighth of the size: 0.05 px there are 0.4 px here."""
+    for u, v in SHIFTS:
+        assert error_inside(load_model("dis_rgb").predict(*moved(image(), u, v)), u, v) < 8 * 0.05
+
+
+def test_colours_of_one_luminance_move():
+    """What OpenCV's grey makes the same number everywhere: the colour method sees it move, the grey one cannot."""
+    red = texture(0, (160, 208), 3.0)[..., 0] // 2 + 60
+    blue = texture(1, (160, 208), 3.0)[..., 0] // 2 + 60
+    green = np.rint((128 - 0.299 * red - 0.114 * blue) / 0.587).astype(np.uint8)
+    frame1 = np.stack([red, green, blue], axis=-1)
+    frame2 = np.roll(frame1, (-3, 5), axis=(0, 1))
+    assert np.unique(cv2.cvtColor(frame1, cv2.COLOR_RGB2GRAY)).size == 1
+    assert error_inside(load_model("dis_rgb", operating_point=3).predict(frame1, frame2), 5, -3) < 0.1
+    assert error_inside(load_model("dis").predict(frame1, frame2), 5, -3) > 5
+
+
+@pytest.mark.parametrize("point", OPERATING_POINTS)
+@pytest.mark.parametrize(
+    "size", [(16, 16), (17, 23), (16, 300), (300, 16), (61, 97), (65, 129), (8, 8), (5, 40), (1, 1), (1, 200)]
+)
+def test_any_size_gives_finite_flow(size, point):
+    rng = np.random.default_rng(0)
+    frames = rng.integers(0, 256, (2, *size, 3)).astype(np.uint8)
+    flow = load_model("dis_rgb", operating_point=point).predict(*frames)
+    assert flow.shape == (*size, 2)
+    assert flow.dtype == np.float32
+    assert np.isfinite(flow).all()
+
+
+@pytest.mark.parametrize("point", OPERATING_POINTS)
+def test_frames_that_do_not_differ_do_not_move(point):
+    model = load_model("dis_rgb", operating_point=point)
+    for frame in (texture(2), np.full((40, 56, 3), 77, np.uint8), data.coffee()[:96, :128]):
+        np.testing.assert_array_equal(model.predict(frame, frame), 0)
+
+
+@pytest.mark.parametrize(("one", "other"), [(0, 255), (77, 78)])
+def test_a_change_of_brightness_alone_is_no_motion_of_a_blank_frame(one, other):
+    flow = load_model("dis_rgb").predict(*(np.full((48, 64, 3), value, np.uint8) for value in (one, other)))
+    np.testing.assert_array_equal(flow, 0)
+
+
+@pytest.mark.parametrize("point", [1, 3])
+def test_a_brighter_second_frame_changes_little(point):
+    """Patches are compared less their means, so the search of a brightened frame is the same one."""
+    frame1, frame2 = moved(data.astronaut() // 2, 3.3, 2.7)
+    model = load_model("dis_rgb", operating_point=point)
+    assert error_inside(model.predict(frame1, frame2 + 60), 3.3, 2.7) < 0.4
+
+
+@pytest.mark.parametrize("point", OPERATING_POINTS)
+def test_no_channel_is_favoured(point):
+    frame1, frame2 = moved(data.coffee(), -7.5, 4.4)
+    model = load_model("dis_rgb", operating_point=point)
+    flow = model.predict(frame1, frame2)
+    other = model.predict(frame1[..., [2, 0, 1]], frame2[..., [2, 0, 1]])
+    # rounding alone, which a patch on the verge of being rejected may blow up
+    assert np.median(np.abs(other - flow)) < 1e-4
+    assert np.abs(other - flow).mean() < 0.01
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_mirrored_pair_has_the_mirrored_flow(axis):
+    """But for patches flush with the last edge, which mirroring makes the first."""
+    frame1, frame2 = (frame[:236, :316] for frame in moved(data.astronaut(), 3.3, 2.7))
+    model = load_model("dis_rgb", operating_point=3)
+    flow = model.predict(frame1, frame2)
+    mirrored = np.flip(model.predict(np.flip(frame1, axis), np.flip(frame2, axis)), axis).copy()
+    mirrored[..., 1 - axis] *= -1
+    assert np.abs(mirrored - flow)[32:-32, 32:-32].mean() < 0.05
+
+
+def test_layout_of_memory_and_what_came_before_change_nothing():
+    frame1, frame2 = texture(3), np.roll(texture(3), 2, axis=1)
+    model = load_model("dis_rgb")
+    flow = model.predict(frame1, frame2)
+    model.predict(frame2, frame1)
+    frozen = frame1[::-1, :, ::-1].copy()[::-1, :, ::-1]
+    frozen.flags.writeable = False
+    np.testing.assert_array_equal(model.predict(frozen, np.asfortranarray(frame2)), flow)
+
+
+def test_what_it_refuses():
+    with pytest.raises(UsageError, match="unknown operating point of DIS '5': Known: 1, 2, 3, 4"):
+        load_model("dis_rgb", operating_point=5)
+    frame = texture(4)
+    for other in (frame[:-1], frame[..., :1], frame[..., 0], frame.astype(np.float32)):
+        with pytest.raises(ModelError, match="two RGB uint8 frames"):
+            load_model("dis_rgb").predict(frame, other)
+        with pytest.raises(ModelError, match="two RGB uint8 frames"):
+            load_model("dis_rgb").predict(other, frame)
+
+
+def test_operating_points_are_told_apart():
+    default = load_model("dis_rgb").identity()
+    assert default["operating_point"] == 2
+    assert default == load_model("dis_rgb", operating_point=2).identity()
+    assert len({str(load_model("dis_rgb", operating_point=p).identity()) for p in OPERATING_POINTS}) == 4
+
+
+def opencv_at(point):
+    """OpenCV's method with the same scales, patches and iterations, without what it adds to the paper's."""
+    method = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    method.setFinestScale(point.finest_scale)
+    method.setPatchSize(point.patch_size)
+    method.setPatchStride(point.stride)
+    method.setGradientDescentIterations(point.iterations)
+    method.setVariationalRefinementIterations(5 if point.refined else 0)
+    method.setUseSpatialPropagation(False)
+    return method
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_on_real_pairs_the_error_is_below_opencvs_at_the_same_operating_point(shared, number):
+    ours, theirs = [], []
+    for dataset, options in (("kitti2015", {}), ("kitti2012", {"images": "grey"}), ("middlebury", {})):
+        samples = load_dataset(dataset, shared(f"data/{dataset}"), **options)
+        for sample in map(samples.load, samples.keys()):
+            grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in sample.frames]
+            flow = load_model("dis_rgb", operating_point=number).predict(*sample.frames)
+            ours.append(mean_epe(flow, sample.flow, sample.valid))
+            flow = opencv_at(OPERATING_POINTS[number]).calc(*grey, None)
+            theirs.append(mean_epe(flow, sample.flow, sample.valid))
+    assert np.mean(ours) < np.mean(theirs)
