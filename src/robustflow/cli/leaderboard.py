@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from ..report.site.examples import Slider
 
 
 def leaderboard(
@@ -35,14 +39,34 @@ def leaderboard(
     from ..report.results import read_results
     from ..report.site import render_site, whole_content
     from ..report.site.results_file import results_csv
+    from ..runner.example_record import FOLDER as EXAMPLES
 
     if not sources and not published:
         raise UsageError("nothing to show: name a run's folder or a results file, or leave out --no-published")
     files = [path for path in sources or [] if path.suffix.lower() == ".csv"]
     runs = [load_run(path) for path in sources or [] if path not in files]
     content = whole_content(runs, [(path.name, read_results(path)) for path in files], published=published)
-    page = render_site(content).encode()
+    pictured = any((run.path / EXAMPLES).is_dir() for run in runs)
+    page = render_site(content, None if pictured else _gallery()).encode()
     make_folder(output)
     write_bytes(output / "index.html", page)
     write_bytes(output / "results.csv", results_csv(content.results).encode())
     typer.echo(str(output / "index.html"))
+
+
+def _gallery() -> Slider | None:
+    """The embedded pair under every corruption of image pairs; None where scikit-image comes without it."""
+    from ..corruptions.base import SEVERITIES
+    from ..datasets import load_dataset
+    from ..errors import AssetError
+    from ..report.gallery import gallery
+    from ..report.site.examples import gallery_slider
+
+    key = "motorcycle"
+    try:
+        frames = load_dataset(key, None).load(key).frames
+    except AssetError as error:
+        warnings.warn(f"no example pictures: {error}", stacklevel=2)
+        return None
+    cells = gallery(frames[0], frames[1], SEVERITIES, key=key)
+    return gallery_slider(frames[0], cells, "Middlebury 2014, Motorcycle")

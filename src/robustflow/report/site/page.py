@@ -16,14 +16,19 @@ from . import assets
 from .board import benchmark_label, boards_of, setting_label
 from .content import Content
 from .downloads import download_data
+from .examples import Examples, Slider, examples_of
 from .figures import page_figures
 from .findings import VERDICT_CLASSES, audits, by_check, checked_observations
 from .headline import headline
 from .models import interval_text, model_pages
 
 
-def render_site(content: Content) -> str:
+def render_site(content: Content, gallery: Slider | None = None) -> str:
     """The page as one HTML file: it opens from disk and asks the network for nothing.
+
+    Args:
+        content: what it shows.
+        gallery: pictures for a page whose runs have none.
 
     >>> from .content import whole_content
     >>> render_site(whole_content([])).splitlines()[0]
@@ -39,6 +44,8 @@ def render_site(content: Content) -> str:
             headline=headline(content),
             pages=model_pages(content),
             figures=page_figures(content),
+            examples=examples_of({name: run for (_, name), run in content.runs.items()})
+            or (gallery and Examples(gallery)),
             observations=checked_observations(content),
             audits=audits(content),
             data=json_block(download_data(content.entries)),

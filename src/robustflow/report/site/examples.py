@@ -1,0 +1,181 @@
+"""Example pictures of a run's folder, and of the embedded pair, ready to stand inside a page.
+
+A folder may come from anyone: its list is checked, a file's name is a plain name, and a picture is decoded and encoded
+anew, so that nothing but pixels reaches the page.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ...errors import DataError
+from ...imageio import jpeg_bytes, read_image, shrunk
+from ...runner.example_record import FOLDER, RECORD
+from ...sample import Frame
+from ..labels import long_label
+from ..text import plain
+
+if TYPE_CHECKING:
+    from ...runner.result import Result
+    from ..gallery import Cell
+
+_LARGEST_LIST = 1 << 20
+_LARGEST_PICTURE = 1 << 24
+_SLIDER_WIDTH, _PANEL_WIDTH = 384, 1200
+_QUALITY = 62
+
+MOST_RUNS = 12
+"""Runs of which a page shows panels: each adds a third of a megabyte."""
+
+_File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
+_Text = Annotated[str, Field(max_length=500)]
+_Severity = Annotated[int, Field(ge=1, le=5)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class _Picture(_Strict):
+    corruption: _Text
+    severity: _Severity
+    file: _File
+
+
+class _Slider(_Strict):
+    key: _Text
+    clean: _File
+    pictures: Annotated[list[_Picture], Field(max_length=300)]
+
+
+class _Panel(_Picture):
+    kind: Literal["worst", "median"]
+    key: _Text
+    epe: float | None
+    cre: float | None
+    rcre: float | None
+
+
+class _Examples(_Strict):
+    version: Literal[1]
+    slider: _Slider
+    panels: Annotated[list[_Panel], Field(max_length=8)]
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One frame as it is and under corruptions: (name, [(severity, picture)]); pictures are `data:` addresses."""
+
+    title: str
+    width: int
+    height: int
+    clean: str
+    corruptions: tuple[tuple[str, tuple[tuple[int, str], ...]], ...]
+
+
+@dataclass(frozen=True)
+class Examples:
+    """What a page shows of its pictures: a slider, and panels by the name of the run."""
+
+    slider: Slider
+    panels: tuple[tuple[str, tuple[Panel, ...]], ...] = ()
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A sample, what was predicted on it, and the errors."""
+
+    title: str
+    numbers: str
+    picture: str
+    width: int
+    height: int
+
+
+def run_examples(run: Result) -> tuple[Slider, list[Panel]] | None:
+    """The pictures of a run's folder; None where it has none.
+
+    Raises:
+        DataError: the list or a picture is damaged, too large, or not what it should be.
+    """
+    folder = run.path / FOLDER
+    if not (folder / RECORD).is_file():
+        return None
+    data = _bytes(folder / RECORD, _LARGEST_LIST)
+    try:
+        found = _Examples.model_validate_json(data)
+    except ValidationError as error:
+        first = error.errors(include_input=False, include_url=False)[0]
+        where = ".".join(map(str, first["loc"])) or "the file"
+        raise DataError(f"{folder / RECORD}: {where}: {first['msg']}; delete the folder, or run again") from error
+    clean = _read(folder / found.slider.clean)
+    pictures = ((one.corruption, one.severity, _read(folder / one.file)) for one in found.slider.pictures)
+    slider = make_slider(f"Sample {plain(found.slider.key)}", clean, pictures)
+    return slider, [_panel(folder, panel) for panel in found.panels]
+
+
+def examples_of(runs: Mapping[str, Result]) -> Examples | None:
+    """The slider of the first run with examples, and the panels of the first `MOST_RUNS` of them."""
+    slider: Slider | None = None
+    panels: list[tuple[str, tuple[Panel, ...]]] = []
+    for name, run in runs.items():
+        found = run_examples(run) if len(panels) < MOST_RUNS else None
+        if found is not None:
+            slider = slider or found[0]
+            panels.append((plain(name), tuple(found[1])))
+    return None if slider is None else Examples(slider, tuple(panels))
+
+
+def gallery_slider(clean: Frame, cells: Iterable[Cell], title: str) -> Slider:
+    """A slider from the cells of a gallery."""
+    return make_slider(title, clean, ((c.name, c.severity, c.frame) for c in cells if c.frame is not None))
+
+
+def make_slider(title: str, clean: Frame, pictures: Iterable[tuple[str, int, Frame]]) -> Slider:
+    """A slider from frames, RGB uint8, in the order of its choice of corruptions."""
+    found: dict[str, dict[int, str]] = {}
+    for corruption, severity, frame in pictures:
+        found.setdefault(corruption, {})[severity] = _uri(frame, _SLIDER_WIDTH)
+    height, width = shrunk(clean, _SLIDER_WIDTH).shape[:2]
+    corruptions = tuple((plain(long_label(name)), tuple(sorted(levels.items()))) for name, levels in found.items())
+    return Slider(title, width, height, _uri(clean, _SLIDER_WIDTH), corruptions)
+
+
+def _panel(folder: Path, panel: _Panel) -> Panel:
+    frame = _read(folder / panel.file)
+    height, width = shrunk(frame, _PANEL_WIDTH).shape[:2]
+    kind = {"worst": "Worst sample", "median": "Median sample"}[panel.kind]
+    title = f"{kind}: {plain(panel.key)}, {plain(long_label(panel.corruption))}, severity {panel.severity}"
+    values = (("EPE", panel.epe), ("CRE", panel.cre), ("RCRE", panel.rcre))
+    numbers = ", ".join(f"{label} {value:.2f} px" for label, value in values if value is not None)
+    return Panel(title, numbers, _uri(frame, _PANEL_WIDTH), width, height)
+
+
+def _read(path: Path) -> Frame:
+    if path.is_symlink():
+        raise DataError(f"{path} is a link; example pictures lie in their folder")
+    if path.is_file() and path.stat().st_size > _LARGEST_PICTURE:
+        raise DataError(f"{path}: larger than {_LARGEST_PICTURE >> 20} MiB; example pictures are small")
+    return read_image(path)
+
+
+def _bytes(path: Path, largest: int) -> bytes:
+    try:
+        with open(path, "rb") as file:
+            data = file.read(largest + 1)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+    if len(data) > largest:
+        raise DataError(f"{path}: larger than {largest >> 20} MiB; this is not a list of example pictures")
+    return data
+
+
+def _uri(frame: Frame, widest: int) -> str:
+    data = jpeg_bytes(shrunk(frame, widest), _QUALITY)
+    return "data:image/jpeg;base64," + base64.b64encode(data).decode()
