@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -21,6 +23,10 @@ def profile(
     device: Device = None,
     precision: Precision = None,
     repeat: Annotated[int, typer.Option(help="Predictions to time; 0 for none.")] = 1,
+    into: Annotated[
+        Path | None,
+        typer.Option("--into", metavar="RUN", help="Keep it in a run of this model, whose tables then show it."),
+    ] = None,
     paper: Annotated[
         bool,
         typer.Option("--paper", help="The paper's Tab. 3 beside ours. Runs CRAFT and GMFlowNet once: 8 GB."),
@@ -35,12 +41,15 @@ def profile(
     Examples:
       robustflow profile raft
       robustflow profile arflow --repeat 5
+      robustflow profile raft --into runs/kitti-fc_raft_1a2b3c4d
       robustflow profile --paper
     """
     from importlib.util import find_spec
 
     if find_spec("torch") is None:
         raise ModelError("profiling needs PyTorch, which is not installed: pip install 'robustflow[torch]'")
+    if paper and into is not None:
+        raise UsageError("--paper profiles many models, --into keeps the cost of one; leave out one of them")
     if paper and model is not None:
         raise UsageError("--paper profiles the paper's models; leave out the model")
     if paper:
@@ -48,11 +57,16 @@ def profile(
         return
     if model is None:
         raise UsageError("name a model to profile, or give --paper")
-    _print_model(model, size, repeat, model_options(option, device=device, precision=precision), iterations)
+    _print_model(model, size, repeat, model_options(option, device=device, precision=precision), iterations, into)
 
 
 def _print_model(
-    name: str, size: str, repeat: int, options: tuple[tuple[str, object], ...], iterations: int | None
+    name: str,
+    size: str,
+    repeat: int,
+    options: tuple[tuple[str, object], ...],
+    iterations: int | None,
+    into: Path | None,
 ) -> None:
     from ..models import ModelSpec
     from ..models.input_convention import parse_size
@@ -60,12 +74,17 @@ def _print_model(
     from ..profiling.counts import count
     from ..profiling.measure import measure
     from ..profiling.network_of import network_of
+    from ..report.costs import RunCost, check_model, write_cost
+    from ..runner.result import Result
 
+    run = None if into is None else Result(into)
     height, width = parse_size(size, 8)
     asked = {"checkpoint": RANDOM, **dict(options)}
     if iterations is not None:
         asked["iterations"] = iterations
     model = network_of(ModelSpec(name, tuple(asked.items())).load())
+    if run is not None:
+        check_model(run, model.identity())
     fitted = model.convention.fitted_size(height, width)
     counts = count(model.net, *fitted)
     rounds = model.identity().get("iterations")
@@ -74,11 +93,21 @@ def _print_model(
     typer.echo(f"parameters   {counts.parameters / 1e6:.3f} M, as thop {counts.thop_parameters / 1e6:.3f} M")
     typer.echo(f"MACs         {counts.macs / 1e9:.2f} G, as thop {counts.thop_macs / 1e9:.2f} G")
     typer.echo(f"FLOPs        {2 * counts.macs / 1e9:.2f} G")
-    if repeat:
-        measured = measure(model, height, width, repeat)
+    measured = measure(model, height, width, repeat) if repeat else None
+    if measured is not None:
         kind = "of tensors" if measured.device.startswith("cuda") else "of the whole process"
         typer.echo(f"one pair     {measured.seconds:.2f} s on {measured.device}")
         typer.echo(f"peak memory  {measured.peak_bytes / 2**30:.2f} GiB {kind}")
+    if run is not None:
+        cost = RunCost(
+            run=run.manifest["identity_digest"],
+            height=height,
+            width=width,
+            iterations=rounds,
+            **asdict(counts),
+            **(asdict(measured) if measured is not None else {}),
+        )
+        typer.echo(f"kept in      {write_cost(run, cost)}")
 
 
 _LINE = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"

@@ -9,6 +9,7 @@ import polars as pl
 
 from ..errors import UsageError, unknown_name
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
+from .costs import run_costs
 from .published import published_costs, published_results
 from .runs import run_names, run_results
 from .table import Table
@@ -47,7 +48,7 @@ def tables_of(
     results = results_of(runs, published)
     costs = published_costs() if published else {}
     makers: dict[str, Callable[[], list[Table]]] = {
-        name: lambda name=name: [build_table(name, results, costs)]  # type: ignore[misc]
+        name: lambda name=name: [build_table(name, results, costs, run_costs(runs))]  # type: ignore[misc]
         for name in TABLES
     }
     makers |= {

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import polars as pl
 
 from ..errors import UsageError
+from .costs import RunCost
 from .published import Cost
 from .ranking import average_ranks, competition_ranks
 from .results import AVERAGE, CLEAN
@@ -20,14 +21,28 @@ _COLUMNS = (
     Column("other", "CREr & rank"),
     Column("OOD", "Avg. rank"),
     Column("ID", "Avg. rank"),
+    Column("other", "Avg. rank"),
 )
+_PLACE = {"OOD": (2, 5), "ID": (3, 6)}
+_OTHER = (4, 7)
+_PAPER_SIZE = (432, 720)
+_Measured = tuple[str, str, str]
+"""(sample set, setting, model)."""
 
 
-def cost_table(results: pl.DataFrame, costs: Mapping[str, Cost]) -> Table:
+def cost_table(
+    results: pl.DataFrame, costs: Mapping[str, Cost], run_costs: Mapping[tuple[str, str], RunCost] | None = None
+) -> Table:
     """CREr beside cost, ranked by the rule of `ranking`.
 
     The models of `costs` come first with their CREr of both settings as printed; then models of `results` that were
-    measured on other frames, each with the CREr of its setting, ranked among those measured on the same frames only.
+    measured on other frames, each with the CREr of its setting, ranked among those measured on the same frames only:
+    the published models never share a rank with them.
+
+    Args:
+        results: columns of `results.RESULT_SCHEMA`.
+        costs: the published ones.
+        run_costs: of runs, by (sample set, name).
 
     Raises:
         UsageError: neither costs nor a CREr.
@@ -37,14 +52,30 @@ def cost_table(results: pl.DataFrame, costs: Mapping[str, Cost]) -> Table:
         sections.append(Section("Published", _published_lines(costs)))
     others = measured_crer(results.filter(pl.col("sample_set") != "paper"))
     if others:
-        sections.append(Section("Measured on other frames", _measured_lines(others)))
+        sections.append(Section("Measured on other frames", _measured_lines(others, run_costs or {})))
     if not sections:
         raise UsageError("nothing to put into the table 'cost': it needs the published costs, or runs with a CREr")
-    columns = _COLUMNS if others else _COLUMNS[:4] + _COLUMNS[5:]
-    if not others:
-        sections = [Section(s.title, tuple(_without_other(line) for line in s.lines)) for s in sections]
-    remark = "FLOPs are ranked over all models, CREr within its setting, equal values alike; lower is better."
-    return Table("cost", "Computing cost, CREr and average rank", columns, tuple(sections), (remark,))
+    shown = [index for index in range(len(_COLUMNS)) if others or index not in _OTHER]
+    sections = [
+        Section(s.title, tuple(Line(x.label, tuple(x.cells[i] for i in shown), x.note) for x in s.lines))
+        for s in sections
+    ]
+    remarks = [
+        "FLOPs are ranked over all models, CREr within its setting, equal values alike; lower is better. The average "
+        "rank is that of their mean."
+    ]
+    if run_costs:
+        remarks.append(
+            "FLOPs are multiply-accumulates as the paper counts them (12 iterations, frames of 432x720, unless noted); "
+            "runs are ranked among those on the same frames."
+        )
+    return Table(
+        "cost",
+        "Computing cost, CREr and average rank",
+        tuple(_COLUMNS[i] for i in shown),
+        tuple(sections),
+        tuple(remarks),
+    )
 
 
 def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
@@ -64,7 +95,7 @@ def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
     return ranks
 
 
-def measured_crer(results: pl.DataFrame) -> dict[tuple[str, str, str], tuple[float, str]]:
+def measured_crer(results: pl.DataFrame) -> dict[_Measured, tuple[float, str]]:
     """(sample set, setting, model) -> (CREr, note): as given, or made from the average and the clean EPE."""
     found: dict[tuple[str, str, str], dict[tuple[str, str], float]] = {}
     notes = {}
@@ -94,21 +125,56 @@ def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
             Cell(str(ranks[key].get(name, "-")), ranks[key].get(name) == 1) for key in ("average_ood", "average_id")
         ]
         size = Cell(f"{cost.parameters_m:.2f}"), Cell(f"{cost.flops_g:.1f} ({ranks['flops'][name]})")
-        lines.append(Line(name, (*size, *crer, Cell("-"), *average)))
+        lines.append(Line(name, (*size, *crer, Cell("-"), *average, Cell("-"))))
     return tuple(lines)
 
 
-def _measured_lines(found: Mapping[tuple[str, str, str], tuple[float, str]]) -> tuple[Line, ...]:
+def _measured_lines(
+    found: Mapping[_Measured, tuple[float, str]], run_costs: Mapping[tuple[str, str], RunCost]
+) -> tuple[Line, ...]:
+    known = {key: run_costs[key[0], key[2]] for key in found if (key[0], key[2]) in run_costs}
     lines = []
-    for (frames, setting, model), (value, note) in found.items():
-        peers = {m: round(v, 2) for (f, s, m), (v, _) in found.items() if (f, s) == (frames, setting)}
-        rank = f" ({competition_ranks(peers)[model]})" if len(peers) > 1 else ""
-        place = {"OOD": 2, "ID": 3}.get(setting, 4)
+    for key, (value, note) in found.items():
+        frames, setting, model = key
+        cost = known.get(key)
         cells = [Cell("-")] * len(_COLUMNS)
-        cells[place] = Cell(number_text(value, None) + rank, len(peers) > 1 and peers[model] == min(peers.values()))
+        crer_at, average_at = _PLACE.get(setting, _OTHER)
+        printed = {k: round(v, 2) for k, (v, _) in found.items() if k[:2] == (frames, setting)}
+        crer = _ranks(printed)
+        cells[crer_at] = Cell(number_text(value, None) + _shown(crer.get(key)), crer.get(key) == 1)
+        if cost is not None:
+            flops = _ranks(
+                {
+                    k: round(other.flops_g, 1)
+                    for k, other in known.items()
+                    if k[0] == frames and _counted(other) == _counted(cost)
+                }
+            )
+            cells[0] = Cell(f"{cost.parameters_m:.2f}")
+            cells[1] = Cell(f"{cost.flops_g:.1f}{_shown(flops.get(key))}")
+            average = average_ranks(crer, flops)
+            if len(average) > 1 and key in average:
+                cells[average_at] = Cell(str(average[key]), average[key] == 1)
+            note = "; ".join(part for part in (note, _counted_note(cost)) if part)
         lines.append(Line(model, tuple(cells), note))
     return tuple(lines)
 
 
-def _without_other(line: Line) -> Line:
-    return Line(line.label, line.cells[:4] + line.cells[5:], line.note)
+def _ranks(values: Mapping[_Measured, float]) -> dict[_Measured, int]:
+    """Ranks, none for a model that is alone."""
+    return competition_ranks(values) if len(values) > 1 else {}
+
+
+def _shown(rank: int | None) -> str:
+    return "" if rank is None else f" ({rank})"
+
+
+def _counted(cost: RunCost) -> tuple[int, int]:
+    return cost.height, cost.width
+
+
+def _counted_note(cost: RunCost) -> str:
+    told = [f"{cost.iterations} iterations"] if cost.iterations not in (None, 12) else []
+    if _counted(cost) != _PAPER_SIZE:
+        told.append(f"frames of {cost.height}x{cost.width}")
+    return f"FLOPs of {', '.join(told)}" if told else ""

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..errors import RunError
-from .runs import run_names
+from ..atomic import write_json
+from ..errors import RunError, UsageError
+from .runs import run_names, sample_set
+from .text import plain
 
 if TYPE_CHECKING:
     from ..runner.result import Result
@@ -96,7 +99,38 @@ def read_cost(run: Result) -> RunCost | None:
     return cost
 
 
-def run_costs(runs: Sequence[Result]) -> dict[str, RunCost]:
-    """Costs by the names that `run_results` gives the runs; runs without one are left out."""
-    costs = {name: read_cost(run) for name, run in zip(run_names(runs), runs, strict=True)}
-    return {name: cost for name, cost in costs.items() if cost is not None}
+def run_costs(runs: Sequence[Result]) -> dict[tuple[str, str], RunCost]:
+    """Costs by (sample set, name) as `run_results` gives them; runs without one are left out."""
+    costs = {(sample_set(run), name): read_cost(run) for name, run in zip(run_names(runs), runs, strict=True)}
+    return {key: cost for key, cost in costs.items() if cost is not None}
+
+
+def check_model(run: Result, model: Mapping[str, Any]) -> None:
+    """Whether a model of this identity is the run's, but for its weights and how it is executed.
+
+    Raises:
+        UsageError: it is another one, or has other settings.
+    """
+    ran = run.manifest["identity"]["model"]
+    for key in sorted((ran.keys() | model.keys()) - _FREE):
+        before, here = (json.dumps(of.get(key), sort_keys=True, default=str) for of in (ran, model))
+        if before != here:
+            raise UsageError(
+                f"{run.path} ran another model: its {key} is {plain(before)}, here it is {plain(here)}; profile the "
+                "model of the run, with the options of the run"
+            )
+
+
+_FREE = {"checkpoint", "options", "device", "precision", "compile", "threads", "torch", "tile", "overlap", "sigma"}
+"""What a model's identity names besides, and its cost does not depend on."""
+
+
+def write_cost(run: Result, cost: RunCost) -> Path:
+    """Keep a cost in the folder of its run.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    path: Path = run.path / PROFILE
+    write_json(path, cost.model_dump())
+    return path

@@ -7,10 +7,13 @@ the same way, of the mean of the two. This rule gives every rank the paper print
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
+from typing import TypeVar
+
+Name = TypeVar("Name", bound=Hashable)
 
 
-def competition_ranks(values: Mapping[str, float]) -> dict[str, int]:
+def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
     """1 for the smallest; equal values share a rank and the following ranks are skipped.
 
     >>> competition_ranks({"a": 2.0, "b": 1.0, "c": 2.0, "d": 3.0})
@@ -20,7 +23,7 @@ def competition_ranks(values: Mapping[str, float]) -> dict[str, int]:
     return {name: ordered.index(value) + 1 for name, value in values.items()}
 
 
-def average_ranks(*rankings: Mapping[str, int]) -> dict[str, int]:
+def average_ranks(*rankings: Mapping[Name, int]) -> dict[Name, int]:
     """The rank of each name's mean rank, over the names that are in all rankings.
 
     >>> average_ranks({"a": 1, "b": 2, "c": 3}, {"a": 3, "b": 2, "c": 4})

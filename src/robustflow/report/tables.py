@@ -12,6 +12,7 @@ import polars as pl
 from ..corruptions.catalog import PAPER_ORDER
 from ..errors import UsageError, unknown_name
 from .cost_table import cost_table
+from .costs import RunCost
 from .labels import BENCHMARK_LABELS, FAMILY_LABELS, FAMILY_OF, METRIC_LABELS, SETTING_LABELS, short_label
 from .published import Cost
 from .results import AVERAGE, CLEAN
@@ -21,13 +22,19 @@ _BENCHMARK_OF = {"epe": "kitti-fc", "cre": "kitti-fc", "rcre": "kitti-fc", "gopr
 TABLES = (*_BENCHMARK_OF, "cost")
 
 
-def build_table(name: str, results: pl.DataFrame, costs: Mapping[str, Cost] | None = None) -> Table:
+def build_table(
+    name: str,
+    results: pl.DataFrame,
+    costs: Mapping[str, Cost] | None = None,
+    run_costs: Mapping[tuple[str, str], RunCost] | None = None,
+) -> Table:
     """One of the paper's tables, from any results.
 
     Args:
         name: "epe" (Tab. 2), "cre" (Tab. 7), "rcre" (Tab. 8), "gopro-rcre" (Tab. 4) or "cost" (Tab. 3).
         results: columns of `results.RESULT_SCHEMA`: published, of runs, or both after one another.
-        costs: by model, for "cost"; models that are not in it are listed without.
+        costs: published ones by model, for "cost".
+        run_costs: of runs by (sample set, name), for "cost"; runs that are not in it are listed without.
 
     Raises:
         UsageError: an unknown table, or results of which nothing belongs into it.
@@ -43,7 +50,7 @@ def build_table(name: str, results: pl.DataFrame, costs: Mapping[str, Cost] | No
     if name not in TABLES:
         raise unknown_name("table", name, TABLES)
     if name == "cost":
-        return cost_table(results, costs or {})
+        return cost_table(results, costs or {}, run_costs)
     metric = "rcre" if name == "gopro-rcre" else name
     of_gopro = pl.col("benchmark") == "gopro-fc"
     chosen = results.filter(pl.col("metric") == metric, of_gopro if name == "gopro-rcre" else ~of_gopro)

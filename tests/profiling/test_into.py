@@ -1,0 +1,50 @@
+"""`profile --into` keeps the cost of a run's model with the run."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+from robustflow.cli.main import main
+from robustflow.models import ModelSpec
+from robustflow.profiling.counts import count
+from robustflow.profiling.network_of import network_of
+from robustflow.report.costs import read_cost
+from robustflow.runner.evaluate import evaluate
+
+pytestmark = pytest.mark.torch
+
+
+@pytest.fixture
+def profile(monkeypatch, capsys):
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["robustflow", "profile", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        return code, *capsys.readouterr()
+
+    return call
+
+
+def test_the_cost_of_a_run(profile, tmp_path):
+    spec = ModelSpec("arflow", (("checkpoint", "random"), ("device", "cpu")))
+    run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    code, out, err = profile("arflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
+    assert code == 0, err
+    assert "kept in" in out
+    cost = read_cost(run)
+    model = network_of(spec.load())
+    counts = count(model.net, *model.convention.fitted_size(128, 192))
+    assert (cost.parameters, cost.macs, cost.thop_macs) == (counts.parameters, counts.macs, counts.thop_macs)
+    assert (cost.height, cost.width, cost.seconds) == (128, 192, None)
+    code, _, err = profile("upflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
+    assert code == 2
+    assert "ran another model" in err
+    assert read_cost(run) == cost
+    assert profile("--paper", "--into", run.path)[0] == 2
