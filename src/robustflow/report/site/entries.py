@@ -37,6 +37,7 @@ class Entry:
         page: the id of the model's page.
         texts: the printed numbers.
         numbers: the same as numbers.
+        derived: keys of numbers that the paper has not printed and that are made from others of its.
         best: keys whose printed number is the smallest among the models of its setting and sample set.
         intervals: 95 % confidence intervals, where there are any.
     """
@@ -50,6 +51,7 @@ class Entry:
     page: str
     texts: dict[Key, str] = field(default_factory=dict)
     numbers: dict[Key, float] = field(default_factory=dict)
+    derived: set[Key] = field(default_factory=set)
     best: set[Key] = field(default_factory=set)
     intervals: dict[Key, Interval] = field(default_factory=dict)
 
@@ -92,6 +94,8 @@ def entries_of(
         _add_families(entry)
         run = (entry.sample_set, entry.name)
         entry.set(("crer", AVERAGE), crer.get((entry.benchmark, entry.sample_set, entry.setting, entry.name)))
+        if entry.sample_set == PAPER and ("crer", AVERAGE) in entry.numbers:
+            entry.derived.add(("crer", AVERAGE))
         if entry.sample_set == PAPER and entry.benchmark == "kitti-fc" and entry.name in costs:
             _add_published(entry, costs[entry.name], ranks)
         elif run_costs and run in run_costs:
@@ -116,12 +120,16 @@ def _add_published(entry: Entry, cost: Cost, ranks: Mapping[str, Mapping[str, in
     entry.set(("flops", ""), cost.flops_g, 1)
     setting = entry.setting.lower()
     if setting in ("ood", "id"):
-        entry.set(("crer", AVERAGE), getattr(cost, f"crer_{setting}") or entry.numbers.get(("crer", AVERAGE)))
+        printed = getattr(cost, f"crer_{setting}")
+        if printed is not None:
+            entry.set(("crer", AVERAGE), printed)
+            entry.derived.discard(("crer", AVERAGE))
         entry.set(("rank", ""), ranks[f"average_{setting}"].get(entry.name), 0)
 
 
 def _mark_best(entries: list[Entry]) -> None:
-    """As in the paper: equal printed numbers share the mark; knowledge-driven methods and a model alone have none."""
+    """As in the paper: equal printed numbers share the mark; knowledge-driven methods, a model alone and numbers that
+    the paper does not print have none."""
     groups: dict[tuple[str, str, str], list[Entry]] = {}
     for entry in entries:
         groups.setdefault((entry.benchmark, entry.sample_set, entry.setting), []).append(entry)
@@ -129,9 +137,10 @@ def _mark_best(entries: list[Entry]) -> None:
         if setting == "knowledge" or len(group) == 1:
             continue
         for key in {key for entry in group for key in entry.texts} - {("parameters", ""), ("flops", "")}:
-            least = min(float(entry.texts[key]) for entry in group if key in entry.texts)
-            for entry in group:
-                if key in entry.texts and float(entry.texts[key]) == least:
+            compared = [entry for entry in group if key in entry.texts and key not in entry.derived]
+            least = min((float(entry.texts[key]) for entry in compared), default=None)
+            for entry in compared:
+                if float(entry.texts[key]) == least:
                     entry.best.add(key)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -81,10 +81,10 @@ class Slider:
 
 @dataclass(frozen=True)
 class Examples:
-    """What a page shows of its pictures: a slider, and panels by the name of the run."""
+    """What a page shows of its pictures: a slider, and panels by (sample set, name) of the run."""
 
     slider: Slider
-    panels: tuple[tuple[str, tuple[Panel, ...]], ...] = ()
+    panels: Mapping[tuple[str, str], list[Panel]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -120,16 +120,16 @@ def run_examples(run: Result) -> tuple[Slider, list[Panel]] | None:
     return slider, [_panel(folder, panel) for panel in found.panels]
 
 
-def examples_of(runs: Mapping[str, Result]) -> Examples | None:
+def examples_of(runs: Mapping[tuple[str, str], Result]) -> Examples | None:
     """The slider of the first run with examples, and the panels of the first `MOST_RUNS` of them."""
     slider: Slider | None = None
-    panels: list[tuple[str, tuple[Panel, ...]]] = []
-    for name, run in runs.items():
+    panels: dict[tuple[str, str], list[Panel]] = {}
+    for key, run in runs.items():
         found = run_examples(run) if len(panels) < MOST_RUNS else None
         if found is not None:
             slider = slider or found[0]
-            panels.append((plain(name), tuple(found[1])))
-    return None if slider is None else Examples(slider, tuple(panels))
+            panels[key] = found[1]
+    return None if slider is None else Examples(slider, panels)
 
 
 def gallery_slider(clean: Frame, cells: Iterable[Cell], title: str) -> Slider:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from ..text import plain
 from .board import benchmark_label
 from .content import Content
 from .entries import Entry, Key
+from .examples import Panel
 from .facts import Facts, published_facts, run_facts
 from .heat import heat_class, scale_top
 
@@ -46,7 +47,8 @@ class ModelPage:
         says: sentences.
         tables: heat tables, the first one the most telling.
         facts: what ran.
-        anatomy: error by region, family and slope, of a run.
+        anatomy: error by region and family, of a run.
+        panels: pictures of what a run predicted.
     """
 
     id: str
@@ -56,21 +58,31 @@ class ModelPage:
     tables: tuple[HeatTable, ...]
     facts: Facts
     anatomy: Table | None
+    panels: tuple[Panel, ...] = ()
 
 
-def model_pages(content: Content) -> list[ModelPage]:
-    """A page for each model of each sample set, in the order of the entries."""
+def model_pages(content: Content, panels: Mapping[tuple[str, str], Sequence[Panel]]) -> list[ModelPage]:
+    """A page for each model of each sample set, in the order of the entries.
+
+    Args:
+        content: of which.
+        panels: pictures of predictions, by (sample set, name) of a run.
+    """
     by_page: dict[str, list[Entry]] = {}
     for entry in content.entries:
         by_page.setdefault(entry.page, []).append(entry)
     pages = []
     for page, entries in by_page.items():
-        run = content.runs.get((entries[0].sample_set, entries[0].name))
-        pages.append(_of_results(page, entries, content) if run is None else _of_run(page, entries[0], run))
+        key = (entries[0].sample_set, entries[0].name)
+        run = content.runs.get(key)
+        if run is None:
+            pages.append(_of_results(page, entries, content))
+        else:
+            pages.append(_of_run(page, entries[0], run, tuple(panels.get(key, ()))))
     return pages
 
 
-def _of_run(page: str, entry: Entry, run: Result) -> ModelPage:
+def _of_run(page: str, entry: Entry, run: Result, panels: tuple[Panel, ...]) -> ModelPage:
     return ModelPage(
         id=page,
         name=entry.model,
@@ -79,6 +91,7 @@ def _of_run(page: str, entry: Entry, run: Result) -> ModelPage:
         tables=tuple(_severity_table(entry, run, metric) for metric in _METRICS if (metric, AVERAGE) in entry.texts),
         facts=run_facts(run),
         anatomy=_anatomy(run),
+        panels=panels,
     )
 
 

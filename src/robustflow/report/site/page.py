@@ -34,15 +34,15 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
     >>> render_site(whole_content([])).splitlines()[0]
     '<!doctype html>'
     """
-    boards = boards_of(content.entries, dict(content.group_titles))
+    examples = examples_of(content.runs) or (gallery and Examples(gallery))
     return (
         _environment()
         .get_template("page.html")
         .render(
             content=content,
-            boards=boards,
+            boards=boards_of(content.entries, dict(content.group_titles)),
             headline=headline(content),
-            pages=model_pages(content),
+            pages=model_pages(content, examples.panels if examples else {}),
             figures=page_figures(content),
             examples=examples_of({name: run for (_, name), run in content.runs.items()})
             or (gallery and Examples(gallery)),

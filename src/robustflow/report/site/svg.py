@@ -55,7 +55,7 @@ def inline_svg(
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
         _restyle(element)
-    width = float(root.attrib.pop("width").removesuffix("pt"))
+    px = float(root.attrib.pop("width").removesuffix("pt")) * 96 / 72
     root.attrib.pop("height")
     root.attrib.pop("version", None)
     for name, text in (("desc", description), ("title", title)):
@@ -63,7 +63,9 @@ def inline_svg(
         element.text = text
         root.insert(0, element)
     labels = {"aria-labelledby": f"{prefix}-title", "aria-describedby": f"{prefix}-desc"}
-    root.attrib.update({"class": "chart", "role": "img", "style": f"max-width: {4 * width / 3:.0f}px", **labels})
+    root.attrib.update(
+        {"class": "chart", "role": "img", "style": f"max-width: {px:.0f}px; min-width: {0.6 * px:.0f}px", **labels}
+    )
     return Markup(ElementTree.tostring(root, encoding="unicode"))
 
 
