@@ -44,8 +44,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             headline=headline(content),
             pages=model_pages(content, examples.panels if examples else {}),
             figures=page_figures(content),
-            examples=examples_of({name: run for (_, name), run in content.runs.items()})
-            or (gallery and Examples(gallery)),
+            examples=examples,
             observations=checked_observations(content),
             audits=audits(content),
             data=json_block(download_data(content.entries)),
