@@ -121,6 +121,33 @@ def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[
     return not batches and bool(shapes), (height, width)
 
 
+def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str | None) -> list[int]:
+    """Positions of the inputs in the order in which the frames go into them.
+
+    Args:
+        inputs: names and shapes of what the network takes.
+        names: of its inputs, first frame first, separated by a comma; None for the file's order.
+
+    Raises:
+        UsageError: a name the network does not have.
+        ModelError: inputs that would get nothing.
+
+    >>> chosen_inputs([("next", None), ("previous", None)], "previous, next")
+    [1, 0]
+    """
+    known = [name for name, _ in inputs]
+    wanted = known if names is None else [name.strip() for name in str(names).split(",")]
+    for name in wanted:
+        if name not in known:
+            raise unknown_name("input of the network", name, known)
+    if sorted(wanted) != sorted(known):
+        raise ModelError(
+            f"the network's inputs are {describe_arrays(inputs)}, and only {', '.join(wanted)} would be given; export "
+            "it without the others"
+        )
+    return [known.index(name) for name in wanted]
+
+
 def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Literal["nchw", "nhwc"]:
     """Which axis of an output holds (u, v): told by its shape, channels first where both would fit.
 

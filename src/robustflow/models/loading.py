@@ -35,11 +35,13 @@ for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowform
 MODELS.add("raft_large", "robustflow.models.torchvision:raft_large")
 MODELS.add("raft_small", "robustflow.models.torchvision:raft_small")
 MODELS.add("onnx", "robustflow.models.onnx:OnnxModel")
+for _name in ("torchscript", "torch_export"):
+    MODELS.add(_name, f"robustflow.models.torch_exported:{_name}")
 
 PTLFLOW = "ptlflow:"
 """Before the name of any model of ptlflow."""
 
-EXPORTED = {".onnx": "onnx"}
+EXPORTED = {".onnx": "onnx", ".pt2": "torch_export", ".ts": "torchscript", ".torchscript": "torchscript"}
 """Endings of files that are a model by themselves, and the model that reads them."""
 
 
@@ -49,7 +51,7 @@ def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
     Args:
         name: a registered name (`robustflow list models`), `ptlflow:NAME` for any model of that library,
             `module.path:Attribute` (an object with `predict`, a class or factory that makes one, or a function of two
-            frames), an exported network (a .onnx file), or a folder of flow files.
+            frames), an exported network (a .onnx, .pt2, .ts or .torchscript file), or a folder of flow files.
         options: passed to the model's constructor (`preset="fast"` for `dis`). Every model also takes
             `tile="HEIGHTxWIDTH"`, to predict in tiles (see `tiling.TiledModel`).
 

@@ -15,7 +15,15 @@ import numpy.typing as npt
 
 from ..errors import ModelError, UsageError, unknown_name
 from ..sample import Flow, Frame
-from .exported import Dim, batch_and_size, describe_arrays, exported_convention, flow_layout, infer_layout
+from .exported import (
+    Dim,
+    batch_and_size,
+    chosen_inputs,
+    describe_arrays,
+    exported_convention,
+    flow_layout,
+    infer_layout,
+)
 from .input_convention import InputConvention
 from .model_file import damaged, opened
 from .network import require
@@ -77,7 +85,8 @@ class OnnxModel:
         with opened(path, sha256) as (file, digest):
             beside = external_files(path, file.read())
         self._session = _session(path, self._device, threads)
-        self._inputs = _chosen_inputs(self._session.get_inputs(), inputs)
+        nodes = self._session.get_inputs()
+        self._inputs = [nodes[i] for i in chosen_inputs([(node.name, _shape(node.shape)) for node in nodes], inputs)]
         self._output = _chosen_output(self._session.get_outputs(), output)
         shapes = [(node.name, _shape(node.shape)) for node in self._inputs]
         self._layout = infer_layout(shapes, layout)
@@ -203,20 +212,6 @@ def _parse_device(device: str) -> str:
     if kind not in ("cpu", "cuda") or (number and not (kind == "cuda" and number.isdecimal())):
         raise UsageError(f"'{device}' is no device of onnxruntime: give cpu, cuda or cuda:0")
     return str(device)
-
-
-def _chosen_inputs(nodes: list[Any], names: str | None) -> list[Any]:
-    by_name = {node.name: node for node in nodes}
-    wanted = list(by_name) if names is None else [name.strip() for name in str(names).split(",")]
-    for name in wanted:
-        if name not in by_name:
-            raise unknown_name("input of the network", name, by_name)
-    if len(wanted) != len(nodes):
-        raise ModelError(
-            f"the network's inputs are {describe_arrays([(n.name, _shape(n.shape)) for n in nodes])}, and "
-            f"only {', '.join(wanted)} would be given; export it without the others"
-        )
-    return [by_name[name] for name in wanted]
 
 
 def _chosen_output(nodes: list[Any], name: str | None) -> str:
