@@ -100,7 +100,8 @@ def _border(image: Any, border: int, out: Any) -> None:
     height, columns = image.shape
     for y in range(out.shape[0]):
         source, target = image[min(max(y - border, 0), height - 1)], out[y]
-        target[3 * border : 3 * border + columns] = source
+        for i in range(columns):
+            target[3 * border + i] = source[i]
         for i in range(3 * border):
             target[i] = source[i % 3]
             target[3 * border + columns + i] = source[columns - 3 + i % 3]
@@ -112,7 +113,8 @@ def _slopes(image: Any, near: Any, far: Any, right: Any, down: Any) -> None:
     last = height - 1
     row = np.empty(columns + 12, np.float32)
     for y in range(height):
-        row[6 : 6 + columns] = image[y]
+        for i in range(columns):
+            row[6 + i] = image[y, i]
         for i in range(6):
             row[i] = image[y, i % 3]
             row[6 + columns + i] = image[y, columns - 3 + i % 3]

@@ -151,8 +151,8 @@ def _products(sx: Any, sy: Any) -> tuple[float, float, float]:
 def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) -> tuple[float, float]:
     """Sums of a patch of `image` times `sx` and `sy`: each column by itself, a loop that vectorises, then all."""
     a, b = lanes[0], lanes[1]
-    a[:] = 0
-    b[:] = 0
+    for k in range(a.size):
+        a[k] = b[k] = 0
     for r in range(sx.shape[0]):
         pixels, p, q = image[row + r, column : column + a.size], sx[r], sy[r]
         for k in range(a.size):
@@ -174,8 +174,8 @@ def _mismatch(image1: Any, image2: Any, y: int, x: int, u: float, v: float, patc
     w00, w01 = (np.float32(1) - wy) * (np.float32(1) - wx), (np.float32(1) - wy) * wx
     w10, w11 = wy * (np.float32(1) - wx), wy * wx
     a, b = lanes[0], lanes[1]
-    a[:] = 0
-    b[:] = 0
+    for k in range(a.size):
+        a[k] = b[k] = 0
     for r in range(patch):
         here = image1[y + r, 3 * x : 3 * (x + patch)]
         above, below = image2[y0 + r, 3 * x0 :], image2[y0 + r + 1, 3 * x0 :]
