@@ -15,8 +15,15 @@ from robustflow.cli.main import main
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
+def sections():
+    """The guide 'add your model', before and after the heading of exported networks."""
+    before, heading, after = (DOCS / "add-your-model.md").read_text().partition("## An exported network")
+    assert heading
+    return before, after
+
+
 def test_add_your_model(tmp_path, monkeypatch, capsys):
-    page = (DOCS / "add-your-model.md").read_text()
+    page, _ = sections()
     module, script = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     (command,) = re.findall(r"```\n(robustflow run .*?)\n```", page)
     (tmp_path / "my_model.py").write_text(module)
@@ -33,3 +40,27 @@ def test_add_your_model(tmp_path, monkeypatch, capsys):
 
     exec(compile(script, "add-your-model.md", "exec"), {})
     assert float(capsys.readouterr().out) > -1
+
+
+@pytest.mark.torch
+@pytest.mark.filterwarnings("ignore")  # of the exporters, about what they will do one day
+def test_an_exported_network(tmp_path, monkeypatch, capsys):
+    for library in ("torch", "onnx", "onnxruntime"):
+        pytest.importorskip(library, reason=f"needs {library}")
+    _, section = sections()
+    (script,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    (commands,) = re.findall(r"```\n(robustflow run .*?)\n```", section, re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    namespace = {}
+    exec(compile(script, "add-your-model.md", "exec"), namespace)
+    runs = []
+    for i, command in enumerate(commands.splitlines()):
+        monkeypatch.setattr(sys, "argv", [*shlex.split(command), "--severities", "3", "--output", f"run{i}"])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        assert stop.value.code in (0, None), capsys.readouterr().err
+        runs.append(rf.Result(f"run{i}"))
+    onnx, exported = runs
+    assert [run.manifest["identity"]["model"]["input"]["scale"] for run in runs] == [2 / 255] * 2
+    assert onnx.epe_clean == pytest.approx(exported.epe_clean, abs=1e-4)
+    assert onnx.crer == pytest.approx(exported.crer, abs=1e-4)
