@@ -64,3 +64,16 @@ def test_an_exported_network(tmp_path, monkeypatch, capsys):
     assert [run.manifest["identity"]["model"]["input"]["scale"] for run in runs] == [2 / 255] * 2
     assert onnx.epe_clean == pytest.approx(exported.epe_clean, abs=1e-4)
     assert onnx.crer == pytest.approx(exported.crer, abs=1e-4)
+
+
+def test_records(tmp_path, monkeypatch, capsys):
+    page = (DOCS / "records.md").read_text()
+    monkeypatch.chdir(tmp_path)
+    (commands,) = re.findall(r"```\n(robustflow run .*?)\n```", page, re.DOTALL)
+    for command in commands.splitlines():
+        monkeypatch.setattr(sys, "argv", shlex.split(command))
+        with pytest.raises(SystemExit) as stop:
+            main()
+        assert stop.value.code in (0, None), command
+    assert "0 findings" in capsys.readouterr().out
+    assert rf.load_run("mine.robustflow").summary == rf.Result("mine").summary

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from .errors import RobustFlowError
     from .flowio import read_flow, write_flow
     from .models import load_model
+    from .report.comparison import Comparison, compare
+    from .report.load import load_run
     from .runner.evaluate import evaluate
     from .runner.result import Result
     from .sample import Sample
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "Comparison": "report.comparison",
+    "compare": "report.comparison",
+    "load_run": "report.load",
     "corrupt": "corruptions",
     "corrupt_clip": "corruptions",
     "load_dataset": "datasets",
@@ -35,14 +40,17 @@ _HOMES = {
 }
 
 __all__ = [
+    "Comparison",
     "Result",
     "RobustFlowError",
     "Sample",
+    "compare",
     "corrupt",
     "corrupt_clip",
     "evaluate",
     "load_dataset",
     "load_model",
+    "load_run",
     "read_flow",
     "write_flow",
 ]

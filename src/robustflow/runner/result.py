@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
@@ -17,6 +18,12 @@ from ..metrics.summary import Averaging, Summary
 from ..models.provenance import training_of
 from .plan import Cell
 from .store import RunFolder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..report.comparison import Comparison
+    from ..report.costs import RunCost
 
 
 class Result:
@@ -108,6 +115,35 @@ class Result:
             "run": self.manifest["identity_digest"],
             "setting": self.setting,
         }
+
+    @property
+    def cost(self) -> RunCost | None:
+        """What one prediction of the model costs, where `robustflow profile MODEL --into RUN` counted it."""
+        from ..report.costs import read_cost
+
+        return read_cost(self)
+
+    def compare(self, other: Result, *, level: float = 0.95, resamples: int = 4999, seed: int = 0) -> Comparison:
+        """Whether this run differs from another over the same frames; see `robustflow.compare`."""
+        from ..report.comparison import compare
+
+        return compare(self, other, level=level, resamples=resamples, seed=seed)
+
+    def plot(self, kind: str = "severity", metric: str = "rcre", others: Sequence[Result] = ()) -> Figure:
+        """A figure of this run, and of others beside it; see `robustflow.report.notebook.plot` for the kinds."""
+        from ..report.notebook import plot
+
+        return plot([self, *others], kind, metric)
+
+    def __repr__(self) -> str:
+        from ..report.text import plain
+
+        return f"<Result of {plain(self.name)} on {plain(str(self.manifest['identity']['benchmark']))}, {self.path}>"
+
+    def _repr_html_(self) -> str:
+        from ..report.notebook import result_html
+
+        return result_html(self)
 
     def write_summary(self) -> None:
         """Write `summary.json` and `report.html` into the run's folder."""

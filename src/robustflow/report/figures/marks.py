@@ -36,6 +36,12 @@ class MarkedFigure(Figure):
         super().__init__(*args, **kwargs)
         self.marks: dict[str, tuple[Mark, ...]] = {}
 
+    def _repr_png_(self) -> bytes:
+        """What a notebook shows, whatever backend it uses."""
+        from .canvas import figure_bytes
+
+        return figure_bytes(self, "png")
+
     def mark(self, artist: Artist, marks: Sequence[Mark]) -> None:
         """Say what the points of an artist stand for; one for a bar or a text.
 

@@ -1,0 +1,142 @@
+"""`Comparison`: whether two runs differ, as frames, as a sentence, and as what a notebook shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from ..errors import unknown_name
+from .labels import METRIC_LABELS, UNITS, long_label
+from .render import render
+from .runs import run_names
+from .table import Cell, Column, Line, Section, Table
+from .text import plain
+from .uncertainty import compare as compare_rows
+from .uncertainty.bootstrap import LEVEL, RESAMPLES
+from .uncertainty.sums import AVERAGE, CLEAN, METRICS
+
+if TYPE_CHECKING:
+    from ..runner.result import Result
+
+_COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "high", "p", "p_holm")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison:
+    """Two runs over the same frames, first minus second: below 0 the first is better.
+
+    Attributes:
+        names: of the two runs.
+        frame: everything, columns of `robustflow.report.uncertainty.paired.COMPARISON_SCHEMA`.
+    """
+
+    names: tuple[str, str]
+    frame: pl.DataFrame
+
+    @property
+    def metric(self) -> str:
+        """The metric of the headline: "cre", or "rcre" where there is no ground truth."""
+        return "cre" if "cre" in set(self.frame["metric"]) else "rcre"
+
+    @property
+    def overall(self) -> pl.DataFrame:
+        """Clean EPE and the averages: `metric`, then the columns of `per_corruption`."""
+        of_all = self.frame.filter(pl.col("corruption").is_in([CLEAN, AVERAGE]))
+        return of_all.select("metric", *_COLUMNS)
+
+    def per_corruption(self, metric: str = "") -> pl.DataFrame:
+        """Differences under each corruption, in the paper's order.
+
+        Args:
+            metric: "epe", "cre", "crer" or "rcre"; the headline's by default.
+
+        Returns:
+            Columns corruption, value_first, value_second, difference, low, high (null where there are too few images),
+            p, and p_holm, corrected over all corruptions and the average.
+
+        Raises:
+            UsageError: unknown metric.
+        """
+        metric = metric or self.metric
+        if metric not in METRICS:
+            raise unknown_name("metric", metric, METRICS)
+        lines = self.frame.filter(~pl.col("corruption").is_in([CLEAN, AVERAGE]), metric=metric)
+        return lines.select(_COLUMNS)
+
+    @property
+    def sentence(self) -> str:
+        """What may be said about the average of the headline's metric, or its first corruption where none has one."""
+        of_metric = self.frame.filter(metric=self.metric)
+        average = of_metric.filter(corruption=AVERAGE)
+        said = (average if average.height else of_metric)["sentence"].to_list()
+        return str(said[0]) if said else "Nothing was measured in both runs."
+
+    def table(self) -> Table:
+        """For `robustflow.report.render`: the overall lines, then every corruption in the headline's metric."""
+        first, second = (plain(name) for name in self.names)
+        columns = tuple(map(Column, (first, second, "difference", "interval", "p", "p corrected")))
+        overall = [
+            Line(
+                f"clean {METRIC_LABELS[row['metric']]}"
+                if row["corruption"] == CLEAN
+                else f"{METRIC_LABELS[row['metric']]}",
+                self._cells(row),
+            )
+            for row in self.overall.iter_rows(named=True)
+        ]
+        parts = self.per_corruption().iter_rows(named=True)
+        each = [Line(long_label(row["corruption"]), self._cells(row)) for row in parts]
+        unit = f" ({UNITS[self.metric]})" if UNITS[self.metric] else ""
+        sections = [Section("Overall", tuple(overall))]
+        if each:
+            sections.append(Section(f"{METRIC_LABELS[self.metric]}{unit} per corruption", tuple(each)))
+        return Table("comparison", f"{first} against {second}", columns, tuple(sections), (self.sentence,))
+
+    def _cells(self, row: dict[str, Any]) -> tuple[Cell, ...]:
+        sure = row["p_holm"] is not None and row["p_holm"] < 1 - self.frame["level"][0]
+        return (
+            Cell(f"{row['value_first']:.2f}", sure and row["difference"] < 0),
+            Cell(f"{row['value_second']:.2f}", sure and row["difference"] > 0),
+            Cell(f"{row['difference']:+.2f}"),
+            Cell("-" if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"),
+            *(
+                Cell("-" if row[p] is None else "< 0.001" if row[p] < 0.001 else f"{row[p]:.3f}")
+                for p in ("p", "p_holm")
+            ),
+        )
+
+    def __repr__(self) -> str:
+        return render(self.table(), "terminal").rstrip()
+
+    def _repr_html_(self) -> str:
+        return render(self.table(), "html").replace('<th scope="col">Model</th>', '<th scope="col"></th>', 1)
+
+
+def compare(
+    first: Result, second: Result, *, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0
+) -> Comparison:
+    """Whether two runs over the same frames differ, image by image, with intervals and corrected p-values.
+
+    Args:
+        first, second: the runs; only what both measured is compared.
+        level: of the intervals.
+        resamples, seed: of the bootstrap. The same seed gives the same numbers.
+
+    Raises:
+        RunError: nothing in common, or other frames under the same names.
+        UsageError: a level or number of resamples that cannot be meant.
+
+    >>> import tempfile, numpy as np
+    >>> from robustflow import compare, evaluate
+    >>> options = {"corruptions": ["contrast"], "severities": [1]}
+    >>> with tempfile.TemporaryDirectory() as a, tempfile.TemporaryDirectory() as b:
+    ...     runs = [evaluate("dis", "demo", output=folder, **options) for folder in (a, b)]
+    ...     compare(*runs).per_corruption("epe")["difference"].to_list()
+    [0.0]
+    """
+    first_name, second_name = run_names([first, second])
+    names = (first_name, second_name)
+    frame = compare_rows(first.rows, second.rows, names, level=level, resamples=resamples, seed=seed)
+    return Comparison(names, frame)

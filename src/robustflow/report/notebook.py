@@ -1,0 +1,90 @@
+"""What a notebook shows of a run: a small table and a figure, and the figures by name."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from ..errors import UsageError, unknown_name
+from .labels import BENCHMARK_LABELS, FAMILY_LABELS, METRIC_LABELS, UNITS
+from .render import render
+from .runs import note_of, run_names, run_results, sample_set, setting_of
+from .table import Cell, Column, Line, Section, Table, number_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..metrics.summary import Scores
+    from ..runner.result import Result
+
+
+def result_html(run: Result) -> str:
+    """Means by class of corruption, with the figure of CREr where there is ground truth. Every text is escaped, and the
+    figure is part of it: nothing is loaded from elsewhere."""
+    from .figures import figure_bytes
+
+    fragment = render(result_table(run), "html").replace('<th scope="col">Model</th>', '<th scope="col"></th>', 1)
+    try:
+        figure = plot([run], "classes")
+    except UsageError:
+        return fragment  # without ground truth there is no CREr
+    picture = b64encode(figure_bytes(figure, "png")).decode()
+    about = 'alt="CREr by class of corruption" style="max-width: 32em"'
+    return f'{fragment}<img {about} src="data:image/png;base64,{picture}">'
+
+
+def result_table(run: Result) -> Table:
+    """The means of a run, overall and by class of corruption."""
+    summary = run.summary
+    shown = [metric for metric in METRIC_LABELS if getattr(summary, metric) is not None]
+    columns = [Column(f"{METRIC_LABELS[m]} {f'({UNITS[m]})' if UNITS[m] else ''}".strip()) for m in shown]
+    lines = [_line("all", summary, shown)]
+    lines += [_line(FAMILY_LABELS[name], scores, shown) for name, scores in summary.families.items()]
+    benchmark = str(run.manifest["identity"]["benchmark"])
+    remarks = [f"clean EPE {summary.epe_clean:.2f} px"] if summary.epe_clean is not None else []
+    remarks += [note] if (note := note_of(run)) else []
+    title = f"{run.name} ({setting_of(run)}) on {BENCHMARK_LABELS.get(benchmark, benchmark)}"
+    return Table("result", title, tuple(columns), (Section("Means", tuple(lines)),), tuple(remarks))
+
+
+def plot(runs: Sequence[Result], kind: str = "severity", metric: str = "rcre") -> Figure:
+    """A figure of runs.
+
+    Args:
+        runs: one or more, over the same frames unless `kind` is "severity".
+        kind: "severity" (a metric against severity, a panel per corruption), "classes" (CREr by class of corruption),
+            "accuracy" (clean EPE against CRE), or "relations" (clean EPE, EPE, CRE and RCRE against each other).
+        metric: of "severity": "epe", "cre", "crer" or "rcre".
+
+    Returns:
+        A matplotlib `Figure`, which a notebook shows and `savefig` writes.
+
+    Raises:
+        UsageError: an unknown kind or metric, runs over other frames, or nothing to draw.
+    """
+    from . import figures
+    from .uncertainty.sums import METRICS
+
+    of_results: dict[str, Callable[..., Figure]] = {
+        "classes": figures.crer_by_family,
+        "accuracy": figures.clean_against_cre,
+        "relations": figures.relations,
+    }
+    if kind not in ("severity", *of_results):
+        raise unknown_name("plot", kind, ("severity", *of_results))
+    if metric not in METRICS:
+        raise unknown_name("metric", metric, METRICS)
+    names = run_names(runs)
+    if kind == "severity":
+        return figures.severity_curves({name: run.rows for name, run in zip(names, runs, strict=True)}, metric)
+    if len({sample_set(run) for run in runs}) > 1:
+        raise UsageError(
+            "these runs were measured on different frames and cannot be drawn together: plot each by itself"
+        )
+    results = run_results(runs)
+    return figures.crer_by_family(results, tuple(names)) if kind == "classes" else of_results[kind](results)
+
+
+def _line(label: str, scores: Scores, shown: Sequence[str]) -> Line:
+    return Line(label, tuple(Cell(number_text(getattr(scores, metric), None)) for metric in shown))

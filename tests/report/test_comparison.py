@@ -1,0 +1,110 @@
+"""`Result.compare`: the numbers of the paired test, their signs, and what a person is shown."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.errors import RunError, UsageError
+from robustflow.report.comparison import Comparison
+from robustflow.report.uncertainty import compare as compare_rows
+from robustflow.runner.evaluate import evaluate
+
+from .simulated import rows_of
+
+_RNG = np.random.default_rng(0)
+_HARD = _RNG.gamma(4, 0.25, 40)
+
+
+def _rows(factor: float):
+    """Forty images; errors at the settings are `factor` times those of another model."""
+    corrupted = factor * np.array([3.0, 5.0, 10.0]) * _HARD[:, None] * _RNG.gamma(50, 1 / 50, (40, 3))
+    return rows_of(2 * _HARD, corrupted, corrupted)
+
+
+_BETTER, _WORSE = _rows(0.5), _rows(1.0)
+_FOUND = Comparison(("a<b>", "b\x1b[31m"), compare_rows(_BETTER, _WORSE, ("a<b>", "b\x1b[31m"), resamples=499))
+
+
+def test_frames_of_differences():
+    overall = {(row["metric"], row["corruption"]): row for row in _FOUND.overall.iter_rows(named=True)}
+    assert list(overall) == [("epe", "clean"), *((m, "average") for m in ("epe", "cre", "crer", "rcre"))]
+    each = _FOUND.per_corruption("epe")
+    assert each["corruption"].to_list() == ["fog", "snow"]
+    for corruption in ("fog", "snow"):
+        expected = [
+            np.mean([r["epe_sum"] / r["n_valid"] for r in rows.iter_rows(named=True) if r["corruption"] == corruption])
+            for rows in (_BETTER, _WORSE)
+        ]
+        row = each.filter(corruption=corruption).row(0, named=True)
+        assert row["value_first"] == pytest.approx(expected[0])
+        assert row["difference"] == pytest.approx(expected[0] - expected[1])
+        assert row["low"] < row["difference"] < row["high"] < 0
+        assert row["p"] <= row["p_holm"] <= 1
+    assert overall["epe", "clean"]["difference"] == 0
+
+
+def test_the_sentence_and_the_table_say_who_is_better():
+    assert _FOUND.metric == "cre"
+    assert "is lower than" in _FOUND.sentence
+    assert _FOUND.sentence.endswith("a<b> is better.")
+    shown = repr(_FOUND)
+    assert "\x1b" not in shown
+    assert "CRE (px) per corruption" in shown
+    html = _FOUND._repr_html_()
+    assert "<b>" in html  # the better value
+    assert "a&lt;b&gt;" in html
+    assert "a<b>" not in html
+    assert "\x1b" not in html
+
+
+def test_marks_follow_the_level():
+    """499 resamples cannot tell at the level 0.999, so nothing is claimed or marked there."""
+    for level, expected in ((0.95, True), (0.999, False)):
+        found = Comparison(("a", "b"), compare_rows(_BETTER, _WORSE, ("a", "b"), level=level, resamples=499))
+        cells = [cell for section in found.table().sections for line in section.lines for cell in line.cells]
+        assert any(cell.best for cell in cells) == expected
+        assert ("is better" in found.sentence) == expected
+
+
+def test_unknown_metric():
+    with pytest.raises(UsageError, match="did you mean 'rcre'"):
+        _FOUND.per_corruption("rcree")
+
+
+def test_without_ground_truth_and_without_an_average(tmp_path):
+    rng = np.random.default_rng(1)
+    for index in range(3):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), rng.integers(0, 255, (32, 40, 3), np.uint8))
+    runs = [
+        evaluate(model, "folder", tmp_path, tmp_path / model, corruptions=["elastic_transform"], severities=[1])
+        for model in ("dis", "farneback")
+    ]
+    found = runs[0].compare(runs[1])
+    assert found.metric == "rcre"
+    assert found.overall.is_empty()
+    assert "Elastic transform RCRE" in found.sentence
+    assert "Elastic transform" in repr(found)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    options = {"corruptions": ["contrast", "fog"], "severities": [1, 5]}
+    return [evaluate(model, "demo", output=folder / model, **options) for model in ("dis", "farneback")]
+
+
+def test_of_runs(runs, tmp_path):
+    first, second = runs
+    found = rf.compare(first, second, resamples=99)
+    assert found.names == ("dis", "farneback")
+    assert found.frame.equals(first.compare(second, resamples=99).frame)
+    assert found.frame["difference"].to_list() == [
+        -d for d in rf.compare(second, first, resamples=99).frame["difference"]
+    ]
+    assert "too few" in found.sentence
+    other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1], seed=5)
+    with pytest.raises(RunError, match="other frames"):
+        first.compare(other)

@@ -1,0 +1,117 @@
+"""What a notebook shows of a run: nothing in it can run, and the figures are those of the run."""
+
+from __future__ import annotations
+
+import io
+import re
+from base64 import b64decode
+from html.parser import HTMLParser
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from PIL import Image
+
+from robustflow.errors import UsageError
+from robustflow.report.notebook import result_table
+from robustflow.runner.evaluate import evaluate
+
+
+class Hostile:
+    """A model whose name is markup, a formula and an escape sequence."""
+
+    def identity(self):
+        return {"name": "<img src=x onerror=alert(1)>$x_$\x1b[31m"}
+
+    def predict(self, frame1, frame2):
+        flow = np.zeros((*frame1.shape[:2], 2), np.float32)
+        flow[..., 0] = -float(frame1.std())
+        return flow
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    options = {"corruptions": ["contrast", "fog"], "severities": [1, 5]}
+    return [evaluate(m, "demo", output=folder / str(i), **options) for i, m in enumerate(("dis", Hostile()))]
+
+
+class Elements(HTMLParser):
+    """Every element with its attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs)))
+
+
+def test_a_table_and_a_figure(runs):
+    html = runs[0]._repr_html_()
+    elements = Elements(html).found
+    (picture,) = [attributes for tag, attributes in elements if tag == "img"]
+    kind, _, data = picture["src"].partition(",")
+    assert kind == "data:image/png;base64"
+    assert Image.open(io.BytesIO(b64decode(data))).format == "PNG"
+    cells = {line.label: [cell.text for cell in line.cells] for line in result_table(runs[0]).sections[0].lines}
+    summary = runs[0].summary
+    assert cells["all"] == [f"{v:.2f}" for v in (summary.epe, summary.cre, summary.rcre, summary.crer)]
+    assert cells["Weather"][2] == f"{summary.corruptions['fog'].rcre:.2f}"
+    assert all(f">{text}<" in html for text in cells["all"])
+
+
+def test_a_hostile_name_stays_text(runs):
+    html = runs[1]._repr_html_()
+    elements = Elements(html).found
+    assert {tag for tag, _ in elements} <= {
+        *("figure", "figcaption", "table", "thead", "tbody", "tr", "th", "td", "b", "p", "sup", "img")
+    }
+    assert not [name for _, attributes in elements for name in attributes if name.startswith("on")]
+    assert "&lt;img src=x onerror=alert(1)&gt;" in html
+    assert "\x1b" not in html + repr(runs[1])
+    assert re.fullmatch("<Result of .*>", repr(runs[1]))
+    for kind in ("severity", "classes", "accuracy", "relations"):
+        runs[1].plot(kind, others=runs[:1])._repr_png_()
+
+
+@pytest.mark.parametrize("kind", ["severity", "classes", "accuracy", "relations"])
+def test_plots(runs, kind):
+    figure = runs[0].plot(kind)
+    assert isinstance(figure, Figure)
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    beside = runs[0].plot(kind, others=[runs[1]])
+    assert beside._repr_png_() != figure._repr_png_()
+
+
+def test_the_lines_of_a_plot_are_the_means(runs):
+    figure = runs[0].plot("severity", "epe")
+    lines = {panel.get_title(): panel.lines[0].get_ydata() for panel in figure.axes}
+    by_severity = runs[0].summary.corruptions["fog"].by_severity["epe"]
+    np.testing.assert_allclose(lines["Fog"], by_severity, rtol=1e-12)
+
+
+def test_plots_that_cannot_be(runs, tmp_path):
+    with pytest.raises(UsageError, match="did you mean 'severity'"):
+        runs[0].plot("severities")
+    with pytest.raises(UsageError, match="unknown metric"):
+        runs[0].plot("severity", "speed")
+    other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1])
+    with pytest.raises(UsageError, match="different frames"):
+        runs[0].plot("classes", others=[other])
+
+
+def test_without_ground_truth(tmp_path):
+    rng = np.random.default_rng(0)
+    for index in range(2):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), rng.integers(0, 255, (32, 40, 3), np.uint8))
+    run = evaluate("dis", "folder", tmp_path, tmp_path / "run", corruptions=["fog"], severities=[1])
+    html = run._repr_html_()
+    assert "RCRE (px)" in html
+    assert "<img" not in html
+    assert run.plot("severity")._repr_png_()
+    with pytest.raises(UsageError, match="no CREr"):
+        run.plot("classes")
+    assert run.cost is None
