@@ -20,7 +20,7 @@ class DisRgb:
     """Kroeger, Timofte, Dai, Van Gool: "Fast Optical Flow using Dense Inverse Search" (ECCV 2016), on colours.
 
     From coarse to fine: patches search along their slopes, their displacements become a dense flow, that is refined.
-    Written from the paper. What the paper leaves open is chosen by error on real pairs (docs/dis-rgb.md).
+    Written from the paper; where it gives no detail, chosen by error on real pairs (docs/dis-rgb.md).
 
     The first pair of an installation takes some seconds more, in which the loops are compiled; they are kept on disk.
 
