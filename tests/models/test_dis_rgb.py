@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import platform
+import subprocess
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -144,6 +149,31 @@ def test_operating_points_are_told_apart():
     assert default["operating_point"] == 2
     assert default == load_model("dis_rgb", operating_point=2).identity()
     assert len({str(load_model("dis_rgb", operating_point=p).identity()) for p in OPERATING_POINTS}) == 4
+
+
+BYTES = """
+import hashlib
+import numpy as np
+from robustflow import load_model
+from robustflow.datasets.motorcycle import Motorcycle
+
+frames = [frame[100:221, 200:387] for frame in Motorcycle().load("motorcycle").frames]
+for point in (1, 2, 3, 4):
+    print(hashlib.sha256(load_model("dis_rgb", operating_point=point).predict(*frames).tobytes()).hexdigest())
+"""
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="the oldest instructions of x86-64")
+def test_oldest_instructions_give_the_same_bytes(tmp_path):
+    oldest = {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)}
+    here, there = (
+        subprocess.run(
+            [sys.executable, "-c", BYTES], env=os.environ | more, capture_output=True, text=True, check=True
+        ).stdout.split()
+        for more in ({}, oldest)
+    )
+    assert len(set(here)) == 4
+    assert there == here
 
 
 def opencv_at(point):
