@@ -112,9 +112,7 @@ def write_image(path: str | Path, image: Frame) -> None:
         raise DataError(f"{path}: pictures are written as PNG, without loss; give a name that ends in .png")
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         raise DataError(f"{path}: cannot write {image.dtype} {image.shape}; give RGB uint8 (H, W, 3)")
-    buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG", compress_level=3)
-    atomic.write_bytes(path, buffer.getvalue())
+    atomic.write_bytes(path, png_bytes(image))
 
 
 def shrunk(image: Frame, widest: int) -> Frame:
@@ -130,8 +128,15 @@ def shrunk(image: Frame, widest: int) -> Frame:
     return np.asarray(Image.fromarray(np.ascontiguousarray(image)).resize(size, Image.Resampling.BOX))
 
 
+def png_bytes(image: Frame) -> bytes:
+    """RGB uint8 (H, W, 3) as a PNG, without loss."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG", compress_level=3)
+    return buffer.getvalue()
+
+
 def jpeg_bytes(image: Frame, quality: int = 80) -> bytes:
-    """RGB uint8 (H, W, 3) as a JPEG to be looked at, not measured."""
+    """RGB uint8 (H, W, 3) as a JPEG, to be looked at, not measured: noise and fine colour are lost."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=quality)
     return buffer.getvalue()

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Sequence
 
 from ..errors import ModelError, unknown_name
 from ..models import MODELS, FlowModel, ModelSpec
 from ..models.catalog import is_installed, methods
-
-_NOT_BY_FRAMES = ("precomputed",)
-"""Models that are asked by a sample's name, which new frames do not have."""
 
 
 class Models:
@@ -23,8 +21,9 @@ class Models:
 
     def __init__(self, given: Sequence[ModelSpec]) -> None:
         known = methods()
-        here = [name for name in MODELS.names() if name not in _NOT_BY_FRAMES]
-        here = [name for name in here if name not in known or is_installed(known[name])]
+        here = [
+            name for name in MODELS.names() if (is_installed(known[name]) if name in known else _needs_nothing(name))
+        ]
         here.sort(key=lambda name: (name not in ("dis", "farneback"), name))  # those that need no weights
         self._specs = {spec.name: spec for spec in given} | {
             name: ModelSpec(name) for name in here if name not in {spec.name for spec in given}
@@ -60,3 +59,10 @@ class Models:
                 raise ModelError(f"model '{name}' does not predict from two frames; choose another")
             self._loaded = (name, model)
         return self._loaded[1]
+
+
+def _needs_nothing(name: str) -> bool:
+    """Whether a model can be loaded without an option, as one of flows or weights in files cannot."""
+    parameters = inspect.signature(MODELS.get(name)).parameters.values()
+    optional = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    return all(one.default is not one.empty or one.kind in optional for one in parameters)

@@ -69,6 +69,15 @@ class Desk:
             self._waiting.append(job)
             self._change.notify()
 
+    def close(self) -> None:
+        """Let every job's owner go; a prediction that is being made is left to itself."""
+        with self._change:
+            for job in (*self._waiting, self._current):
+                if job is not None:
+                    job.outdated.set()
+                    _let_go(job)
+            self._waiting.clear()
+
     def _work(self) -> None:
         while True:
             with self._change:

@@ -15,7 +15,7 @@ from ..corruptions import corrupt
 from ..corruptions.stack import levels_of
 from ..errors import UsageError
 from ..flowio.colour import flow_colours, flow_radius
-from ..imageio import jpeg_bytes, shrunk
+from ..imageio import png_bytes, shrunk
 from ..metrics.epe import epe_map
 from ..metrics.regions import Regions
 from ..metrics.robustness import crer
@@ -31,7 +31,6 @@ from .pairs import Shelf
 WIDEST = 1280
 """Pixels a picture is wide at most; numbers come from all pixels."""
 
-_QUALITY = 90
 _CLEAN_KEPT = 4
 
 Stage = Callable[[str], None]
@@ -172,5 +171,5 @@ def _pictures(
 
 
 def data_uri(picture: Frame) -> str:
-    """A picture inside an address."""
-    return "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(shrunk(picture, WIDEST), _QUALITY)).decode()
+    """A picture inside an address; without loss, for noise is what some of them show."""
+    return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(picture, WIDEST))).decode()

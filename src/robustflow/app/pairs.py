@@ -50,11 +50,11 @@ class OnePair:
 
 
 class Clip:
-    """The pairs of adjacent frames of a video; its folder goes with it."""
+    """The pairs of adjacent frames of the video at `path`, for which `folder` was made; it goes with them."""
 
-    def __init__(self, name: str, path: Path) -> None:
+    def __init__(self, name: str, path: Path, folder: Path) -> None:
         self.name = name
-        self._folder = path.parent
+        self._folder = folder
         self._video = Video(path)
         self.pairs = len(self._video.keys())
 

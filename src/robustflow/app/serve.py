@@ -7,12 +7,14 @@ import socket
 import threading
 import webbrowser
 from collections.abc import Callable, Sequence
+from types import FrameType
 
 import uvicorn
 
 from ..errors import UsageError
 from ..models import ModelSpec
 from .choices import Models
+from .desk import Desk
 from .guard import Guard
 from .pairs import Shelf
 from .server import build
@@ -49,8 +51,8 @@ def serve(
     token = secrets.token_urlsafe(24)
     shown = f"[{host}]" if host and ":" in host else host or LOOPBACK
     address = f"http://{LOOPBACK if shown in ('0.0.0.0', '[::]') else shown}:{number}/?token={token}"
-    shelf = Shelf()
-    guarded = Guard(build(Models(given), shelf), token, number, others)
+    shelf, desk = Shelf(), Desk()
+    guarded = Guard(build(Models(given), shelf, desk), token, number, others)
     config = uvicorn.Config(
         guarded,
         log_level="error",
@@ -66,12 +68,25 @@ def serve(
     if browser:
         threading.Timer(0.5, webbrowser.open, (address,)).start()
     try:
-        uvicorn.Server(config).run(sockets=[listening])
+        _Server(config, desk).run(sockets=[listening])
     except KeyboardInterrupt:
         pass  # how this server is meant to end
     finally:
         listening.close()
         shelf.close()
+
+
+class _Server(uvicorn.Server):
+    """A server that does not wait for a prediction when it is told to end."""
+
+    def __init__(self, config: uvicorn.Config, desk: Desk) -> None:
+        super().__init__(config)
+        self._desk = desk
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """See uvicorn."""
+        self._desk.close()
+        super().handle_exit(sig, frame)
 
 
 def _listen(host: str, port: int | None) -> socket.socket:

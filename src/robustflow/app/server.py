@@ -34,9 +34,9 @@ _FILES = {"/": ("app.html", "text/html"), "/app.css": ("app.css", "text/css"), "
 _END = ("result", "error", "outdated")
 
 
-def build(models: Models, shelf: Shelf) -> Starlette:
+def build(models: Models, shelf: Shelf, desk: Desk) -> Starlette:
     """The app without its guard."""
-    desk, looker = Desk(), Looker(shelf, models)
+    looker = Looker(shelf, models)
 
     async def choices(request: Request) -> Response:
         return JSONResponse(_choices(models, shelf))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from tempfile import mkdtemp
@@ -72,7 +73,7 @@ def source_of(form: FormData) -> PairSource:
         if {"frame1", "frame2"} <= set(files) <= {"frame1", "frame2", "truth"}:
             return _pair(files, folder)
     except RobustFlowError as error:
-        raise type(error)(str(error).replace(f"{folder}/", "").replace("_frames/", "")) from error
+        raise type(error)(re.sub(rf"{re.escape(str(folder))}/(?:\w+/)?", "", str(error))) from error
     finally:
         if not kept:
             shutil.rmtree(folder, ignore_errors=True)
@@ -81,8 +82,8 @@ def source_of(form: FormData) -> PairSource:
 
 def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     paths = []
-    for index, field in enumerate(("frame1", "frame2")):
-        path = _saved(files[field], folder / f"{index}_frames", IMAGE_SUFFIXES, "a picture")
+    for field in ("frame1", "frame2"):
+        path = _saved(files[field], folder / field, IMAGE_SUFFIXES, "a picture")
         height, width = image_size(path)
         if height * width > MAX_PIXELS:
             raise DataError(f"{path}: {width}x{height} is more than {MAX_PIXELS / 1e6:.1f} megapixels; scale it down")
@@ -91,7 +92,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     name = f"{paths[0].name}, {paths[1].name}"
     if "truth" not in files:
         return OnePair(name, Sample(paths[0].stem, frames))
-    truth = _saved(files["truth"], folder / "2_frames", TRUTH_SUFFIXES, "ground truth")
+    truth = _saved(files["truth"], folder / "truth", TRUTH_SUFFIXES, "ground truth")
     flow, valid = read_flow(truth)
     if not valid.any():
         raise DataError(f"{truth}: no pixel with known flow, so there is nothing to measure against")
@@ -99,7 +100,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
 
 
 def _clip(file: UploadFile, folder: Path) -> Clip:
-    path = _saved(file, folder, VIDEO_SUFFIXES, "a video")
+    path = _saved(file, folder / "clip", VIDEO_SUFFIXES, "a video")
     try:
         with av.open(str(path)) as container:
             pixels = max((s.codec_context.width * s.codec_context.height for s in container.streams.video), default=0)
@@ -109,7 +110,7 @@ def _clip(file: UploadFile, folder: Path) -> Clip:
     if pixels > MAX_PIXELS or frames > MAX_CLIP_FRAMES:
         most = f"{MAX_CLIP_FRAMES} frames of {MAX_PIXELS / 1e6:.1f} megapixels"
         raise DataError(f"{path}: clips of up to {most} are taken; cut it short, or scale it down")
-    return Clip(path.name, path)
+    return Clip(path.name, path, folder)
 
 
 def _saved(file: UploadFile, folder: Path, suffixes: tuple[str, ...], what: str) -> Path:

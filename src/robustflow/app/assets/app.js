@@ -89,6 +89,7 @@ function use(found) {
   $("pair").value = 1;
   $("pair-number").textContent = "1";
   $("pair-field").hidden = found.pairs < 2;
+  $("use-demo").hidden = found.source === choices.demo.source;
   later(0);
 }
 
@@ -108,6 +109,7 @@ async function look(request, signal, onStage) {
   if (!response.ok) return answer(response);
   const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
   let text = "";
+  let result = null;
   for (;;) {
     const { done, value } = await reader.read();
     text += value || "";
@@ -117,8 +119,9 @@ async function look(request, signal, onStage) {
       if (message.stage) onStage(STAGES[message.stage] || message.stage);
       if (message.error) throw new Error(message.error);
       if (message.outdated) throw new DOMException("outdated", "AbortError");
-      if (message.result) return message.result;
+      if (message.result) result = message.result;
     }
+    if (done && result) return result;
     if (done) throw new Error("the server stopped in the middle; is it still running?");
   }
 }
@@ -195,6 +198,18 @@ function showNumbers(result) {
   $("radius").textContent = `${result.radius.toPrecision(3)} px`;
 }
 
+function picture(name) {
+  const box = element("figure", "", { "data-name": name });
+  const enlarge = element("button", "", { type: "button", "aria-pressed": "false", title: "Larger or smaller" });
+  enlarge.append(element("img"));
+  enlarge.addEventListener("click", () => {
+    enlarge.setAttribute("aria-pressed", String(box.classList.toggle("wide")));
+    box.scrollIntoView({ block: "nearest" });
+  });
+  box.append(enlarge, element("figcaption"));
+  return box;
+}
+
 function showPictures(result) {
   const error = result.truth ? "End-point error of the corrupted flow (grey: unknown)" : "Difference of the two flows";
   const captions = {
@@ -208,12 +223,11 @@ function showPictures(result) {
   for (const [name, caption] of Object.entries(captions)) {
     const address = result.pictures[name];
     if (!address) { if (keep[name]) figures.push(keep[name]); continue; }
-    const box = before[name] || element("figure", "", { "data-name": name });
-    const image = box.querySelector("img") || element("img");
+    const box = before[name] || picture(name);
+    const image = box.querySelector("img");
     [image.width, image.height] = result.size;
     image.alt = caption;
     image.src = address;
-    if (!box.firstChild) box.append(image, element("figcaption"));
     box.querySelector("figcaption").textContent = caption;
     figures.push(box);
   }
@@ -259,7 +273,7 @@ function listen() {
   for (const id of ["model", "seed"]) $(id).addEventListener("input", () => later());
   $("pair").addEventListener("input", () => { $("pair-number").textContent = $("pair").value; later(); });
   $("add").addEventListener("click", () => { addLayer("jpeg_compression", 3).querySelector("select").focus(); later(); });
-  $("use-demo").addEventListener("click", () => use(choices.demo));
+  $("use-demo").addEventListener("click", () => { $("drop").querySelector("summary").focus(); use(choices.demo); });
   $("use-frames").addEventListener("click", chosenFrames);
   $("clip").addEventListener("change", () => { if ($("clip").files[0]) upload({ clip: $("clip").files[0] }); });
   $("sweep").addEventListener("click", () => { clearTimeout(timer); whole(sweep); });

@@ -1,0 +1,24 @@
+"""One app for the tests of a module."""
+
+from __future__ import annotations
+
+import pytest
+
+from .launch import running_app
+
+pytest.importorskip("starlette", reason="the app extra is not installed")
+pytest.importorskip("uvicorn", reason="the app extra is not installed")
+
+
+@pytest.fixture(scope="module")
+def app(tmp_path_factory):
+    """A running app that offers a slow model first."""
+    with running_app(tmp_path_factory.mktemp("app"), "--model", "models_for_app:Slow") as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def failing_app(tmp_path_factory):
+    """A running app whose model raises."""
+    with running_app(tmp_path_factory.mktemp("failing"), "--model", "models_for_app:Fails") as running:
+        yield running

@@ -1,0 +1,122 @@
+"""The app as a process of its own, and a client that speaks to it over a real socket."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+_MAIN = "from robustflow.cli.main import main; main()"
+
+MODELS = """
+import time
+import numpy as np
+
+class Slow:
+    def predict(self, frame1, frame2):
+        time.sleep(0.8)
+        return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+class Fails:
+    def predict(self, frame1, frame2):
+        raise ValueError("<b>no</b> weights\\nat all")
+"""
+
+
+@dataclass
+class App:
+    """A running app.
+
+    Attributes:
+        process: of the app.
+        host: "127.0.0.1:PORT".
+        address: what the app printed, with the token.
+    """
+
+    process: subprocess.Popen[str]
+    host: str
+    address: str
+
+    @property
+    def token(self) -> str:
+        return self.address.partition("token=")[2]
+
+    @property
+    def cookie(self) -> str:
+        return f"robustflow-{self.host.rpartition(':')[2]}={self.token}"
+
+    def ask(self, method: str, path: str, body: bytes | str | None = None, **headers: str) -> tuple[int, bytes, Any]:
+        """Status, body and headers; a header named here as `content_type=` replaces the usual one, "" leaves it out."""
+        own = {"Cookie": self.cookie, "Host": self.host, "Origin": f"http://{self.host}"}
+        own |= {name.replace("_", "-").title(): value for name, value in headers.items()}
+        connection = http.client.HTTPConnection(self.host, timeout=60)
+        try:
+            connection.putrequest(method, path, skip_host=True)
+            data = body.encode() if isinstance(body, str) else body
+            for name, value in own.items():
+                if value:
+                    connection.putheader(name, value)
+            if data is not None and "Content-Length" not in own:
+                connection.putheader("Content-Length", str(len(data)))
+            connection.endheaders(data)
+            response = connection.getresponse()
+            return response.status, response.read(), response.headers
+        finally:
+            connection.close()
+
+    def look(self, **changed: Any) -> tuple[int, list[dict[str, Any]]]:
+        """Status and messages of a look at the demo pair under fog 3."""
+        wish = {"page": uuid4().hex, "source": "demo", "index": 0, "model": "dis", "seed": 0}
+        wish |= {"layers": [{"name": "fog", "severity": 3}]} | changed
+        status, body, _ = self.ask("POST", "/look", json.dumps(wish))
+        return status, [json.loads(line) for line in body.splitlines()]
+
+    def upload(self, **files: tuple[str, bytes]) -> tuple[int, dict[str, Any]]:
+        """Status and answer of an upload of field=(file name, contents)."""
+        edge = uuid4().hex
+        parts = [
+            f'--{edge}\r\nContent-Disposition: form-data; name="{field}"; filename="{name}"\r\n\r\n'.encode()
+            + data
+            + b"\r\n"
+            for field, (name, data) in files.items()
+        ]
+        body = b"".join(parts) + f"--{edge}--\r\n".encode()
+        status, answer, _ = self.ask("POST", "/upload", body, content_type=f"multipart/form-data; boundary={edge}")
+        return status, json.loads(answer)
+
+
+@contextmanager
+def running_app(folder: Path, *arguments: str) -> Iterator[App]:
+    """Start the app in `folder`, where the models of `MODELS` are importable; it is interrupted at the end."""
+    (folder / "models_for_app.py").write_text(MODELS)
+    process = subprocess.Popen(
+        [sys.executable, "-c", _MAIN, "app", "--no-browser", "--port", "0", *arguments],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        found = re.search(r"(http://([^/]+)/\?token=\S+)", line)
+        assert found, f"{line!r} {process.communicate(timeout=30)}"
+        yield App(process, found[2], found[1])
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            raise

@@ -1,0 +1,154 @@
+"""Uploads: read like files of the command line, limited, and never trusted."""
+
+from __future__ import annotations
+
+import http.client
+import io
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import robustflow as rf
+from robustflow.app.pairs import KEPT
+from robustflow.app.uploads import MAX_BYTES
+from robustflow.flowio.flo import flo_bytes
+
+from ..video import clips
+from .test_look import _direct
+
+RNG = np.random.default_rng(0)
+FRAME = np.repeat(np.repeat(RNG.integers(0, 255, (32, 48, 3)), 3, 0), 3, 1).astype(np.uint8)
+OTHER = np.roll(FRAME, 2, axis=1)
+
+
+def _png(frame: np.ndarray) -> bytes:
+    out = io.BytesIO()
+    Image.fromarray(frame).save(out, "PNG")
+    return out.getvalue()
+
+
+def _flo(height: int, width: int, known: bool) -> bytes:
+    return flo_bytes(np.zeros((height, width, 2), np.float32), np.full((height, width), known))
+
+
+def _pair(**more) -> dict[str, tuple[str, bytes]]:
+    return {"frame1": ("a.png", _png(FRAME)), "frame2": ("b.png", _png(OTHER)), **more}
+
+
+@pytest.mark.parametrize("with_truth", [False, True])
+def test_numbers_of_an_uploaded_pair_are_those_of_the_library(app, with_truth):
+    flow = np.tile(np.array([2, 0], np.float32), (*FRAME.shape[:2], 1))
+    valid = np.ones(FRAME.shape[:2], bool)
+    valid[:, :2] = False
+    truth = {"truth": ("gt.flo", flo_bytes(flow, valid))} if with_truth else {}
+    status, found = app.upload(**_pair(**truth))
+    assert (status, found["name"], found["pairs"]) == (200, "a.png, b.png", 1)
+    layers = [{"name": "impulse_noise", "severity": 3}]
+    result = app.look(source=found["source"], layers=layers)[1][-1]["result"]
+    flow[~valid] = 0
+    expected = _direct((FRAME, OTHER), (flow, valid) if with_truth else None, "impulse_noise", 3, 0, "a")
+    assert result["numbers"] == {name: pytest.approx(value) for name, value in expected.items()}
+    assert result["truth"] is with_truth
+
+
+def test_every_pair_of_a_clip(app, tmp_path):
+    path = clips.clip(tmp_path / "drive.mp4", 6).path
+    status, found = app.upload(clip=("drive.mp4", path.read_bytes()))
+    assert (status, found["pairs"]) == (200, 5)
+    video = rf.load_dataset("folder", path)
+    for index in (4, 0):
+        sample = video.load(video.keys()[index])
+        result = app.look(source=found["source"], index=index)[1][-1]["result"]
+        expected = _direct(sample.frames, None, "fog", 3, 0, sample.key)
+        assert result["numbers"]["rcre"] == pytest.approx(expected["rcre"])
+    assert "does not exist: it has 5" in app.look(source=found["source"], index=5)[1][-1]["error"]
+
+
+def _claims(width: int, height: int) -> bytes:
+    """A PNG of a few bytes that says it is large."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"")) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("files", "says"),
+    [
+        ({"frame1": ("a.png", b"only text\n")}, "a.png: cannot be read as a picture"),
+        ({"frame1": ("a.txt", _png(FRAME))}, "a.txt: not a picture"),
+        ({"frame1": ("a.svg", b"<svg onload='alert(1)'/>")}, "a.svg: not a picture"),
+        ({"frame1": ("a.png", _png(FRAME)[:-100])}, "a.png: "),
+        ({"frame1": ("a.png", b"")}, "a.png: "),
+        ({"frame1": ("a.png", _png(np.zeros((2161, 3840, 3), np.uint8)))}, "more than 8.3 megapixels"),
+        ({"frame1": ("a.png", _claims(60000, 60000))}, "decompression bomb"),
+        ({"frame1": ("a.png", _png(FRAME[:-1]))}, "frames differ in size"),
+        ({"truth": ("gt.flo", b"PIEH")}, "gt.flo"),
+        ({"truth": ("gt.flo", _flo(9, 9, True))}, "the flow is 9x9"),
+        ({"truth": ("gt.flo", _flo(96, 144, False))}, "no pixel with known flow"),
+        ({"truth": ("gt.npz", b"PK")}, "gt.npz: not ground truth"),
+        ({"truth": ("gt.png", _png(FRAME))}, "gt.png"),
+        ({"more": ("c.png", b"")}, "Too many files"),
+        ({"clip": ("c.mp4", b"")}, "give two frames"),
+    ],
+)  # fmt: skip
+def test_what_is_not_taken_is_one_line(app, files, says):
+    status, answer = app.upload(**(_pair(truth=("gt.flo", b"")) if "more" in files else _pair()) | files)
+    assert status == 400
+    assert says in answer["error"]
+    assert "\n" not in answer["error"]
+    assert "/tmp" not in answer["error"]
+    assert "robustflow-app" not in answer["error"]
+
+
+@pytest.mark.parametrize("files", [{}, {"frame1": ("a.png", _png(FRAME))}, {"clip": ("c.mp4", b"not a video")}])
+def test_too_little_or_no_video(app, files):
+    status, answer = app.upload(**files)
+    assert status == 400
+    assert answer["error"]
+
+
+@pytest.mark.parametrize("name", ["../../../etc/cron.d/x.png", "C:\\windows\\x.png", "/abs/x.png", "..\\..\\x.png"])
+def test_a_name_is_no_path(app, name):
+    status, found = app.upload(frame1=(name.replace("\\", "\\\\"), _png(FRAME)), frame2=("b.png", _png(OTHER)))
+    assert (status, found["name"]) == (200, "x.png, b.png")
+
+
+def test_a_body_that_announces_too_much_is_refused_unread(app):
+    size = str(MAX_BYTES + 1)
+    status, body, _ = app.ask(
+        "POST", "/upload", b"", content_length=size, content_type="multipart/form-data; boundary=b"
+    )
+    assert status == 413
+    assert b"more than 64 MB" in body
+
+
+def test_a_body_that_announces_nothing_is_cut_off(app):
+    connection = http.client.HTTPConnection(app.host, timeout=60)
+    connection.putrequest("POST", "/upload", skip_host=True)
+    headers = {"Host": app.host, "Cookie": app.cookie, "Origin": f"http://{app.host}", "Transfer-Encoding": "chunked"}
+    for name, value in headers.items():
+        connection.putheader(name, value)
+    connection.putheader("Content-Type", "multipart/form-data; boundary=b")
+    connection.endheaders()
+    start = b'--b\r\nContent-Disposition: form-data; name="frame1"; filename="a.png"\r\n\r\n'
+    piece = b"x" * 2**20
+    try:
+        for data in (start, *[piece] * (MAX_BYTES // len(piece) + 8)):
+            connection.send(b"%x\r\n%s\r\n" % (len(data), data))
+        response = connection.getresponse()  # though the body has not ended
+        assert (response.status, b"more than 64 MB" in response.read()) == (413, True)
+    finally:
+        connection.close()
+    assert app.ask("GET", "/choices")[0] == 200
+
+
+def test_the_oldest_upload_makes_room(app):
+    sources = [app.upload(**_pair())[1]["source"] for _ in range(KEPT + 1)]
+    assert "no longer held" in app.look(source=sources[0])[1][-1]["error"]
+    assert "result" in app.look(source=sources[1])[1][-1]
