@@ -35,6 +35,7 @@ def test_the_draw_follows_from_its_seed_and_is_new_without(run):
         ({"frames_digest": pl.lit("0" * 32)}, "other frames"),
         ({"magnitude_sum": pl.col("magnitude_sum") * 0.999}, "another ground truth"),
         ({"n_valid": pl.col("n_valid") - 1}, "another ground truth"),
+        ({"group": pl.lit("all the same")}, "another group"),
         ({"sample": pl.lit("../../etc/passwd")}, "have no sample '../../etc/passwd'"),
     ],
 )

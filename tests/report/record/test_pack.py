@@ -83,6 +83,11 @@ def test_a_path_in_the_identity_is_not_published(run):
     assert shareable_manifest(manifest, keep_paths=True)["identity"] == manifest["identity"]
 
 
+def test_a_run_that_says_nothing_of_training_sets(run):
+    older = {name: value for name, value in run.manifest.items() if name != "provenance"}
+    assert shareable_manifest(older)["provenance"] == run.manifest["provenance"]
+
+
 def test_the_same_run_is_the_same_file_however_its_rows_lie(run, tmp_path, packed):
     copy = Result(shutil.copytree(run.path, tmp_path / "copy"))
     rows = copy.rows

@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 import shutil
 
+import numpy as np
 import polars as pl
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from robustflow.atomic import json_bytes
 from robustflow.report.record.container import container_bytes
+from robustflow.report.record.pack import record_bytes
 from robustflow.report.record.verify import CHECKS, verify
+from robustflow.runner.evaluate import evaluate
 from robustflow.runner.plan import identity_digest
 
 from .forge import entries_of, failure, sealed, verified, with_json, with_rows
@@ -309,6 +314,61 @@ def test_a_cost_of_another_run(packed):
     assert "parameters" in failure(sealed(entries | {"profile.json": json_bytes(cost | {"parameters": -1})}))[1]
     fitting = cost | {"run": json.loads(entries["record.json"])["run"]}
     assert verified(sealed(entries | {"profile.json": json_bytes(fitting)})).ok
+
+
+@settings(max_examples=120)
+@given(st.data())
+def test_no_content_breaks_the_reader(packed, data):
+    """Entries cut and pasted at random, hashes fitting: verified or refused in words, never an exception."""
+    entries = entries_of(packed)
+    name = data.draw(st.sampled_from([n for n in entries if n != "record.json"]))
+    text = entries[name]
+    start = data.draw(st.integers(0, len(text)))
+    stop = data.draw(st.integers(start, min(len(text), start + 40)))
+    words = [b"", b",", b"\n", b'"', b"null", b"-1", b"1e400", b"9" * 30, b"{", b"]", b"\0", b"\xff", b"NaN", b"true"]
+    pasted = data.draw(st.sampled_from(words) | st.binary(max_size=8))
+    changed = text[:start] + pasted + text[stop:]
+    if not verified(sealed(entries | {name: changed})).ok:
+        assert changed != text
+        failure(sealed(entries | {name: changed}))
+
+
+def test_declared_training_sets(tmp_path):
+    class Mine:
+        trained_on = "C+T"
+
+        def identity(self):
+            return {"name": "mine"}
+
+        def predict(self, frame1, frame2):
+            return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+    run = evaluate(Mine(), "demo", output=tmp_path / "run", corruptions=["fog"], severities=[1])
+    data = record_bytes(run)
+    assert verified(data).ok
+    for change, says in (
+        ({"setting": "knowledge"}, "it is OOD"),
+        ({"trained_on": ["middlebury"]}, "it is LEAKED"),
+        ({"trained_on": ["anything"]}, "say nothing"),
+        ({"trained_on": []}, "say nothing"),
+        ({"basis": "undeclared"}, "it is undeclared"),
+        ({"basis": "method", "setting": "knowledge", "trained_on": None}, "it is undeclared"),
+    ):
+        name, said = failure(with_json(data, "manifest.json", lambda m, change=change: m["provenance"].update(change)))
+        assert name == "training"
+        assert says in said
+
+
+def test_severities_that_a_scale_lacks(tmp_path):
+    options = {"corruptions": ["saturate", "fog"], "severities": [1, 5], "severity_scale": "calibrated"}
+    run = evaluate("dis", "demo", output=tmp_path / "run", **options)
+    assert run.left_out
+    data = record_bytes(run)
+    assert verified(data).ok
+    name, says = failure(with_json(data, "manifest.json", lambda m: m.update(left_out={"fog": [5], **run.left_out})))
+    assert name == "cells"
+    assert "fog was left out" in says
+    assert failure(with_json(data, "manifest.json", lambda m: m.pop("left_out")))[0] == "cells"
 
 
 def test_nothing_is_left_behind(packed, tmp_path, monkeypatch):

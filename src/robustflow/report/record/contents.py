@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
 from ...errors import DataError, RunError
+from ...models.provenance import training_of
 from ...runner.store import MANIFEST_SCHEMA
 from ..text import plain
 from .rows_text import MOST_ROWS
@@ -121,7 +122,7 @@ class Manifest(_Strict):
     @model_validator(mode="after")
     def _not_endless(self) -> Manifest:
         planned = len(self.samples) * (1 + len(self.selection.corruptions) * len(self.selection.severities))
-        if planned > 2 * MOST_ROWS:
+        if planned > MOST_ROWS:
             raise ValueError(f"{planned} rows are planned; a record holds at most {MOST_ROWS}")
         return self
 
@@ -169,6 +170,9 @@ def shareable_manifest(manifest: dict[str, Any], keep_paths: bool = False) -> di
     """
     kept = {field.alias or name for name, field in Manifest.model_fields.items()}
     out = {name: value for name, value in manifest.items() if name in kept}
+    identity = manifest["identity"]
+    # Runs of older versions do not say what their model was trained on.
+    out.setdefault("provenance", training_of(identity["model"]).record(identity["benchmark"]))
     environment = manifest["environment"]
     machine = environment["machine"]
     out["environment"] = {

@@ -46,7 +46,8 @@ def rows_from_text(text: bytes) -> pl.DataFrame:
     try:
         rows = pl.read_csv(io.BytesIO(text), schema=ROW_SCHEMA)
         same = rows_to_text(rows) == text
-    except (pl.exceptions.PolarsError, UnicodeError, ValueError) as error:
+    # A panic inside polars is no PolarsError, and not even an Exception.
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, UnicodeError, ValueError) as error:
         raise DataError(f"rows.csv cannot be read ({' '.join(str(error).split())[:120]})") from error
     if not same:
         raise DataError("rows.csv is not written as a record writes it: sorted by sample, corruption and severity")

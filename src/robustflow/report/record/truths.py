@@ -8,7 +8,7 @@ from ...corruptions.catalog import CORRUPTIONS
 from ...corruptions.stack import is_stack, levels_of, parse_stack
 from ...errors import UsageError
 from ...metrics.rows import CLEAN, ROW_KEY
-from ...models.provenance import Training, training_of
+from ...models.provenance import Training, parse_training_sets, training_of
 from ..text import plain
 from .contents import Manifest
 
@@ -54,7 +54,10 @@ def training_problems(plan: Manifest, raw: dict[str, Any]) -> list[str]:
     said, benchmark = plan.provenance, plan.identity.benchmark
     known = training_of(raw["identity"]["model"])
     if known.basis == "undeclared" and said.basis == "declared":
-        known = Training(tuple(said.trained_on) if said.trained_on is not None else None, "declared")
+        try:
+            known = Training(parse_training_sets("+".join(said.trained_on or [])), "declared")
+        except UsageError as error:
+            return [f"the declared training sets say nothing: {plain(str(error), 120)}"]
     record = known.record(benchmark)
     if (said.setting, said.basis, said.trained_on) != (record["setting"], record["basis"], record["trained_on"]):
         return [
