@@ -58,7 +58,7 @@ def check_text(text: str, where: str) -> None:
     """
     if len(text) > LONGEST:
         raise DataError(f"{where}: {len(text)} characters, where a record holds at most {LONGEST}; shorten it")
-    if any(unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Zl", "Zp") for c in text):
+    if not text.isprintable() and any(unicodedata.category(c) in ("Cc", "Cf", "Cs", "Co", "Zl", "Zp") for c in text):
         raise DataError(f"{where}: '{plain(text, 60)}' holds a character that cannot be shown; take it out")
 
 
