@@ -22,6 +22,7 @@ from .tiling import tiled
 MODELS: Registry[Callable[..., FlowModel | FlowLookup]] = Registry("model", entry_point_group="robustflow.models")
 MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
+MODELS.add("dis_rgb", "robustflow.models.dis_rgb:DisRgb")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
 MODELS.add("arflow", "robustflow.models.arflow:arflow")
 MODELS.add("upflow", "robustflow.models.upflow:upflow")
