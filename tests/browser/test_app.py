@@ -1,0 +1,242 @@
+"""The app's page in a real browser: the demo pair, uploads, keys and clicks, and what a screen reader meets."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import robustflow as rf
+from robustflow.metrics import mean_epe, rcre
+
+from ..app.launch import App, running_app
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.browser
+pytest.importorskip("starlette", reason="the app extra is not installed")
+api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (the dev extra has it)")
+expect = api.expect
+expect.set_options(timeout=60_000)  # a guard against hanging, not a measure
+
+
+@pytest.fixture(scope="module")
+def app(browser, tmp_path_factory) -> Iterator[App]:
+    """The app; not started where there is no browser."""
+    with running_app(tmp_path_factory.mktemp("app")) as running:
+        yield running
+
+
+@pytest.fixture
+def opened(visit, app):
+    """Open the page and wait for its first result: `opened(width=390)`."""
+
+    def go(**options):
+        seen = visit(**options)
+        seen.page.goto(app.address)
+        expect(seen.page.locator("#status")).to_contain_text("dis, fog 3")
+        return seen
+
+    return go
+
+
+def _number(page: Page, name: str) -> float:
+    return float(page.locator(f"#number-{name}").get_attribute("value") or "nan")
+
+
+def _set_severity(page: Page, key: str, layer: int = 0) -> None:
+    page.get_by_label("Severity", exact=True).nth(layer).focus()
+    page.keyboard.press(key)
+
+
+def _png(frame: np.ndarray) -> bytes:
+    out = io.BytesIO()
+    Image.fromarray(frame).save(out, "PNG")
+    return out.getvalue()
+
+
+def _file(name: str, data: bytes) -> dict[str, object]:
+    return {"name": name, "mimeType": "application/octet-stream", "buffer": data}
+
+
+def _clean(seen, app: App) -> None:
+    assert seen.complaints == []
+    assert seen.outside(f"http://{app.host}/") == []
+
+
+def test_the_demo_pair_under_fog_has_the_librarys_numbers(opened, app):
+    seen = opened()
+    page = seen.page
+    assert page.url == f"http://{app.host}/", "the token is gone from the address"
+    page.get_by_label("Corruption", exact=True).select_option("snow")
+    expect(page.locator("#status")).to_contain_text("snow 3")
+    page.get_by_label("Corruption", exact=True).select_option("fog")
+    _set_severity(page, "End")
+    expect(page.locator("#status")).to_contain_text("fog 5")
+    worst = _number(page, "epe")
+    _set_severity(page, "ArrowLeft")
+    _set_severity(page, "ArrowLeft")
+    expect(page.locator("#status")).to_contain_text("fog 3")
+    sample = rf.load_dataset("motorcycle").load("motorcycle")
+    model = rf.load_model("dis")
+    clean = model.predict(*sample.frames)
+    flow = model.predict(*rf.corrupt(*sample.frames, "fog", severity=3, key=sample.key))
+    before, after = (mean_epe(each, sample.flow, sample.valid) for each in (clean, flow))
+    assert _number(page, "epe_clean") == pytest.approx(before)
+    assert _number(page, "epe") == pytest.approx(after)
+    assert _number(page, "cre") == pytest.approx(after - before)
+    assert _number(page, "rcre") == pytest.approx(rcre(flow, clean, sample.valid))
+    assert worst > after
+    expect(page.locator("#pictures img:visible")).to_have_count(8)
+    _clean(seen, app)
+
+
+def test_only_the_last_of_many_changes_counts(opened, app):
+    seen = opened()
+    page = seen.page
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.post_data or "") if "/look" in request.url else None)
+    _set_severity(page, "Home")
+    for _ in range(4):
+        page.keyboard.press("ArrowRight")
+    expect(page.locator("#status")).to_contain_text("dis, fog 5")
+    assert len(asked) < 4, "keys pressed quickly are one wish"
+    _clean(seen, app)
+
+
+def test_a_slow_answer_does_not_come_after_a_newer_one(visit, tmp_path):
+    with running_app(tmp_path, "--model", "models_for_app:Slow") as app:
+        seen = visit()
+        page = seen.page
+        page.goto(app.address)
+        expect(page.locator("#status")).to_contain_text("Predicting")
+        page.get_by_label("Model").select_option("farneback")
+        expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
+        expect(page.locator("#busy")).to_be_hidden()
+        page.wait_for_timeout(1800)  # the slow model's two predictions would have ended
+        expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
+        _clean(seen, app)
+
+
+def test_a_stack_and_the_five_severities(opened, app):
+    seen = opened()
+    page = seen.page
+    page.get_by_role("button", name="Measure all five severities").click()
+    expect(page.locator("#sweep-rows tr")).to_have_count(5)
+    expect(page.locator("#status")).to_contain_text("all five severities measured")
+    shown = page.locator("#sweep-rows tr").nth(2).locator("td").first.inner_text()
+    assert float(shown) == pytest.approx(_number(page, "epe"), abs=5.1e-4)
+    page.get_by_role("button", name="Add another on top").click()
+    expect(page.locator("#status")).to_contain_text("fog 3 + jpeg compression 3")
+    expect(page.locator("#call")).to_contain_text('"fog:3+jpeg_compression:3"')
+    expect(page.get_by_role("button", name="Measure all five severities")).to_be_disabled()
+    page.get_by_role("button", name="Remove corruption 2").click()
+    expect(page.locator("#status")).to_contain_text(re.compile(r"fog 3: predicted"))
+    _clean(seen, app)
+
+
+def test_own_frames_and_ground_truth(opened, app, tmp_path):
+    seen = opened()
+    page = seen.page
+    rng = np.random.default_rng(1)
+    frame = np.repeat(np.repeat(rng.integers(0, 255, (40, 60, 3)), 3, 0), 3, 1).astype(np.uint8)
+    rf.write_flow(tmp_path / "gt.png", np.tile(np.array([2.0, 0.0]), (*frame.shape[:2], 1)))
+    page.get_by_text("Your own: drop them, or choose").click()
+    page.get_by_label("Frame 1").set_input_files(_file("<img src=x onerror=alert(1)>.png", _png(frame)))
+    page.get_by_role("button", name="Use these frames").click()
+    expect(page.get_by_role("alert")).to_have_text("choose both frames first")
+    page.get_by_label("Frame 2").set_input_files(_file("b.png", _png(np.roll(frame, 2, axis=1))))
+    page.get_by_role("button", name="Use these frames").click()
+    expect(page.locator("#shown")).to_have_text("img src=x onerror=alert(1).png, b.png")
+    expect(page.locator("#pictures img:visible")).to_have_count(7)
+    expect(page.locator("#number-epe")).to_have_count(0)
+    page.get_by_label("Ground truth").set_input_files(tmp_path / "gt.png")
+    page.get_by_role("button", name="Use these frames").click()
+    expect(page.locator("#number-epe")).to_have_count(1)
+    expect(page.locator("#pictures img:visible")).to_have_count(8)
+    page.get_by_role("button", name="Use the demo pair").click()
+    expect(page.locator("#shown")).to_contain_text("Motorcycle")
+    expect(page.locator("#status")).to_contain_text("predicted")
+    _clean(seen, app)
+
+
+def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
+    seen = opened()
+    page = seen.page
+    page.get_by_text("Your own: drop them, or choose").click()
+    for field in ("Frame 1", "Frame 2"):
+        page.get_by_label(field).set_input_files(_file("notes.png", b"<b>only</b> text\n"))
+    page.get_by_role("button", name="Use these frames").click()
+    expect(page.get_by_role("alert")).to_contain_text("notes.png: cannot be read as a picture")
+    assert "\n" not in page.get_by_role("alert").inner_text()
+    expect(page.locator("#shown")).to_contain_text("Motorcycle")
+    refused = [line for line in seen.complaints if "400" not in line]
+    assert refused == [], "the browser itself notes a refused request, and nothing else"
+
+
+def test_frames_dropped_on_the_page(opened, app):
+    seen = opened()
+    page = seen.page
+    frame = np.random.default_rng(2).integers(0, 255, (64, 96, 3)).astype(np.uint8)
+    carried = page.evaluate_handle(
+        """(files) => {
+            const carried = new DataTransfer();
+            for (const [name, bytes] of files) carried.items.add(new File([new Uint8Array(bytes)], name));
+            return carried;
+        }""",
+        [["2.png", list(_png(frame))], ["1.png", list(_png(frame))]],
+    )
+    page.dispatch_event("#results", "drop", {"dataTransfer": carried})
+    expect(page.locator("#shown")).to_have_text("1.png, 2.png")
+    expect(page.locator("#status")).to_contain_text("predicted")
+    _clean(seen, app)
+
+
+def test_a_narrow_page_does_not_scroll_sideways(opened, app):
+    seen = opened(width=390, height=844)
+    assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
+    seen.page.get_by_text("Your own: drop them, or choose").click()
+    assert seen.page.evaluate("document.documentElement.scrollWidth") <= 390
+    _clean(seen, app)
+
+
+def test_keyboard_alone(opened, app):
+    seen = opened()
+    page = seen.page
+    page.locator("body").click(position={"x": 2, "y": 2})
+    names = []
+    for _ in range(14):
+        page.keyboard.press("Tab")
+        names.append(page.evaluate("document.activeElement.id || document.activeElement.tagName"))
+    assert {"theme", "model", "seed", "add", "sweep"} <= set(names)
+    _clean(seen, app)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_serious_barrier(opened, app, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+    seen = opened(color_scheme=scheme, bypass_csp=True)  # axe puts its own script into the page
+    seen.page.get_by_text("Your own: drop them, or choose").click()
+    seen.page.get_by_role("button", name="Add another on top").click()
+    seen.page.get_by_role("button", name="Remove corruption 2").click()
+    seen.page.get_by_role("button", name="Measure all five severities").click()
+    expect(seen.page.locator("#status")).to_contain_text("all five severities measured")
+    found = axe.Axe().run(seen.page).response["violations"]
+    serious = [(one["id"], one["nodes"][0]["html"]) for one in found if one["impact"] in ("serious", "critical")]
+    assert serious == []
+
+
+def test_the_theme_can_be_chosen(opened, app):
+    seen = opened(color_scheme="dark")
+    body = "getComputedStyle(document.body).backgroundColor"
+    dark = seen.page.evaluate(body)
+    seen.page.get_by_role("button", name="Light").click()
+    assert seen.page.evaluate(body) != dark
+    seen.page.get_by_role("button", name="Dark").click()
+    assert seen.page.evaluate(body) == dark
