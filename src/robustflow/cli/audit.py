@@ -15,7 +15,7 @@ def audit(
     source: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[FILE]", help="A results file (CSV), or a run's folder or record [the published tables]."
+            metavar="[FILE]", help="A results file (CSV), or a run's folder or record; the paper's tables by default."
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,

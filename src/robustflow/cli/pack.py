@@ -11,7 +11,8 @@ import typer
 def pack(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The file, NAME.robustflow [the folder's name].")
+        Path | None,
+        typer.Option("--output", "-o", help="The file, NAME.robustflow; by default with the folder's name."),
     ] = None,
     author: Annotated[str, typer.Option(help="Who submits it.")] = "",
     link: Annotated[str, typer.Option(help="Where to read more: https://...")] = "",

@@ -24,15 +24,17 @@ def report(
         typer.Option(
             "--table",
             "-t",
-            help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, effective, anatomy, observations [all that "
-            "can be made].",
+            help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, effective, anatomy, observations; all that "
+            "can be made by default.",
         ),
     ] = None,
     format: Annotated[
         str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or page.")
     ] = "terminal",
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder for figures (PNG, SVG and PDF).")] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File for the tables [printed].")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File for the tables, printed otherwise.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap behind the intervals.")] = 0,
 ) -> None:
     """Tables and figures of runs, with the paper's results beside them; as a page, all of it in one HTML file.

@@ -47,7 +47,9 @@ def run(
     severities: Severities = None,
     limit: Limit = None,
     split: Split = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="The run's folder [runs/...].")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="The run's folder; in runs/ by default.")
+    ] = None,
     seed: Seed = 0,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",

@@ -24,7 +24,7 @@ def verify(
     check_frames: Annotated[
         int | None, typer.Option("--check-frames", metavar="N", help="Rows to compare with the data [20].")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Which rows these are [drawn anew each time].")] = None,
+    seed: Annotated[int | None, typer.Option(help="Which rows these are; drawn anew each time by default.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Check records without the model or the data: the file, hashes, what was planned, rows, and every mean anew.
