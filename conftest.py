@@ -11,6 +11,7 @@ if find_spec("torch") is None:
         "src/robustflow/models/checkpoint.py",
         "src/robustflow/models/pt2_file.py",
         "src/robustflow/models/reproducible.py",
+        "src/robustflow/models/torch_clip_model.py",
         "src/robustflow/models/torch_model.py",
         "src/robustflow/models/torchscript_file.py",
         "src/robustflow/models/weights.py",

@@ -15,6 +15,7 @@ from robustflow import evaluate
 from robustflow.benchmarks import load_benchmark
 from robustflow.corruptions import CLIP, PAPER_ORDER, load_corruption
 from robustflow.datasets import FromClips, PreCorrupted, load_dataset
+from robustflow.datasets.base import CorruptedClips
 from robustflow.datasets.gopro_fc import GoProFC
 from robustflow.errors import DataError, UsageError
 from robustflow.imageio import read_image, write_image
@@ -63,6 +64,49 @@ def test_object_motion_blur_is_the_mean_of_master_frames(prepared):
         blurred = dataset.corrupted("scene/000064", "object_motion_blur", severity)
         for made, centre in zip(blurred, (64, 96), strict=True):
             assert (made == np.rint(frames[centre - reach : centre + reach + 1].mean(0))).all()
+
+
+def test_frames_around_a_pair_come_from_the_same_stream(prepared, tmp_path):
+    dataset = GoProFC(prepared, cache=tmp_path)
+    assert isinstance(dataset, CorruptedClips)
+    first, second = dataset.keys()
+    assert (dataset.around(first, 5), dataset.around(second, 5)) == (range(3), range(-1, 2))
+    assert (dataset.around(first, 0), dataset.around(second, 0)) == (range(2), range(2))
+    assert dataset.frame_files(second, [0, -1]) == [prepared / "scene" / "keyframes" / f"{i:06d}.png" for i in (32, 64)]
+    assert (dataset.frame(first, 2) == dataset.load(second).frames[1]).all()
+    assert (dataset.frame(second, -1) == dataset.load(first).frames[0]).all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name in CLIP:
+            one, other = dataset.corrupted(first, name, 5), dataset.corrupted(second, name, 5)
+            assert (dataset.corrupted_frame(first, 2, name, 5) == other[1]).all()
+            assert (dataset.corrupted_frame(second, -1, name, 5) == one[0]).all()
+            for offset in (0, 1):
+                assert (dataset.corrupted_frame(first, offset, name, 5) == one[offset]).all()
+
+
+def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path, monkeypatch):
+    """All four corruptions of clips and one of each other kind; the two-frame model's frames are the same."""
+    folder = str(Path(__file__).parent.parent / "runner")
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv("PYTHONPATH", folder)
+    chosen = {"corruptions": [*CLIP, "contrast", "impulse_noise"], "severities": [5]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        pairs = evaluate("dis", "gopro-fc", prepared, tmp_path / "pairs", **chosen)
+        one = evaluate("models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "one", **chosen)
+        other = evaluate("models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "other", workers=2, **chosen)
+    same = ["sample", "corruption", "severity", "frames_digest"]
+    assert one.rows.select(same).equals(pairs.rows.select(same))
+    assert one.rows.equals(other.rows)
+    dataset = GoProFC(prepared)
+    frames = [dataset.corrupted_frame("scene/000064", offset, "object_motion_blur", 5) for offset in (-1, -1, 0, 1, 1)]
+    frames = [frame.astype(np.int64) for frame in frames]
+    clean = [dataset.frame("scene/000064", offset).astype(np.int64) for offset in (-1, -1, 0, 1, 1)]
+    u = sum((place + 1) * (a - b)[..., 0] for place, (a, b) in enumerate(zip(frames, clean, strict=True)))
+    v = sum((place - 2) * (a - b)[..., 1] for place, (a, b) in enumerate(zip(frames, clean, strict=True)))
+    row = one.rows.filter(sample="scene/000064", corruption="object_motion_blur").row(0, named=True)
+    assert row["rcre_all_sum"] == pytest.approx(np.hypot(u, v).sum() / 64, rel=1e-6)
 
 
 def test_order_of_access_and_process_do_not_matter(prepared, tmp_path):

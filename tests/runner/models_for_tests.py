@@ -29,6 +29,21 @@ class Logged:
         return np.full((*self._shape, 2), value / 100, np.float32)
 
 
+class FiveFrames:
+    """A multi-frame model. Its flow depends on every pixel of every frame and on their order, by integer arithmetic."""
+
+    window = (2, 1)
+
+    def predict_clip(self, frames: tuple[np.ndarray, ...], index: int) -> np.ndarray:
+        assert len(frames) == 5
+        assert index == 2
+        if os.environ.get("DIES_ON") == str(int(frames[index][0, 0, 0])):
+            os._exit(17)
+        u = sum((place + 1) * frame[..., 0].astype(np.int32) for place, frame in enumerate(frames))
+        v = sum((place - 2) * frame[..., 1].astype(np.int32) for place, frame in enumerate(frames))
+        return np.stack([u, v], axis=2).astype(np.float32) / 64
+
+
 def still(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
     """No motion."""
     return np.zeros((*frame1.shape[:2], 2), np.float32)

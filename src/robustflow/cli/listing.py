@@ -57,13 +57,16 @@ def _models() -> list[str]:
         public = ", ".join(seen.get(name, [])) or (
             "" if method.type == "knowledge" else "the authors' file, undeclared"
         )
-        line = (name, method.method, method.year, method.type, method.source, method.code_licence, here, public)
+        kind = method.type if method.frames == 2 else "multi-frame"
+        line = (name, method.method, method.year, kind, method.source, method.code_licence, here, public)
         lines.append(_MODEL_LINE.format(*line).rstrip())
     others = [f"{name} ({', '.join(of_name)})" for name, of_name in seen.items() if name not in known]
     return [
         *lines,
         f"Any other model of ptlflow as ptlflow:NAME; of known training: {'; '.join(others)}.",
         "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs.",
+        "multi-frame: supervised, and sees up to "
+        f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",
         "Hardly any weights state a licence.",
         "Your own: module.path:Attribute or a folder of flow files; declare its training with -O trained_on=C+T.",
     ]

@@ -98,18 +98,27 @@ def corrupt_clip(
     key: str = "",
     variant: str = "default",
     scale: str = "paper",
+    first: int = 0,
 ) -> Iterator[Frame]:
     """Corrupt frames one at a time: what a clip shares stays, what changes from frame to frame changes.
 
-    Frames 1 and 2 of a clip equal the pair that `corrupt` returns for the same seed and key.
-    Arguments as for `corrupt`. Yields RGB uint8 arrays; holds one frame at a time.
+    Arguments as for `corrupt`, and `first`, the number of the first frame given. Frames 0 and 1 equal the pair that
+    `corrupt` returns for the same seed and key; a clip that begins before that pair begins with a negative number.
+    Yields RGB uint8 arrays; holds one frame at a time.
+
+    >>> import numpy as np
+    >>> clip = [np.full((32, 48, 3), level, np.uint8) for level in (90, 100, 110, 120)]
+    >>> pair = corrupt(clip[2], clip[3], "snow", 3)
+    >>> whole = list(corrupt_clip(clip, "snow", 3, first=-2))
+    >>> bool((whole[2] == pair[0]).all() and (whole[3] == pair[1]).all())
+    True
     """
     chosen = load_corruption(corruption, variant, scale) if isinstance(corruption, str) else corruption
     check_severity(severity)
     rest = iter(frames)
-    first = next(rest, None)
-    if first is None:
+    head = next(rest, None)
+    if head is None:
         raise UsageError("a clip needs at least one frame")
-    height, width = first.shape[:2]
+    height, width = head.shape[:2]
     state: Any = chosen.draw(stream_for(chosen, severity, seed, key), severity, (height, width))
-    return (chosen.apply(frame, state, index) for index, frame in enumerate(chain((first,), rest)))
+    return (chosen.apply(frame, state, index) for index, frame in enumerate(chain((head,), rest), first))

@@ -76,7 +76,10 @@ class Corruption(ABC):
 
     @abstractmethod
     def apply(self, frame: Frame, state: Any, index: int) -> Frame:
-        """Corrupt frame number `index` (0 is the first of the pair); RGB uint8 in, a new RGB uint8 array out."""
+        """Corrupt frame number `index` (0 is the first of the pair); RGB uint8 in, a new RGB uint8 array out.
+
+        Frames before the pair have negative numbers, and are frames of the same clip like any other.
+        """
 
 
 def check_severity(severity: int) -> int:

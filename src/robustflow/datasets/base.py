@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -53,6 +54,44 @@ class PreCorrupted(Protocol):
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
         """The files `corrupted` reads."""
+
+
+@runtime_checkable
+class Clips(Protocol):
+    """A dataset whose pairs come from sequences: it also has the frames around a pair, for multi-frame models.
+
+    They are counted by offsets from frame 1 of the pair, in steps of the pair: frame 1 is 0, frame 2 is 1, the frame
+    before the pair -1, the one after it 2. Where frame 2 lies before frame 1 in time, the offsets run backwards too.
+    """
+
+    def around(self, key: str, reach: int) -> range:
+        """The offsets there are, at most `reach` before and after the pair; 0 and 1 are among them."""
+
+    def frame(self, key: str, offset: int) -> Frame:
+        """One of them, RGB uint8 (H, W, 3).
+
+        Raises:
+            DataError: it is damaged, or of another size than the pair.
+        """
+
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """The files that `frame` reads, each once."""
+
+
+@runtime_checkable
+class CorruptedClips(Clips, PreCorrupted, Protocol):
+    """A `PreCorrupted` dataset that has the frames around a pair corrupted alike."""
+
+    def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
+        """As `frame`, corrupted; offsets 0 and 1 give what `corrupted` gives."""
+
+
+def has_clips(dataset: Dataset) -> bool:
+    """Whether at least one pair of a dataset has a frame before or after it."""
+    if not isinstance(dataset, Clips):
+        return False
+    keys = dataset.keys()
+    return any(len(dataset.around(key, 1)) > 2 for key in keys)
 
 
 @runtime_checkable

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
+from collections.abc import Iterable
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -34,7 +35,8 @@ RECORDS = ".records"
 
 
 class GoProFC:
-    """A folder made by `robustflow prepare gopro-fc`. Implements `Dataset` and `PreCorrupted`.
+    """A folder made by `robustflow prepare gopro-fc`. Implements `Dataset` and `CorruptedClips`: further frames
+    are further key frames of the clip, and of its corrupted stream.
 
     Args:
         root: the prepared folder.
@@ -80,6 +82,23 @@ class GoProFC:
         clip, first, second = self._pair(key)
         return [clip.key_frame_path(first), clip.key_frame_path(second)]
 
+    def around(self, key: str, reach: int) -> range:
+        """See `Clips.around`."""
+        clip, first, _ = self._pair(key)
+        frames = clip.record.key_frames
+        place = frames.index(first)
+        return range(-min(reach, place), min(reach + 2, len(frames) - place))
+
+    def frame(self, key: str, offset: int) -> Frame:
+        """See `Clips.frame`."""
+        clip, index = self._key_frame(key, offset)
+        return read_image(clip.key_frame_path(index))
+
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """See `Clips.frame_files`."""
+        found = (self._key_frame(key, offset) for offset in sorted(set(offsets)))
+        return [clip.key_frame_path(index) for clip, index in found]
+
     def has_corrupted(self, corruption: str) -> bool:
         """True for the four that need the clip."""
         return corruption in CLIP
@@ -89,13 +108,18 @@ class GoProFC:
 
         Warns (`UserWarning`) when it is made, where a damage changed nothing or cost frames.
         """
-        clip, first, second = self._pair(key)
+        first, second = (self.corrupted_frame(key, offset, corruption, severity) for offset in (0, 1))
+        return first, second
+
+    def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
+        """See `CorruptedClips.corrupted_frame`."""
+        clip, index = self._key_frame(key, offset)
         parameter = self._parameters[corruption][severity - 1]
         if self._open is None or self._open.clip is not clip:
             self._open = _OpenClip(clip, self.cache, self._parameters["object_motion_blur"])
         if corruption == "object_motion_blur":
-            return self._open.blurred(first, parameter), self._open.blurred(second, parameter)
-        return self._open.transcoded(first, corruption, parameter), self._open.transcoded(second, corruption, parameter)
+            return self._open.blurred(index, parameter)
+        return self._open.transcoded(index, corruption, parameter)
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
         """The clip's master: everything is made from it."""
@@ -118,6 +142,12 @@ class GoProFC:
         names = [variant_name(clip, *setting) for clip in self.clips for setting in settings]
         paths = [self.cache.root / RECORDS / f"{name}.json" for name in names]
         return [json.loads(path.read_text(encoding="utf-8")) for path in paths if path.is_file()]
+
+    def _key_frame(self, key: str, offset: int) -> tuple[PreparedClip, int]:
+        """The clip of a sample and the master index of the key frame at an offset from the pair's first."""
+        clip, first, _ = self._pair(key)
+        frames = clip.record.key_frames
+        return clip, frames[frames.index(first) + offset]
 
     def _pair(self, key: str) -> tuple[PreparedClip, int, int]:
         if key not in self._pairs:

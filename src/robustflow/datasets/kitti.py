@@ -7,18 +7,22 @@
 `flow_occ` is the ground truth, and a pixel with flow there but none in `flow_noc` is occluded. A folder that holds
 only `flow_noc` is read with that as ground truth and without occlusion maps; the two are never mixed within a run.
 (In 2015 both maps hold the same vectors. In 2012 they differ by up to some pixels, as they were filled in separately.)
+
+The multi-view extension adds 000010_00.png to 000010_20.png of each pair; where they lie in the same folder, samples
+have clips around them, for multi-frame models.
 Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from ..errors import DataError
 from ..flowio import read_flow
-from .layout import choice, locate, partner
+from .layout import choice, following, locate, partner
 from .pairs import Pair, PairDataset, Truth
 
 
@@ -42,7 +46,21 @@ class KittiPairs(PairDataset):
         return {"ground_truth": pair.flow.parent.name.removeprefix("flow_")} if pair.flow else {}
 
 
-class Kitti2015(KittiPairs):
+class KittiSequences(KittiPairs):
+    """Pairs among the frames of the multi-view extension, where they are there."""
+
+    def steps(self) -> Iterator[tuple[Path, Path]]:
+        """All frames of a pair's sequence that follow each other."""
+        for folder in {pair.frames[0].parent for pair in self._pairs.values()}:
+            sequences: dict[str, dict[int, Path]] = {}
+            for path in folder.iterdir():
+                if match := re.fullmatch(r"(\d{6})_(\d\d)\.png", path.name):
+                    sequences.setdefault(match[1], {})[int(match[2])] = path
+            for frames in sequences.values():
+                yield from following(frames)
+
+
+class Kitti2015(KittiSequences):
     """KITTI 2015. `root` holds `training/`, or is that folder.
 
     Raises:
@@ -56,7 +74,7 @@ class Kitti2015(KittiPairs):
         super().__init__(kitti_pairs(folder, "image_2"), folder)
 
 
-class Kitti2012(KittiPairs):
+class Kitti2012(KittiSequences):
     """KITTI 2012. `root` holds `training/`, or is that folder.
 
     Args:

@@ -78,6 +78,11 @@ def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tupl
     return list(pairwise(numbers))
 
 
+def following(frames: Mapping[int, Path]) -> list[tuple[Path, Path]]:
+    """Frames whose numbers follow each other directly."""
+    return [(frames[number], frames[number + 1]) for number in sorted(frames) if number + 1 in frames]
+
+
 def partner(path: Path, whose: Path) -> Path:
     """`path`, which belongs to `whose`; or a DataError that names both."""
     if not path.is_file():

@@ -9,9 +9,10 @@ Source: Baker et al., IJCV 2011.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
-from .layout import folders, locate, partner
+from .layout import folders, following, locate, numbered, partner
 from .pairs import Pair, PairDataset
 
 
@@ -32,3 +33,8 @@ class Middlebury(PairDataset):
             first, second = (folder / "other-data" / scene.name / f"frame{number}.png" for number in (10, 11))
             pairs[scene.name] = Pair((partner(first, flow), partner(second, flow)), flow)
         super().__init__(pairs, folder)
+
+    def steps(self) -> Iterator[tuple[Path, Path]]:
+        """All frames of a scene that follow each other; most scenes have eight."""
+        for pair in self._pairs.values():
+            yield from following(numbered(pair.frames[0].parent, r"frame(\d\d)\.png"))

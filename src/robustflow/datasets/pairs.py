@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,7 +48,10 @@ class Truth(NamedTuple):
 
 
 class PairDataset:
-    """Samples from `Pair`s; a reader finds the pairs, and says how its ground truth is read where that differs."""
+    """Samples from `Pair`s; a reader finds the pairs, and says how its ground truth is read where that differs.
+
+    Implements `Dataset` and `Clips`.
+    """
 
     name: str
     has_flow: bool = True
@@ -88,6 +92,35 @@ class PairDataset:
             raise UsageError(f"{self.name} has no sample '{key}'; keys look like '{close[0]}'")
         return self._pairs[key]
 
+    def around(self, key: str, reach: int) -> range:
+        """See `Clips.around`."""
+        first, second = self.pair(key).frames
+        return range(-len(_walk(self._steps[1], first, reach)), 2 + len(_walk(self._steps[0], second, reach)))
+
+    def frame(self, key: str, offset: int) -> Frame:
+        """See `Clips.frame`."""
+        first = self.pair(key).frames[0]
+        return read_frames((first, *self.frame_files(key, [offset])))[1]
+
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """See `Clips.frame_files`."""
+        wanted = sorted(set(offsets))
+        before, (first, second) = max(0, -wanted[0]), self.pair(key).frames
+        earlier = _walk(self._steps[1], first, before)
+        later = _walk(self._steps[0], second, max(0, wanted[-1] - 1))
+        frames = [*reversed(earlier), first, second, *later]
+        return [frames[len(earlier) + offset] for offset in wanted]
+
+    def steps(self) -> Iterable[tuple[Path, Path]]:
+        """Frames that follow each other; override where there are more than the pairs' own."""
+        return (pair.frames for pair in self._pairs.values())
+
+    @cached_property
+    def _steps(self) -> tuple[dict[Path, Path], dict[Path, Path]]:
+        """The frame after each, and the frame before each."""
+        steps = list(self.steps())
+        return dict(steps), {second: first for first, second in steps}
+
     def truth(self, pair: Pair) -> Truth | None:
         """The ground truth of a pair; override where more than a flow file is read."""
         return None if pair.flow is None else Truth(*read_flow(pair.flow))
@@ -111,6 +144,15 @@ def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:
                 "both frames of a pair must have the same size"
             )
     return frames
+
+
+def _walk(step: Mapping[Path, Path], frame: Path, most: int) -> list[Path]:
+    """At most so many frames after `frame`, in the direction of `step`."""
+    found: list[Path] = []
+    while len(found) < most and frame in step:
+        frame = step[frame]
+        found.append(frame)
+    return found
 
 
 def _size(array: Any) -> str:

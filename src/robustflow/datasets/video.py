@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from copy import copy
 from pathlib import Path
 
 from ..errors import DataError, UsageError
-from ..sample import Sample
+from ..sample import Frame, Sample
 from .layout import positive
 from .videoreader import VideoReader
 
@@ -14,10 +16,11 @@ VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".mpg", ".mpe
 
 class Video:
     """Pairs of frames `step` apart; keys are frame numbers from "000000". One group, for frames of a video are
-    not independent. Implements `Dataset`.
+    not independent. Implements `Dataset` and `Clips`.
 
     The two frames of a pair come from two readers, so that walking through the keys in order decodes each frame
-    twice at most and keeps two frames in memory whatever the step.
+    twice at most and keeps two frames in memory whatever the step. Every frame around the pair that is asked for
+    has one more reader.
 
     Raises:
         DataError: no video, a damaged one, or fewer than `step` + 1 frames.
@@ -33,6 +36,7 @@ class Video:
         if count < 1:
             raise DataError(f"{path}: {len(self._first)} frame(s), but pairs at a step of {step} need {step + 1}")
         self._keys = [f"{index:06d}" for index in range(count)]
+        self._around: dict[int, VideoReader] = {}
 
     def keys(self) -> list[str]:
         """See `Dataset.keys`."""
@@ -48,6 +52,22 @@ class Video:
         index = self._index(key)
         frames = (self._first.frame(index), self._second.frame(index + self._step))
         return Sample(key, frames, group=self._path.stem)
+
+    def around(self, key: str, reach: int) -> range:
+        """See `Clips.around`."""
+        index = self._index(key)
+        last = (len(self._first) - 1 - index) // self._step
+        return range(-min(reach, index // self._step), min(reach + 1, last) + 1)
+
+    def frame(self, key: str, offset: int) -> Frame:
+        """See `Clips.frame`."""
+        if offset not in self._around:
+            self._around[offset] = copy(self._first)  # a copy opens the file anew
+        return self._around[offset].frame(self._index(key) + offset * self._step)
+
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """See `Clips.frame_files`."""
+        return self.files(key)
 
     def _index(self, key: str) -> int:
         if not (key.isascii() and key.isdigit() and int(key) < len(self._keys) and self._keys[int(key)] == key):

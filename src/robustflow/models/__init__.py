@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from .base import FlowLookup, FlowModel
+from .base import ClipModel, FlowLookup, FlowModel
 from .loading import MODELS, FunctionModel, ModelSpec, load_model
+from .window import Window
 
-__all__ = ["MODELS", "FlowLookup", "FlowModel", "FunctionModel", "ModelSpec", "load_model"]
+__all__ = ["MODELS", "ClipModel", "FlowLookup", "FlowModel", "FunctionModel", "ModelSpec", "Window", "load_model"]

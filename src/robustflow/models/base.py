@@ -1,15 +1,16 @@
-"""What RobustFlow asks of a model: two frames in, one flow out. No base class needed."""
+"""What RobustFlow asks of a model: two frames in, or a clip where it sees more; one flow out. No base class needed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
 from ..errors import ModelError
 from ..sample import Flow, Frame
+from .window import Window
 
 
 @runtime_checkable
@@ -35,12 +36,42 @@ class BatchedFlowModel(FlowModel, Protocol):
 
 
 @runtime_checkable
+class ClipModel(Protocol):
+    """A multi-frame model: it declares which frames around the pair it wants, and gets the pair among them.
+
+    All frames of a clip are corrupted by one draw, and the pair is, to the byte, the one that a two-frame model gets
+    (see docs/design/architecture.md). Nothing may be kept from one call to the next: samples come in any order, and in
+    several processes. A model that also has `predict` is given the two frames alone where a data set has no more.
+
+    Attributes:
+        window: (before, after): frames before frame 1 and after frame 2; or a `Window`, which says besides what
+            happens at the ends of a sequence.
+    """
+
+    window: tuple[int, int] | Window
+
+    def predict_clip(self, frames: Sequence[Frame], index: int) -> Flow:
+        """Flow from `frames[index]` to `frames[index + 1]`, as `FlowModel.predict` gives it.
+
+        Args:
+            frames: RGB uint8 (H, W, 3) each, of one size, in the order of time. With the window (before, after) always
+                before + 2 + after of them: at an end of the sequence its last frame stands for those that are missing.
+            index: of frame 1 of the pair; with the window (before, after) always `before`.
+        """
+        ...
+
+
+@runtime_checkable
 class FlowLookup(Protocol):
     """A model whose flows were computed elsewhere: it is asked by name instead of by frames."""
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
         """The flow of a sample; `corruption` is "clean" and `severity` 0 for the clean frames."""
         ...
+
+
+AnyModel: TypeAlias = FlowModel | ClipModel | FlowLookup
+"""Whatever can be evaluated."""
 
 
 def model_identity(model: Any) -> dict[str, Any]:
@@ -65,6 +96,16 @@ def predict_checked(
             flow = model.lookup(key, corruption, severity)
         else:
             flow = model.predict(frames[0], frames[1])
+    return _checked(flow, frames, where)
+
+
+def predict_clip_checked(
+    model: ClipModel, frames: tuple[Frame, ...], index: int, key: str, corruption: str, severity: int
+) -> Flow:
+    """As `predict_checked`, of a multi-frame model; `index` is that of frame 1 of the pair."""
+    where = place(key, corruption, severity)
+    with _named(where):
+        flow = model.predict_clip(frames, index)
     return _checked(flow, frames, where)
 
 

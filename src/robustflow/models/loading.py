@@ -7,7 +7,6 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -15,11 +14,11 @@ from typing import Any
 from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..registry import Registry
 from ..sample import Flow, Frame
-from .base import FlowLookup, FlowModel, model_identity
+from .base import AnyModel, model_identity
 from .provenance import DECLARED
 from .tiling import tiled
 
-MODELS: Registry[Callable[..., FlowModel | FlowLookup]] = Registry("model", entry_point_group="robustflow.models")
+MODELS: Registry[Callable[..., AnyModel]] = Registry("model", entry_point_group="robustflow.models")
 MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
 MODELS.add("dis_rgb", "robustflow.models.dis_rgb:DisRgb")
@@ -33,6 +32,8 @@ MODELS.add("samflow_h", "robustflow.models.samflow:samflow_h")
 MODELS.add("flowdiffuser", "robustflow.models.flowdiffuser:flowdiffuser")
 for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
     MODELS.add(_name, f"robustflow.models.ptlflow:{_name}")
+for _name in ("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamflow", "memfof"):
+    MODELS.add(_name, f"robustflow.models.ptlflow_clip:{_name}")
 MODELS.add("raft_large", "robustflow.models.torchvision:raft_large")
 MODELS.add("raft_small", "robustflow.models.torchvision:raft_small")
 MODELS.add("onnx", "robustflow.models.onnx:OnnxModel")
@@ -46,7 +47,7 @@ EXPORTED = {".onnx": "onnx", ".pt2": "torch_export", ".ts": "torchscript", ".tor
 """Endings of files that are a model by themselves, and the model that reads them."""
 
 
-def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
+def load_model(name: str, **options: Any) -> AnyModel:
     """Load a model.
 
     Args:
@@ -75,9 +76,9 @@ def load_model(name: str, **options: Any) -> FlowModel | FlowLookup:
         tile = options.pop("tile")
         return tiled(load_model(name, **options), tile)
     if name.startswith(PTLFLOW):
-        from .ptlflow import ptlflow_model
+        from .ptlflow_clip import ptlflow_factory
 
-        return _construct(partial(ptlflow_model, name, name.removeprefix(PTLFLOW)), name, options)
+        return _construct(ptlflow_factory(name, name.removeprefix(PTLFLOW)), name, options)
     if ":" in name and not Path(name).exists():
         return _load_attribute(name, options)
     if not registered and Path(name).expanduser().is_dir():
@@ -95,11 +96,11 @@ class ModelSpec:
     name: str
     options: tuple[tuple[str, Any], ...] = ()
 
-    def load(self) -> FlowModel | FlowLookup:
+    def load(self) -> AnyModel:
         """Load the model; every call makes a new one."""
         return load_model(self.name, **{key: value for key, value in self.options if key != DECLARED})
 
-    def identity(self, model: FlowModel | FlowLookup) -> dict[str, Any]:
+    def identity(self, model: AnyModel) -> dict[str, Any]:
         """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
         that an edited model never continues the run of the unedited one. What the model says itself about an option
         counts instead of the option: a checkpoint by its hash, wherever the file lies."""
@@ -129,20 +130,21 @@ class FunctionModel:
         return self._function(frame1, frame2)
 
 
-def as_model(found: Any, what: str) -> FlowModel | FlowLookup:
-    """An object with `predict` or `lookup` as it is, a class built, a function of two frames wrapped."""
+def as_model(found: Any, what: str) -> AnyModel:
+    """Anything with `predict`, `predict_clip` or `lookup` as it is; a class built, a function wrapped."""
     if inspect.isclass(found):
         found = _construct(found, what, {})
-    if isinstance(found, FlowModel | FlowLookup):
+    if isinstance(found, AnyModel):
         return found
     if callable(found):
         return FunctionModel(found)
     raise ModelError(
-        f"{what} has no method predict(frame1, frame2) and is not callable; see the guide 'add your model'"
+        f"{what} has no method predict(frame1, frame2), nor a window with predict_clip(frames, index), and is not "
+        "callable; see the guide 'add your model'"
     )
 
 
-def _load_attribute(name: str, options: dict[str, Any]) -> FlowModel | FlowLookup:
+def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     module_name, _, attribute = name.partition(":")
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # a console script does not see the user's folder; `python -m` would
@@ -181,7 +183,7 @@ def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) 
 
 
 def _takes_two_frames(function: Callable[..., Any]) -> bool:
-    if isinstance(function, FlowModel | FlowLookup):
+    if isinstance(function, AnyModel):
         return True
     positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     parameters = _parameters(function).values()

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import io
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from functools import partial
 from pathlib import Path
@@ -56,6 +56,37 @@ def ptlflow_model(
         ModelError: ptlflow is not installed, or the model or checkpoint cannot be loaded.
         UsageError: no such model, checkpoint or number of iterations.
     """
+
+    def wrap(model: Any) -> Any:
+        from .nets.ptlflow_net import PtlflowNet
+
+        return PtlflowNet(model, architecture in _BATCHED)
+
+    return ptlflow_network(
+        name,
+        architecture,
+        wrap,
+        checkpoint,
+        iterations=iterations,
+        sha256=sha256,
+        device=device,
+        precision=precision,
+        compile=compile,
+        threads=threads,
+    )
+
+
+def ptlflow_network(
+    name: str,
+    architecture: str,
+    wrap: Callable[[Any], Any],
+    checkpoint: str | Path | None,
+    *,
+    iterations: int | None,
+    sha256: str | None,
+    **execution: Any,
+) -> TorchModel:
+    """A network of ptlflow as `wrap` makes it callable; arguments and errors as of `ptlflow_model`."""
     require("ptlflow", "ptlflow", name)
     with _silence():
         import ptlflow
@@ -65,10 +96,8 @@ def ptlflow_model(
     options = _options(name, reference, iterations)
 
     def build() -> Any:
-        from .nets.ptlflow_net import PtlflowNet
-
         with _silence():
-            return PtlflowNet(reference(**options), architecture in _BATCHED)
+            return wrap(reference(**options))
 
     used = next((options[key] for key in _ITERATIONS if key in options), None)
     return network_model(
@@ -86,16 +115,15 @@ def ptlflow_model(
             **({"use_tile_input": False} if "use_tile_input" in options else {}),
         },
         adapt=_adapt,
-        device=device,
-        precision=precision,
-        compile=compile,
-        threads=threads,
+        **execution,
     )
 
 
 def _options(name: str, reference: Any, iterations: int | None) -> dict[str, Any]:
     parameters = inspect.signature(reference.__init__).parameters
     options: dict[str, Any] = {"use_tile_input": False} if "use_tile_input" in parameters else {}
+    if "backbone_weights" in parameters:
+        options["backbone_weights"] = None  # fetched for nothing: the checkpoint replaces them
     keyword = next((key for key in _ITERATIONS if key in parameters), None)
     counted = keyword is not None and isinstance(parameters[keyword].default, int)
     if iterations is not None:

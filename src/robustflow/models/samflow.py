@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from .base import FlowLookup, FlowModel
+from .base import AnyModel
 from .input_convention import InputConvention
 from .network import check_iterations, network_model
 from .tiling import tiled
@@ -27,7 +27,7 @@ def _samflow(
     precision: str = "fp32",
     compile: bool = False,
     threads: int = 1,
-) -> FlowModel | FlowLookup:
+) -> AnyModel:
     """SAMFlow with one of its SAM encoders.
 
     Args:
@@ -78,7 +78,7 @@ def samflow_h(
     precision: str = "fp32",
     compile: bool = False,
     threads: int = 1,
-) -> FlowModel | FlowLookup:
+) -> AnyModel:
     """SAMFlow with the largest SAM encoder; arguments as for the others.
 
     Args:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..errors import UsageError
 from ..sample import Flow, Frame
-from .base import FlowLookup, FlowModel, model_identity
+from .base import AnyModel, ClipModel, FlowModel, model_identity
 from .input_convention import parse_size
 
 OVERLAP = 20
@@ -45,14 +45,16 @@ def tile_weights(height: int, width: int) -> npt.NDArray[np.float64]:
     return np.exp(-(y[:, None] ** 2 + x**2) / (2 * SIGMA**2))
 
 
-def tiled(model: FlowModel | FlowLookup, tile: str | None) -> FlowModel | FlowLookup:
+def tiled(model: AnyModel, tile: str | None) -> AnyModel:
     """`model` in tiles of `tile`, HEIGHTxWIDTH; the model itself where `tile` is None or "none".
 
     Raises:
-        UsageError: a model whose flows were computed elsewhere; no size.
+        UsageError: a model whose flows were computed elsewhere, or of more than two frames; no size.
     """
     if tile in (None, "none"):
         return model
+    if isinstance(model, ClipModel):
+        raise UsageError("a multi-frame model cannot be predicted in tiles; leave the option tile out")
     if not isinstance(model, FlowModel):
         raise UsageError("flows computed elsewhere cannot be predicted in tiles; leave the option tile out")
     return TiledModel(model, str(tile))

@@ -97,11 +97,23 @@ class TorchModel:
         return predict_by_size(self._predict, frames1, frames2)
 
     def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        height, width = frames1[0].shape[:2]
+        return self.run(frames1, frames2)
+
+    def run(self, *batches: list[Frame], **arguments: Any) -> list[Flow]:
+        """One call of the network.
+
+        Args:
+            batches: of RGB uint8 frames of one size, one batch for each image that the network takes.
+            arguments: what else it takes.
+
+        Returns:
+            A flow for each frame of a batch, as `predict` returns it.
+        """
+        height, width = batches[0][0].shape[:2]
         with torch.inference_mode(), reproducible(self._threads):
-            image1, image2 = (self._images(frames) for frames in (frames1, frames2))
+            images = [self._images(frames) for frames in batches]
             with torch.autocast(self.device.type, torch.bfloat16, enabled=self._precision == "bf16"):
-                flow = self._call(image1, image2)
+                flow = self._call(*images, **arguments)
             flow = self._unfit(flow.float(), height, width)
             return list(flow.permute(0, 2, 3, 1).contiguous().cpu().numpy())
 

@@ -12,7 +12,7 @@ import polars as pl
 
 from ..benchmarks import Benchmark
 from ..errors import DataError, UsageError
-from ..models.base import FlowLookup, FlowModel, predict_checked
+from ..models.base import AnyModel, FlowLookup, FlowModel, predict_checked
 from ..sample import Flow, Mask
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
@@ -21,7 +21,7 @@ EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("
 
 def displacement_histogram(
     benchmark: Benchmark,
-    model: FlowModel | FlowLookup | None = None,
+    model: AnyModel | None = None,
     source: str = "",
     edges: Sequence[float] = EDGES,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -40,10 +40,12 @@ def displacement_histogram(
 
     Raises:
         DataError: ground truth asked of a benchmark without.
-        UsageError: edges that do not ascend from 0.
+        UsageError: edges that do not ascend from 0, or a model that needs more than two frames.
     """
     if model is None and not benchmark.dataset.has_flow:
         raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow is to be measured")
+    if model is not None and not isinstance(model, FlowModel | FlowLookup):
+        raise UsageError("displacement is measured from the flow of pairs; name a model of two frames")
     flows = (_flow(benchmark, key, model, number, progress) for number, key in enumerate(benchmark.keys, start=1))
     table = histogram(flows, edges)
     name = "ground truth" if model is None else source or type(model).__name__

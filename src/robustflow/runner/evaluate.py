@@ -14,17 +14,18 @@ from typing import Any, Protocol
 
 from ..benchmarks import Benchmark, load_benchmark
 from ..corruptions import load_corruption
-from ..datasets.base import FromClips
+from ..datasets.base import Clips, Dataset, FromClips
 from ..errors import RobustFlowError, RunError, UsageError, unknown_name
-from ..models import FlowLookup, FlowModel, ModelSpec
-from ..models.base import BatchedFlowModel, model_identity
+from ..models import ModelSpec
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity
 from ..models.loading import as_model
 from ..models.provenance import DECLARED, Training, training_of
+from ..models.window import Window
+from .clip import Surroundings, window_on
 from .engines.base import Done, Job
 from .engines.processes import processes
 from .engines.serial import serial
 from .environment import environment
-from .example_record import FOLDER as EXAMPLES
 from .example_record import are_current, drop_examples
 from .examples import write_examples
 from .plan import Plan, Settings, Unit, identity_digest, left_out_sentence
@@ -52,7 +53,7 @@ class _Silent:
 
 
 def evaluate(
-    model: str | ModelSpec | FlowModel | FlowLookup | Callable[..., Any],
+    model: str | ModelSpec | AnyModel | Callable[..., Any],
     benchmark: str | Benchmark = "demo",
     data: str | Path | None = None,
     output: str | Path | None = None,
@@ -77,8 +78,8 @@ def evaluate(
 
     Args:
         model: a name (`"dis"`, `"module.path:Attribute"`, a folder of flows), or any object with
-            `predict(frame1, frame2) -> flow`, or a function of two frames. An attribute `trained_on` ("C+T") declares
-            its training sets.
+            `predict(frame1, frame2) -> flow`, or a function of two frames, or a multi-frame model (`ClipModel`), which
+            is given clips. An attribute `trained_on` ("C+T") declares its training sets.
         benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", any dataset by name ("folder"
             for your own frames or video, "sintel", ...), or a `Benchmark`.
         data: the data set's folder, for benchmarks that need one.
@@ -122,9 +123,9 @@ def evaluate(
             "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
             "or give the uncorrupted data"
         )
-    spec, identity, training = _identify(model, batch_size)
+    spec, identity, training, window = _identify(model, chosen.dataset, batch_size)
     psf_source = load_corruption("psf_blur", variant).source
-    settings = Settings(seed, variant, allow_invalid, severity_scale, psf_source)
+    settings = Settings(seed, variant, allow_invalid, severity_scale, psf_source, window)
     plan = Plan(chosen, settings, identity, training.record(chosen.name))
     if plan.left_out() and len(plan.units()) == len(chosen.keys):
         raise UsageError(
@@ -147,21 +148,18 @@ def evaluate(
 
 def _draw(result: Result, job: Job, wanted: bool) -> None:
     """The example pictures, when the numbers are safe: nothing that happens here costs a run its rows."""
-    result.write_summary()
-    if are_current(result):
-        return
-    if (result.path / EXAMPLES).exists():
-        drop_examples(result.path)
-        result.write_summary()
-    if not wanted:
-        return
+    result.write_means()
     try:
-        model = job.model.load() if isinstance(job.model, ModelSpec) else job.model
-        write_examples(result, job.dataset, model, job.settings)
+        if are_current(result):
+            return
+        drop_examples(result.path)
+        if wanted:
+            model = job.model.load() if isinstance(job.model, ModelSpec) else job.model
+            write_examples(result, job.dataset, model, job.settings)
     except RobustFlowError as error:
         warnings.warn(f"no example pictures: {error}", stacklevel=3)
-    else:
-        result.write_summary()
+    finally:
+        result.write_report()
 
 
 def _fill(
@@ -239,13 +237,20 @@ def _provenance(before: dict[str, Any] | None, now: dict[str, Any]) -> dict[str,
 
 def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
     """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
+    dataset, window = plan.benchmark.dataset, plan.settings.window
+    files = dataset.files(key)
+    if window is not None:
+        assert isinstance(dataset, Clips)
+        files = list(dict.fromkeys([*files, *Surroundings(dataset, window).files(key)]))
     try:
-        return [[path.name, path.stat().st_size] for path in plan.benchmark.dataset.files(key)]
+        return [[path.name, path.stat().st_size] for path in files]
     except OSError as error:
         raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
 
 
-def _identify(model: Any, batch_size: int) -> tuple[ModelSpec | FlowModel | FlowLookup, dict[str, Any], Training]:
+def _identify(
+    model: Any, dataset: Dataset, batch_size: int
+) -> tuple[ModelSpec | AnyModel, dict[str, Any], Training, Window | None]:
     if isinstance(model, str):
         model = ModelSpec(model)
     if isinstance(model, ModelSpec):
@@ -253,16 +258,18 @@ def _identify(model: Any, batch_size: int) -> tuple[ModelSpec | FlowModel | Flow
         identity = model.identity(loaded)
         _check_batch_size(batch_size, loaded)
         declared = dict(model.options).get(DECLARED, getattr(loaded, DECLARED, None))
-        return model, identity, training_of(identity, declared)
+        return model, identity, training_of(identity, declared), window_on(loaded, dataset)
     found = as_model(model, f"the model {model!r}")
     _check_batch_size(batch_size, found)
     identity = model_identity(found)
-    return found, identity, training_of(identity, getattr(found, DECLARED, None))
+    return found, identity, training_of(identity, getattr(found, DECLARED, None)), window_on(found, dataset)
 
 
-def _check_batch_size(batch_size: int, model: FlowModel | FlowLookup) -> None:
+def _check_batch_size(batch_size: int, model: AnyModel) -> None:
     if batch_size < 1:
         raise UsageError(f"a batch of {batch_size} pairs cannot be predicted: give 1 or more")
+    if batch_size > 1 and isinstance(model, ClipModel):
+        raise UsageError("a multi-frame model predicts one clip at a time; leave out --batch-size")
     if batch_size > 1 and not isinstance(model, BatchedFlowModel):
         raise UsageError(
             "this model predicts one pair at a time (it has no method predict_batch); leave out --batch-size"

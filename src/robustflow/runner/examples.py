@@ -19,8 +19,7 @@ from ..datasets.base import Dataset
 from ..errors import DataError, RunError, UsageError, unknown_name
 from ..imageio import jpeg_bytes, shrunk
 from ..metrics.rows import CLEAN
-from ..models import FlowLookup, FlowModel
-from ..models.base import place
+from ..models.base import AnyModel, place
 from ..sample import Frame
 from .engines.serial import one_opencv_thread
 from .example_cells import Scores, cell_scores
@@ -36,7 +35,7 @@ _SAME_PX, _SAME_SHARE = 0.01, 0.01
 """A prediction made again may differ by this much: batches and devices round differently."""
 
 
-def write_examples(result: Result, dataset: Dataset, model: FlowModel | FlowLookup, settings: Settings) -> bool:
+def write_examples(result: Result, dataset: Dataset, model: AnyModel, settings: Settings) -> bool:
     """Draw the examples of a complete run into its folder, unless they are there already.
 
     Args:
@@ -80,7 +79,7 @@ def write_examples(result: Result, dataset: Dataset, model: FlowModel | FlowLook
 def draw_example(
     result: Result,
     dataset: Dataset,
-    model: FlowModel | FlowLookup,
+    model: AnyModel,
     settings: Settings,
     key: str,
     corruption: str,
@@ -97,7 +96,7 @@ def draw_example(
 
 
 @contextmanager
-def _worker(dataset: Dataset, model: FlowModel | FlowLookup, settings: Settings) -> Iterator[Worker]:
+def _worker(dataset: Dataset, model: AnyModel, settings: Settings) -> Iterator[Worker]:
     """A worker that keeps its clean flows outside of the run's folder."""
     with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
         yield Worker(dataset, model, settings, lambda key: Path(scratch) / f"{key_of(key):x}.npy")

@@ -13,6 +13,7 @@ from ..corruptions.api import STREAM_VERSION
 from ..corruptions.calibrated import calibration_digest
 from ..corruptions.stack import levels_of
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
+from ..models.window import Window
 
 IDENTITY_VERSION = 1
 
@@ -42,6 +43,8 @@ class Settings:
     allow_invalid: bool = False
     severity_scale: str = "paper"
     psf_source: str = ""
+    window: Window | None = None
+    """The frames around each pair that a multi-frame model is given; None where a model is given pairs."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +93,12 @@ class Plan:
         chosen. Two runs with the same identity may share a folder; their rows agree."""
         calibrated = self.settings.severity_scale == "calibrated"
         scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
+        window = {"window": self.settings.window.record()} if self.settings.window else {}
         psf = {"psf": self.settings.psf_source} if self.settings.psf_source else {}
         return (
             scale
             | psf
+            | window
             | {
                 "version": IDENTITY_VERSION,
                 "benchmark": self.benchmark.name,

@@ -14,7 +14,9 @@ from ..atomic import write_json
 from ..benchmarks import load_benchmark
 from ..datasets.base import Dataset, FromClips
 from ..errors import RobustFlowError, RunError
-from ..models import FlowLookup, FlowModel, ModelSpec
+from ..models import ModelSpec
+from ..models.base import AnyModel
+from .clip import window_on
 from .plan import Plan, Settings, identity_digest
 from .result import Result
 
@@ -62,7 +64,7 @@ class Source:
             raise RunError(f"{folder / FILE} is damaged; delete it, and name --model and --data instead") from error
 
 
-def set_up_again(result: Result, source: Source) -> tuple[Dataset, FlowModel | FlowLookup, Settings]:
+def set_up_again(result: Result, source: Source) -> tuple[Dataset, AnyModel, Settings]:
     """Data set, model and settings of a finished run.
 
     Raises:
@@ -82,7 +84,12 @@ def set_up_again(result: Result, source: Source) -> tuple[Dataset, FlowModel | F
         raise RunError(f"the model of {result.path} can no longer be loaded: {error}") from error
     scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
     settings = Settings(
-        identity["seed"], identity["variant"], identity["allow_invalid"], scale, _psf_source(identity["variant"])
+        identity["seed"],
+        identity["variant"],
+        identity["allow_invalid"],
+        scale,
+        _psf_source(identity["variant"]),
+        window_on(model, dataset),
     )
     now = Plan(chosen, settings, source.model.identity(model)).identity()
     if identity_digest(now) != result.manifest["identity_digest"]:

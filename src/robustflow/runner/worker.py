@@ -11,19 +11,24 @@ from typing import Any
 
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
-from ..datasets.base import Dataset, PreCorrupted
+from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..errors import DataError, ModelError
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN, measure
 from ..models.base import (
+    AnyModel,
     BatchedFlowModel,
+    ClipModel,
     FlowLookup,
     FlowModel,
     place,
     predict_batch_checked,
     predict_checked,
+    predict_clip_checked,
 )
+from ..models.window import place_of_pair
 from ..sample import Flow, Frame, Sample
+from .clip import Surroundings
 from .plan import Settings, Unit
 from .store import read_clean, write_clean
 
@@ -66,7 +71,7 @@ class Worker:
     def __init__(
         self,
         dataset: Dataset,
-        model: FlowModel | FlowLookup,
+        model: AnyModel,
         settings: Settings,
         clean_path: Callable[[str], Path],
         on_predict: Callable[[str | None], None] = lambda what: None,
@@ -78,6 +83,10 @@ class Worker:
         self._clean_path = clean_path
         self._on_predict = on_predict
         self._batch_size = batch_size
+        self._surroundings = None
+        if settings.window is not None:
+            assert isinstance(dataset, Clips)
+            self._surroundings = Surroundings(dataset, settings.window)
         self._corruptions: dict[str, Corruption] = {}
         self._loaded: _Loaded | None = None
         self.seconds = {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
@@ -117,6 +126,8 @@ class Worker:
             self._loaded = None  # let go of the last sample before the next one is read
             start = time.perf_counter()
             sample = self._dataset.load(key)
+            if self._surroundings is not None:
+                sample = self._surroundings.add(sample)
             if sample.valid is not None and not sample.valid.any():
                 raise DataError(
                     f"sample '{key}': its ground truth marks no pixel as valid, so no error can be measured; "
@@ -136,12 +147,17 @@ class Worker:
         start = time.perf_counter()
         paper = self._settings.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
         if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
-            frames = self._dataset.corrupted(sample.key, name, severity)
+            made = self._dataset if self._surroundings is None else self._surroundings
+            frames = made.corrupted(sample.key, name, severity)
         else:
             if name not in self._corruptions:
                 self._corruptions[name] = load_corruption(name, self._settings.variant, self._settings.severity_scale)
             corruption = self._corruptions[name]
-            frames = tuple(corrupt_clip(sample.frames, corruption, severity, self._settings.seed, sample.key))
+            seed = self._settings.seed
+            if self._surroundings is not None:
+                frames = self._surroundings.corrupt(sample, corruption, severity, seed)
+            else:
+                frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key))
         self.seconds["corrupt"] += time.perf_counter() - start
         return frames
 
@@ -151,9 +167,15 @@ class Worker:
         """One call of the model for a batch; a single pair goes through `predict`."""
         start = time.perf_counter()
         self._on_predict(place(key, corruption, *severities))
-        if len(pairs) > 1 and isinstance(self._model, BatchedFlowModel):
+        if self._surroundings is not None:
+            flows = [
+                self._predict_clip(self._surroundings, frames, key, corruption, severity)
+                for frames, severity in zip(pairs, severities, strict=True)
+            ]
+        elif len(pairs) > 1 and isinstance(self._model, BatchedFlowModel):
             flows = predict_batch_checked(self._model, pairs, key, corruption, severities)
         else:
+            assert isinstance(self._model, FlowModel | FlowLookup)
             flows = [
                 predict_checked(self._model, frames, key, corruption, severity)
                 for frames, severity in zip(pairs, severities, strict=True)
@@ -162,11 +184,18 @@ class Worker:
         self.seconds["predict"] += time.perf_counter() - start
         return flows
 
+    def _predict_clip(
+        self, surroundings: Surroundings, frames: tuple[Frame, ...], key: str, corruption: str, severity: int
+    ) -> Flow:
+        assert isinstance(self._model, ClipModel)
+        clip, index = surroundings.in_order(key, frames), place_of_pair(surroundings.offsets(key))
+        return predict_clip_checked(self._model, clip, index, key, corruption, severity)
+
     def _row(
         self, loaded: _Loaded, flow: Flow, frames: tuple[Frame, ...], corruption: str, severity: int
     ) -> dict[str, Any]:
         start = time.perf_counter()
-        digest = frames_digest(frames)
+        digest = frames_digest(frames[:2])
         row = measure(
             flow,
             loaded.clean,

@@ -27,6 +27,7 @@ class MethodEntry(BaseModel):
         type: what it was made from: prior knowledge, or training with or without labels.
         source: whose implementation runs: a library's, or the project's own.
         extra: of the installation it needs, "" for none.
+        frames: that it sees; 2, or more for a multi-frame method, at most.
         code_licence: of that implementation; hardly any weights state one.
     """
 
@@ -39,6 +40,7 @@ class MethodEntry(BaseModel):
     source: Literal["OpenCV", "ptlflow", "torchvision", "own"]
     extra: Literal["", "torch", "ptlflow"]
     code_licence: str
+    frames: int = Field(default=2, ge=2)
 
 
 class CheckpointEntry(BaseModel):

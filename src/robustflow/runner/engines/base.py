@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ...datasets.base import Dataset
-from ...models import FlowLookup, FlowModel, ModelSpec
+from ...models import ModelSpec
+from ...models.base import AnyModel
 from ..plan import Settings, Unit
 from ..store import RunFolder
 from ..worker import Worker
@@ -19,7 +20,7 @@ class Job:
     """All a worker needs, picklable where the model is."""
 
     dataset: Dataset
-    model: ModelSpec | FlowModel | FlowLookup
+    model: ModelSpec | AnyModel
     settings: Settings
     folder: Path
     batch_size: int = 1

@@ -1,0 +1,87 @@
+"""The window of a multi-frame model: which frames around a pair it is given, and what happens at a sequence's ends."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple, get_args
+
+from ..errors import ModelError
+
+Ends = Literal["repeat", "short", "inside"]
+
+
+class Window(NamedTuple):
+    """Frames around a pair, counted from frame 1 of the pair, which is offset 0; frame 2 is offset 1.
+
+    Attributes:
+        before: frames before frame 1.
+        after: frames after frame 2.
+        ends: where the sequence has fewer frames on one side. "repeat": the frame nearest to those that are missing
+            stands for them, so that there are always before + 2 + after frames and frame 1 is number `before`.
+            "short": they are left out, so that there are fewer frames. "inside": the window moves until it lies
+            within the sequence, so that the pair takes another place in it; a sequence shorter than the window is
+            given whole.
+    """
+
+    before: int
+    after: int = 0
+    ends: Ends = "repeat"
+
+    @property
+    def reach(self) -> int:
+        """How far from the pair a frame may lie at most, on either side."""
+        return self.before + self.after
+
+    def offsets(self, there: range) -> tuple[int, ...]:
+        """The frames that the model is given, in order.
+
+        Args:
+            there: the offsets that the sequence has; 0 and 1 are among them.
+
+        >>> Window(2, 1).offsets(range(0, 9)), Window(2, 1, "short").offsets(range(0, 9))
+        ((0, 0, 0, 1, 2), (0, 1, 2))
+        >>> Window(2, 1, "inside").offsets(range(0, 9)), Window(2, 1, "inside").offsets(range(-9, 2))
+        ((0, 1, 2, 3, 4), (-3, -2, -1, 0, 1))
+        """
+        wanted = range(-self.before, self.after + 2)
+        if self.ends == "repeat":
+            return tuple(min(max(offset, there.start), there.stop - 1) for offset in wanted)
+        if self.ends == "inside":
+            start = max(there.start, min(wanted.start, there.stop - len(wanted)))
+            wanted = range(start, start + len(wanted))
+        return tuple(offset for offset in wanted if offset in there)
+
+    def record(self) -> dict[str, Any]:
+        """For a run's identity."""
+        return self._asdict()
+
+
+def window_of(model: Any) -> Window:
+    """The window that a multi-frame model declares.
+
+    Raises:
+        ModelError: not (before, after) or (before, after, ends).
+
+    >>> class Mine:
+    ...     window = (2, 0)
+    >>> window_of(Mine())
+    Window(before=2, after=0, ends='repeat')
+    """
+    declared = model.window
+    parts = tuple(declared) if isinstance(declared, tuple | list) else ()
+    counts, ends = parts[:2], parts[2:]
+    whole = len(counts) == 2 and all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in counts)
+    if not (whole and sum(counts) and ends in ((), *((end,) for end in get_args(Ends)))):
+        raise ModelError(
+            f"the model's window is {declared!r}; declare (before, after): how many frames it wants before frame 1 and "
+            f"after frame 2, one at least, and perhaps as a third what happens at the ends: {', '.join(get_args(Ends))}"
+        )
+    return Window(*parts)
+
+
+def place_of_pair(offsets: tuple[int, ...]) -> int:
+    """Which of the frames is frame 1 of the pair.
+
+    >>> place_of_pair((0, 0, 0, 1, 2))
+    2
+    """
+    return offsets.index(1) - 1

@@ -1,0 +1,104 @@
+"""The frames around a pair, for multi-frame models: which there are, read, corrupted by the pair's own draw, in order.
+
+Inside a run they travel behind the pair, so that whatever looks at a pair (metrics, digests, pictures) sees the pair
+that a two-frame model gets, byte for byte.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ..corruptions.api import corrupt_clip
+from ..corruptions.base import Corruption
+from ..datasets.base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
+from ..errors import DataError, UsageError
+from ..models.base import AnyModel, ClipModel, FlowModel
+from ..models.window import Window, window_of
+from ..sample import Frame, Sample
+
+_WITH_CLIPS = (
+    "folder (frames or a video), gopro-fc prepared from recordings, sintel, spring, hd1k, flyingthings3d, gopro, "
+    "middlebury with all its frames, and KITTI with its multi-view extension"
+)
+
+
+def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
+    """The window of a multi-frame model on a data set; None where a model is given pairs.
+
+    Raises:
+        UsageError: the model needs more than two frames, and the data set has no more.
+        ModelError: its window is none.
+    """
+    if not isinstance(model, ClipModel):
+        return None
+    window = window_of(model)
+    frozen = isinstance(dataset, PreCorrupted) and not isinstance(dataset, CorruptedClips)
+    if has_clips(dataset) and not frozen:
+        return window
+    if isinstance(model, FlowModel):
+        return None
+    raise UsageError(
+        f"this model sees {window.before + 2 + window.after} frames, and '{dataset.name}' holds pairs only; "
+        f"data with clips: {_WITH_CLIPS}"
+    )
+
+
+class Surroundings:
+    """The frames of a window, on one data set.
+
+    Frames travel as (frame 1, frame 2, those around them by ascending offset).
+    """
+
+    def __init__(self, dataset: Clips, window: Window) -> None:
+        self._dataset = dataset
+        self._window = window
+
+    def offsets(self, key: str) -> tuple[int, ...]:
+        """What the model is given, in its order; an offset may come twice."""
+        return self._window.offsets(self._dataset.around(key, self._window.reach))
+
+    def files(self, key: str) -> list[Path]:
+        """The files of the frames around a pair."""
+        numbers = self._numbers(key)[2:]
+        return self._dataset.frame_files(key, numbers) if numbers else []
+
+    def add(self, sample: Sample) -> Sample:
+        """The sample with the frames around its pair behind it.
+
+        Raises:
+            DataError: one of them cannot be read, or is of another size.
+        """
+        around = {number: self._dataset.frame(sample.key, number) for number in self._numbers(sample.key)[2:]}
+        for number, frame in around.items():
+            if frame.shape != sample.frames[0].shape:
+                raise DataError(
+                    f"sample '{sample.key}': the frame {number} steps from its first is {frame.shape[1]}x"
+                    f"{frame.shape[0]}, the pair {sample.shape[1]}x{sample.shape[0]}; frames of a clip have one size"
+                )
+        return replace(sample, frames=(*sample.frames[:2], *around.values()))
+
+    def corrupt(self, sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
+        """The frames of a sample from `add`, corrupted as one clip."""
+        numbers = self._numbers(sample.key)
+        first, clean = min(numbers), dict(zip(numbers, sample.frames, strict=True))
+        clip = corrupt_clip(
+            (clean[first + place] for place in range(len(clean))), corruption, severity, seed, sample.key, first=first
+        )
+        corrupted = dict(zip(sorted(numbers), clip, strict=True))
+        return tuple(corrupted[number] for number in numbers)
+
+    def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
+        """The frames that the data set has corrupted itself."""
+        assert isinstance(self._dataset, CorruptedClips)
+        return tuple(self._dataset.corrupted_frame(key, number, corruption, severity) for number in self._numbers(key))
+
+    def in_order(self, key: str, frames: Sequence[Frame]) -> tuple[Frame, ...]:
+        """What the model is given, from frames as they travel."""
+        by_number = dict(zip(self._numbers(key), frames, strict=True))
+        return tuple(by_number[offset] for offset in self.offsets(key))
+
+    def _numbers(self, key: str) -> tuple[int, ...]:
+        """The offsets of the frames as they travel."""
+        return (0, 1, *sorted(set(self.offsets(key)) - {0, 1}))

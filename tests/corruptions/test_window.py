@@ -1,0 +1,79 @@
+"""A clip around a pair: one draw, the pair's bytes, and frames before it that are frames like any other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
+from robustflow.corruptions.base import VARIANTS
+from robustflow.corruptions.catalog import CLIP, CORRUPTIONS
+from robustflow.errors import AssetError
+
+from .test_contract import picture
+
+NAMES = [*(name for name in CORRUPTIONS.names() if name not in CLIP), "fog:2+gaussian_noise", "snow+over_exposure:3"]
+NEW_IN_EVERY_FRAME = {"snow", "gaussian_noise", "shot_noise", "impulse_noise"}
+EVERY_SECOND_FRAME = {"over_exposure", "under_exposure"}
+
+
+def window(frames, name, severity, **options):
+    """The corrupted frames; skips where textures or lenses are neither there nor to be fetched."""
+    try:
+        return list(corrupt_clip(frames, name, severity, **options))
+    except AssetError as error:
+        pytest.skip(str(error))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=6, deadline=None)
+@given(
+    before=st.integers(0, 4),
+    after=st.integers(0, 3),
+    size=st.tuples(st.integers(16, 60), st.integers(16, 60)),
+    severity=st.integers(1, 5),
+    variant=st.sampled_from(VARIANTS),
+    seed=st.integers(0, 2**32),
+)
+def test_the_pair_in_a_window_is_the_pair(name, before, after, size, severity, variant, seed):
+    frames = [picture(*size, seed=i) for i in range(before + 2 + after)]
+    options = {"seed": seed, "key": "k", "variant": variant}
+    clip = window(frames, name, severity, first=-before, **options)
+    pair = corrupt(frames[before], frames[before + 1], name, severity, **options)
+    assert len(clip) == len(frames)
+    assert (clip[before] == pair[0]).all()
+    assert (clip[before + 1] == pair[1]).all()
+    if before:
+        shorter = window(frames[1:], name, severity, first=1 - before, **options)
+        assert all((a == b).all() for a, b in zip(clip[1:], shorter, strict=True)), "a frame depends on the window"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_frames_share_and_what_changes(name):
+    if "+" in name:
+        return
+    frame = picture(48, 64)
+    distinct = {out.tobytes() for out in window([frame] * 9, name, 3, first=-5)}
+    expected = 9 if name in NEW_IN_EVERY_FRAME else 2 if name in EVERY_SECOND_FRAME else 1
+    assert len(distinct) == expected
+
+
+@pytest.mark.parametrize("name", sorted(EVERY_SECOND_FRAME))
+@pytest.mark.parametrize("seed", range(4))
+def test_exposure_alternates_across_the_pair(name, seed):
+    frame = picture(16, 16)
+    changed = [bool((out != frame).any()) for out in window([frame] * 8, name, 4, first=-4, seed=seed)]
+    assert changed == [changed[0], not changed[0]] * 4
+
+
+def test_apply_at_a_negative_index_equals_the_clip():
+    frames = [picture(40, 50, seed=i) for i in range(4)]
+    corruption = load_corruption("snow")
+    clip = window(frames, corruption, 2, first=-3, seed=9, key="k")
+    again = [
+        window([frame], corruption, 2, first=index, seed=9, key="k")[0]
+        for index, frame in zip((-3, -1), frames[::2], strict=True)
+    ]
+    np.testing.assert_array_equal(again, clip[::2])

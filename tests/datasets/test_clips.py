@@ -1,0 +1,129 @@
+"""The frames around a pair, in every data set that has them."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from robustflow.datasets import load_dataset
+from robustflow.datasets.base import Clips, CorruptedClips, has_clips
+from robustflow.errors import DataError
+from robustflow.imageio import read_image
+from tests.video import clips
+
+from .layouts import HEIGHT, WIDTH, flow, kitti, picture
+
+
+def check(dataset, key, files, place):
+    """The frames of a data set around the pair at `place` of a sequence are those of `files`, in their order."""
+    assert isinstance(dataset, Clips)
+    assert has_clips(dataset)
+    before, after = place, len(files) - place - 2
+    assert dataset.around(key, 100) == range(-before, after + 2)
+    assert dataset.around(key, 1) == range(-min(before, 1), 2 + min(after, 1))
+    for offset in dataset.around(key, 100):
+        assert dataset.frame_files(key, [offset]) == [files[place + offset]]
+        assert (dataset.frame(key, offset) == read_image(files[place + offset])).all()
+    assert dataset.frame_files(key, [1, -before, 0, 1]) == list(dict.fromkeys([files[0], *files[place : place + 2]]))
+    pair = dataset.load(key).frames
+    assert (pair[0] == dataset.frame(key, 0)).all()
+    assert (pair[1] == dataset.frame(key, 1)).all()
+    assert pickle.loads(pickle.dumps(dataset)).around(key, 100) == dataset.around(key, 100)
+
+
+@pytest.mark.parametrize("place", range(4))
+def test_sintel(tmp_path, place):
+    for scene, count in (("alley_1", 5), ("bamboo_2", 3)):
+        for number in range(1, count + 1):
+            picture(tmp_path / "training/clean" / scene / f"frame_{number:04d}.png")
+            if number < count:
+                flow(tmp_path / "training/flow" / scene / f"frame_{number:04d}.flo")
+    files = [tmp_path / f"training/clean/alley_1/frame_{number:04d}.png" for number in range(1, 6)]
+    check(load_dataset("sintel", tmp_path), f"alley_1/frame_{place + 1:04d}", files, place)
+
+
+@pytest.mark.parametrize("direction", ["FW", "BW"])
+def test_spring_in_both_directions(tmp_path, direction):
+    pytest.importorskip("h5py", reason="needs the h5 extra")
+    frames = [tmp_path / f"train/0001/frame_left/frame_left_{number:04d}.png" for number in range(1, 5)]
+    for path in frames:
+        picture(path)
+    truths = range(1, 4) if direction == "FW" else range(2, 5)
+    for number in truths:
+        flow(
+            tmp_path / f"train/0001/flow_{direction}_left/flow_{direction}_left_{number:04d}.flo5",
+            None,
+            2 * HEIGHT,
+            2 * WIDTH,
+        )
+    ordered = frames if direction == "FW" else frames[::-1]
+    first = "0002" if direction == "FW" else "0003"
+    check(load_dataset("spring", tmp_path, direction=direction), f"0001/{first}", ordered, 1)
+
+
+def test_kitti_with_its_multi_view_extension(tmp_path):
+    folder = tmp_path / "training"
+    kitti(folder, ["000003", "000007"])
+    assert not has_clips(load_dataset("kitti2015", tmp_path))
+    for number in (0, 7, 8, 9, 12, 13):
+        picture(folder / "image_2" / f"000003_{number:02d}.png")
+    dataset = load_dataset("kitti2015", tmp_path)
+    assert dataset.keys() == ["000003", "000007"], "frames of the extension begin no pairs"
+    files = [folder / "image_2" / f"000003_{number:02d}.png" for number in range(7, 14)]
+    check(dataset, "000003", files, 3)
+    assert dataset.around("000007", 5) == range(2)
+
+
+def test_middlebury_with_eight_frames(tmp_path):
+    for scene, numbers in (("Army", range(7, 15)), ("Venus", (10, 11))):
+        for number in numbers:
+            picture(tmp_path / "other-data" / scene / f"frame{number:02d}.png")
+        flow(tmp_path / "other-gt-flow" / scene / "flow10.flo")
+    dataset = load_dataset("middlebury", tmp_path)
+    check(dataset, "Army", [tmp_path / f"other-data/Army/frame{number:02d}.png" for number in range(7, 15)], 3)
+    assert dataset.around("Venus", 5) == range(2)
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_folders_in_steps_of_the_pair(tmp_path, step):
+    for number in range(1, 12):
+        picture(tmp_path / "walk" / f"{number}.png")
+    picture(tmp_path / "still" / "1.png")
+    picture(tmp_path / "still" / "2.png")
+    picture(tmp_path / "still" / "3.png")
+    files = [tmp_path / "walk" / f"{number}.png" for number in range(1, 12, step)]
+    check(load_dataset("folder", tmp_path, step=step), f"walk/{1 + 2 * step}", files, 2)
+
+
+@pytest.mark.parametrize("step", [1, 3])
+def test_video_in_any_order(tmp_path, step):
+    clips.clip(tmp_path / "walk.mp4", 12, fps=25)
+    dataset = load_dataset("folder", tmp_path / "walk.mp4", step=step)
+    every = load_dataset("folder", tmp_path / "walk.mp4")
+    frames = [every.load(f"{index:06d}").frames[0] for index in range(11)] + [every.load("000010").frames[1]]
+    keys = dataset.keys()
+    for key in [*keys, *reversed(keys)]:
+        index = int(key)
+        there = dataset.around(key, 2)
+        assert there.start == -min(2, index // step)
+        assert there.stop == min(3, (11 - index) // step) + 1
+        for offset in there:
+            np.testing.assert_array_equal(dataset.frame(key, offset), frames[index + offset * step])
+    assert dataset.frame_files("000000", [0, 1]) == [tmp_path / "walk.mp4"]
+
+
+def test_a_frame_of_another_size_is_named(tmp_path):
+    for number in range(1, 4):
+        picture(tmp_path / "other-data/Army" / f"frame{number + 8:02d}.png", height=HEIGHT + (number == 1))
+    flow(tmp_path / "other-gt-flow/Army/flow10.flo")
+    with pytest.raises(DataError, match=r"frame10.png is 8x6, .*frame09.png is 8x7"):
+        load_dataset("middlebury", tmp_path).frame("Army", -1)
+
+
+def test_pairs_alone_have_no_clips(tmp_path):
+    kitti(tmp_path / "training", ["000000", "000001"])
+    assert not has_clips(load_dataset("kitti2015", tmp_path))
+    assert not has_clips(load_dataset("motorcycle"))
+    assert not isinstance(load_dataset("kitti2015", tmp_path), CorruptedClips)

@@ -1,0 +1,237 @@
+"""Runs of multi-frame models: the clip they get, the pair's bytes, and the same rows however they are computed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.cli.main import main
+from robustflow.corruptions import IMAGE_PAIR, corrupt, corrupt_clip
+from robustflow.errors import DataError, ModelError, RunError, UsageError
+from robustflow.imageio import read_image, write_image
+from robustflow.models import Window, load_model
+from robustflow.models.base import model_identity
+from tests.corruptions.test_contract import picture
+from tests.video import clips
+
+from .conftest import FAST
+
+MODEL = "models_for_tests:FiveFrames"
+COUNT = 6
+
+
+class Recorder:
+    """Notes what it is given."""
+
+    def __init__(self, window=(2, 1)) -> None:
+        self.window = window
+        self.calls: list[tuple[tuple[np.ndarray, ...], int]] = []
+
+    def predict_clip(self, frames, index):
+        self.calls.append((frames, index))
+        return np.zeros((*frames[0].shape[:2], 2), np.float32)
+
+
+class WithPairs(Recorder):
+    """Also works with two frames."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.pairs = 0
+
+    def predict(self, frame1, frame2):
+        self.pairs += 1
+        return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A sequence of textured frames that differ in every pixel's neighbourhood."""
+    folder = tmp_path_factory.mktemp("frames")
+    for number in range(COUNT):
+        write_image(folder / f"{number}.png", picture(48, 64, seed=number))
+    return folder
+
+
+def run(model, folder, output, **options):
+    chosen = {"corruptions": FAST, "severities": [2, 5], **options}
+    return rf.evaluate(model, "folder", folder, output, **chosen)
+
+
+def test_the_model_gets_the_corrupted_clip(folder, tmp_path):
+    model = Recorder()
+    run(model, folder, tmp_path / "run", corruptions=["impulse_noise"], severities=[3], seed=5)
+    frames = [read_image(folder / f"{number}.png") for number in range(COUNT)]
+    calls = iter(model.calls)
+    for pair in range(COUNT - 1):
+        places = [min(max(place, 0), COUNT - 1) for place in range(pair - 2, pair + 3)]
+        first, last = min(places), max(places)
+        noisy = list(
+            corrupt_clip(frames[first : last + 1], "impulse_noise", 3, seed=5, key=str(pair), first=first - pair)
+        )
+        for expected in (frames, [None] * first + noisy):
+            given, index = next(calls)
+            assert index == 2
+            assert len(given) == 5
+            assert all((a == expected[place]).all() for a, place in zip(given, places, strict=True))
+        a, b = corrupt(frames[pair], frames[pair + 1], "impulse_noise", 3, seed=5, key=str(pair))
+        assert (given[2] == a).all()
+        assert (given[3] == b).all()
+    assert next(calls, None) is None
+
+
+@pytest.mark.parametrize(
+    ("window", "lengths", "places"),
+    [
+        (Window(2, 1, "short"), [3, 4, 5, 5, 4], [0, 1, 2, 2, 2]),
+        (Window(2, 1, "inside"), [5, 5, 5, 5, 5], [0, 1, 2, 2, 3]),
+        (Window(9, 0, "inside"), [6] * 5, [0, 1, 2, 3, 4]),
+    ],
+)
+def test_what_happens_at_the_ends_is_the_models_choice(folder, tmp_path, window, lengths, places):
+    model = Recorder(window)
+    run(model, folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
+    assert [len(frames) for frames, _ in model.calls[::2]] == lengths
+    assert [index for _, index in model.calls[::2]] == places
+    identity = rf.Result(tmp_path / "run").manifest["identity"]
+    assert identity["window"] == {"before": window.before, "after": window.after, "ends": window.ends}
+
+
+def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(folder, tmp_path):
+    pairs = run("dis", folder, tmp_path / "pairs", corruptions=[name for name in IMAGE_PAIR if name != "frost"])
+    clip = run(Recorder(), folder, tmp_path / "clips", corruptions=[name for name in IMAGE_PAIR if name != "frost"])
+    columns = ["sample", "corruption", "severity", "frames_digest"]
+    assert pairs.rows.select(columns).equals(clip.rows.select(columns))
+    assert "window" not in pairs.manifest["identity"]
+
+
+@pytest.fixture
+def whole(folder, tmp_path, models_on_path):
+    return run(MODEL, folder, tmp_path / "whole")
+
+
+def test_workers_order_and_pieces_make_no_difference(whole, folder, tmp_path):
+    two = run(MODEL, folder, tmp_path / "two", workers=2)
+    run(MODEL, folder, tmp_path / "pieces", limit=2, corruptions=FAST[2:], workers=2)
+    run(MODEL, folder, tmp_path / "pieces", corruptions=FAST[:2], severities=[5])
+    pieces = run(MODEL, folder, tmp_path / "pieces")
+    for other in (two, pieces):
+        assert other.rows.equals(whole.rows)
+        assert (other.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
+
+
+def test_killed_and_resumed(whole, folder, tmp_path, monkeypatch):
+    last = read_image(folder / f"{COUNT - 2}.png")
+    monkeypatch.setenv("DIES_ON", str(int(last[0, 0, 0])))
+    with pytest.raises(RunError, match="exit code 17"):
+        run(MODEL, folder, tmp_path / "killed", workers=2)
+    monkeypatch.delenv("DIES_ON")
+    assert 0 < rf.Result(tmp_path / "killed").rows.height < whole.rows.height
+    assert run(MODEL, folder, tmp_path / "killed", workers=2).rows.equals(whole.rows)
+
+
+def test_video_and_folder_from_the_command_line(tmp_path, models_on_path, monkeypatch, capsys):
+    clips.clip(tmp_path / "clip.mp4", COUNT, fps=25)
+    data = ["--benchmark", "folder", "--data", str(tmp_path / "clip.mp4"), "--output", str(tmp_path / "video")]
+    what = ["--corruptions", ",".join(FAST), "--severities", "4", "--workers", "2"]
+    monkeypatch.setattr("sys.argv", ["robustflow", "run", "--model", MODEL, *data, *what])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code in (0, None)
+    assert "over_exposure" in capsys.readouterr().out
+    from robustflow.datasets import load_dataset
+
+    video = load_dataset("folder", tmp_path / "clip.mp4")
+    (tmp_path / "frames").mkdir()
+    for offset in range(COUNT):
+        write_image(tmp_path / "frames" / f"{offset:06d}.png", video.frame("000000", offset))
+    frames = run(MODEL, tmp_path / "frames", tmp_path / "run", severities=[4])
+    columns = ["sample", "corruption", "severity", "frames_digest", "rcre_all_sum"]
+    assert rf.Result(tmp_path / "video").rows.select(columns).equals(frames.rows.select(columns))
+
+
+def test_example_pictures_are_drawn_from_the_clip(whole, folder, tmp_path, models_on_path):
+    from robustflow.runner.source import Source, set_up_again
+
+    _, model, settings = set_up_again(whole, Source.read(whole.path))
+    assert settings.window == Window(2, 1)
+    assert model_identity(model)["object"].endswith("FiveFrames")
+    drawn = run(MODEL, folder, tmp_path / "drawn", examples=True)
+    assert list((drawn.path / "examples").iterdir())
+
+
+def test_changed_frames_around_a_pair_are_noticed(folder, tmp_path):
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for number in range(3):
+        write_image(frames / f"{number}.png", picture(48, 64, seed=number))
+    chosen = {"corruptions": ["contrast"], "severities": [1], "limit": 1}
+    run(Recorder((0, 1)), frames, tmp_path / "run", **chosen)
+    write_image(frames / "2.png", np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(RunError, match="made from other files for sample '0'"):
+        run(Recorder((0, 1)), frames, tmp_path / "run", **chosen)
+
+
+def test_another_window_is_another_run(folder, tmp_path):
+    chosen = {"corruptions": ["contrast"], "severities": [1], "limit": 1}
+    run(Recorder(), folder, tmp_path / "run", **chosen)
+    with pytest.raises(RunError, match="differs in: window"):
+        run(Recorder((1, 1)), folder, tmp_path / "run", **chosen)
+
+
+def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(tmp_path):
+    chosen = {"corruptions": ["contrast"], "severities": [1]}
+    with pytest.raises(
+        UsageError, match="sees 5 frames, and 'motorcycle' holds pairs only; data with clips: folder"
+    ) as e:
+        rf.evaluate(Recorder(), "demo", output=tmp_path / "run", **chosen)
+    assert "\n" not in str(e.value)
+    assert not (tmp_path / "run").exists()
+    model = WithPairs()
+    result = rf.evaluate(model, "demo", output=tmp_path / "run", **chosen)
+    assert (model.pairs, model.calls) == (2, [])
+    assert "window" not in result.manifest["identity"]
+
+
+def test_a_model_of_both_kinds_gets_clips_where_there_are_some(folder, tmp_path):
+    model = WithPairs()
+    run(model, folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
+    assert (model.pairs, len(model.calls)) == (0, 2 * (COUNT - 1))
+
+
+def test_what_a_multi_frame_model_cannot_do(folder, tmp_path, models_on_path):
+    with pytest.raises(UsageError, match="one clip at a time; leave out --batch-size"):
+        run(Recorder(), folder, tmp_path / "run", batch_size=2)
+    with pytest.raises(UsageError, match="cannot be predicted in tiles"):
+        load_model(MODEL, tile="64x64")
+    with pytest.raises(ModelError, match="the model's window is 'all'"):
+        run(Recorder("all"), folder, tmp_path / "run")
+
+
+def test_wrong_answers_name_the_place(folder, tmp_path):
+    class Wrong(Recorder):
+        def predict_clip(self, frames, index):
+            return (
+                super().predict_clip(frames, index)[:5] if len(self.calls) > 2 else super().predict_clip(frames, index)
+            )
+
+    with pytest.raises(ModelError, match=r"float32 \(5, 64, 2\) on sample '1', contrast severity 1"):
+        run(Wrong(), folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
+
+    class Raises(Recorder):
+        def predict_clip(self, frames, index):
+            return frames[7]
+
+    with pytest.raises(ModelError, match="raised IndexError on sample '0', clean"):
+        run(Raises(), folder, tmp_path / "run2", corruptions=["contrast"], severities=[1])
+
+
+def test_a_damaged_frame_of_the_clip_is_named(tmp_path):
+    (tmp_path / "frames").mkdir()
+    for number in range(3):
+        write_image(tmp_path / "frames" / f"{number}.png", picture(48, 64, seed=number))
+    whole = (tmp_path / "frames/2.png").read_bytes()
+    (tmp_path / "frames/2.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(DataError, match=r"2\.png"):
+        run(Recorder((0, 1)), tmp_path / "frames", tmp_path / "run", corruptions=["contrast"], severities=[1], limit=1)
