@@ -79,7 +79,7 @@ def examples(
     folder.lock()
     try:
         if write_examples(result, *setup):
-            result.write_summary()
+            result.write_report()
     finally:
         folder.unlock()
     typer.echo(str(result.path / FOLDER))

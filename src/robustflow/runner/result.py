@@ -147,9 +147,17 @@ class Result:
 
     def write_summary(self) -> None:
         """Write `summary.json` and `report.html` into the run's folder."""
+        self.write_means()
+        self.write_report()
+
+    def write_means(self) -> None:
+        """Write `summary.json`."""
+        write_json(self.path / "summary.json", self.document())
+
+    def write_report(self) -> None:
+        """Write `report.html`, with the examples that are there."""
         from ..report.site import render_site, run_content
 
-        write_json(self.path / "summary.json", self.document())
         write_bytes(self.path / "report.html", render_site(run_content(self)).encode())
 
     def planned(self) -> list[Cell]:
