@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from ..errors import ModelError, unknown_name
 from ..models import MODELS, FlowModel, ModelSpec
-from ..models.catalog import is_installed, methods
+from ..models.catalog import MethodEntry, is_installed, methods
 
 
 class Models:
@@ -22,7 +22,7 @@ class Models:
     def __init__(self, given: Sequence[ModelSpec]) -> None:
         known = methods()
         here = [
-            name for name in MODELS.names() if (is_installed(known[name]) if name in known else _needs_nothing(name))
+            name for name in MODELS.names() if (_runs_on_pairs(known[name]) if name in known else _needs_nothing(name))
         ]
         here.sort(key=lambda name: (name not in ("dis", "farneback"), name))  # those that need no weights
         self._specs = {spec.name: spec for spec in given} | {
@@ -59,6 +59,11 @@ class Models:
                 raise ModelError(f"model '{name}' does not predict from two frames; choose another")
             self._loaded = (name, model)
         return self._loaded[1]
+
+
+def _runs_on_pairs(method: MethodEntry) -> bool:
+    """Whether a method is installed, and takes two frames, which is all that a page has."""
+    return is_installed(method) and method.frames == 2
 
 
 def _needs_nothing(name: str) -> bool:
