@@ -11,19 +11,19 @@ import pytest
 
 import robustflow as rf
 from robustflow.cli.main import main
+from tests.video import clips
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 def sections():
-    """The guide 'add your model', before and after the heading of exported networks."""
-    before, heading, after = (DOCS / "add-your-model.md").read_text().partition("## An exported network")
-    assert heading
-    return before, after
+    """The guide 'add your model': the model itself, exported networks, clips."""
+    first, exported, clip = re.split(r"^## .*$", (DOCS / "add-your-model.md").read_text(), flags=re.MULTILINE)
+    return first, exported, clip
 
 
 def test_add_your_model(tmp_path, monkeypatch, capsys):
-    page, _ = sections()
+    page, _, _ = sections()
     module, script = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     (command,) = re.findall(r"```\n(robustflow run .*?)\n```", page)
     (tmp_path / "my_model.py").write_text(module)
@@ -47,7 +47,7 @@ def test_add_your_model(tmp_path, monkeypatch, capsys):
 def test_an_exported_network(tmp_path, monkeypatch, capsys):
     for library in ("torch", "onnx", "onnxruntime"):
         pytest.importorskip(library, reason=f"needs {library}")
-    _, section = sections()
+    _, section, _ = sections()
     (script,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     (commands,) = re.findall(r"```\n(robustflow run .*?)\n```", section, re.DOTALL)
     monkeypatch.chdir(tmp_path)
@@ -77,3 +77,21 @@ def test_records(tmp_path, monkeypatch, capsys):
         assert stop.value.code in (0, None), command
     assert "0 findings" in capsys.readouterr().out
     assert rf.load_run("mine.robustflow").summary == rf.Result("mine").summary
+
+
+def test_a_multi_frame_model(tmp_path, monkeypatch, capsys):
+    _, _, section = sections()
+    (module,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    (command,) = re.findall(r"```\n(robustflow run .*?)\n```", section)
+    (tmp_path / "my_clip_model.py").write_text(module)
+    clips.clip(tmp_path / "clip.mp4", 4, fps=25)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "argv", [*shlex.split(command), "--output", "run"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code in (0, None)
+    assert "contrast" in capsys.readouterr().out
+    result = rf.Result("run")
+    assert result.manifest["identity"]["window"] == {"before": 1, "after": 1, "ends": "repeat"}
+    assert result.summary.complete
