@@ -6,6 +6,8 @@ Kept beside the manifest, not in it: paths on one machine are no part of a resul
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -39,7 +41,7 @@ class Source:
 
     def write(self, folder: Path) -> None:
         """Write it into a run's folder."""
-        model = None if self.model is None else {"name": self.model.name, "options": dict(self.model.options)}
+        model = None if self.model is None else {"name": self.model.name, "options": _plain(self.model.options)}
         data = None if self.data is None else str(self.data.expanduser().absolute())
         options = {
             key: value if isinstance(value, int | float) else str(value) for key, value in self.data_options.items()
@@ -108,6 +110,19 @@ def differing(now: dict[str, Any], before: dict[str, Any]) -> str:
     """
     names = sorted(key for key in now.keys() | before.keys() if now.get(key) != before.get(key))
     return ", ".join(names) or "identity"
+
+
+def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Options as JSON knows them; a Python object, which only `evaluate` can be given, as its text.
+
+    >>> _plain([("step", 2), ("root", Path("a")), ("limit", float("inf"))])
+    {'step': 2, 'root': 'a', 'limit': 'inf'}
+    """
+    kept = (str, int, type(None))
+    return {
+        name: value if isinstance(value, kept) or (isinstance(value, float) and math.isfinite(value)) else str(value)
+        for name, value in options
+    }
 
 
 def _psf_source(variant: str) -> str:
