@@ -6,6 +6,7 @@ seed and the sample's key alone, so anyone with the data can make them again wit
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -87,10 +88,11 @@ def recheck(
 def _set_up(identity: dict[str, Any], data: str | Path | None, options: dict[str, Any]) -> tuple[Dataset, Settings]:
     variant = identity["variant"]
     chosen = load_benchmark(identity["benchmark"], data, None, options)
-    if chosen.dataset.name != identity["dataset"] or chosen.protocol != identity["protocol"]:
+    protocol = json.loads(json.dumps(chosen.protocol, default=str))  # as it comes back from a manifest
+    if chosen.dataset.name != identity["dataset"] or protocol != identity["protocol"]:
         raise RunError(
             f"the run's data are {identity['dataset']} {identity['protocol']}, these are {chosen.dataset.name} "
-            f"{chosen.protocol}; give the data and data options of the run"
+            f"{protocol}; give the data and data options of the run"
         )
     scale = "calibrated" if "severity_scale" in identity else "paper"
     if scale == "calibrated" and identity["severity_scale"] != f"calibrated {calibration_digest()}":
