@@ -21,6 +21,7 @@ from ..metrics.epe import epe_map
 from ..sample import Flow, Frame, Sample
 from .error_colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours
 from .figures.canvas import name_text
+from .sparse import thickened
 
 _WIDTH_IN = 14.0
 _TITLE_IN = 0.26
@@ -73,8 +74,9 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
         pictures.append(("difference of the two flows", error_colours(epe_map(panel.flow, panel.clean_flow))))
     else:
         errors = np.where(valid, epe_map(panel.flow, truth), np.nan)
-        pictures.append(("ground truth (black: unknown)", flow_colours(truth, radius, valid)))
-        pictures.append(("end-point error on the corrupted frames (grey: unknown)", error_colours(errors)))
+        error = thickened(error_colours(errors), ~np.isnan(errors))
+        pictures.append(("ground truth (black: unknown)", thickened(flow_colours(truth, radius, valid), valid)))
+        pictures.append(("end-point error on the corrupted frames (grey: unknown)", error))
     figure = _drawn(panel, pictures)
     return _file(figure, form)
 

@@ -11,7 +11,7 @@ from ...errors import UsageError
 from ..labels import SETTING_LABELS
 from ..results import AVERAGE, CLEAN, values_of
 from ..tables import settings_in_order
-from .canvas import KIND_COLOURS, kind_of, new_figure, spread_labels
+from .canvas import KIND_COLOURS, kind_of, name_text, new_figure, spread_labels
 from .marks import Mark, MarkedFigure
 
 _AREA = 260.0
@@ -57,7 +57,7 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDi
             radii.append(math.sqrt(area / math.pi))
             points.append((clean, cre, f"{model} {cre / clean:.2f}"))
         panel.margins(0.22, 0.18)
-        panel.set_title(SETTING_LABELS.get(setting, setting))
+        panel.set_title(name_text(SETTING_LABELS.get(setting, setting)))
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("CRE (px)")
         for model, text in zip(models, spread_labels(panel, points, radii), strict=True):

@@ -8,7 +8,7 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from ..effective import effective_robustness
 from ..labels import SETTING_LABELS
-from .canvas import KIND_COLOURS, kind_of, new_figure, spread_labels
+from .canvas import KIND_COLOURS, kind_of, name_text, new_figure, spread_labels
 from .marks import Mark, MarkedFigure
 
 
@@ -41,7 +41,9 @@ def effective_trend(results: pl.DataFrame) -> MarkedFigure:
         panel.margins(0.12)
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("corrupted EPE (px)")
-        panel.set_title(f"{SETTING_LABELS.get(setting, setting)}: R² = {models['r_squared'][0]:.2f}", fontsize=10)
+        panel.set_title(
+            f"{name_text(SETTING_LABELS.get(setting, setting))}: R² = {models['r_squared'][0]:.2f}", fontsize=10
+        )
         labels = [
             (row["epe_clean"], row["epe"], f"{row['model']} ×{row['factor']:.2f}")
             for row in models.iter_rows(named=True)

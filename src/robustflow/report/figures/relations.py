@@ -8,7 +8,7 @@ from matplotlib.lines import Line2D
 
 from ...errors import UsageError
 from ..results import AVERAGE, CLEAN, values_of
-from .canvas import BLUE, ORANGE, RED, new_figure
+from .canvas import BLUE, ORANGE, RED, name_text, new_figure
 from .marks import Mark, MarkedFigure
 
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))
@@ -50,12 +50,19 @@ def relations(results: pl.DataFrame) -> MarkedFigure:
                 xs, ys, s=26, color=_COLOURS.get(setting, ORANGE), alpha=0.8, edgecolor="white", linewidth=0.5
             )
             figure.mark(drawn, marks[setting])
-            told.append(f"{setting}: {_correlation(xs, ys)}")
+            told.append(f"{name_text(setting)}: {_correlation(xs, ys)}")
         panel.set_xlabel(f"{x} (px)")
         panel.set_ylabel(f"{y} (px)")
         panel.set_title(f"({letter}) " + "\n".join(told), fontsize=8, loc="left")
     handles = [
-        Line2D([], [], marker="o", linestyle="", color=_COLOURS.get(s, ORANGE), label=f"{s} ({len(found)} models)")
+        Line2D(
+            [],
+            [],
+            marker="o",
+            linestyle="",
+            color=_COLOURS.get(s, ORANGE),
+            label=f"{name_text(s)} ({len(found)} models)",
+        )
         for s, found in points.items()
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)

@@ -21,7 +21,7 @@ def download_data(entries: Sequence[Entry]) -> dict[str, Any]:
     corruptions = [name for name in known if name in found] + sorted(found - set(known))
     lines = []
     for entry in entries:
-        head = [entry.benchmark, plain(entry.setting, 40), entry.model]
+        head = [entry.benchmark, entry.setting, entry.model]
         for metric in METRICS:
             values = [entry.texts.get((metric, corruption)) for corruption in corruptions]
             if any(values):

@@ -31,7 +31,7 @@ class Entry:
 
     Attributes:
         benchmark, sample_set, setting: what it was measured on, and what its model has seen of it.
-        model: the name, as one printable line.
+        model: the name, as one printable line, as `setting` and `note` are.
         name: the name as the results have it.
         note: how it differs from the paper's measurement, "" for not at all.
         page: the id of the model's page.
@@ -81,8 +81,8 @@ def entries_of(
         key = (row["benchmark"], row["sample_set"], row["setting"], row["model"])
         if key not in found:
             page = slugs.of((row["sample_set"], row["model"]), row["model"])
-            names = (plain(row["model"]), row["model"])
-            found[key] = Entry(*key[:3], *names, note=plain(row["note"], 300), page=page)
+            texts = (plain(row["setting"], 40), plain(row["model"]), row["model"], plain(row["note"], 300))
+            found[key] = Entry(row["benchmark"], row["sample_set"], *texts, page)
         found[key].set((row["metric"], row["corruption"]), row["value"], row["decimals"])
     crer = {
         (benchmark, *key): value
@@ -90,10 +90,10 @@ def entries_of(
         for key, (value, _) in measured_crer(results.filter(benchmark=benchmark)).items()
     }
     ranks = cost_ranks(costs) if costs else {}
-    for entry in found.values():
+    for key, entry in found.items():
         _add_families(entry)
         run = (entry.sample_set, entry.name)
-        entry.set(("crer", AVERAGE), crer.get((entry.benchmark, entry.sample_set, entry.setting, entry.name)))
+        entry.set(("crer", AVERAGE), crer.get(key))
         if entry.sample_set == PAPER and ("crer", AVERAGE) in entry.numbers:
             entry.derived.add(("crer", AVERAGE))
         if entry.sample_set == PAPER and entry.benchmark == "kitti-fc" and entry.name in costs:

@@ -46,7 +46,7 @@ def _best_of_settings(entries: list[Entry]) -> list[str]:
         found = _ranked([entry for entry in entries if entry.setting == setting])
         if found is not None:
             key, order = found
-            told.append(f"{order[0].model} ({plain(setting, 40)}, {METRIC_LABELS[key[0]]} {order[0].texts[key]} px)")
+            told.append(f"{order[0].model} ({setting}, {METRIC_LABELS[key[0]]} {order[0].texts[key]} px)")
     return told
 
 

@@ -136,7 +136,7 @@ def _sentences(entry: Entry) -> tuple[str, ...]:
         order = sorted(values, key=lambda name: -values[name])
         worst = ", ".join(f"{long_label(name)} ({values[name]:+.2f} px)" for name in order[:3])
         best = f"{long_label(order[-1])} ({values[order[-1]]:+.2f} px)"
-        where = f"{benchmark_label(entry.benchmark)}, {plain(entry.setting, 40)}"
+        where = f"{benchmark_label(entry.benchmark)}, {entry.setting}"
         return (f"{where}: by {METRIC_LABELS[metric]} the worst are {worst}; the mildest is {best}.",)
     return ()
 
@@ -171,7 +171,7 @@ def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
             (e.texts.get((m, name), "–"), heat_class(e.numbers.get((m, name)), tops[m]), "") for m, e in shown
         )
         lines.append(("Average" if name == AVERAGE else long_label(name), cells))
-    columns = tuple(f"{METRIC_LABELS[metric]} {plain(entry.setting, 40)}" for metric, entry in shown)
+    columns = tuple(f"{METRIC_LABELS[metric]} {entry.setting}" for metric, entry in shown)
     return HeatTable(f"{title} (px)", columns, tuple(lines))
 
 

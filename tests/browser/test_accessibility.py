@@ -1,0 +1,39 @@
+"""axe-core on every view of the pages, in light and dark: nothing serious, nothing critical."""
+
+from __future__ import annotations
+
+import pytest
+
+from .test_site import pages
+
+__all__ = ["pages"]
+
+pytestmark = pytest.mark.browser
+
+_VIEWS = (
+    ("report", ""),
+    ("leaderboard", ""),
+    ("leaderboard", "#benchmark=KITTI-FC&columns=weather&metric=cre"),
+    ("leaderboard", "#model=raft"),
+    ("leaderboard", "#model=dis"),
+)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("name", "state"), _VIEWS)
+def test_no_serious_violation(visit, pages, name, state, scheme):
+    axe = pytest.importorskip(
+        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (the dev extra has it)"
+    )
+    page = visit(color_scheme=scheme).page
+    page.goto(pages[name].as_uri() + state)
+    for summary in page.locator("details:visible > summary").all():
+        summary.click()
+    found = axe.Axe().run(page).response
+    serious = [
+        (violation["id"], violation["nodes"][0]["html"][:200])
+        for violation in found["violations"]
+        if violation["impact"] in ("serious", "critical")
+    ]
+    assert serious == []
+    assert len(found["passes"]) > 15

@@ -1,0 +1,304 @@
+"""The pages in a real browser, opened from disk: everything works by pointer and by keyboard, nothing is fetched."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from robustflow.report.published import published_results
+from robustflow.report.results import parse_results
+from robustflow.report.site import render_site, run_content, whole_content
+from robustflow.runner.evaluate import evaluate
+
+pytestmark = pytest.mark.browser
+
+HOSTILE = "<img src=x onerror=alert(1)>"
+_CELLS = "setting,model,metric,corruption,value\n" + "".join(
+    f"OOD,{name},{metric},{corruption},{value}\n"
+    for name in ("A", "B")
+    for metric, corruption, value in (("epe", "clean", 2), ("epe", "average", 5), ("epe", "fog", 4), ("cre", "fog", 2))
+)
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory) -> dict[str, Path]:
+    """report.html of a run with pictures, the published leaderboard, and one with hostile names."""
+    folder = tmp_path_factory.mktemp("pages")
+    options = {"corruptions": ["contrast", "impulse_noise"], "severities": [1, 3, 5]}
+    run = evaluate("dis", "demo", output=folder / "run", examples=True, **options)
+    hostile = parse_results(_CELLS, "made.csv", "file").with_columns(
+        model=pl.col("model").replace({"A": HOSTILE}), note=pl.lit(HOSTILE)
+    )
+    made = {
+        "report": run_content(run),
+        "leaderboard": whole_content([run]),
+        "hostile": whole_content([], [(HOSTILE, hostile)]),
+    }
+    paths = {name: folder / f"{name}.html" for name in made}
+    for name, content in made.items():
+        paths[name].write_text(render_site(content), encoding="utf-8")
+    return paths
+
+
+@pytest.fixture
+def opened(visit, pages):
+    """Open a page and check, when the test is over, that nothing was asked for and nothing complained."""
+    seen = []
+
+    def go(name: str, state: str = "", **options):
+        one = visit(**options)
+        seen.append(one)
+        one.page.goto(pages[name].as_uri() + state)
+        return one.page
+
+    yield go
+    for one in seen:
+        assert one.outside() == []
+        assert one.complaints == []
+
+
+def _column(page, heading: str) -> list[str]:
+    """The shown cells of a column of the shown leaderboard, group by group."""
+    head = page.locator(".board:visible thead th")
+    index = next(
+        i for i in range(head.count()) if head.nth(i).is_visible() and head.nth(i).inner_text().startswith(heading)
+    )
+    rows = page.locator(".board:visible tbody tr[data-page]:visible")
+    return rows.locator(f"> :nth-child({index + 1})").all_inner_texts()
+
+
+def _kitti(page) -> None:
+    page.get_by_role("radio", name="KITTI-FC").check(force=True)
+
+
+def test_sorting_orders_numbers_and_keeps_what_is_missing_last(opened):
+    page = opened("leaderboard")
+    _kitti(page)
+    parameters = page.get_by_role("button", name="Param.")
+    for sign, order in ((1, "ascending"), (-1, "descending")):
+        parameters.click()
+        assert page.locator("th[aria-sort]:visible").get_attribute("aria-sort") == order
+        shown = _column(page, "Param.")
+        numbers = [float(text) for text in shown if text != "–"]
+        assert numbers == sorted(numbers, key=lambda value: sign * value)
+        assert len(numbers) == 25
+        assert shown[25:] == ["–"] * 4
+    page.get_by_role("button", name="Model").click()
+    names = _column(page, "Model")
+    assert names == sorted(names, key=str.lower)
+
+
+def test_filters_search_and_their_state_in_the_address(opened):
+    page = opened("leaderboard")
+    _kitti(page)
+    assert page.locator("#count").inner_text() == "29 of 29 rows"
+    page.get_by_role("radio", name="ID", exact=True).check(force=True)
+    assert page.locator("#count").inner_text() == "15 of 29 rows"
+    page.get_by_label("Search", exact=True).fill("samflow")
+    assert sorted(_column(page, "Model")) == ["SAMFlow-B", "SAMFlow-H", "SAMFlow-T"]
+    page.get_by_label("Columns").locator("visible=true").select_option("weather")
+    page.get_by_label("Metric").locator("visible=true").select_option("cre")
+    page.get_by_role("button", name="Snow").click()
+    snow = published_results().filter(setting="ID", metric="cre", corruption="snow").sort("value")
+    expected = [f"{row['value']:.2f}" for row in snow.iter_rows(named=True) if row["model"].startswith("SAMFlow")]
+    assert _column(page, "Snow") == expected
+    address = page.url
+    page.goto("about:blank")
+    page.goto(address)
+    assert _column(page, "Snow") == expected
+    assert page.locator("#count").inner_text() == "3 of 29 rows"
+    assert page.locator("[role=status]#count").get_attribute("aria-live") == "polite"
+
+
+def test_marks_are_the_papers(opened):
+    page = opened("leaderboard")
+    _kitti(page)
+    best = page.locator(".board:visible tr[data-setting=OOD]:has-text('SAMFlow-H') td:visible b").all_inner_texts()
+    assert best == ["3.78", "8.39"]
+
+
+def test_a_model_page_and_back(opened):
+    page = opened("leaderboard", "#benchmark=KITTI-FC&search=csf")
+    row = page.locator(".board:visible tbody a:visible").first
+    row.click()
+    assert page.locator("h2:focus").inner_text() == "CSFlow"
+    assert not page.locator("#board").is_visible()
+    assert page.title().startswith("CSFlow – ")
+    assert page.locator("article:visible").count() == 1
+    assert page.locator("article:visible td:has-text('Snow')").count() == 0
+    assert page.locator("svg.chart:visible .mark.on").count() >= 2
+    page.go_back()
+    assert page.locator("#board").is_visible()
+    assert page.locator("#count").inner_text() == "2 of 29 rows"
+    assert page.evaluate("document.activeElement.textContent") == "CSFlow"
+    page.go_forward()
+    page.get_by_role("link", name="← Leaderboard").locator("visible=true").click()
+    assert page.locator("#board").is_visible()
+    assert page.locator("article:visible").count() == 0
+
+
+def test_everything_by_keyboard(opened):
+    """Skip link, a chip, a sort button, a row's link, back, and a figure's marks, without a pointer."""
+    page = opened("leaderboard", "#benchmark=KITTI-FC")
+    keys = page.keyboard
+    keys.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    keys.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "main"
+    page.locator("input[name^=setting]:checked:visible").focus()
+    keys.press("ArrowRight")
+    assert page.locator("#count").inner_text() == "2 of 29 rows"
+    keys.press("ArrowLeft")
+    page.locator(".board:visible thead button").nth(2).focus()
+    keys.press("Space")
+    assert page.locator("th[aria-sort]:visible").inner_text().startswith("Clean EPE")
+    for _ in range(40):
+        keys.press("Tab")
+        if page.evaluate("document.activeElement.matches('.board tbody a')"):
+            break
+    name = page.evaluate("document.activeElement.textContent")
+    keys.press("Enter")
+    assert page.locator("h2:focus").inner_text() == name
+    keys.press("Shift+Tab")
+    keys.press("Enter")
+    page.locator("html:not(.one-model)").wait_for()
+    mark = page.locator("svg.chart .mark").first
+    mark.focus()
+    first = page.locator("#tip").inner_text()
+    keys.press("ArrowRight")
+    assert page.locator("#tip").inner_text() != first
+    assert page.evaluate("document.activeElement.getAttribute('aria-label')") == page.locator("#tip").inner_text()
+    page_of_mark = page.evaluate("document.activeElement.dataset.page")
+    assert page.locator(f"tr.on[data-page='{page_of_mark}']").count() >= 1
+    keys.press("Enter")
+    page.locator("html.one-model").wait_for()
+    assert page_of_mark in page.url
+
+
+def test_pointing_at_a_mark_names_it(opened):
+    page = opened("leaderboard")
+    mark = page.locator("svg.chart .mark").last
+    mark.scroll_into_view_if_needed()
+    mark.hover(force=True)
+    assert page.locator("#tip").is_visible()
+    assert page.locator("#tip").inner_text() == mark.get_attribute("data-says")
+    page.mouse.move(1, 1)
+    assert not page.locator("#tip").is_visible()
+
+
+def test_the_slider_over_example_pictures(opened):
+    page = opened("report")
+    slider = page.locator("#slider-severity")
+    slider.focus()
+    page.keyboard.press("Home")
+    shown = page.locator("#slider [data-severity]:visible img")
+    mild = shown.get_attribute("src")
+    assert shown.get_attribute("alt") == "Contrast at severity 1"
+    page.keyboard.press("End")
+    assert shown.get_attribute("alt") == "Contrast at severity 5"
+    assert shown.get_attribute("src") != mild
+    page.keyboard.press("ArrowLeft")
+    assert page.locator("#slider-absent").is_visible()
+    page.locator("#slider-corruption").select_option(label="Impulse noise")
+    page.keyboard.press("End")
+    slider.focus()
+    page.keyboard.press("End")
+    assert shown.get_attribute("alt") == "Impulse noise at severity 5"
+    assert shown.evaluate("image => image.naturalWidth > 0")
+
+
+def test_the_report_shows_its_run_first(opened):
+    page = opened("report")
+    assert page.locator("article:visible h2").inner_text() == "dis"
+    assert page.locator("article:visible .panel img").count() == 2
+    _kitti(page)
+    assert page.locator("#count").inner_text() == "29 of 29 rows"
+
+
+def test_the_theme_can_be_chosen(opened):
+    page = opened("report", color_scheme="light")
+    background = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(background)
+    button = page.get_by_role("button", name="Theme")
+    button.click()
+    assert page.evaluate(background) == light
+    button.click()
+    dark = page.evaluate(background)
+    assert dark != light
+    page.reload()
+    assert page.evaluate(background) == dark
+    assert button.inner_text() == "Theme: dark"
+
+
+def test_a_hostile_name_stays_text(opened):
+    page = opened("hostile")
+    _kitti(page) if page.get_by_role("radio", name="KITTI-FC").count() else None
+    row = page.locator(".board:visible tbody a:visible", has_text="onerror")
+    assert row.inner_text() == HOSTILE
+    mark = page.locator("svg.chart .mark[data-says^='<img']").first
+    mark.scroll_into_view_if_needed()
+    mark.focus()
+    assert page.locator("#tip").inner_text().startswith(HOSTILE)
+    row.click()
+    assert page.locator("article:visible h2").inner_text() == HOSTILE
+    assert page.title().startswith(HOSTILE)
+    assert page.locator("img").count() == 0
+
+
+def test_downloads_hold_the_numbers_and_no_formula(opened, tmp_path):
+    page = opened("leaderboard")
+    with page.expect_download() as wait:
+        page.get_by_role("button", name="Download CSV").click()
+    path = tmp_path / "got.csv"
+    wait.value.save_as(path)
+    frame = pl.read_csv(path).filter(pl.col("sample_set") == "paper", pl.col("metric") != "crer")
+    assert frame.height == published_results().height
+    joined = frame.join(
+        published_results(), on=["benchmark", "setting", "model", "metric", "corruption"], suffix="_paper"
+    )
+    assert joined.height == frame.height
+    assert (joined["value"] - joined["value_paper"]).abs().max() == 0
+    with page.expect_download() as wait:
+        page.get_by_role("button", name="Download JSON").click()
+    wait.value.save_as(path)
+    assert len(pl.read_json(path)) >= frame.height
+
+
+def test_findings_can_be_searched(opened):
+    page = opened("leaderboard")
+    page.locator("#search-findings").fill("brightflow")
+    assert page.locator("[data-finding]:visible").count() > 5
+    assert all("BrightFlow" in text for text in page.locator("[data-finding]:visible").all_inner_texts())
+
+
+def test_narrow_screens_scroll_inside_the_table_alone(opened):
+    page = opened("leaderboard", width=390, height=844)
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    box = page.locator(".board:visible .scroll")
+    box.evaluate("box => { box.scrollLeft = 200 }")
+    first = page.locator(".board:visible tbody tr[data-page] th").first.bounding_box()
+    assert first["x"] == pytest.approx(box.bounding_box()["x"], abs=2)
+    for state in ("#model=raft", "#model=dis"):
+        page.evaluate("state => { location.hash = state }", state)
+        page.locator("html.one-model").wait_for()
+        assert page.evaluate("document.documentElement.scrollWidth") == 390
+
+
+def test_on_paper_every_row_and_no_control(opened):
+    page = opened("leaderboard", "#benchmark=KITTI-FC&search=csf", color_scheme="dark")
+    page.emulate_media(media="print")
+    assert page.locator(".board:visible tbody tr[data-page]:visible").count() == 29
+    assert not page.locator("#controls").is_visible()
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+
+
+def test_without_scripts_everything_can_be_read(browser, pages):
+    context = browser.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(pages["leaderboard"].as_uri())
+    assert page.locator(".board tbody tr[data-page]:visible").count() == 1 + 29 + 11
+    assert page.locator("article:visible").count() == 18
+    assert not page.locator("#controls").is_visible()
+    context.close()

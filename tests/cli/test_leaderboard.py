@@ -1,0 +1,69 @@
+"""`leaderboard`, and `report` as a page, on the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from robustflow.report.published import published_results
+from robustflow.report.results import RESULT_KEY, read_results
+from robustflow.runner.evaluate import evaluate
+
+_RESULTS = "setting,model,metric,corruption,value\nOOD,Mine,epe,clean,2.50\nOOD,Mine,epe,average,5.00\n"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "dis"
+    return evaluate("dis", "demo", output=folder, examples=True, corruptions=["contrast"], severities=[1, 5]).path
+
+
+def test_the_published_results_alone(robustflow, monkeypatch):
+    import robustflow.cli.leaderboard as command
+
+    monkeypatch.setattr(command, "_gallery", lambda: None)  # twenty corruptions of the embedded pair take seconds
+    code, out, _ = robustflow("leaderboard", "-o", "site")
+    assert code == 0
+    assert out.split() == ["site/index.html"]
+    assert sorted(path.name for path in Path("site").iterdir()) == ["index.html", "results.csv"]
+    written = read_results("site/results.csv").sort(RESULT_KEY)
+    assert written.equals(published_results().sort(RESULT_KEY))
+
+
+def test_runs_and_files_beside_them(robustflow, run):
+    Path("mine.csv").write_text(_RESULTS)
+    code, _, _ = robustflow("leaderboard", run, "mine.csv", "-o", "site")
+    assert code == 0
+    page = Path("site/index.html").read_text()
+    assert "From mine.csv" in page
+    assert "1 pair of demo" in page
+    assert "another sample set: not comparable" in page
+    assert "Tab. 2" in page
+    robustflow("leaderboard", run, "--no-published", "-o", "alone")
+    assert "Tab. 2" not in Path("alone/index.html").read_text()
+
+
+def test_what_cannot_be_shown(robustflow):
+    code, _, error = robustflow("leaderboard", "--no-published")
+    assert code == 2
+    assert "nothing to show" in error
+    code, _, error = robustflow("leaderboard", "absent.csv")
+    assert code == 1
+    assert "cannot be read" in error
+
+
+def test_report_as_a_page(robustflow, run):
+    code, out, _ = robustflow("report", run, "--published", "--format", "page", "-o", "report.html")
+    assert code == 0
+    assert out.split() == ["report.html"]
+    assert "<!doctype html>" in Path("report.html").read_text()
+    code, _, error = robustflow("report", run, "--format", "page", "--table", "epe")
+    assert code == 2
+    assert "a page has all tables" in error
+
+
+def test_a_run_writes_its_own_page(run):
+    page = (run / "report.html").read_text()
+    assert "dis on demo" in page
+    assert 'data-severity="5"' in page

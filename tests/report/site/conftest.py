@@ -1,0 +1,61 @@
+"""Runs for pages: one real small one, and imaginary ones of many images with known rows."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+
+import numpy as np
+import polars as pl
+import pytest
+
+from robustflow.runner.evaluate import evaluate
+from robustflow.runner.result import Result
+
+from ..simulated import Truth, rows_of
+
+
+@pytest.fixture(scope="session")
+def small_run(tmp_path_factory) -> Result:
+    """DIS on the embedded pair, two corruptions at two severities, with example pictures."""
+    folder = tmp_path_factory.mktemp("site") / "dis"
+    options = {"corruptions": ["contrast", "impulse_noise"], "severities": [1, 5]}
+    return evaluate("dis", "demo", output=folder, examples=True, **options)
+
+
+@pytest.fixture
+def many_images(small_run) -> Callable[..., Result]:
+    """A run of 40 imaginary images: `many_images(name, worse_by)`; equal seeds are the same images."""
+
+    def make(name: str, worse_by: float = 1.0, seed: int = 0) -> Result:
+        clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(40, int))
+        rows = rows_of(clean, corrupted * worse_by, corrupted * worse_by)
+        result = Result(small_run.path)
+        result.manifest = copy.deepcopy(small_run.manifest)
+        result.manifest["identity"] |= {"benchmark": "kitti-fc", "model": {"name": name}}
+        result.manifest["identity_digest"] = f"{len(name):016x}"
+        result.manifest["provenance"] = {"setting": "OOD", "trained_on": ["flyingchairs"], "basis": "declared"}
+        result.manifest["samples"] = {key: [] for key in rows["sample"].unique(maintain_order=True)}
+        result.manifest["selection"] = {"corruptions": ["fog", "snow"], "severities": [1, 2, 3]}
+        result.rows = rows
+        return result
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def many_models() -> pl.DataFrame:
+    """Results of a hundred models: the published ones again under other names, in three settings."""
+    from robustflow.report.published import published_results
+
+    source = published_results().filter(benchmark="kitti-fc", setting="ID", model="RAFT")
+    parts = []
+    for index in range(100):
+        setting = pl.lit(("OOD", "ID", "own")[index % 3])
+        value = pl.col("value") * (1 + 0.01 * index)
+        parts.append(
+            source.with_columns(
+                model=pl.lit(f"Model {index:03d}"), setting=setting, value=value, sample_set=pl.lit("file")
+            )
+        )
+    return pl.concat(parts)

@@ -1,0 +1,76 @@
+"""What stands beside what, and what may not."""
+
+from __future__ import annotations
+
+import pytest
+
+from robustflow.errors import DataError
+from robustflow.report.results import parse_results
+from robustflow.report.site.board import boards_of
+from robustflow.report.site.content import run_content, whole_content
+from robustflow.report.site.headline import headline
+
+_HEAD = "setting,model,metric,corruption,value,sample_set\n"
+
+
+def _file(text: str):
+    return parse_results(_HEAD + text, "mine.csv", "file")
+
+
+def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
+    one, two = _file("OOD,A,epe,average,1.00,\n"), _file("OOD,A,epe,average,2.00,\n")
+    content = whole_content([small_run], [("one.csv", one), ("two.csv", two)])
+    boards = {board.benchmark: board for board in boards_of(content.entries, dict(content.group_titles))}
+    assert [group.title for group in boards["kitti-fc"].groups] == [
+        "From one.csv",
+        "From two.csv",
+        "Published values",
+    ]
+    assert [group.published for group in boards["kitti-fc"].groups] == [False, False, True]
+    assert "1 pair of demo" in boards["demo"].groups[0].title
+    assert boards["demo"].settings == (("knowledge", "Knowledge-driven"),)
+
+
+def test_a_value_given_twice_is_refused():
+    of_paper = _file("OOD,RAFT,epe,clean,1.00,paper\n")
+    with pytest.raises(DataError, match=r"epe of 'RAFT' \(OOD\) on clean is there twice for the sample set 'paper'"):
+        whole_content([], [("mine.csv", of_paper)])
+    assert whole_content([], [("mine.csv", of_paper)], published=False).entries[0].model == "RAFT"
+
+
+def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
+    content = whole_content([many_images("A"), many_images("Bb", 1.5)], published=False)
+    for entry in content.entries:
+        low, high = entry.intervals["cre", "average"]
+        assert low < entry.numbers["cre", "average"] < high
+    best = headline(content)
+    assert "A has the lowest CRE" in best[0]
+    assert "A is better" in best[1]
+    assert "p < 0.001" in best[1]
+
+
+def test_no_winner_where_the_difference_is_none(many_images):
+    """The same errors twice: one is first by its name alone, and the sentence says that it means nothing."""
+    said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
+    assert "No difference in average CRE" in said[1]
+
+
+def test_one_run_is_compared_with_nothing(many_images, small_run):
+    said = headline(whole_content([many_images("A")], published=False))
+    assert len(said) == 1
+    assert "more than chance" in said[0]
+    assert "Too few images" in headline(run_content(small_run))[0]
+
+
+def test_the_paper_has_no_significance():
+    said = " ".join(headline(whole_content([])))
+    assert "SAMFlow-B (OOD, CRE 4.44 px)" in said
+    assert "ARFlow (ID, CRE 2.74 px)" in said
+    assert "FlowFormer (OOD, RCRE 1.29 px)" in said
+    assert "cannot be told" in said
+
+
+def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
+    content = run_content(small_run)
+    assert set(content.focus["sample_set"]) == {content.entries[0].sample_set}
+    assert len(content.entries) == 1 + 29 + 11

@@ -1,0 +1,103 @@
+"""The leaderboard carries the paper's numbers, marks and ranks, and what the paper does not print is made from them."""
+
+from __future__ import annotations
+
+from statistics import fmean
+
+import pytest
+
+from robustflow.corruptions.catalog import FAMILIES, PAPER_ORDER
+from robustflow.report.labels import SETTING_LABELS
+from robustflow.report.published import published_costs, published_results
+from robustflow.report.results import parse_results
+from robustflow.report.site.entries import default_order, entries_of
+from robustflow.report.tables import build_table
+
+_ENTRIES = entries_of(published_results(), published_costs())
+_SETTING_OF = {label: setting for setting, label in SETTING_LABELS.items()}
+
+
+@pytest.mark.parametrize("table", ["epe", "cre", "rcre", "gopro-rcre"])
+def test_values_and_marks_are_those_of_the_tables(table):
+    """Every cell of Tab. 2, 4, 7 and 8 with its bold mark, against the table that the renderers get."""
+    metric = table.removeprefix("gopro-")
+    benchmark = "gopro-fc" if table.startswith("gopro") else "kitti-fc"
+    built = build_table(table, published_results())
+    names = ["clean"] * (metric == "epe")
+    measured = {c for e in _ENTRIES if e.benchmark == benchmark for m, c in e.texts if m == metric}
+    names += [name for name in PAPER_ORDER if name in measured] + ["average"]
+    count = 0
+    for section in built.sections:
+        for line in section.lines:
+            entry = next(
+                e
+                for e in _ENTRIES
+                if (e.benchmark, e.setting, e.model) == (benchmark, _SETTING_OF[section.title], line.label)
+            )
+            for name, cell in zip(names, line.cells, strict=True):
+                assert entry.texts[metric, name] == cell.text
+                assert ((metric, name) in entry.best) == cell.best
+                count += 1
+    assert count == {"epe": 29 * 22, "cre": 29 * 21, "rcre": 29 * 21, "gopro-rcre": 11 * 25}[table]
+
+
+def test_ranks_and_cost_are_those_that_the_paper_prints():
+    for name, cost in published_costs().items():
+        for setting, crer, rank in (
+            ("OOD", cost.crer_ood, cost.average_rank_ood),
+            ("ID", cost.crer_id, cost.average_rank_id),
+        ):
+            if rank is None:
+                continue
+            entry = next(e for e in _ENTRIES if (e.benchmark, e.setting, e.model) == ("kitti-fc", setting, name))
+            assert entry.numbers["rank", ""] == rank
+            assert entry.texts["crer", "average"] == f"{crer:.2f}"
+            assert (("rank", "") in entry.best) == (rank == 1)
+            assert entry.numbers["parameters", ""] == cost.parameters_m
+            assert entry.numbers["flops", ""] == cost.flops_g
+
+
+def test_crer_that_the_paper_does_not_print_is_derived_and_unmarked():
+    entry = next(e for e in _ENTRIES if (e.benchmark, e.setting, e.model) == ("kitti-fc", "OOD", "FlowDiffuser"))
+    clean, whole = entry.numbers["epe", "clean"], entry.numbers["epe", "average"]
+    assert entry.numbers["crer", "average"] == pytest.approx((whole - clean) / clean)
+    assert ("crer", "average") in entry.derived
+    assert ("crer", "average") not in entry.best
+    assert not any(("crer", "average") in e.texts for e in _ENTRIES if e.benchmark == "gopro-fc")
+
+
+def test_class_means_are_means_of_the_printed_values():
+    entry = next(e for e in _ENTRIES if (e.benchmark, e.setting, e.model) == ("kitti-fc", "OOD", "CSFlow"))
+    for family in ("weather", "noise"):
+        values = [entry.numbers["cre", name] for name in FAMILIES[family]]
+        assert entry.numbers["cre", family] == pytest.approx(fmean(values))
+
+
+def test_knowledge_driven_methods_and_models_alone_are_not_marked():
+    assert not any(entry.best for entry in _ENTRIES if entry.setting == "knowledge")
+    head = "setting,model,metric,corruption,value\n"
+    alone = entries_of(parse_results(head + "OOD,A,epe,clean,2.00\n", "a.csv", "a"), {})
+    assert not alone[0].best
+    two = entries_of(parse_results(head + "OOD,A,epe,clean,2.00\nOOD,B,epe,clean,2.004\n", "a.csv", "a"), {})
+    assert [bool(entry.best) for entry in two] == [True, False]
+
+
+def test_same_name_on_other_frames_is_another_page_and_no_rival():
+    head = "setting,model,metric,corruption,value,sample_set\n"
+    text = head + "OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n"
+    import polars as pl
+
+    entries = entries_of(pl.concat([parse_results(text, "a.csv", "a"), published_results()]), published_costs())
+    mine = entries[0]
+    assert mine.page != next(e for e in entries if e.model == "RAFT" and e.sample_set == "paper").page
+    assert ("flops", "") not in mine.texts
+    before = {(e.setting, e.model): e.best for e in _ENTRIES if e.benchmark == "kitti-fc"}
+    after = {(e.setting, e.model): e.best for e in entries if e.benchmark == "kitti-fc" and e.sample_set == "paper"}
+    assert after == before
+
+
+def test_order_puts_what_is_missing_last():
+    head = "setting,model,metric,corruption,value\n"
+    text = head + "OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n"
+    entries = sorted(entries_of(parse_results(text, "a.csv", "a"), {}), key=default_order)
+    assert [entry.model for entry in entries] == ["C", "A", "B"]

@@ -1,0 +1,115 @@
+"""Pictures of a folder that anyone may have made: only pixels reach the page, and only from that folder."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from robustflow.errors import DataError
+from robustflow.report.gallery import gallery
+from robustflow.report.site.examples import gallery_slider, run_examples
+from robustflow.runner.result import Result
+
+
+@pytest.fixture
+def copied(small_run, tmp_path) -> Result:
+    return Result(shutil.copytree(small_run.path, tmp_path / "run"))
+
+
+def _pixels(uri: str) -> np.ndarray:
+    head, _, body = uri.partition(",")
+    assert head == "data:image/jpeg;base64"
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(body))))
+
+
+def _rewritten(run: Result, change) -> None:
+    path = run.path / "examples" / "examples.json"
+    record = json.loads(path.read_text())
+    change(record)
+    path.write_text(json.dumps(record))
+
+
+def test_the_slider_shows_the_folders_pictures(copied):
+    slider, panels = run_examples(copied)
+    assert [name for name, _ in slider.corruptions] == ["Contrast", "Impulse noise"]
+    assert [level for level, _ in slider.corruptions[0][1]] == [1, 5]
+    clean = _pixels(slider.clean)
+    assert clean.shape == (slider.height, slider.width, 3)
+    spread = [float(np.std(_pixels(uri))) for _, uri in slider.corruptions[0][1]]
+    assert spread[1] < spread[0] < float(np.std(clean))
+    assert [panel.title.split(":")[0] for panel in panels] == ["Worst sample", "Median sample"]
+    assert "CRE" in panels[0].numbers
+
+
+def test_no_folder_no_pictures(copied):
+    shutil.rmtree(copied.path / "examples")
+    assert run_examples(copied) is None
+
+
+@pytest.mark.parametrize(
+    "name", ["../summary.json", "/etc/hostname", "..", ".hidden.jpg", "a/b.jpg", "a\\b.jpg", "x\n.jpg", "", "é.jpg"]
+)
+def test_only_plain_names(copied, name):
+    _rewritten(copied, lambda record: record["slider"].update(clean=name))
+    with pytest.raises(DataError, match=r"slider\.clean"):
+        run_examples(copied)
+
+
+def test_links_are_not_followed(copied, tmp_path):
+    secret = tmp_path / "secret.png"
+    Image.new("RGB", (8, 8)).save(secret)
+    target = copied.path / "examples" / "clean.jpg"
+    target.unlink()
+    target.symlink_to(secret)
+    with pytest.raises(DataError, match="is a link"):
+        run_examples(copied)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda record: record.update(version=2),
+        lambda record: record.update(more=1),
+        lambda record: record["panels"][0].update(kind="<b>"),
+        lambda record: record["panels"][0].update(epe="1"),
+        lambda record: record["slider"].update(pictures=record["slider"]["pictures"] * 100),
+        lambda record: record["slider"]["pictures"][0].update(severity=9),
+    ],
+)
+def test_another_shape_is_refused(copied, change):
+    _rewritten(copied, change)
+    with pytest.raises(DataError, match=r"examples\.json"):
+        run_examples(copied)
+
+
+def test_what_is_no_picture_is_refused(copied):
+    (copied.path / "examples" / "clean.jpg").write_bytes(b"<svg onload=alert(1)>")
+    with pytest.raises(DataError, match="not a picture"):
+        run_examples(copied)
+    (copied.path / "examples" / "examples.json").write_bytes(b"{" * 10)
+    with pytest.raises(DataError, match="delete the folder"):
+        run_examples(copied)
+
+
+def test_nothing_of_the_file_but_pixels_is_kept(copied):
+    """A JPEG with a comment in its header: the comment is not in the page."""
+    path = copied.path / "examples" / "clean.jpg"
+    image = Image.open(path)
+    image.load()
+    image.save(path, comment=b"<script>alert(1)</script>")
+    assert b"<script>" in path.read_bytes()
+    slider, _ = run_examples(copied)
+    assert b"<script>" not in base64.b64decode(slider.clean.partition(",")[2])
+
+
+def test_the_gallery_leaves_out_what_does_not_exist():
+    grey = np.full((32, 48, 3), 128, np.uint8)
+    cells = list(gallery(grey, grey, [1, 5], ["contrast"]))
+    slider = gallery_slider(grey, cells, "Grey")
+    assert [(name, [level for level, _ in found]) for name, found in slider.corruptions] == [("Contrast", [1, 5])]

@@ -1,0 +1,151 @@
+"""A page is one file that says everything, the same every time, and takes no name for markup."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+from html import unescape
+from html.parser import HTMLParser
+
+import polars as pl
+import pytest
+
+from robustflow.report.published import published_results
+from robustflow.report.results import parse_results
+from robustflow.report.site.content import run_content, whole_content
+from robustflow.report.site.page import json_block, render_site
+
+from ..test_render import HOSTILE
+
+_CELLS = "setting,model,metric,corruption,value\n" + "".join(
+    f"OOD,A,{metric},{corruption},{value}\n"
+    for metric, corruption, value in (
+        ("epe", "clean", 2),
+        ("epe", "average", 5),
+        ("epe", "fog", 4),
+        ("cre", "average", 3),
+        ("rcre", "average", 4),
+    )
+)
+
+
+class Page(HTMLParser):
+    """Tags, attributes, ids, texts and scripts of a page."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: list[str] = []
+        self.scripts: list[tuple[str | None, str]] = []
+        self._script: str | None = None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self._script = (dict(attrs).get("type") or "") if tag == "script" else None
+
+    def handle_endtag(self, tag):
+        self._script = None
+
+    def handle_data(self, data):
+        if self._script is not None:
+            self.scripts.append((self._script, data))
+        else:
+            self.texts.append(data)
+
+
+@pytest.fixture(scope="module")
+def published_page() -> str:
+    return render_site(whole_content([]))
+
+
+def test_the_paper_and_its_observations_and_audit_are_there(published_page):
+    text = unescape(re.sub("<[^>]*>", " ", published_page))
+    for row in published_results().filter(pl.col("corruption") == "average").iter_rows(named=True):
+        assert f"{row['value']:.2f}" in text
+    assert text.count("119 of 2784 compared numbers") == 1
+    assert "Weather conditions" in text
+    assert "the CRE rows of BrightFlow and UPFlow" in text
+    assert published_page.count('class="chart"') == 4
+
+
+def test_the_page_is_the_same_every_time(published_page):
+    assert render_site(whole_content([])) == published_page
+
+
+def test_nothing_but_the_pages_own_script_may_run(published_page):
+    page = Page(published_page)
+    policy = next(attrs["content"] for tag, attrs in page.tags if attrs.get("http-equiv") == "Content-Security-Policy")
+    running = [body for kind, body in page.scripts if kind == ""]
+    assert len(running) == 1
+    digest = base64.b64encode(hashlib.sha256(running[0].encode()).digest()).decode()
+    assert policy.startswith("default-src 'none'; img-src data:; style-src 'unsafe-inline'; ")
+    assert f"script-src 'sha256-{digest}';" in policy
+    assert not any(name.startswith("on") for _, attrs in page.tags for name in attrs)
+    for tag, attrs in page.tags:
+        for name in ("src", "href", "action", "data"):
+            address = attrs.get(name)
+            assert address is None or address.startswith(("#", "data:image/jpeg;base64,")), (tag, address)
+    assert "url(" not in re.sub(r"url\(#[a-z0-9-]+\)", "", published_page)
+
+
+def test_ids_are_unique_and_every_reference_finds_its_own(published_page):
+    page = Page(published_page)
+    ids = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
+    assert len(ids) == len(set(ids))
+    used = {attrs["href"][1:] for _, attrs in page.tags if (attrs.get("href") or "").startswith("#")}
+    used |= set(re.findall(r"url\(#([^)]*)\)", published_page))
+    used |= {
+        name for _, a in page.tags for key in ("aria-labelledby", "aria-describedby") for name in a.get(key, "").split()
+    }
+    models = {name.removeprefix("model=") for name in used if name.startswith("model=")}
+    assert {name for name in used if not name.startswith("model=")} <= set(ids)
+    assert {f"model-{name}" for name in models} <= set(ids)
+    assert len(models) == 17
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")
+@pytest.mark.filterwarnings("ignore:Matplotlib currently does not support")
+def test_hostile_names_are_text(published_page):
+    made = parse_results(_CELLS, "made.csv", "file")
+    names = [name for name in HOSTILE if name]
+    parts = [made.with_columns(model=pl.lit(name), setting=pl.lit(name), note=pl.lit(name)) for name in names]
+    text = render_site(whole_content([], [(names[0], pl.concat(parts))]))
+    page, plain = Page(text), Page(published_page)
+    assert {tag for tag, _ in page.tags} <= {tag for tag, _ in plain.tags}
+    assert {name for _, attrs in page.tags for name in attrs} <= {name for _, attrs in plain.tags for name in attrs}
+    assert [kind for kind, _ in page.scripts] == [kind for kind, _ in plain.scripts]
+    assert "<img src=x onerror=alert(1)>" in "".join(page.texts)
+    assert not re.search("[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]", text)
+    data = json.loads(next(body for kind, body in page.scripts if kind == "application/json"))
+    assert "<img src=x onerror=alert(1)>" in {line[2] for line in data["lines"]}
+    assert {attrs["id"] for _, attrs in page.tags if attrs.get("class") == "model"} <= {
+        f"model-{slug}" for slug in re.findall(r'data-page="([a-z0-9-]+)"', text)
+    }
+
+
+def test_json_cannot_end_its_element():
+    block = json_block(["</script><script>alert(1)</script>", "\u2028", "<!--"])
+    assert "<" not in block
+    assert json.loads(block) == ["</script><script>alert(1)</script>", "\u2028", "<!--"]
+
+
+def test_a_report_shows_its_run(small_run):
+    text = render_site(run_content(small_run))
+    summary = small_run.summary
+    for scores in summary.corruptions.values():
+        for value in (scores.epe, scores.cre, scores.rcre, *scores.by_severity["rcre"]):
+            assert f">{value:.2f}<" in text
+    assert small_run.manifest["identity_digest"] in text
+    assert "Predictions" in text
+    assert text.count("data:image/jpeg;base64,") == 1 + 4 + 2
+    without_pictures = re.sub(r"data:image/jpeg;base64,[^\"]*", "", text)
+    assert len(without_pictures) < 5e6
+
+
+def test_a_hundred_models_stay_below_the_limit(many_models):
+    text = render_site(whole_content([], [("many.csv", many_models)]))
+    assert text.count('class="model"') == 100 + 17
+    assert len(text.encode()) < 5e6

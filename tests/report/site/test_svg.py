@@ -1,0 +1,69 @@
+"""A figure inside a page: its marks say what they are, its ids are its own, its colours are the page's."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+from robustflow.report.figures import clean_against_cre, relations
+from robustflow.report.published import published_results
+from robustflow.report.results import parse_results
+from robustflow.report.site.svg import inline_svg
+
+_KITTI = published_results().filter(benchmark="kitti-fc")
+
+
+def _svg(figure, prefix="f1"):
+    return ElementTree.fromstring(inline_svg(figure, prefix, "Title", "Description", lambda model: f"page-{model}"))
+
+
+def _marks(root):
+    return [element for element in root.iter() if element.get("class") == "mark"]
+
+
+def test_every_model_is_a_mark_with_its_numbers():
+    marks = _marks(_svg(clean_against_cre(_KITTI)))
+    assert len(marks) == 11 + 14
+    said = {mark.get("data-says") for mark in marks}
+    assert "RAFT (ID): clean EPE 1.81 px, CRE 6.70 px, CREr 3.70" in said
+    assert {mark.get("data-page") for mark in marks} >= {"page-RAFT", "page-ARFlow"}
+
+
+def test_points_of_one_artist_are_told_apart():
+    """The nth point of a scatter is the nth model: checked by its place."""
+    figure = relations(_KITTI)
+    root = _svg(figure)
+    epe = {
+        row["model"]: row["value"]
+        for row in _KITTI.filter(setting="OOD", metric="epe", corruption="clean").iter_rows(named=True)
+    }
+    panel = [mark for mark in _marks(root) if "(OOD)" in mark.get("data-says")][: len(epe) - 1]
+    by_place = sorted(panel, key=lambda mark: float(mark.get("x")))
+    names = [mark.get("data-page").removeprefix("page-") for mark in by_place]
+    assert names == sorted(names, key=epe.__getitem__)
+    assert len(names) == 11
+
+
+def test_ids_are_prefixed_and_colours_follow_the_page():
+    text = inline_svg(clean_against_cre(_KITTI), "f7", "T", "D", lambda model: None)
+    assert set(re.findall(r'\bid="(f7-)?', text)) == {"f7-"}
+    assert not re.findall(r"#[0-9a-f]{6}", text)
+    assert "xlink" not in text
+    assert "<style" not in text
+    assert "data-page" not in text
+    assert 'role="img"' in text
+
+
+@pytest.mark.filterwarnings("ignore:Glyph")
+def test_a_hostile_name_is_a_text_of_the_svg():
+    name = '"><script>alert(1)</script>'
+    cells = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2\nOOD,A,epe,average,5\nOOD,A,epe,fog,4\n"
+    import polars as pl
+
+    results = parse_results(cells, "a.csv", "a").with_columns(model=pl.lit(name))
+    root = _svg(clean_against_cre(results))
+    assert not [element for element in root.iter() if element.tag.endswith("script")]
+    assert any((element.text or "").startswith(name) for element in root.iter())
+    assert _marks(root)[0].get("data-says").startswith(f"{name} (OOD)")
