@@ -92,6 +92,10 @@ def test_batches_change_nothing_and_keep_their_order(tmp_path, batch):
     for flow, (first, second) in zip(together, pairs, strict=True):
         np.testing.assert_array_equal(flow, np.stack([first[..., 0], second[..., 2]], 2))
     assert model.predict_batch([], []) == []
+    if batch == "n":
+        same = [0, 2, 3]
+        first, second = ([pairs[i][frame] for i in same] for frame in range(2))
+        np.testing.assert_array_equal(model.run(first, second), [together[i] for i in same])  # as on a GPU
 
 
 @pytest.mark.parametrize("kind", [TensorProto.FLOAT16, TensorProto.DOUBLE])

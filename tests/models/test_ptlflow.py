@@ -109,9 +109,21 @@ def test_the_batch_changes_nothing(library, name):
     """In ptlflow's FlowFormer the pairs of a batch see each other (by 1e-4 px, in float64 as well)."""
     model = adapter(name)
     pairs = [textured_pair(131, 137, seed) for seed in range(2)]
-    together = model.predict_batch([a for a, _ in pairs], [b for _, b in pairs])
+    together = model.run([a for a, _ in pairs], [b for _, b in pairs])
     for flow, pair in zip(together, pairs, strict=True):
         assert np.abs(flow - model.predict(*pair)).max() <= 1e-4
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize(("name", "smallest"), [("raft", 121), ("gmflownet", 121), ("flowformer", 25)])
+def test_frames_too_small_for_numbers_are_refused(library, name, smallest):
+    model = adapter(name)
+    assert np.isfinite(model.predict(*textured_pair(smallest, 160))).all()
+    for size in ((smallest - 1, 160), (160, smallest - 1)):
+        with pytest.raises(ModelError, match=rf"a frame is {size[0]}x{size[1]}, and below {smallest} pixels a side"):
+            model.predict(*textured_pair(*size))
+    if smallest == 121:
+        assert np.isnan(from_the_library(library, name, model, textured_pair(120, 160), 2)).any()
 
 
 @pytest.mark.torch

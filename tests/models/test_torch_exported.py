@@ -128,6 +128,8 @@ def test_batches_change_nothing_and_keep_their_order(tmp_path, ending):
         together = model.predict_batch([first for first, _ in pairs], [second for _, second in pairs])
         for flow, (first, second) in zip(together, pairs, strict=True):
             np.testing.assert_array_equal(flow, np.stack([first[..., 0], second[..., 2]], 2))
+        first, second = ([pairs[i][frame] for i in (0, 2, 3)] for frame in range(2))
+        np.testing.assert_array_equal(model.run(first, second), [together[i] for i in (0, 2, 3)])  # as on a GPU
 
 
 def test_a_fixed_size_and_inputs_by_name(tmp_path):
@@ -200,7 +202,8 @@ def test_raft_as_onnx_gives_the_flow_of_the_torch_adapter(tmp_path, dynamic):
     torch.onnx.export(original.net, images, str(path), dynamo=False, opset_version=17, **names)
     model = rf.load_model(str(path), scaling="0-255")
     pairs = [textured_pair(127, 130, seed) for seed in range(4)]
-    together = model.predict_batch([first for first, _ in pairs], [second for _, second in pairs])
+    run = model.run if dynamic else model.predict_batch
+    together = run([first for first, _ in pairs], [second for _, second in pairs])
     assert model.identity()["input"].get("size") == (None if dynamic else [128, 136])
     for flow, pair in zip(together, pairs, strict=True):
         np.testing.assert_allclose(flow, original.predict(*pair), atol=1e-3)

@@ -52,3 +52,11 @@ def test_weights_by_name_or_file(optical_flow, tmp_path, monkeypatch):
     assert model.identity()["iterations"] == 12
     with pytest.raises(ModelError, match="no checkpoint of raft_large"):
         load_model("raft_large", checkpoint=tmp_path / "mine.pth")
+
+
+@pytest.mark.parametrize("name", ["raft_large", "raft_small"])
+def test_frames_too_small_for_the_correlation_volume_are_refused(optical_flow, name):
+    model = load_model(name, checkpoint="random", iterations=1, device="cpu")
+    assert np.isfinite(model.predict(*textured_pair(121, 121))).all()
+    with pytest.raises(ModelError, match="a frame is 120x160, and below 121 pixels a side"):
+        model.predict(*textured_pair(120, 160))

@@ -21,6 +21,7 @@ class InputConvention:
         multiple: of height and width.
         size: (height, width) to fit to; None, or None for one of them, for the next multiple.
         padding: of "pad": "replicate" repeats the border, "zeros" adds network zeros.
+        smallest: pixels that both sides of a frame must have for the network to give numbers.
         vertical: where "pad" adds rows: "both" (the smaller half above) or "bottom". Columns are added on both sides.
     """
 
@@ -32,6 +33,7 @@ class InputConvention:
     size: tuple[int | None, int | None] | None = None
     padding: Literal["replicate", "zeros"] = "replicate"
     vertical: Literal["both", "bottom"] = "both"
+    smallest: int = 1
 
     def fitted_size(self, height: int, width: int) -> tuple[int, int]:
         """The size (height, width) a frame of this size has when it enters the network.
@@ -40,8 +42,13 @@ class InputConvention:
         (376, 1248)
 
         Raises:
-            ModelError: a frame larger than the size it would be padded to.
+            ModelError: a frame too small for the network, or larger than the size it would be padded to.
         """
+        if min(height, width) < self.smallest:
+            raise ModelError(
+                f"a frame is {height}x{width}, and below {self.smallest} pixels a side the network returns NaN or "
+                "fails; give larger frames, or another model"
+            )
         if self.fit == "none":
             return height, width
         fixed_height, fixed_width = self.size or (None, None)

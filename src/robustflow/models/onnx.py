@@ -119,7 +119,9 @@ class OnnxModel:
         return self.predict_batch([frame1], [frame2])[0]
 
     def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
-        """Flows of several pairs; those of one size go through together where the network's batch is dynamic.
+        """Flows of several pairs; on a GPU those of one size go through together where the network's batch is dynamic.
+
+        On the CPU each goes by itself, so that no flow depends on the others by a bit.
 
         Args:
             frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
@@ -135,17 +137,18 @@ class OnnxModel:
         return predict_by_size(self._predict, frames1, frames2)
 
     def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        step = len(frames1) if self._batched else 1
-        flows: list[Flow] = []
-        for start in range(0, len(frames1), step):
-            flows += self._run(
-                *(_images(frames[start : start + step], self.convention) for frames in (frames1, frames2))
-            )
+        if self._batched and self._device != "cpu":
+            return self.run(frames1, frames2)
+        return [self.run([frame1], [frame2])[0] for frame1, frame2 in zip(frames1, frames2, strict=True)]
+
+    def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
+        """One call of the network for pairs of one size, returned as by `predict_batch`."""
+        flows = self._flows(*(_images(frames, self.convention) for frames in (frames1, frames2)))
         height, width = frames1[0].shape[:2]
         left, _, above, _ = self.convention.padding_sides(height, width)
         return [np.ascontiguousarray(flow[above : above + height, left : left + width]) for flow in flows]
 
-    def _run(self, image1: npt.NDArray[np.float32], image2: npt.NDArray[np.float32]) -> list[Flow]:
+    def _flows(self, image1: npt.NDArray[np.float32], image2: npt.NDArray[np.float32]) -> list[Flow]:
         if self._layout == "pair":
             arrays = [image1, image2]
         elif self._layout == "stacked":

@@ -25,6 +25,14 @@ if TYPE_CHECKING:
 _ITERATIONS = ("iters", "decoder_depth")
 """What ptlflow's models call the number of their iterations."""
 
+_SMALLEST = {
+    **dict.fromkeys(("raft", "raft_small", "gma", "csflow", "skflow", "gmflownet", "craft"), 121),
+    "flowformer": 25,
+}
+"""Pixels a side. RAFT halves its correlation volume three times and divides by the last one's sides less one, which is
+0 up to 120 pixels: NaN. Its authors evaluate nothing so small and pad to multiples of 8 only, so such frames are
+refused."""
+
 _BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
 """Whose pairs of a batch were found not to see each other. FlowFormer's do, by 1e-4 px."""
 
@@ -103,7 +111,7 @@ def ptlflow_network(
     return network_model(
         name,
         build,
-        InputConvention(order="bgr", scale=1.0),
+        InputConvention(order="bgr", scale=1.0, smallest=_SMALLEST.get(architecture, 1)),
         checkpoint,
         source="the authors' file",
         sha256=sha256,

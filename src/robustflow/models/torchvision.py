@@ -47,7 +47,7 @@ def _raft(
     return network_model(
         name,
         build,
-        InputConvention(scale=1.0, fit="pad", multiple=8),
+        InputConvention(scale=1.0, fit="pad", multiple=8, smallest=121),  # see `ptlflow`
         checkpoint,
         source="a file of https://download.pytorch.org/models",
         sha256=sha256,
