@@ -23,6 +23,7 @@ from ..metrics.rows import measure
 from ..models import FlowModel
 from ..models.base import predict_checked
 from ..report.error_colours import error_colours
+from ..report.sparse import thickened
 from ..runner.example_cells import cell_scores
 from ..sample import Flow, Frame, Sample
 from .choices import Models
@@ -161,12 +162,12 @@ def _pictures(
         "corrupted2": corrupted[1],
         "clean_flow": flow_colours(clean, radius),
         "flow": flow_colours(flow, radius),
-        "error": error_colours(errors),
+        "error": thickened(error_colours(errors), ~np.isnan(errors)),
     }
     if with_frames:
         pictures |= {"frame1": sample.frames[0], "frame2": sample.frames[1]}
-        if sample.flow is not None:
-            pictures["truth_flow"] = flow_colours(sample.flow, radius, sample.valid)
+        if sample.flow is not None and sample.valid is not None:
+            pictures["truth_flow"] = thickened(flow_colours(sample.flow, radius, sample.valid), sample.valid)
     return {"radius": radius, "pictures": {name: data_uri(picture) for name, picture in pictures.items()}}
 
 

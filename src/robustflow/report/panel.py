@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,6 +25,7 @@ from .figures.canvas import name_text
 from .sparse import thickened
 
 _WIDTH_IN = 14.0
+_TALLEST_IN = 7.0
 _TITLE_IN = 0.26
 _HEAD_IN = 0.34
 _BAR_IN = 0.62
@@ -78,12 +80,14 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
         pictures.append(("ground truth (black: unknown)", thickened(flow_colours(truth, radius, valid), valid)))
         pictures.append(("end-point error on the corrupted frames (grey: unknown)", error))
     figure = _drawn(panel, pictures)
-    return _file(figure, form)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # a name's script that the font lacks shows as boxes
+        return _file(figure, form)
 
 
 def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
     height, width = panel.sample.shape
-    each = _WIDTH_IN / 2 * 0.985 * height / width
+    each = min(_WIDTH_IN / 2 * 0.985 * height / width, _TALLEST_IN)
     rows = len(pictures) // 2
     total = _HEAD_IN + rows * (each + _TITLE_IN) + _BAR_IN
     figure = Figure(figsize=(_WIDTH_IN, total), dpi=_DPI, facecolor="white")
@@ -99,7 +103,8 @@ def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
         if picture is None:
             _wheel(axes)
         else:
-            axes.imshow(picture, aspect="auto", interpolation="antialiased")
+            axes.imshow(picture, interpolation="antialiased")
+            axes.set_anchor("W")
             axes.set_title(title, fontsize=9.5, pad=3, loc="left")
     _error_scale(figure, figure.add_axes((0.52, 0.36 / total, 0.46, 0.14 / total)))
     return figure

@@ -1,0 +1,92 @@
+"""Panels and what they are made of: colours of errors, sparse maps, odd sizes, hostile names."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from PIL import Image
+
+from robustflow.report.error_colours import HIGHEST, LOWEST, UNKNOWN, error_colours
+from robustflow.report.panel import Panel, draw_panel, panel_title
+from robustflow.report.sparse import REACH, thickened
+from robustflow.sample import Sample
+
+
+def _panel(height: int, width: int, truth: bool, title: str = "title") -> Panel:
+    rng = np.random.default_rng(0)
+    frames = tuple(rng.integers(0, 255, (height, width, 3)).astype(np.uint8) for _ in range(2))
+    flow = rng.normal(0, 5, (height, width, 2)).astype(np.float32)
+    known = {"flow": flow, "valid": rng.random((height, width)) < 0.2} if truth else {}
+    return Panel(Sample("a", frames, **known), frames[::-1], flow + 1, flow, title, "EPE 1.00 px")
+
+
+def test_errors_grow_brighter_on_a_logarithmic_scale():
+    errors = np.geomspace(LOWEST, HIGHEST, 200)[None]
+    light = error_colours(errors).astype(float)[0] @ (0.2126, 0.7152, 0.0722)
+    assert (light[10:] > light[:-10]).all(), "more is brighter"
+    middle = error_colours(np.array([[np.sqrt(LOWEST * HIGHEST)]]))[0, 0]
+    assert np.abs(middle.astype(int) - error_colours(errors)[0, 100]).max() <= 3
+    outside = error_colours(np.array([[0.0, LOWEST, HIGHEST, np.inf, np.nan]]))[0]
+    assert outside[0].tolist() == outside[1].tolist()
+    assert outside[2].tolist() == outside[3].tolist()
+    assert tuple(outside[4]) == UNKNOWN
+
+
+@given(arrays(bool, st.tuples(st.integers(1, 9), st.integers(1, 9))))
+def test_known_points_grow_by_a_little(known):
+    height, width = known.shape
+    picture = np.where(known[..., None], np.arange(1, known.size + 1).reshape(height, width, 1), 0).astype(np.uint8)
+    picture = np.repeat(picture, 3, axis=2)
+    shown = thickened(picture, known)
+    points = np.argwhere(known)
+    for y, x in np.ndindex(height, width):
+        distances = np.hypot(*(points - (y, x)).T) if len(points) else np.array([np.inf])
+        if known[y, x] or distances.min() > REACH:
+            assert shown[y, x].tolist() == picture[y, x].tolist()
+        else:
+            nearest = points[distances == distances.min()]
+            assert shown[y, x].tolist() in [picture[tuple(point)].tolist() for point in nearest]
+
+
+@pytest.mark.parametrize("truth", [True, False])
+@pytest.mark.parametrize("form", ["png", "jpeg"])
+def test_the_same_panel_is_the_same_bytes(form, truth):
+    first, second = (draw_panel(_panel(60, 90, truth), form) for _ in range(2))
+    assert first == second
+    with Image.open(io.BytesIO(first)) as picture:
+        assert (picture.format, picture.width) == (form.upper(), 1400)
+        picture.load()
+
+
+def test_the_pictures_lie_where_they_belong():
+    panel = _panel(70, 100, True)
+    drawn = np.asarray(Image.open(io.BytesIO(draw_panel(panel))).convert("RGB"), float)
+    left, right = drawn[100:400, 100:600], drawn[100:400, 800:1300]
+    small = [
+        np.asarray(Image.fromarray(frame).resize((690, 483), Image.Resampling.NEAREST), float)
+        for frame in panel.sample.frames
+    ]
+    for box, frame in ((left, small[0]), (right, small[1])):
+        assert abs(box.mean() - frame.mean()) < 3
+    assert np.abs(left - right).mean() > 20
+
+
+@pytest.mark.parametrize(("height", "width"), [(4000, 30), (8, 900), (16, 16), (900, 16)])
+def test_odd_sizes_stay_readable(height, width):
+    with Image.open(io.BytesIO(draw_panel(_panel(height, width, True)))) as picture:
+        assert picture.width == 1400
+        assert picture.height < 3200
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["$x^$", "_hidden", "a\nb", "\x1b[31mred", "x" * 500, "\\frac{", "日本"])
+def test_any_name_can_be_drawn(name):
+    title = panel_title(name, "fog", 3, "worst")
+    assert "\n" not in title
+    assert len(title) < 120
+    assert draw_panel(_panel(20, 30, False, title))
