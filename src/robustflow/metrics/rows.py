@@ -89,8 +89,8 @@ def measure(
         clean_pred: float32 (H, W, 2), the model's flow on the clean frames.
         sample: the sample, with its ground truth where there is one.
         regions: `Regions.of(sample)`, computed once per sample and passed to all its rows.
-        corruption, severity, frames_digest: copied into the row; the digest is the hex blake2b of the frames
-            that the model was given.
+        corruption, severity, frames_digest: copied into the row; the digest is the hex blake2b of the two
+            frames that the model was given, the pair of the clip for a multi-frame model.
 
     Returns:
         A dict with exactly the columns of `ROW_SCHEMA`; None where the sample has no ground truth or region.

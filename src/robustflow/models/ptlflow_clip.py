@@ -4,7 +4,8 @@ VideoFlow (Shi et al., ICCV 2023), MemFlow (Dong and Fu, CVPR 2024), StreamFlow 
 (Bargatin et al., ICCV 2025), STaRFlow (Godet et al., ICPR 2020). What happens at the first pair of a sequence is what
 the authors' evaluation code does: VideoFlow repeats the first frame once, and its window of five otherwise stays
 within the sequence; StreamFlow's window of four stays within it; MemFlow's memory is empty. MEMFOF repeats the first
-frame, as ptlflow's data loader does.
+frame, as ptlflow's data loader does. MemFlow's memory holds the last two frames, ptlflow's default; its authors'
+configurations come down to one.
 """
 
 from __future__ import annotations
