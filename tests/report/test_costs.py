@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from robustflow.report.costs import PROFILE, RunCost, check_model, read_cost, wr
 from robustflow.report.load import load_run
 from robustflow.report.record.pack import pack
 from robustflow.runner.evaluate import evaluate
+from robustflow.runner.result import Result
 
 
 class Shifted:
@@ -36,13 +38,20 @@ def _cost(run, flops: float, parameters: float = 1.5, **values) -> RunCost:
     return RunCost(run=run.manifest["identity_digest"], **({"height": 432, "width": 720} | counts | values))
 
 
-@pytest.fixture
-def runs(tmp_path):
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
     models = [Shifted("one", -0.1, "C"), Shifted("two", -0.5, "C"), Shifted("three", 0.4, "C"), Shifted("four", 0.2)]
-    return [
-        evaluate(model, "demo", output=tmp_path / str(index), corruptions=["contrast"], severities=[5])
-        for index, model in enumerate(models)
-    ]
+    for index, model in enumerate(models):
+        evaluate(model, "demo", output=folder / str(index), corruptions=["contrast"], severities=[5])
+    return folder
+
+
+@pytest.fixture
+def runs(measured, tmp_path):
+    """Copies, for costs are written into them."""
+    copy = shutil.copytree(measured, tmp_path / "runs")
+    return [Result(copy / str(index)) for index in range(4)]
 
 
 def _lines(runs, published=True):
