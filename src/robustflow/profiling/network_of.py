@@ -6,6 +6,7 @@ from typing import Any
 
 from ..errors import UsageError
 from ..models.tiling import TiledModel
+from ..models.torch_clip_model import TorchClipModel
 from ..models.torch_model import TorchModel
 
 
@@ -13,10 +14,12 @@ def network_of(model: Any) -> TorchModel:
     """The adapter that holds a model's network, without the tiles it may predict in.
 
     Raises:
-        UsageError: a model that is no PyTorch network of this project.
+        UsageError: a model that is no PyTorch network of this project, or one of more than two frames.
     """
     while isinstance(model, TiledModel):
         model = model.model
+    if isinstance(model, TorchClipModel):
+        raise UsageError(f"'{model.name}' sees a clip, and networks of two frames alone are profiled: choose another")
     if not isinstance(model, TorchModel):
         raise UsageError(
             "only PyTorch networks can be profiled: this model is none, or hides it; choose one that "
