@@ -108,3 +108,16 @@ def test_cost_needs_costs():
         for name, cost in published_costs().items()
     }
     assert _verdicts(published_results(), worse)[6] == "does not hold"
+
+
+def test_models_of_equal_error_have_no_correlation():
+    """Five models with the same numbers: nothing grows with anything, and no number is invented."""
+    lines = [
+        f"OOD,{name},epe,{corruption},{value}"
+        for name in "ABCDE"
+        for corruption, value in (("clean", 2), ("average", 5))
+    ]
+    results = parse_results("setting,model,metric,corruption,value\n" + "\n".join(lines), "made.csv", "made")
+    first = observations(results)[0]
+    assert first.verdict == "cannot be computed"
+    assert "all models have the same" in first.parts[0].says

@@ -144,9 +144,10 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     """
     if format not in FILE_FORMATS:
         raise unknown_name("figure format", format, FILE_FORMATS)
-    if figure.get_layout_engine() is not None:
+    engine = figure.get_layout_engine()
+    if engine is not None:
         # The layout is settled once: every draw would move it by a little, and the bytes with it.
-        figure.draw_without_rendering()
+        engine.execute(figure)
         figure.set_layout_engine("none")
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()

@@ -22,7 +22,12 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
     for name, value in (("corrupted EPE", evidence.epe), ("CRE", evidence.cre)):
         for setting in settings:
             entries = evidence.discussed(setting)
-            found = spearmanr([evidence.clean(e) for e in entries], [value(e) for e in entries], alternative="greater")
+            columns = [evidence.clean(e) for e in entries], [value(e) for e in entries]
+            if any(len(set(column)) == 1 for column in columns):
+                says = f"{setting}: all models have the same clean EPE or {name}, so there is no correlation"
+                parts.append(part(f"{name} grows with clean EPE ({setting})", None, says, True))
+                continue
+            found = spearmanr(*columns, alternative="greater")
             rho, p = float(found.statistic), float(found.pvalue)
             shown = "< 0.001" if p < 0.001 else f"= {p:.3f}"
             says = f"{setting}: Spearman {rho:+.2f}, one-sided p {shown}, {len(entries)} models"
