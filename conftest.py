@@ -23,3 +23,5 @@ if find_spec("torch") is None:
     ]
 if find_spec("onnx") is None:
     collect_ignore_glob += ["tests/models/onnx_graphs.py"]
+if find_spec("starlette") is None or find_spec("uvicorn") is None:
+    collect_ignore_glob += [f"src/robustflow/app/{name}.py" for name in ("guard", "serve", "server", "uploads")]

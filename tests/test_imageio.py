@@ -13,7 +13,7 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from robustflow.errors import DataError
-from robustflow.imageio import image_size, read_image, read_mask, write_image
+from robustflow.imageio import image_size, read_image, read_mask, stored_size, write_image
 
 RGB = (np.arange(12 * 17 * 3).reshape(12, 17, 3) * 37 % 251).astype(np.uint8)
 
@@ -144,3 +144,18 @@ def test_writing_refuses_and_leaves_nothing(tmp_path: Path, name: str, image: np
     with pytest.raises(DataError):
         write_image(tmp_path / name, image)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_stored_size_needs_no_pixel(tmp_path: Path) -> None:
+    Image.fromarray(RGB).save(tmp_path / "a.png")
+    whole = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "cut.png").write_bytes(whole[: whole.index(b"IDAT") + 6])
+    assert stored_size(tmp_path / "cut.png") == RGB.shape[:2]
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(RGB).save(tmp_path / "turned.jpg", exif=exif)
+    assert stored_size(tmp_path / "turned.jpg") == RGB.shape[:2]
+    assert image_size(tmp_path / "turned.jpg") == RGB.shape[1::-1]
+    (tmp_path / "text.png").write_text("text")
+    with pytest.raises(DataError, match="cannot be read as a picture"):
+        stored_size(tmp_path / "text.png")

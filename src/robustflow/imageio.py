@@ -90,6 +90,23 @@ def image_size(path: str | Path) -> tuple[int, int]:
     return (width, height) if turned else (height, width)
 
 
+def stored_size(path: str | Path) -> tuple[int, int]:
+    """(H, W) as it lies in the file, before a noted orientation is applied. Decodes no pixel, whatever is claimed.
+
+    Raises:
+        DataError: no such file, no picture, or a claim that Pillow takes for an attack.
+    """
+    path = Path(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the caller decides what is too large
+            with Image.open(path, formats=_FORMATS) as image:
+                width, height = image.size
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise DataError(f"{path}: cannot be read as a picture ({_reason(error)}); check the file") from error
+    return height, width
+
+
 def read_mask(path: str | Path) -> npt.NDArray[np.bool_]:
     """Read a picture as bool (H, W): True where any channel is not 0."""
     return np.asarray(read_image(path).any(axis=2))

@@ -6,8 +6,12 @@ import pytest
 
 from .launch import running_app
 
-pytest.importorskip("starlette", reason="the app extra is not installed")
-pytest.importorskip("uvicorn", reason="the app extra is not installed")
+
+@pytest.fixture(scope="module", autouse=True)
+def _installed():
+    """Skips where the app is not installed."""
+    for name in ("starlette", "uvicorn", "python_multipart"):
+        pytest.importorskip(name, reason="the app extra is not installed")
 
 
 @pytest.fixture(scope="module")

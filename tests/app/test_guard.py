@@ -11,6 +11,7 @@ import sys
 
 import pytest
 
+from ..video import clips
 from .launch import running_app
 
 
@@ -83,12 +84,18 @@ def test_methods_that_have_no_meaning(app):
     assert app.ask("GET", "/look")[0] == 405
 
 
-def test_interrupt_ends_it_without_a_word(tmp_path):
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop):
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))
+    (tmp_path / "scratch").mkdir()
     with running_app(tmp_path) as running:
-        running.ask("GET", "/choices")
-        running.process.send_signal(signal.SIGINT)
+        clip = clips.clip(tmp_path / "clip.mp4", 3).path.read_bytes()
+        assert running.upload(clip=("clip.mp4", clip))[0] == 200
+        assert list((tmp_path / "scratch").iterdir()), "a clip is decoded as it is asked for"
+        running.process.send_signal(stop)
         out, error = running.process.communicate(timeout=30)
         assert (running.process.returncode, out, error) == (0, "", "")
+        assert not list((tmp_path / "scratch").iterdir())
 
 
 def test_interrupt_in_the_middle_of_a_prediction(tmp_path):

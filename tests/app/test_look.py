@@ -17,6 +17,8 @@ from robustflow.metrics import mean_epe, rcre
 from robustflow.metrics.epe import epe_map, magnitude_map
 from robustflow.metrics.outliers import outlier_sums
 
+from .launch import running_app
+
 SLOW = "models_for_app:Slow"
 
 
@@ -129,6 +131,13 @@ def test_a_model_that_fails_is_one_line(failing_app):
         "the model raised ValueError on sample 'motorcycle', clean: <b>no</b> weights at all"
     )
     assert failing_app.look()[1][-1]["result"]["numbers"]["epe"] > 0, "the next one is answered"
+
+
+def test_a_model_that_ends_its_program_does_not_end_the_app(tmp_path):
+    with running_app(tmp_path, "--model", "models_for_app:Ends") as ending:
+        for _ in range(2):
+            assert "SystemExit" in ending.look(model="models_for_app:Ends")[1][-1]["error"]
+        assert "result" in ending.look()[1][-1]
 
 
 def test_a_newer_wish_of_the_same_page_ends_the_older(app):

@@ -13,12 +13,12 @@ from PIL import Image
 
 import robustflow as rf
 from robustflow.app.pairs import KEPT
-from robustflow.app.uploads import MAX_BYTES
 from robustflow.flowio.flo import flo_bytes
 
 from ..video import clips
 from .test_look import _direct
 
+MAX_BYTES = 64 * 2**20
 RNG = np.random.default_rng(0)
 FRAME = np.repeat(np.repeat(RNG.integers(0, 255, (32, 48, 3)), 3, 0), 3, 1).astype(np.uint8)
 OTHER = np.roll(FRAME, 2, axis=1)
@@ -93,6 +93,7 @@ def _claims(width: int, height: int) -> bytes:
         ({"truth": ("gt.flo", _flo(96, 144, False))}, "no pixel with known flow"),
         ({"truth": ("gt.npz", b"PK")}, "gt.npz: not ground truth"),
         ({"truth": ("gt.png", _png(FRAME))}, "gt.png"),
+        ({"truth": ("gt.png", _claims(9999, 9999))}, "gt.png: 9999x9999 is not the size of the frames"),
         ({"more": ("c.png", b"")}, "Too many files"),
         ({"clip": ("c.mp4", b"")}, "give two frames"),
     ],

@@ -103,6 +103,6 @@ def _outcome(job: Job) -> Message:
         return {"outdated": True}
     except RobustFlowError as error:
         return {"error": " ".join(str(error).split())}
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a model that ends its program must not end the worker
         traceback.print_exc(file=sys.stderr)
         return {"error": f"the app failed ({type(error).__name__}); the terminal that it was started in says more"}

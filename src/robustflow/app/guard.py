@@ -39,14 +39,14 @@ class Guard:
         app: what is guarded.
         token: of this session.
         port: that the server listens on.
-        open_to_others: whether it listens on more than loopback, and so may be called by its addresses.
+        host: that it was told to listen on, where others than this machine may call it: by that name or an address.
     """
 
-    def __init__(self, app: ASGIApp, token: str, port: int, open_to_others: bool = False) -> None:
+    def __init__(self, app: ASGIApp, token: str, port: int, host: str = "") -> None:
         self._app = app
         self._token = token
         self._port = port
-        self._open = open_to_others
+        self._hosts = {host.lower(), socket.gethostname().lower()} if host else set()
         self._cookie = f"robustflow-{port}"
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -87,7 +87,7 @@ class Guard:
         name = name.lower()
         if name in ("localhost", "127.0.0.1", "[::1]"):
             return True
-        return self._open and (_is_address(name.strip("[]")) or name == socket.gethostname().lower())
+        return bool(self._hosts) and (_is_address(name.strip("[]")) or name in self._hosts)
 
 
 def _is_address(name: str) -> bool:

@@ -24,6 +24,7 @@ from ..models import FlowModel
 from ..models.base import predict_checked
 from ..report.error_colours import error_colours
 from ..report.sparse import thickened
+from ..runner.engines.serial import one_opencv_thread
 from ..runner.example_cells import cell_scores
 from ..sample import Flow, Frame, Sample
 from .choices import Models
@@ -108,7 +109,8 @@ class Looker:
         clean = self._clean_flow(wish, sample, model, stage)
         stage("predicting the corrupted frames")
         start = time.perf_counter()
-        flow = predict_checked(model, corrupted, sample.key, name, severity)
+        with one_opencv_thread():
+            flow = predict_checked(model, corrupted, sample.key, name, severity)
         seconds = time.perf_counter() - start
         stage("drawing")
         return {
@@ -125,7 +127,8 @@ class Looker:
         place = (wish.source, wish.index, wish.model)
         if place not in self._clean:
             stage("predicting the clean frames")
-            self._clean[place] = predict_checked(model, sample.frames, sample.key, "clean", 0)
+            with one_opencv_thread():
+                self._clean[place] = predict_checked(model, sample.frames, sample.key, "clean", 0)
             while len(self._clean) > _CLEAN_KEPT:
                 self._clean.popitem(last=False)
         self._clean.move_to_end(place)

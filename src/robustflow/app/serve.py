@@ -52,7 +52,7 @@ def serve(
     shown = f"[{host}]" if host and ":" in host else host or LOOPBACK
     address = f"http://{LOOPBACK if shown in ('0.0.0.0', '[::]') else shown}:{number}/?token={token}"
     shelf, desk = Shelf(), Desk()
-    guarded = Guard(build(Models(given), shelf, desk), token, number, others)
+    guarded = Guard(build(Models(given), shelf, desk), token, number, (host or "") if others else "")
     config = uvicorn.Config(
         guarded,
         log_level="error",

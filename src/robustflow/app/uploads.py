@@ -17,7 +17,7 @@ from ..datasets.pairs import read_frames
 from ..datasets.video import VIDEO_SUFFIXES
 from ..errors import DataError, RobustFlowError, UsageError
 from ..flowio import read_flow
-from ..imageio import IMAGE_SUFFIXES, image_size
+from ..imageio import IMAGE_SUFFIXES, stored_size
 from ..sample import Sample
 from .pairs import Clip, OnePair, PairSource
 
@@ -84,7 +84,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     paths = []
     for field in ("frame1", "frame2"):
         path = _saved(files[field], folder / field, IMAGE_SUFFIXES, "a picture")
-        height, width = image_size(path)
+        height, width = stored_size(path)
         if height * width > MAX_PIXELS:
             raise DataError(f"{path}: {width}x{height} is more than {MAX_PIXELS / 1e6:.1f} megapixels; scale it down")
         paths.append(path)
@@ -93,6 +93,9 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     if "truth" not in files:
         return OnePair(name, Sample(paths[0].stem, frames))
     truth = _saved(files["truth"], folder / "truth", TRUTH_SUFFIXES, "ground truth")
+    if truth.suffix.lower() == ".png" and stored_size(truth) != frames[0].shape[:2]:  # before it is unpacked
+        height, width = stored_size(truth)
+        raise DataError(f"{truth}: {width}x{height} is not the size of the frames; they do not belong together")
     flow, valid = read_flow(truth)
     if not valid.any():
         raise DataError(f"{truth}: no pixel with known flow, so there is nothing to measure against")

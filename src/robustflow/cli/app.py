@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from importlib.util import find_spec
 from typing import Annotated
@@ -46,6 +47,7 @@ def app(
     from ..models import ModelSpec
 
     use_psf_dir(psf_dir)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, and takes uploads with it
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     if options and model is None:
         raise UsageError(f"{options[0][0]} belongs to a model: name it with --model")

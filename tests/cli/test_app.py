@@ -1,0 +1,13 @@
+"""`robustflow app` where it cannot start; what it does where it can is in tests/app."""
+
+from __future__ import annotations
+
+import robustflow.cli.app as command
+
+
+def test_without_its_extra_it_says_how_to_get_it(robustflow, monkeypatch):
+    monkeypatch.setattr(command, "find_spec", lambda name: None)
+    code, _, error = robustflow("app", "--no-browser")
+    assert code == 1
+    assert "pip install 'robustflow[app]'" in error
+    assert error.count("\n") == 1
