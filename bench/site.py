@@ -1,0 +1,101 @@
+"""How long the pages take: to write after a run, to write for many models, and to load in a browser.
+
+    python bench/site.py [--models 100] [--loads 5]
+
+Writing is counted in CPU seconds, so other work on the machine matters little; loading is what the browser's own
+`performance.timing` says, the least of several visits, until the page's script has finished and until it is loaded.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import polars as pl
+
+from robustflow.report.published import published_results
+from robustflow.report.site import render_site, run_content, whole_content
+from robustflow.runner.evaluate import evaluate
+
+_TIMING = """() => {
+    const { navigationStart, domContentLoadedEventEnd, loadEventEnd } = performance.timing;
+    return [domContentLoadedEventEnd - navigationStart, loadEventEnd - navigationStart];
+}"""
+_QUIET = ["--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-sync"]
+
+
+def many_models(count: int) -> pl.DataFrame:
+    """Results of `count` models: one published model, each time a little worse and under another name."""
+    source = published_results().filter(benchmark="kitti-fc", setting="ID", model="RAFT")
+    settings = ("OOD", "ID", "own")
+    return pl.concat(
+        source.with_columns(
+            model=pl.lit(f"Model {index:03d}"),
+            setting=pl.lit(settings[index % 3]),
+            value=pl.col("value") * (1 + 0.01 * index),
+            sample_set=pl.lit("file"),
+        )
+        for index in range(count)
+    )
+
+
+def seconds(make: Callable[[], str]) -> tuple[str, float]:
+    """What it makes, and the CPU seconds of the second time (the first one imports)."""
+    make()
+    start = time.process_time()
+    return make(), time.process_time() - start
+
+
+def load_times(path: Path, loads: int) -> tuple[float, float] | None:
+    """Least milliseconds until the script has run and until the page is loaded; None without a browser."""
+    chromium = shutil.which("chromium")
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        return None
+    if chromium is None:
+        return None
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=_QUIET)
+        times = []
+        for _ in range(loads):
+            page = browser.new_page(viewport={"width": 1440, "height": 900})
+            page.goto(path.as_uri(), wait_until="load")
+            page.wait_for_timeout(100)
+            times.append(page.evaluate(_TIMING))
+            page.close()
+        browser.close()
+    return min(first for first, _ in times), min(last for _, last in times)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--models", type=int, default=100)
+    parser.add_argument("--loads", type=int, default=5)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        run = evaluate("dis", "demo", output=folder / "run", examples=True)
+        pages: dict[str, Callable[[], str]] = {
+            "report.html of a run": lambda: render_site(run_content(run)),
+            "published results": lambda: render_site(whole_content([])),
+            f"{options.models} models beside them": lambda: render_site(
+                whole_content([], [("many.csv", many_models(options.models))])
+            ),
+        }
+        print(f"{'page':30} {'MB':>6} {'write, CPU s':>13} {'script ms':>10} {'loaded ms':>10}")
+        for name, make in pages.items():
+            text, spent = seconds(make)
+            path = folder / "page.html"
+            path.write_text(text, encoding="utf-8")
+            found = load_times(path, options.loads)
+            shown = "no browser".rjust(21) if found is None else f"{found[0]:10.0f} {found[1]:10.0f}"
+            print(f"{name:30} {path.stat().st_size / 1e6:6.2f} {spent:13.2f} {shown}")
+
+
+if __name__ == "__main__":
+    main()
