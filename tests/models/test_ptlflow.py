@@ -188,6 +188,31 @@ def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
 
 
 @pytest.mark.torch
+def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
+    """Lightning's own file of ptlflow's own model: hyper-parameters, loops, optimizer, callbacks beside the weights."""
+    import torch
+    from lightning.pytorch import Trainer
+    from lightning.pytorch.callbacks import ModelCheckpoint
+
+    quiet = {"logger": False, "enable_progress_bar": False, "enable_model_summary": False, "accelerator": "cpu"}
+    trainer = Trainer(max_steps=1, callbacks=[ModelCheckpoint(dirpath=tmp_path)], default_root_dir=tmp_path, **quiet)
+    net = library.get_model("raft")
+    net.train_size = [64, 64]
+    trainer.strategy.connect(net)
+    trainer.strategy.setup_optimizers = lambda trainer: None
+    trainer.save_checkpoint(tmp_path / "raft.ckpt")
+    content = torch.load(tmp_path / "raft.ckpt", weights_only=True)
+    assert {"state_dict", "hyper_parameters", "pytorch-lightning_version", "loops", "callbacks"} <= set(content)
+    loaded = load_model("raft", checkpoint=tmp_path / "raft.ckpt", iterations=1, device="cpu")
+    for key, value in net.state_dict().items():
+        assert torch.equal(loaded.net.model.state_dict()[key], value)
+    del content["state_dict"]["fnet.conv1.weight"]
+    torch.save(content, tmp_path / "less.ckpt")
+    with pytest.raises(ModelError, match=r"no checkpoint of raft.*fnet\.conv1\.weight"):
+        load_model("raft", checkpoint=tmp_path / "less.ckpt")
+
+
+@pytest.mark.torch
 def test_what_a_memory_network_keeps_beside_its_weights_is_set(library, tmp_path):
     import torch
 

@@ -9,7 +9,8 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow.errors import ModelError, UsageError
+from robustflow import evaluate
+from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.models.base import FlowModel
 from robustflow.models.input_convention import InputConvention
 from robustflow.models.nets.arflow import ARFlow
@@ -232,6 +233,31 @@ def test_bf16_is_near_fp32_and_another_number(name):
     difference = np.abs(full - half).mean()
     # bfloat16 keeps 8 bits, a relative error of 0.4 % per operation.
     assert 0 < difference < 0.05 * np.abs(full).mean()
+
+
+def test_the_manifest_says_how_it_was_executed(tmp_path):
+    convention = InputConvention(fit="stretch", multiple=64, size=(64, 128))
+    model = TorchModel("arflow", seeded(ARFlow), convention, {}, device="cpu", precision="bf16")
+    run = {"corruptions": ["contrast"], "severities": [1]}
+    said = evaluate(model, output=tmp_path / "run", **run).manifest["identity"]["model"]
+    assert (said["precision"], said["compile"], said["device"]) == ("bf16", False, "cpu")
+    other = TorchModel("arflow", seeded(ARFlow), convention, {}, device="cpu")
+    with pytest.raises(RunError, match="holds another run"):
+        evaluate(other, output=tmp_path / "run", **run)
+
+
+@pytest.mark.slow
+def test_a_compiled_network_gives_the_same_flow():
+    build, convention = NETS["arflow"]
+    first, second = textured_pairs(1, 100, 130)
+    plain, compiled = (
+        TorchModel("arflow", seeded(build), convention, {}, device="cpu", compile=compiled)
+        for compiled in (False, True)
+    )
+    flow = compiled.predict(first[0], second[0])
+    assert np.abs(flow - plain.predict(first[0], second[0])).max() <= 1e-3
+    assert torch._dynamo.utils.counters["stats"]["unique_graphs"] > 0, "nothing was compiled"
+    assert compiled.identity()["compile"] is True
 
 
 def test_a_frame_too_small_for_upflow_says_so():

@@ -126,7 +126,10 @@ def _print_paper() -> None:
         else:
             typer.echo(_LINE.format(*head, *_cells(line.counts, line.cost.parameters_m, line.cost.flops_g)))
     typer.echo("12 iterations. The paper cuts its numbers off; its FLOPs are thop's MACs.")
-    typer.echo("Our BrightFlow and SAMFlow make the upsampling weights once, not in every iteration: 23.6 G less.")
+    typer.echo(
+        "BrightFlow and SAMFlow: a flow after every iteration, as published; predicting the last alone saves 23.6 G."
+    )
+    typer.echo("Their rest and SAMFlow-H's 236 G are explained, or not, in docs/design/profiling.md.")
 
 
 def _cells(counts: Counts, parameters_m: float, flops_g: float) -> tuple[str, ...]:
