@@ -15,7 +15,8 @@ ModelName = Annotated[
     typer.Option(
         "--model",
         "-m",
-        help="A name (robustflow list models), module.path:Attribute, or a folder of flow files.",
+        help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2, .ts), or a "
+        "folder of flow files.",
     ),
 ]
 ModelOptions = Annotated[
