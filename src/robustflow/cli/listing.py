@@ -68,8 +68,8 @@ def _models() -> list[str]:
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",
         "Hardly any weights state a licence.",
-        "Your own: module.path:Attribute, an exported network (.onnx, .pt2, .ts) or a folder of flow files; declare its "
-        "training with -O trained_on=C+T.",
+        "Your own: module.path:Attribute, an exported network (.onnx, .pt2, .ts) or a folder of flow files; declare "
+        "its training with -O trained_on=C+T.",
     ]
 
 
