@@ -12,9 +12,11 @@ from PIL import Image
 from skimage import data
 
 import robustflow as rf
+from robustflow.errors import RunError
 from robustflow.imageio import write_image
 from robustflow.models import ModelSpec
 from robustflow.runner import examples as examples_module
+from robustflow.runner.source import Source, set_up_again
 from robustflow.runner.store import RunFolder
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
@@ -111,6 +113,21 @@ def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
         run = rf.evaluate(Drifts(), output=tmp_path / "run", examples=True, corruptions=["contrast"], severities=[1])
     assert not (run.path / "examples").exists()
     assert run.summary.complete
+
+
+def test_what_a_run_cannot_be_set_up_again_from(tmp_path):
+    class Still:
+        def predict(self, frame1, frame2):
+            return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+    run = rf.evaluate(Still(), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    with pytest.raises(RunError, match="was run with a Python object, which has no name; give --model"):
+        set_up_again(run, Source.read(run.path))
+    with pytest.raises(RunError, match="differs in: model"):
+        set_up_again(run, Source(DIS))
+    (run.path / "source.json").write_text("{")
+    with pytest.raises(RunError, match="is damaged; delete it"):
+        Source.read(run.path)
 
 
 def test_an_incomplete_run_has_no_worst_sample(tmp_path):
