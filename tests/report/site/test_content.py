@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from robustflow.errors import DataError
+from robustflow.errors import DataError, UsageError
 from robustflow.report.results import parse_results
 from robustflow.report.site.board import boards_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
+from robustflow.runner.evaluate import evaluate
 
 _HEAD = "setting,model,metric,corruption,value,sample_set\n"
 
@@ -74,3 +76,30 @@ def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
     content = run_content(small_run)
     assert set(content.focus["sample_set"]) == {content.entries[0].sample_set}
     assert len(content.entries) == 1 + 29 + 11
+
+
+class Blind:
+    """A model that predicts no finite flow."""
+
+    def identity(self):
+        return {"name": "blind"}
+
+    def predict(self, frame1, frame2):
+        return np.full((*frame1.shape[:2], 2), np.nan, np.float32)
+
+
+def test_a_run_that_measured_nothing_is_still_the_page_of_that_run(tmp_path):
+    run = evaluate(Blind(), "demo", output=tmp_path, corruptions=["contrast"], severities=[1], allow_invalid=True)
+    content = run_content(run)
+    assert content.entries[0].model == "blind"
+    assert not content.entries[0].texts
+    board = boards_of(content.entries, dict(content.group_titles))[0]
+    assert (board.benchmark, board.count, board.columns) == ("demo", 1, ())
+    text = (run.path / "report.html").read_text()
+    assert "predicted pixels were NaN or infinite" in text
+    assert 'data-primary aria-labelledby="title-blind"' in text
+
+
+def test_no_results_at_all_say_so():
+    with pytest.raises(UsageError, match="nothing to show"):
+        whole_content([], [("empty.csv", _file(""))], published=False)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from ...errors import DataError
+from ...errors import DataError, UsageError
 from ..assemble import results_of
 from ..costs import read_cost
 from ..labels import BENCHMARK_LABELS
 from ..published import PAPER, Cost, published_costs
 from ..results import RESULT_KEY
-from ..runs import note_of, run_names, sample_set
+from ..runs import note_of, run_names, sample_set, setting_of
 from ..text import plain
 from ..uncertainty import intervals
 from .entries import Entry, Interval, Key, entries_of
@@ -71,6 +71,7 @@ def whole_content(
 
     Raises:
         DataError: a value that is there twice, in two files or in a file and the paper's results.
+        UsageError: no result at all.
     """
     return _content("Robustness of optical flow", runs, files, published, alone=False)
 
@@ -102,7 +103,15 @@ def _content(
         costs,
         {key: _intervals(run) for key, run in by_name.items()},
         {key: (cost.parameters_m, cost.flops_g) for key, cost in sizes.items() if cost is not None},
+        [
+            (str(run.manifest["identity"]["benchmark"]), frames, setting_of(run), name, note_of(run))
+            for (frames, name), run in by_name.items()
+        ],
     )
+    if not entries:
+        raise UsageError(
+            "nothing to show: there are no results; name runs or results files, or show the published ones"
+        )
     return Content(title, by_name, results, costs, entries, titles, alone)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import polars as pl
@@ -66,6 +66,7 @@ def entries_of(
     costs: Mapping[str, Cost],
     intervals: Mapping[tuple[str, str], Mapping[Key, Interval]] | None = None,
     run_costs: Mapping[tuple[str, str], tuple[float, float]] | None = None,
+    first: Sequence[tuple[str, str, str, str, str]] = (),
 ) -> list[Entry]:
     """Entries of results, in their order, with the means over classes of corruptions that the paper does not print.
 
@@ -74,16 +75,24 @@ def entries_of(
         costs: the paper's, by model: its CREr is shown as printed.
         intervals: by (sample set, name) of a run.
         run_costs: (millions of parameters, FLOPs in 10^9) by (sample set, name) of a run.
+        first: (benchmark, sample set, setting, model, note) of entries that are there whatever the results say, before
+            the others.
     """
     found: dict[tuple[str, str, str, str], Entry] = {}
     slugs = Slugs()
-    for row in results.iter_rows(named=True):
-        key = (row["benchmark"], row["sample_set"], row["setting"], row["model"])
+
+    def entry_of(benchmark: str, frames: str, setting: str, model: str, note: str) -> Entry:
+        key = (benchmark, frames, setting, model)
         if key not in found:
-            page = slugs.of((row["sample_set"], row["model"]), row["model"])
-            texts = (plain(row["setting"], 40), plain(row["model"]), row["model"], plain(row["note"], 300))
-            found[key] = Entry(row["benchmark"], row["sample_set"], *texts, page)
-        found[key].set((row["metric"], row["corruption"]), row["value"], row["decimals"])
+            texts = (plain(setting, 40), plain(model), model, plain(note, 300))
+            found[key] = Entry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
+        return found[key]
+
+    for head in first:
+        entry_of(*head)
+    for row in results.iter_rows(named=True):
+        entry = entry_of(*(row[name] for name in ("benchmark", "sample_set", "setting", "model", "note")))
+        entry.set((row["metric"], row["corruption"]), row["value"], row["decimals"])
     crer = {
         (benchmark, *key): value
         for benchmark in dict.fromkeys(results["benchmark"])

@@ -11,7 +11,7 @@ const boards = [...document.querySelectorAll("div.board")].map((element) => ({
     heading: body.rows[0],
     lines: [...body.rows].slice(1),
   })),
-  start: Number(element.querySelector("table").dataset.start) + 2,
+  start: Number(element.querySelector("table").dataset.start),
   view: "overview",
   metric: "",
 }));
@@ -72,7 +72,7 @@ function showColumns(board) {
     for (const { lines } of board.bodies) for (const line of lines) line.cells[index].hidden = hidden;
   });
   if (board.head[board.sort].hidden) {
-    board.sort = board.head.findIndex((heading, index) => index > 1 && !heading.hidden);
+    board.sort = Math.max(0, board.head.findIndex((heading, index) => index > 1 && !heading.hidden));
     board.down = false;
     sortLines(board);
   }
