@@ -51,6 +51,13 @@ def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
     assert "p < 0.001" in best[1]
 
 
+def test_the_best_two_of_many_are_corrected_for_having_been_chosen(many_images):
+    runs = [many_images("A" * (1 + index), 1 + 0.1 * index) for index in range(4)]
+    said = headline(whole_content(runs, published=False))
+    assert "The average CRE of A is lower than that of AA" in said[1]
+    assert "corrected for 6 comparisons" in said[1]
+
+
 def test_no_winner_where_the_difference_is_none(many_images):
     """The same errors twice: one is first by its name alone, and the sentence says that it means nothing."""
     said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))

@@ -9,11 +9,12 @@ from ..labels import METRIC_LABELS
 from ..published import PAPER
 from ..results import AVERAGE, CLEAN
 from ..text import plain
-from ..uncertainty import compare
+from ..uncertainty import compare_all
 from .board import benchmark_label
 from .content import Content
 from .entries import Entry, Key
 
+MOST_COMPARED = 8
 _RANKED: tuple[Key, ...] = (("cre", AVERAGE), ("rcre", AVERAGE))
 
 
@@ -77,16 +78,22 @@ def _of_own(entries: list[Entry], content: Content) -> list[str]:
         f"{benchmark_label(best.benchmark)}, {len(entries)} models on the same frames: {best.model} has the lowest "
         f"{METRIC_LABELS[key[0]]} ({best.texts[key]} px), before {second.model} ({second.texts[key]} px)."
     ]
-    runs = [content.runs.get((entry.sample_set, entry.name)) for entry in (best, second)]
-    if runs[0] is None or runs[1] is None:
-        return sentences
+    return sentences + _difference(key[0], order, content)
+
+
+def _difference(metric: str, order: Sequence[Entry], content: Content) -> list[str]:
+    """Whether the best differs from the second, corrected for every pair of the best `MOST_COMPARED`: which two are
+    compared was chosen by looking at all."""
+    runs = {entry.name: content.runs.get((entry.sample_set, entry.name)) for entry in order[:MOST_COMPARED]}
+    measured = {name: run.rows for name, run in runs.items() if run is not None}
+    if len(measured) < len(runs):
+        return []  # Results files have no values per image.
     try:
-        table = compare(runs[0].rows, runs[1].rows, (best.model, second.model)).filter(
-            metric=key[0], corruption=AVERAGE
-        )
+        table = compare_all(measured, metric)
     except RunError:
-        return sentences
-    return sentences + [plain(sentence, None) for sentence in table["sentence"]]
+        return []  # Frames differ under the same names; the leaderboard still says what each run measured.
+    pair = table.filter(first=order[0].name, second=order[1].name)
+    return [plain(sentence, None) for sentence in pair["sentence"]]
 
 
 def _ranked(entries: Sequence[Entry]) -> tuple[Key, list[Entry]] | None:
