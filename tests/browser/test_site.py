@@ -130,12 +130,12 @@ def test_a_model_page_and_back(opened):
     assert page.locator("article:visible td:has-text('Snow')").count() == 0
     assert page.locator("svg.chart:visible .mark.on").count() >= 2
     page.go_back()
-    assert page.locator("#board").is_visible()
+    page.locator("#board").wait_for()
     assert page.locator("#count").inner_text() == "2 of 29 rows"
     assert page.evaluate("document.activeElement.textContent") == "CSFlow"
     page.go_forward()
     page.get_by_role("link", name="← Leaderboard").locator("visible=true").click()
-    assert page.locator("#board").is_visible()
+    page.locator("#board").wait_for()
     assert page.locator("article:visible").count() == 0
 
 
