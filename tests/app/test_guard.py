@@ -62,7 +62,7 @@ def test_a_post_from_elsewhere_is_refused(app, path, origin):
     assert (status, body) == (403, b"requests from other pages are refused\n")
 
 
-@pytest.mark.parametrize("path", ["/", "/app.js", "/app.css", "/choices", "/missing"])
+@pytest.mark.parametrize("path", ["/", "/app.js", "/results.js", "/app.css", "/choices", "/missing"])
 def test_every_answer_is_locked_down(app, path):
     _, body, headers = app.ask("GET", path)
     policy = headers["content-security-policy"]

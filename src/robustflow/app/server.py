@@ -1,4 +1,4 @@
-"""The app's addresses: one page, its two files, what can be chosen, uploads, and looks as a stream of lines."""
+"""The app's addresses: one page, its three files, what can be chosen, uploads, and looks as a stream of lines."""
 
 from __future__ import annotations
 
@@ -30,7 +30,12 @@ from .pairs import DEMO, Shelf
 from .uploads import MAX_BYTES, limited, source_of
 
 _MAX_WISH = 2**14
-_FILES = {"/": ("app.html", "text/html"), "/app.css": ("app.css", "text/css"), "/app.js": ("app.js", "text/javascript")}
+_FILES = {
+    "/": ("app.html", "text/html"),
+    "/app.css": ("app.css", "text/css"),
+    "/app.js": ("app.js", "text/javascript"),
+    "/results.js": ("results.js", "text/javascript"),
+}
 _END = ("result", "error", "outdated")
 
 
