@@ -8,29 +8,28 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
 from ..benchmarks import Benchmark, load_benchmark
 from ..corruptions import load_corruption
-from ..datasets.base import Clips, Dataset, FromClips
-from ..errors import RobustFlowError, RunError, UsageError, unknown_name
+from ..datasets.base import Dataset, FromClips
+from ..errors import RobustFlowError, UsageError, unknown_name
 from ..models import ModelSpec
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity
 from ..models.loading import as_model
 from ..models.provenance import DECLARED, Training, training_of
 from ..models.window import Window
-from .clip import Surroundings, window_on
+from .clip import window_on
 from .engines.base import Done, Job
 from .engines.processes import processes
 from .engines.serial import serial
-from .environment import environment
 from .example_record import are_current, drop_examples
 from .examples import write_examples
-from .plan import Plan, Settings, Unit, identity_digest, left_out_sentence
+from .manifest import now, open_manifest
+from .plan import Plan, Settings, Unit, left_out_sentence
 from .result import Result
-from .source import Source, differing
+from .source import Source
 from .store import RunFolder
 
 ENGINES = ("serial", "processes")
@@ -169,7 +168,7 @@ def _fill(
     run: Callable[[Job, list[Unit]], Iterator[Done]],
     progress: Progress,
 ) -> None:
-    manifest = _open_manifest(folder, plan)
+    manifest = open_manifest(folder, plan)
     folder.write_manifest(manifest)
     units = plan.missing(folder.cells())
     progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
@@ -188,64 +187,7 @@ def _fill(
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
     if isinstance(job.dataset, FromClips):
         manifest["clips"] = job.dataset.clip_records()
-    folder.write_manifest({**manifest, "seconds": seconds, "finished": _now()})
-
-
-def _open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
-    """The folder's manifest brought up to date with this plan, or an error where the two do not belong together."""
-    identity = plan.identity()
-    old = folder.manifest() or {}
-    if old and old["identity_digest"] != identity_digest(identity):
-        raise RunError(
-            f"{folder.path} holds another run (it differs in: {differing(identity, old['identity'])}); "
-            "choose another folder with --output"
-        )
-    samples = {key: _fingerprint(plan, key) for key in plan.benchmark.keys}
-    before = old.get("samples", {})
-    changed = sorted(key for key in samples if before.get(key, samples[key]) != samples[key])
-    if changed:
-        raise RunError(
-            f"{folder.path} was made from other files for sample '{changed[0]}' ({len(changed)} differ); "
-            "choose another folder with --output"
-        )
-    selection = old.get("selection", {"corruptions": [], "severities": []})
-    gone = old.get("left_out", {})
-    left_out = {
-        name: sorted(set(gone.get(name, [])) | set(levels)) for name, levels in {**gone, **plan.left_out()}.items()
-    }
-    return {
-        "identity": identity,
-        "identity_digest": identity_digest(identity),
-        "samples": before | samples,
-        "provenance": _provenance(old.get("provenance"), plan.provenance),
-        "selection": {
-            "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
-            "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
-        },
-        **({"left_out": left_out} if left_out else {}),
-        "started": old.get("started", _now()),
-        "finished": None,
-        "seconds": old.get("seconds", {}),
-        "environment": environment(),
-    }
-
-
-def _provenance(before: dict[str, Any] | None, now: dict[str, Any]) -> dict[str, Any]:
-    """What was declared before stays when nothing is declared now."""
-    return before if before and now.get("basis") == "undeclared" else now
-
-
-def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
-    """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
-    dataset, window = plan.benchmark.dataset, plan.settings.window
-    files = dataset.files(key)
-    if window is not None:
-        assert isinstance(dataset, Clips)
-        files = list(dict.fromkeys([*files, *Surroundings(dataset, window).files(key)]))
-    try:
-        return [[path.name, path.stat().st_size] for path in files]
-    except OSError as error:
-        raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
+    folder.write_manifest({**manifest, "seconds": seconds, "finished": now()})
 
 
 def _identify(
@@ -296,11 +238,3 @@ def _default_output(plan: Plan, model: Any) -> Path:
     name = model.name if isinstance(model, ModelSpec) else plan.model_identity.get("name", "model")
     slug = re.sub(r"[^A-Za-z0-9_.-]+", "-", str(name)).strip("-.")[-40:] or "model"
     return Path("runs") / f"{plan.benchmark.name}_{slug}_{plan.digest()[:8]}"
-
-
-def _union(first: Sequence[str], second: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys((*first, *second)))
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
