@@ -49,7 +49,7 @@ def write_examples(result: Result, dataset: Dataset, model: AnyModel, settings: 
         RunError: an incomplete run, one without anything measured, or frames or flows that are not those of the run.
         DataError: the pictures cannot be written.
     """
-    if not result.summary.complete:
+    if result.summary.missing:
         raise RunError(f"{result.path} is not complete, so its worst sample is not known; give its command again first")
     record = examples_record(result.rows)
     if record is None:
