@@ -13,6 +13,7 @@ from robustflow.report.assemble import tables_of
 from robustflow.report.costs import PROFILE, RunCost, check_model, read_cost, write_cost
 from robustflow.report.load import load_run
 from robustflow.report.record.pack import pack
+from robustflow.report.site.content import whole_content
 from robustflow.runner.evaluate import evaluate
 from robustflow.runner.result import Result
 
@@ -80,6 +81,14 @@ def test_costs_and_average_ranks_of_runs(runs):
     assert {name: found[name]["Avg. rank OOD"] for name in crer} == expected
     assert found["four"]["Avg. rank other"] == "-"  # the only one of its setting
     assert {cells["Param. (M)"] for cells in found.values()} == {"1.50"}
+    board = {entry.name: entry.texts for entry in whole_content(runs, published=True).entries if entry.name in found}
+    assert {name: texts.get(("rank", ""), "-") for name, texts in board.items()} == {**expected, "four": "-"}
+    assert {name: texts["flops", ""] for name, texts in board.items()} == {
+        "one": "30.0",
+        "two": "20.0",
+        "three": "20.0",
+        "four": "5.0",
+    }
 
 
 def test_published_lines_do_not_change(runs):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import polars as pl
 
@@ -28,6 +29,16 @@ _OTHER = (4, 7)
 _PAPER_SIZE = (432, 720)
 _Measured = tuple[str, str, str]
 """(sample set, setting, model)."""
+
+
+@dataclass(frozen=True)
+class RunRanks:
+    """Ranks of a run, None where there is nothing to compare with: by CREr in its setting, by FLOPs among those counted
+    at the same input size, and by both (see `ranking`)."""
+
+    crer: int | None
+    flops: int | None
+    average: int | None
 
 
 def cost_table(
@@ -129,32 +140,46 @@ def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
     return tuple(lines)
 
 
+def run_ranks(
+    found: Mapping[_Measured, tuple[float, str]], run_costs: Mapping[tuple[str, str], RunCost]
+) -> dict[_Measured, RunRanks]:
+    """Ranks of models measured elsewhere than in the paper, among those of their setting on the same frames.
+
+    Args:
+        found: what `measured_crer` gives.
+        run_costs: of runs, by (sample set, name).
+    """
+    known = {key: run_costs[key[0], key[2]] for key in found if (key[0], key[2]) in run_costs}
+    ranks = {}
+    for key in found:
+        crer = _ranks({k: round(value, 2) for k, (value, _) in found.items() if k[:2] == key[:2]})
+        flops = _ranks(
+            {
+                k: round(other.flops_g, 1)
+                for k, other in known.items()
+                if key in known and k[0] == key[0] and _counted(other) == _counted(known[key])
+            }
+        )
+        average = average_ranks(crer, flops)
+        ranks[key] = RunRanks(crer.get(key), flops.get(key), average.get(key) if len(average) > 1 else None)
+    return ranks
+
+
 def _measured_lines(
     found: Mapping[_Measured, tuple[float, str]], run_costs: Mapping[tuple[str, str], RunCost]
 ) -> tuple[Line, ...]:
-    known = {key: run_costs[key[0], key[2]] for key in found if (key[0], key[2]) in run_costs}
-    lines = []
+    ranks, lines = run_ranks(found, run_costs), []
     for key, (value, note) in found.items():
         frames, setting, model = key
-        cost = known.get(key)
+        rank, cost = ranks[key], run_costs.get((frames, model))
         cells = [Cell("-")] * len(_COLUMNS)
         crer_at, average_at = _PLACE.get(setting, _OTHER)
-        printed = {k: round(v, 2) for k, (v, _) in found.items() if k[:2] == (frames, setting)}
-        crer = _ranks(printed)
-        cells[crer_at] = Cell(number_text(value, None) + _shown(crer.get(key)), crer.get(key) == 1)
+        cells[crer_at] = Cell(number_text(value, None) + _shown(rank.crer), rank.crer == 1)
         if cost is not None:
-            flops = _ranks(
-                {
-                    k: round(other.flops_g, 1)
-                    for k, other in known.items()
-                    if k[0] == frames and _counted(other) == _counted(cost)
-                }
-            )
             cells[0] = Cell(f"{cost.parameters_m:.2f}")
-            cells[1] = Cell(f"{cost.flops_g:.1f}{_shown(flops.get(key))}")
-            average = average_ranks(crer, flops)
-            if len(average) > 1 and key in average:
-                cells[average_at] = Cell(str(average[key]), average[key] == 1)
+            cells[1] = Cell(f"{cost.flops_g:.1f}{_shown(rank.flops)}")
+            if rank.average is not None:
+                cells[average_at] = Cell(str(rank.average), rank.average == 1)
             note = "; ".join(part for part in (note, _counted_note(cost)) if part)
         lines.append(Line(model, tuple(cells), note))
     return tuple(lines)

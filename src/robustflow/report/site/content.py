@@ -10,7 +10,7 @@ import polars as pl
 
 from ...errors import DataError, UsageError
 from ..assemble import results_of
-from ..costs import read_cost
+from ..costs import run_costs
 from ..labels import BENCHMARK_LABELS
 from ..published import PAPER, Cost, published_costs
 from ..results import RESULT_KEY
@@ -96,13 +96,12 @@ def _content(
             f"there twice for the sample set '{plain(found['sample_set'])}'; give each result once"
         )
     by_name = {(sample_set(run), name): run for name, run in zip(run_names(runs), runs, strict=True)}
-    sizes = {key: read_cost(run) for key, run in by_name.items()}
     costs = published_costs() if published else {}
     entries = entries_of(
         results,
         costs,
         {key: _intervals(run) for key, run in by_name.items()},
-        {key: (cost.parameters_m, cost.flops_g) for key, cost in sizes.items() if cost is not None},
+        run_costs(runs),
         [
             (str(run.manifest["identity"]["benchmark"]), frames, setting_of(run), name, note_of(run))
             for (frames, name), run in by_name.items()

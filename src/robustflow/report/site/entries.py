@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import polars as pl
 
 from ...corruptions.catalog import FAMILIES
-from ..cost_table import cost_ranks, measured_crer
+from ..cost_table import cost_ranks, measured_crer, run_ranks
+from ..costs import RunCost
 from ..published import PAPER, Cost
 from ..results import AVERAGE, CLEAN
 from ..table import number_text
@@ -65,7 +66,7 @@ def entries_of(
     results: pl.DataFrame,
     costs: Mapping[str, Cost],
     intervals: Mapping[tuple[str, str], Mapping[Key, Interval]] | None = None,
-    run_costs: Mapping[tuple[str, str], tuple[float, float]] | None = None,
+    run_costs: Mapping[tuple[str, str], RunCost] | None = None,
     first: Sequence[tuple[str, str, str, str, str]] = (),
 ) -> list[Entry]:
     """Entries of results, in their order, with the means over classes of corruptions that the paper does not print.
@@ -74,7 +75,7 @@ def entries_of(
         results: columns of `results.RESULT_SCHEMA`.
         costs: the paper's, by model: its CREr is shown as printed.
         intervals: by (sample set, name) of a run.
-        run_costs: (millions of parameters, FLOPs in 10^9) by (sample set, name) of a run.
+        run_costs: of runs, by (sample set, name).
         first: (benchmark, sample set, setting, model, note) of entries that are there whatever the results say, before
             the others.
     """
@@ -99,6 +100,7 @@ def entries_of(
         for key, (value, _) in measured_crer(results.filter(benchmark=benchmark)).items()
     }
     ranks = cost_ranks(costs) if costs else {}
+    own_ranks = run_ranks(measured_crer(results.filter(pl.col("sample_set") != PAPER)), run_costs or {})
     for key, entry in found.items():
         _add_families(entry)
         run = (entry.sample_set, entry.name)
@@ -108,9 +110,10 @@ def entries_of(
         if entry.sample_set == PAPER and entry.benchmark == "kitti-fc" and entry.name in costs:
             _add_published(entry, costs[entry.name], ranks)
         elif run_costs and run in run_costs:
-            parameters, flops = run_costs[run]
-            entry.set(("parameters", ""), parameters)
-            entry.set(("flops", ""), flops, 1)
+            entry.set(("parameters", ""), run_costs[run].parameters_m)
+            entry.set(("flops", ""), run_costs[run].flops_g, 1)
+            own = own_ranks.get(key[1:])
+            entry.set(("rank", ""), own.average if own else None, 0)
         entry.intervals = dict((intervals or {}).get(run, {}))
     _mark_best(list(found.values()))
     return list(found.values())
