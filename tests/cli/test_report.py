@@ -64,7 +64,9 @@ def test_audit_of_own_results(robustflow, runs, tmp_path):
 def test_compare(robustflow, runs):
     code, out, _ = robustflow("compare", *runs, "--metric", "cre")
     assert code == 0
-    assert "average CRE of dis and farneback" in out
+    assert "average CRE of dis and farneback" in " ".join(out.split())
+    assert out.count("per corruption") == 1
+    assert "CRE (px) per corruption" in out
     code, text, _ = robustflow("compare", *runs, runs[0], "--json")
     assert code == 0
     assert len(json.loads(text)) == 3

@@ -20,8 +20,8 @@ def compare(
 ) -> None:
     """Say whether models differ, image by image, with intervals and corrected p-values.
 
-    Two runs are compared in every metric, on average and under each corruption; more than two pairwise in one metric
-    (CRE by default).
+    Two runs are compared in a table: overall in every metric, and under each corruption in one (CRE by default, RCRE
+    without ground truth); bold is better by more than chance. More than two are compared pairwise, a sentence each.
 
     \b
     Examples:
@@ -29,27 +29,29 @@ def compare(
       robustflow compare runs/a runs/b runs/c --metric rcre
     """
     from ..errors import UsageError, unknown_name
+    from ..report.comparison import compare as compare_two
     from ..report.load import load_run
     from ..report.runs import run_names
     from ..report.text import plain
-    from ..report.uncertainty import compare as compare_two
     from ..report.uncertainty import compare_all
     from ..report.uncertainty.sums import METRICS
+    from .tables import for_stdout
 
     if metric is not None and metric not in METRICS:
         raise unknown_name("metric", metric, METRICS)
     if len(runs) < 2:
         raise UsageError("one run cannot be compared: name two or more")
     found = [load_run(run) for run in runs]
-    rows = dict(zip(run_names(found), (run.rows for run in found), strict=True))
     if len(found) == 2:
-        (first, a), (second, b) = rows.items()
-        table = compare_two(a, b, (first, second), level=level, resamples=resamples, seed=seed)
-        table = table if metric is None else table.filter(metric=metric)
+        comparison = compare_two(*found, level=level, resamples=resamples, seed=seed)
+        table = comparison.frame if metric is None else comparison.frame.filter(metric=metric)
     else:
+        rows = dict(zip(run_names(found), (run.rows for run in found), strict=True))
         table = compare_all(rows, metric or "cre", level=level, resamples=resamples, seed=seed)
     if as_json:
         typer.echo(table.write_json())
-        return
-    for sentence in table["sentence"]:
-        typer.echo(plain(sentence, None))
+    elif len(found) == 2:
+        typer.echo(for_stdout(comparison.table(metric or "")), nl=False)
+    else:
+        for sentence in table["sentence"]:
+            typer.echo(plain(sentence, None))

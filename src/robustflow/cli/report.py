@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 if TYPE_CHECKING:
-    from ..report.table import Table
     from ..runner.result import Result
 
 PAGE = "page"
@@ -51,8 +48,9 @@ def report(
     from ..errors import UsageError, unknown_name
     from ..report.assemble import figures_of, tables_of
     from ..report.load import load_run
-    from ..report.render import FORMATS
+    from ..report.render import FORMATS, render
     from .options import names
+    from .tables import for_stdout
 
     if format not in (*FORMATS, PAGE):
         raise unknown_name("format", format, (*FORMATS, PAGE))
@@ -62,8 +60,9 @@ def report(
     if format == PAGE:
         text = _page(found, published, table)
     else:
+        on_screen = format == "terminal" and output is None
         tables = tables_of(found, published=published, wanted=names(table), seed=seed)
-        text = "\n".join(_shown(one, format, to_screen=output is None) for one in tables)
+        text = "\n".join(for_stdout(one) if on_screen else render(one, format) for one in tables)
     if output is not None:
         write_bytes(output, text.encode())
         typer.echo(str(output))
@@ -83,12 +82,3 @@ def _page(runs: list[Result], published: bool, table: str | None) -> str:
     if table is not None:
         raise UsageError("a page has all tables; leave out --table, or choose another --format")
     return render_site(whole_content(runs, published=published))
-
-
-def _shown(table: Table, format: str, to_screen: bool) -> str:
-    from ..report.render import render
-    from ..report.render.terminal import render as render_terminal
-
-    if format == "terminal" and to_screen and sys.stdout.isatty():
-        return render_terminal(table, shutil.get_terminal_size().columns, colour=True)
-    return render(table, format)

@@ -1,12 +1,17 @@
-"""A result on the terminal, in the paper's column order."""
+"""Results on the terminal, in the paper's column order, and the tables of the report."""
 
 from __future__ import annotations
+
+import shutil
+import sys
 
 from rich.console import Console
 from rich.table import Table
 
 from ..errors import unknown_name
 from ..metrics.summary import METRICS, Summary
+from ..report import table as report_table
+from ..report.render.terminal import render as render_terminal
 from ..runner.plan import left_out_sentence
 from ..runner.result import Result
 
@@ -34,6 +39,13 @@ def print_result(result: Result, metric: str = "all") -> None:
     if result.left_out:
         console.print(f"Left out: {left_out_sentence(result.left_out)}.", highlight=False, soft_wrap=True)
     console.print(f"report: {result.path / 'report.html'}", highlight=False, soft_wrap=True)
+
+
+def for_stdout(table: report_table.Table) -> str:
+    """The text of a table, coloured and as wide as the window where stdout is a terminal."""
+    if not sys.stdout.isatty():
+        return render_terminal(table)
+    return render_terminal(table, shutil.get_terminal_size().columns, colour=True)
 
 
 def _overview(name: str, summary: Summary) -> Table:

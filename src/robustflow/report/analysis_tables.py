@@ -81,7 +81,7 @@ def anatomy_table(runs: Sequence[Result]) -> Table:
         "share: of the pixels (regions) or of the CRE (families); broken: pixels that became Fl outliers, net; slope: "
         "RCRE per step of severity."
     )
-    return Table("anatomy", "Anatomy of error", columns, tuple(sections), (remark,))
+    return Table("anatomy", "Anatomy of error", columns, tuple(sections), (remark,), "Part")
 
 
 def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost]) -> Table:
@@ -94,7 +94,7 @@ def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost]) -> Tabl
             for part in found.parts
         ]
         sections.append(Section(f"{found.number}. {found.title}: {found.verdict}", tuple(lines)))
-    return Table("observations", "The paper's observations", columns, tuple(sections))
+    return Table("observations", "The paper's observations", columns, tuple(sections), lines_are="Part")
 
 
 def _estimate(row: dict[str, float | None] | None) -> str:

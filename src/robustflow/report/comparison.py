@@ -68,13 +68,24 @@ class Comparison:
     @property
     def sentence(self) -> str:
         """What may be said about the average of the headline's metric, or its first corruption where none has one."""
-        of_metric = self.frame.filter(metric=self.metric)
+        return self._said(self.metric)
+
+    def _said(self, metric: str) -> str:
+        of_metric = self.frame.filter(metric=metric)
         average = of_metric.filter(corruption=AVERAGE)
         said = (average if average.height else of_metric)["sentence"].to_list()
         return str(said[0]) if said else "Nothing was measured in both runs."
 
-    def table(self) -> Table:
-        """For `robustflow.report.render`: the overall lines, then every corruption in the headline's metric."""
+    def table(self, metric: str = "") -> Table:
+        """For `robustflow.report.render`: the overall lines, then every corruption in one metric.
+
+        Args:
+            metric: "epe", "cre", "crer" or "rcre"; the headline's by default.
+
+        Raises:
+            UsageError: unknown metric.
+        """
+        metric = metric or self.metric
         first, second = (plain(name) for name in self.names)
         columns = tuple(map(Column, (first, second, "difference", "interval", "p", "p corrected")))
         overall = [
@@ -86,13 +97,13 @@ class Comparison:
             )
             for row in self.overall.iter_rows(named=True)
         ]
-        parts = self.per_corruption().iter_rows(named=True)
+        parts = self.per_corruption(metric).iter_rows(named=True)
         each = [Line(long_label(row["corruption"]), self._cells(row)) for row in parts]
-        unit = f" ({UNITS[self.metric]})" if UNITS[self.metric] else ""
+        unit = f" ({UNITS[metric]})" if UNITS[metric] else ""
         sections = [Section("Overall", tuple(overall))]
         if each:
-            sections.append(Section(f"{METRIC_LABELS[self.metric]}{unit} per corruption", tuple(each)))
-        return Table("comparison", f"{first} against {second}", columns, tuple(sections), (self.sentence,))
+            sections.append(Section(f"{METRIC_LABELS[metric]}{unit} per corruption", tuple(each)))
+        return Table("comparison", f"{first} against {second}", columns, tuple(sections), (self._said(metric),), "Mean")
 
     def _cells(self, row: dict[str, Any]) -> tuple[Cell, ...]:
         sure = row["p_holm"] is not None and row["p_holm"] < 1 - self.frame["level"][0]

@@ -24,7 +24,7 @@ def result_html(run: Result) -> str:
     figure is part of it: nothing is loaded from elsewhere."""
     from .figures import figure_bytes
 
-    fragment = render(result_table(run), "html").replace('<th scope="col">Model</th>', '<th scope="col"></th>', 1)
+    fragment = render(result_table(run), "html")
     try:
         figure = plot([run], "classes")
     except UsageError:
@@ -45,7 +45,7 @@ def result_table(run: Result) -> Table:
     remarks = [f"clean EPE {summary.epe_clean:.2f} px"] if summary.epe_clean is not None else []
     remarks += [note] if (note := note_of(run)) else []
     title = f"{run.name} ({setting_of(run)}) on {BENCHMARK_LABELS.get(benchmark, benchmark)}"
-    return Table("result", title, tuple(columns), (Section("Means", tuple(lines)),), tuple(remarks))
+    return Table("result", title, tuple(columns), (Section("Means", tuple(lines)),), tuple(remarks), "Corruptions")
 
 
 def plot(runs: Sequence[Result], kind: str = "severity", metric: str = "rcre") -> Figure:

@@ -47,9 +47,10 @@ class Table:
     Attributes:
         name: one of `tables.TABLES`, or what made it.
         title: what it shows, in words.
-        columns: without the first, which names the models.
+        columns: without the first, which names the lines.
         sections: in the paper's order.
         remarks: sentences below it.
+        lines_are: what heads the first column.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Table:
     columns: tuple[Column, ...]
     sections: tuple[Section, ...]
     remarks: tuple[str, ...] = ()
+    lines_are: str = "Model"
 
 
 def number_text(value: float | None, decimals: int | None) -> str:

@@ -13,11 +13,11 @@ from ..text import plain
 
 
 def render(table: Table) -> str:
-    """The table as CSV with a heading: section, model, one column each, best (headings, separated by "; "), note."""
+    """The table as CSV with a heading: section, the line's name, one column each, best ("; " between), note."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     headings = [_heading(column) for column in table.columns]
-    writer.writerow(["section", "model", *headings, "best", "note"])
+    writer.writerow(["section", text_cell(table.lines_are.lower()), *headings, "best", "note"])
     for section in table.sections:
         for line in section.lines:
             best = "; ".join(h for h, cell in zip(headings, line.cells, strict=True) if cell.best)

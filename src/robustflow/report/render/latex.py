@@ -96,8 +96,8 @@ def _cell(cell: Cell) -> str:
 def _headings(table: Table) -> list[str]:
     groups = [(group, len(list(columns))) for group, columns in groupby(table.columns, lambda column: column.group)]
     if all(not group for group, _ in groups):
-        return [" & ".join(["Model", *(escape(column.label) for column in table.columns)]) + r" \\"]
-    first, rules, at = ["Model"], [], 2
+        return [" & ".join([escape(table.lines_are), *(escape(column.label) for column in table.columns)]) + r" \\"]
+    first, rules, at = [escape(table.lines_are)], [], 2
     for group, count in groups:
         first.append(rf"\multicolumn{{{count}}}{{c}}{{{escape(group)}}}")
         if group:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ...corruptions.catalog import PAPER_ORDER
@@ -182,7 +182,7 @@ def _anatomy(run: Result) -> Table | None:
     if not lines:
         return None
     kept = tuple(Line(line.label, line.cells[:-1]) for line in lines)
-    return Table(whole.name, whole.title, whole.columns[:-1], (Section("", kept),), whole.remarks)
+    return replace(whole, columns=whole.columns[:-1], sections=(Section("", kept),))
 
 
 def _number(value: float | None) -> str:
