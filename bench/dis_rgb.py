@@ -36,8 +36,9 @@ def opencv(number: int, propagation: bool) -> Predict:
     point = OPERATING_POINTS[number]
 
     def predict(frame1: Frame, frame2: Frame) -> Any:
+        _, finest = point.scales(*frame1.shape[:2])
         method = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        method.setFinestScale(point.finest_scale)
+        method.setFinestScale(finest)
         method.setPatchSize(point.patch_size)
         method.setPatchStride(point.stride)
         method.setGradientDescentIterations(point.iterations)

@@ -42,17 +42,24 @@ def texture(seed, size=(96, 128), sigma=1.5):
 
 
 @pytest.mark.parametrize("image", [data.astronaut, data.coffee, data.chelsea])
-@pytest.mark.parametrize("point", [3, 4])
+@pytest.mark.parametrize("point", [2, 3, 4])
 def test_a_translated_photograph_is_recovered_to_a_tenth_of_a_pixel(image, point):
-    for u, v in SHIFTS if point == 3 else SHIFTS[1::2]:
+    for u, v in SHIFTS if point < 4 else SHIFTS[1::2]:
         assert error_inside(load_model("dis_rgb", operating_point=point).predict(*moved(image(), u, v)), u, v) < 0.1
 
 
-@pytest.mark.parametrize("image", [data.astronaut, data.coffee, data.chelsea])
-def test_the_default_recovers_it_to_a_twentieth_of_a_pixel_of_its_scale(image):
-    """Its flow is found at an eighth of the size: 0.05 px there are 0.4 px here."""
-    for u, v in SHIFTS:
-        assert error_inside(load_model("dis_rgb").predict(*moved(image(), u, v)), u, v) < 8 * 0.05
+@pytest.mark.parametrize("sigma", [1.5, 6])
+@pytest.mark.parametrize("size", [(96, 128), (240, 320), (480, 640), (436, 1024)])
+def test_the_default_recovers_a_translated_texture_to_a_tenth_of_a_pixel(size, sigma):
+    """Of frames of 640 px and more it sees an eighth of the size: 0.1 px here is an eightieth of a pixel there."""
+    height, width = size
+    image = texture(5, (height + 40, width + 40), sigma)
+    for u, v in ((3.0, -2.0), (5.5, 4.25), (-7.6, 8.3)):
+        planes = [shift(image[..., c].astype(float), (v, u), order=5, mode="grid-wrap") for c in range(3)]
+        after = np.clip(np.rint(np.stack(planes, axis=-1)), 0, 255).astype(np.uint8)
+        window = np.s_[20 : 20 + height, 20 : 20 + width]
+        flow = load_model("dis_rgb").predict(image[window], after[window])
+        assert error_inside(flow, u, v) < 0.1
 
 
 def test_colours_of_one_luminance_move():
@@ -84,7 +91,7 @@ def test_any_size_gives_finite_flow(size, point):
 def test_frames_that_do_not_differ_do_not_move(point):
     model = load_model("dis_rgb", operating_point=point)
     for frame in (texture(2), np.full((40, 56, 3), 77, np.uint8), data.coffee()[:96, :128]):
-        np.testing.assert_array_equal(model.predict(frame, frame), 0)
+        np.testing.assert_allclose(model.predict(frame, frame), 0, atol=1e-4)  # the rounding of a spline at pixels
 
 
 @pytest.mark.parametrize(("one", "other"), [(0, 255), (77, 78)])
@@ -176,10 +183,10 @@ def test_oldest_instructions_give_the_same_bytes(tmp_path):
     assert there == here
 
 
-def opencv_at(point):
+def opencv_at(point, size):
     """OpenCV's method with the same scales, patches and iterations, without what it adds to the paper's."""
     method = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    method.setFinestScale(point.finest_scale)
+    method.setFinestScale(point.scales(*size)[1])
     method.setPatchSize(point.patch_size)
     method.setPatchStride(point.stride)
     method.setGradientDescentIterations(point.iterations)
@@ -197,6 +204,6 @@ def test_on_real_pairs_the_error_is_below_opencvs_at_the_same_operating_point(sh
             grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in sample.frames]
             flow = load_model("dis_rgb", operating_point=number).predict(*sample.frames)
             ours.append(mean_epe(flow, sample.flow, sample.valid))
-            flow = opencv_at(OPERATING_POINTS[number]).calc(*grey, None)
+            flow = opencv_at(OPERATING_POINTS[number], grey[0].shape).calc(*grey, None)
             theirs.append(mean_epe(flow, sample.flow, sample.valid))
     assert np.mean(ours) < np.mean(theirs)

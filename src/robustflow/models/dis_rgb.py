@@ -30,8 +30,8 @@ class DisRgb:
 
     >>> frame = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
     >>> flow = DisRgb().predict(frame, frame)
-    >>> flow.shape, flow.dtype, float(abs(flow).max())
-    ((48, 64, 2), dtype('float32'), 0.0)
+    >>> flow.shape, flow.dtype, bool(abs(flow).max() < 1e-4)
+    ((48, 64, 2), dtype('float32'), True)
     """
 
     def __init__(self, operating_point: int = 2) -> None:

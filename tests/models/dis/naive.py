@@ -5,16 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from robustflow.models.dis.cubic import cubic_weights
-
 
 def cubic(image, y, x):
-    """Values (C,) of an (H, W, C) image at a place, Catmull-Rom, edges repeated."""
-    y0, x0 = int(np.floor(y)), int(np.floor(x))
-    rows = np.clip(np.arange(y0 - 1, y0 + 3), 0, image.shape[0] - 1)
-    columns = np.clip(np.arange(x0 - 1, x0 + 3), 0, image.shape[1] - 1)
-    near = image[np.ix_(rows, columns)]
-    return np.einsum("a,b,abc->c", cubic_weights(y - y0), cubic_weights(x - x0), near)
+    """Values of an (H, W, C) image at places, by SciPy's cubic spline through the pixels, mirrored at the edges."""
+    return np.stack([map_coordinates(image[..., c], [y, x], order=3, mode="mirror") for c in range(3)], -1)
 
 
 def linear(image, y, x):
@@ -36,9 +30,11 @@ def descended(image1, image2, y, x, start, patch, steps):
     window = np.s_[y : y + patch, x : x + patch]
     slope = np.stack([centred(s[window]).ravel() for s in central(image1)])
     u = np.array(start, float)
+    border = patch + 3
+    around = np.pad(image2, ((border, border), (border, border), (0, 0)), mode="edge")
+    rows, columns = np.mgrid[y : y + patch, x : x + patch] + border
     for _ in range(steps):
-        looked = [[cubic(image2, y + r + u[1], x + k + u[0]) for k in range(patch)] for r in range(patch)]
-        residual = centred(np.array(looked)) - centred(image1[window])
+        residual = centred(cubic(around, rows + u[1], columns + u[0])) - centred(image1[window])
         step = np.linalg.solve(slope @ slope.T, slope @ residual.ravel())
         u -= step
         if np.hypot(*step) < 1e-3:

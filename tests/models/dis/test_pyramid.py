@@ -7,9 +7,11 @@ import pytest
 from numpy.polynomial.polynomial import polyder, polyval2d
 from scipy.ndimage import correlate1d, map_coordinates
 
-from robustflow.models.dis.cubic import cubic_weights
 from robustflow.models.dis.operating_point import OPERATING_POINTS
 from robustflow.models.dis.pyramid import enlarged, pyramid, slopes, with_border
+from robustflow.models.dis.spline import coefficients, mirrored, spline_weights
+
+from .naive import cubic
 
 RNG = np.random.default_rng(0)
 
@@ -19,11 +21,12 @@ def test_a_scale_is_the_one_before_filtered_and_taken_every_second_time(size, fu
     frame = RNG.integers(0, 256, (*size, 3)).astype(np.uint8)
     levels = pyramid(frame, *full, 2)
     wanted = np.pad(frame.astype(float), ((0, full[0] - size[0]), (0, full[1] - size[1]), (0, 0)), mode="edge")
+    half = np.convolve([1, 5, 10, 10, 5, 1], [0.1, 0.8, 0.1]) / 32
     for level in levels:
         np.testing.assert_allclose(level.reshape(*wanted.shape), wanted, atol=1e-3)
         for axis in (0, 1):
             # of even length: SciPy's origin 0 puts the middle between pixel i - 1 and i, so every odd one is taken
-            wanted = correlate1d(wanted, np.array([1, 5, 10, 10, 5, 1]) / 32, axis=axis, mode="nearest")
+            wanted = correlate1d(wanted, half, axis=axis, mode="nearest")
             wanted = np.take(wanted, np.arange(1, wanted.shape[axis], 2), axis)
 
 
@@ -57,11 +60,21 @@ def test_enlarged_flow_is_bilinear_between_centres_of_pixels(factor):
         np.testing.assert_allclose(out[..., i], wanted, atol=1e-5 * factor)
 
 
-def test_cubic_weights_reproduce_parabolas():
-    for t in np.linspace(0, 1, 11):
-        at = np.arange(-1, 3)
-        for power in range(3):
-            assert np.dot(cubic_weights(t), at**power) == pytest.approx(t**power, abs=1e-12)
+@pytest.mark.parametrize("size", [(2, 3), (9, 14)])
+def test_a_spline_goes_through_the_pixels_and_is_scipys_between_them(size):
+    image = RNG.normal(size=(*size, 3))
+    weighed = coefficients(image.astype(np.float32).reshape(size[0], -1)).reshape(*size, 3)
+    height, width = size
+    for y in np.linspace(0, height - 1, 3 * height):
+        for x in np.linspace(0, width - 1, 3 * width):
+            y0, x0 = min(int(y), height - 2), min(int(x), width - 2)
+            rows = [mirrored(y0 + k, height) for k in range(-1, 3)]
+            columns = [mirrored(x0 + k, width) for k in range(-1, 3)]
+            near = weighed[np.ix_(rows, columns)]
+            found = np.einsum("a,b,abc->c", spline_weights(y - y0), spline_weights(x - x0), near)
+            np.testing.assert_allclose(found, cubic(image, [y], [x])[0], atol=1e-5)
+            if y == int(y) and x == int(x):
+                np.testing.assert_allclose(found, image[int(y), int(x)], atol=1e-5)
 
 
 @pytest.mark.parametrize("height", [1, 7, 8, 16, 100, 375, 2160])

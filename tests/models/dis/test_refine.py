@@ -40,7 +40,7 @@ def energy_terms(case, du, dv):
     y, x = np.mgrid[:height, :width] + flow[..., ::-1].transpose(2, 0, 1)
     inside = (y >= 0) & (y <= height - 1) & (x >= 0) & (x <= width - 1)
     y, x = np.clip(y, 0, height - 1), np.clip(x, 0, width - 1)
-    warped = np.array([[cubic(image2, b, a) for a, b in zip(*row, strict=True)] for row in zip(x, y, strict=True)])
+    warped = cubic(image2, y, x)
     middle, change = (image1 + warped) / 2, warped - image1
     colours, slopes_of_colours = 0.0, 0.0
     for c in range(3):

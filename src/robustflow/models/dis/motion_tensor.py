@@ -14,8 +14,8 @@ import numpy.typing as npt
 from numba import njit
 
 from ...sample import Flow
-from .cubic import cubic_weights
 from .pyramid import Image, slopes
+from .spline import coefficients, mirrored, spline_weights
 
 Tensors = npt.NDArray[np.float32]
 """float32 (H, W, 2, 6): for E_I and E_G the coefficients xx, xy, yy, xt, yt, tt."""
@@ -31,7 +31,7 @@ def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
     height, width, _ = flow.shape
     middle, change = np.empty_like(image1), np.empty_like(image1)
     inside = np.empty((height, width), np.bool_)
-    _warp(image1, image2, flow, middle, change, inside)
+    _warp(image1, coefficients(image2), flow, middle, change, inside)
     qx, qy = slopes(middle, 4)
     qxx, qxy = slopes(qx, 4)
     _, qyy = slopes(qy, 4)
@@ -44,7 +44,7 @@ def motion_tensors(image1: Image, image2: Image, flow: Flow) -> Tensors:
 
 
 @njit(cache=True, nogil=True)
-def _warp(image1: Any, image2: Any, flow: Any, middle: Any, change: Any, inside: Any) -> None:
+def _warp(image1: Any, spline2: Any, flow: Any, middle: Any, change: Any, inside: Any) -> None:
     """The mean of frame 1 and frame 2 brought back along the flow, and their difference."""
     height, width, _ = flow.shape
     half = np.float32(0.5)
@@ -54,14 +54,14 @@ def _warp(image1: Any, image2: Any, flow: Any, middle: Any, change: Any, inside:
             inside[y, x] = 0 <= at_y <= height - 1 and 0 <= at_x <= width - 1
             at_y, at_x = min(max(at_y, 0.0), height - 1.0), min(max(at_x, 0.0), width - 1.0)
             y0, x0 = int(at_y), int(at_x)
-            down, right = cubic_weights(at_y - y0), cubic_weights(at_x - x0)
+            down, right = spline_weights(at_y - y0), spline_weights(at_x - x0)
             for c in range(3):
                 there = np.float32(0)
                 for a in range(4):
-                    row = image2[min(max(y0 + a - 1, 0), height - 1)]
+                    row = spline2[mirrored(y0 + a - 1, height)]
                     for b in range(4):
                         weight = np.float32(down[a] * right[b])
-                        there += weight * row[3 * min(max(x0 + b - 1, 0), width - 1) + c]
+                        there += weight * row[3 * mirrored(x0 + b - 1, width) + c]
                 here = image1[y, 3 * x + c]
                 middle[y, 3 * x + c] = half * (here + there)
                 change[y, 3 * x + c] = there - here

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+_REACHED_BY_THE_PAPER = 5
+"""The coarsest scale of 1024 px at every operating point."""
+
 
 @dataclass(frozen=True)
 class OperatingPoint:
     """How much work the method does; Kroeger et al. 2016, section 3.
 
     Attributes:
-        finest_scale: the flow is searched down to frames shrunk by 2**finest_scale, and enlarged from there.
+        finest_scale: the flow of frames 1024 px wide is searched down to frames shrunk by 2**finest_scale, and enlarged
+            from there; see `scales`.
         patch_size: side of a patch in pixels.
         overlap: how much of a patch's side the next one shares, 0 to 1 (1 excluded).
         iterations: steps of gradient descent per patch and scale, at most.
@@ -32,14 +36,16 @@ class OperatingPoint:
         """The coarsest and the finest scale for frames of a size.
 
         The coarsest is the one where a patch can reach a motion of a fifth of the longer side, but no coarser than
-        leaves room for a patch; the finest is `finest_scale`, or the coarsest where the frames are too small for it.
+        leaves room for a patch. The finest is `finest_scale` for frames of the paper's width, 1024 px, or larger; for
+        smaller ones it is finer by as many scales as the reach is.
 
-        >>> OPERATING_POINTS[2].scales(436, 1024), OPERATING_POINTS[2].scales(16, 16)
-        ((5, 3), (0, 0))
+        >>> [OPERATING_POINTS[2].scales(*size) for size in [(375, 1242), (436, 1024), (240, 320), (16, 16)]]
+        [(5, 3), (5, 3), (4, 2), (0, 0)]
         """
         reach, room = 2 * max(height, width) // (5 * self.patch_size), min(height, width) // self.patch_size
-        coarsest = max(0, min(reach.bit_length(), room.bit_length()) - 1)
-        return coarsest, min(self.finest_scale, coarsest)
+        reached, roomy = (max(0, pixels.bit_length() - 1) for pixels in (reach, room))
+        finest = max(0, self.finest_scale - max(0, _REACHED_BY_THE_PAPER - reached))
+        return min(reached, roomy), min(finest, roomy)
 
 
 OPERATING_POINTS = {

@@ -14,6 +14,9 @@ from ...sample import Flow, Frame
 Image = npt.NDArray[np.float32]
 """float32, shape (H, 3 W): rows of interleaved RGB, 0 to 255."""
 
+_HALF = tuple(np.float32(weight / 320) for weight in (1, 13, 51, 95))
+"""Weights of four pixels up to a new one, outermost first: 1 5 10 10 5 1, spread a little so that less folds over."""
+
 
 def pyramid(frame: Frame, height: int, width: int, coarsest: int) -> list[Image]:
     """The frame at scales 0 to `coarsest`, each half the size of the one before.
@@ -76,23 +79,27 @@ def _extend(frame: Any, out: Any) -> None:
 
 @njit(cache=True, nogil=True)
 def _halve(image: Any, out: Any) -> None:
-    """Every second place between pixels of `image`, weighed 1 5 10 10 5 1 (over 32) along both axes, edges repeated."""
+    """Every second place between pixels of `image`, weighed by `_HALF` on either side of it along both axes, edges
+    repeated."""
     height, columns = image.shape
-    outer, inner, middle = np.float32(1 / 32), np.float32(5 / 32), np.float32(10 / 32)
-    row = np.empty(columns + 12, np.float32)
+    a, b, c, d = _HALF
+    row = np.empty(columns + 18, np.float32)
     for y in range(out.shape[0]):
-        top = 2 * y - 2
-        r0, r1, r2 = image[max(top, 0)], image[max(top + 1, 0)], image[top + 2]
-        r3, r4, r5 = image[top + 3], image[min(top + 4, height - 1)], image[min(top + 5, height - 1)]
+        at, last = 2 * y, height - 1
+        r0, r1, r2, r3 = image[max(at - 3, 0)], image[max(at - 2, 0)], image[max(at - 1, 0)], image[at]
+        r4, r5, r6 = image[at + 1], image[min(at + 2, last)], image[min(at + 3, last)]
+        r7 = image[min(at + 4, last)]
         for i in range(columns):
-            row[6 + i] = outer * (r0[i] + r5[i]) + inner * (r1[i] + r4[i]) + middle * (r2[i] + r3[i])
-        for i in range(6):
-            row[i] = row[6 + i % 3]
-            row[6 + columns + i] = row[3 + columns + i % 3]
+            row[9 + i] = (a * (r0[i] + r7[i]) + b * (r1[i] + r6[i])) + (c * (r2[i] + r5[i]) + d * (r3[i] + r4[i]))
+        for i in range(9):
+            row[i] = row[9 + i % 3]
+            row[9 + columns + i] = row[6 + columns + i % 3]
         for x in range(out.shape[1] // 3):
-            for c in range(3):
-                p = row[6 * x + c : 6 * x + c + 16]
-                out[y, 3 * x + c] = outer * (p[0] + p[15]) + inner * (p[3] + p[12]) + middle * (p[6] + p[9])
+            for k in range(3):
+                p = row[6 * x + k : 6 * x + k + 22]
+                out[y, 3 * x + k] = (a * (p[0] + p[21]) + b * (p[3] + p[18])) + (
+                    c * (p[6] + p[15]) + d * (p[9] + p[12])
+                )
 
 
 @njit(cache=True, nogil=True)

@@ -5,8 +5,9 @@ both less their means per channel. A step is u -= H^-1 sum S (I(x + u) - T(x)), 
 slopes stay at T, so H is computed once.
 
 Two identities make a step cheap and change nothing but rounding. With the mean of S taken off it, sum S (I - T) does
-not feel the means of I and T. And I between pixels is a fixed mix of 4x4 pixels, so sum S I(x + u) is the same mix of
-its values at 4x4 whole displacements; each of those is computed once per patch, however many steps come back to it.
+not feel the means of I and T. And I between pixels is a fixed mix of 4x4 spline coefficients, so sum S I(x + u) is the
+same mix of its values at 4x4 whole displacements of the coefficients; each of those is computed once per patch, however
+many steps come back to it.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ import numpy.typing as npt
 from numba import njit
 
 from ...sample import Flow
-from .cubic import cubic_weights
 from .patches import beginning, grid, looked_at, surroundings
 from .pyramid import Image, slopes
+from .spline import coefficients, spline_weights
 
 Displacements = npt.NDArray[np.float32]
 """float32 (rows, columns, 2): (u, v) of the patches at `grid(H, ...)` x `grid(W, ...)`."""
@@ -45,13 +46,22 @@ def inverse_search(
     rows, columns = grid(height, patch, stride), grid(width, patch, stride)
     found = np.empty((rows.size, columns.size, 2), np.float32)
     around, slope = surroundings(image2, patch), slopes(image1, 2)
-    _search(image1, *slope, around, coarse, (rows, columns), patch, iterations, found)
+    _search(image1, *slope, around, coefficients(around), coarse, (rows, columns), patch, iterations, found)
     return found
 
 
 @njit(cache=True, nogil=True)
 def _search(
-    image1: Any, slope_x: Any, slope_y: Any, image2: Any, coarse: Any, corners: Any, patch: int, steps: int, found: Any
+    image1: Any,
+    slope_x: Any,
+    slope_y: Any,
+    image2: Any,
+    spline2: Any,
+    coarse: Any,
+    corners: Any,
+    patch: int,
+    steps: int,
+    found: Any,
 ) -> None:
     rows, columns = corners
     sx, sy = np.empty((patch, 3 * patch), np.float32), np.empty((patch, 3 * patch), np.float32)
@@ -71,7 +81,7 @@ def _search(
                 continue
             wanted = _project(image1, y, 3 * x, sx, sy, lanes)
             memory = (i * columns.size + j, owner, sums)
-            u, v = _descend(image1, image2, (y, x), (u0, v0), (sx, sy), hessian, wanted, steps, memory, lanes)
+            u, v = _descend(image1, spline2, (y, x), (u0, v0), (sx, sy), hessian, wanted, steps, memory, lanes)
             if (u - u0) ** 2 + (v - v0) ** 2 > patch * patch:
                 continue
             before = _mismatch(image1, image2, y, x, u0, v0, patch, lanes)
@@ -82,7 +92,7 @@ def _search(
 @njit(cache=True, nogil=True)
 def _descend(
     image1: Any,
-    image2: Any,
+    spline2: Any,
     corner: Any,
     begin: Any,
     slope: Any,
@@ -102,7 +112,7 @@ def _descend(
     for _ in range(steps):
         y0, wy = looked_at(y + v, height, patch)
         x0, wx = looked_at(x + u, width, patch)
-        down, right = cubic_weights(wy), cubic_weights(wx)
+        down, right = spline_weights(wy), spline_weights(wx)
         bx, by = -wanted[0], -wanted[1]
         for a in range(4):
             for b in range(4):
@@ -110,7 +120,7 @@ def _descend(
                 cell = sums[row - top, column - left]
                 if owner[row - top, column - left] != patch_id:
                     owner[row - top, column - left] = patch_id
-                    cell[0], cell[1] = _project(image2, row, 3 * column, sx, sy, lanes)
+                    cell[0], cell[1] = _project(spline2, row, 3 * column, sx, sy, lanes)
                 weight = down[a] * right[b]
                 bx += weight * cell[0]
                 by += weight * cell[1]

@@ -1,0 +1,55 @@
+"""Frames between their pixels, by cubic splines: smooth, and through every pixel.
+
+Other interpolations blur by an amount that depends on the fraction of a pixel, which pulls matches towards whole
+pixels. At an eighth of the size that pull is up to 0.4 px of the full frame with Catmull-Rom weights, 0.1 with splines.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from scipy.ndimage import spline_filter1d
+
+from .pyramid import Image
+
+
+def coefficients(image: Image) -> Image:
+    """What `spline_weights` weigh, of the frame's own shape; the frame is mirrored at its edge pixels.
+
+    Args:
+        image: float32 (H, 3 W), H and W at least 2.
+
+    >>> ramp = np.repeat(np.arange(12, dtype=np.float32), 3)[None].repeat(4, 0)
+    >>> round(float(coefficients(ramp)[1, 15]), 2)
+    5.0
+    """
+    pixels = image.reshape(image.shape[0], -1, 3)
+    for axis in (0, 1):
+        pixels = spline_filter1d(pixels, 3, axis, output=np.float64, mode="mirror")
+    return pixels.astype(np.float32).reshape(image.shape)
+
+
+@njit(cache=True, nogil=True)
+def spline_weights(t: float) -> tuple[float, float, float, float]:
+    """Weights of the coefficients at -1, 0, 1 and 2 for a place `t` in [0, 1].
+
+    >>> [round(6 * weight, 6) for weight in spline_weights(0.0)]
+    [1.0, 4.0, 1.0, 0.0]
+    """
+    s = 1.0 - t
+    return (
+        s * s * s / 6.0,
+        (4.0 + t * t * (3.0 * t - 6.0)) / 6.0,
+        (4.0 + s * s * (3.0 * s - 6.0)) / 6.0,
+        t * t * t / 6.0,
+    )
+
+
+@njit(cache=True, nogil=True)
+def mirrored(index: int, size: int) -> int:
+    """The index of a pixel that mirroring at the edge pixels puts at `index`, at most one outside.
+
+    >>> mirrored(-1, 8), mirrored(3, 8), mirrored(8, 8)
+    (1, 3, 6)
+    """
+    return abs(index) if index < size else 2 * size - 2 - index
