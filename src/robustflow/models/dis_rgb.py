@@ -26,7 +26,8 @@ class DisRgb:
 
     Args:
         operating_point: 1 (fastest) to 4 (most accurate), the paper's. 2, the default, is that of the authors'
-            program, which the benchmark's paper ran as it comes; its flow is found at an eighth of the frames' size.
+            program, which the benchmark's paper ran as it comes; its flow is found at an eighth of the size of
+            frames 640 px wide or wider, and nearer to full size in smaller ones.
 
     >>> frame = np.random.default_rng(0).integers(0, 255, (48, 64, 3)).astype(np.uint8)
     >>> flow = DisRgb().predict(frame, frame)
