@@ -39,6 +39,24 @@ def test_run_then_show(robustflow):
     assert "digital" in table
 
 
+class _Named:
+    def identity(self):
+        return {"name": "[/red][b]\u202e\x1b[3m"}
+
+    def predict(self, frame1, frame2):
+        return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+@pytest.mark.parametrize("metric", ["all", "rcre"])
+def test_a_name_or_folder_is_no_markup_and_steers_no_terminal(robustflow, tmp_path, metric):
+    run = tmp_path / "r[/blue]"
+    rf.evaluate(_Named(), "demo", output=run, corruptions=["contrast"], severities=[1], examples=False)
+    code, out, err = robustflow("show", run, "--metric", metric)
+    assert (code, err) == (0, "")
+    assert "[/red][b]\ufffd\ufffd[3m" in out
+    assert "r[/blue]" in out
+
+
 def test_a_model_that_knows_nothing_is_not_praised(robustflow, tmp_path):
     source = "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), np.nan, np.float32)\n"
     (tmp_path / "not_a_number.py").write_text(source)

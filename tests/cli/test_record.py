@@ -57,6 +57,15 @@ def test_a_changed_record_fails_and_the_others_are_still_checked(robustflow, rec
     assert found["checks"][0]["status"] == "failed"
 
 
+def test_a_record_is_shown_and_nothing_is_written(robustflow, records, runs):
+    there = sorted(Path().iterdir())
+    code, out, err = robustflow("show", records[0])
+    assert (code, err) == (0, "")
+    _, of_run, _ = robustflow("show", runs[0])
+    assert out == of_run[: of_run.index("report:")]
+    assert sorted(Path().iterdir()) == there
+
+
 def test_frames_that_need_data_which_are_not_there(robustflow, records):
     code, out, _ = robustflow("verify", records[0], "--data", "nowhere")
     assert code == 1

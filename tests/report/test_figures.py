@@ -54,6 +54,14 @@ def test_bubbles_stand_where_the_numbers_say():
     assert "Farneback" not in _texts(figure)
 
 
+def test_a_name_in_any_script_warns_only_where_the_font_draws_a_box(recwarn):
+    results = _KITTI.with_columns(pl.col("model").replace("RAFT", "\u5149\u6d41"))
+    assert "\u5149\u6d41" in figure_bytes(clean_against_cre(results), "svg", live_text=True).decode()
+    assert not [str(warning.message) for warning in recwarn]
+    with pytest.warns(UserWarning, match="Glyph 20809 .* missing"):
+        figure_bytes(clean_against_cre(results), "png")
+
+
 def test_labels_do_not_hide_each_other():
     figure = clean_against_cre(_KITTI)
     figure.draw_without_rendering()

@@ -26,7 +26,7 @@ class TerminalProgress:
     """Shows a run's progress on stderr. A context manager."""
 
     def __init__(self) -> None:
-        self._console = Console(stderr=True)
+        self._console = Console(stderr=True, markup=False)
         self._bar: Progress | None = None
         self._folder: Path | None = None
         self._total = self._finished = self._found = 0
@@ -55,7 +55,7 @@ class TerminalProgress:
                 TextColumn("left"),
                 TimeRemainingColumn(),
             )
-            self._bar = Progress(TextColumn("{task.description}"), *columns, console=self._console)
+            self._bar = Progress(TextColumn("{task.description}", markup=False), *columns, console=self._console)
             self._bar.add_task("", total=total, completed=found)
             self._bar.start()
 

@@ -9,18 +9,20 @@ import typer
 
 
 def show(
-    run: Annotated[Path, typer.Argument(help="A run's folder.")],
+    run: Annotated[Path, typer.Argument(help="A run's folder or record.")],
     metric: Annotated[str, typer.Option("--metric", help="epe, cre, rcre, or all.")] = "all",
 ) -> None:
-    """Print a run's tables again, and write its summary and report anew.
+    """Print a run's tables again, and write its summary and report anew; of a record, print alone.
 
     \b
-    Example:
+    Examples:
       robustflow show runs/demo_dis_1a2b3c4d --metric rcre
+      robustflow show colleague.robustflow
     """
-    from ..runner.result import Result
+    from ..report.load import load_run
     from .tables import print_result
 
-    result = Result(run)
-    result.write_summary()
-    print_result(result, metric)
+    result, in_folder = load_run(run), run.expanduser().is_dir()
+    if in_folder:
+        result.write_summary()
+    print_result(result, metric, report=in_folder)

@@ -12,33 +12,38 @@ from ..errors import unknown_name
 from ..metrics.summary import METRICS, Summary
 from ..report import table as report_table
 from ..report.render.terminal import render as render_terminal
+from ..report.text import plain
 from ..runner.plan import left_out_sentence
 from ..runner.result import Result
 
 
-def print_result(result: Result, metric: str = "all") -> None:
-    """Print the overall scores and one line per corruption to stdout."""
+def print_result(result: Result, metric: str = "all", *, report: bool = True) -> None:
+    """Print the overall scores and one line per corruption to stdout; `report`: where its page lies, too."""
     if metric != "all" and metric not in METRICS:
         raise unknown_name("metric", metric, (*METRICS, "all"))
     summary = result.summary
-    console = Console(width=None if Console().is_terminal else 120)
+    # Names and folders may hold what rich takes for markup.
+    console = Console(width=None if Console().is_terminal else 120, markup=False)
     if metric == "all":
-        console.print(_overview(f"{result.name} ({result.setting})", summary))
+        console.print(_overview(f"{plain(result.name)} ({result.setting})", summary))
     else:
         console.print(_by_severity(result, metric))
     console.print(_sentence(summary), highlight=False, soft_wrap=True)
     missing, unmeasured = (sum(len(unit.samples) for unit in units) for units in (summary.missing, summary.unmeasured))
     if missing:
-        console.print(f"Incomplete: {missing} of the planned settings are missing; the means are over the rest.")
+        are = "is" if missing == 1 else "are"
+        console.print(f"Incomplete: {missing} of the planned settings {are} missing; the means are over the rest.")
     if unmeasured:
-        console.print(f"Incomplete: {unmeasured} settings have no pixel to measure; the means are over the rest.")
+        have = "setting has" if unmeasured == 1 else "settings have"
+        console.print(f"Incomplete: {unmeasured} {have} no pixel to measure; the means are over the rest.")
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")
     for warning in dict.fromkeys(text for clip in result.manifest.get("clips", []) for text in clip["warnings"]):
-        console.print(f"Warning: {warning}", highlight=False, markup=False, soft_wrap=True)
+        console.print(f"Warning: {plain(warning, None)}", highlight=False, soft_wrap=True)
     if result.left_out:
         console.print(f"Left out: {left_out_sentence(result.left_out)}.", highlight=False, soft_wrap=True)
-    console.print(f"report: {result.path / 'report.html'}", highlight=False, soft_wrap=True)
+    if report:
+        console.print(f"report: {result.path / 'report.html'}", highlight=False, soft_wrap=True)
 
 
 def for_stdout(table: report_table.Table) -> str:
@@ -76,7 +81,7 @@ def _overview(name: str, summary: Summary) -> Table:
 
 def _by_severity(result: Result, metric: str) -> Table:
     frame = result.table(metric)
-    table = Table(title=f"{result.name} ({result.setting}), {metric}", title_justify="left")
+    table = Table(title=f"{plain(result.name)} ({result.setting}), {metric}", title_justify="left")
     for column in frame.columns:
         table.add_column(column, justify="left" if column in ("corruption", "family") else "right")
     for row in frame.iter_rows():

@@ -4,7 +4,9 @@ as text, and files that are the same bytes every time."""
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Literal
 
@@ -96,7 +98,8 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
-    figure.draw_without_rendering()
+    with _any_script():
+        figure.draw_without_rendering()
     per_point = figure.dpi / 72
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
     placed: list[Bbox] = []
@@ -105,7 +108,8 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         text = axes.annotate(
             name_text(label), (x, y), (0, 0), textcoords="offset points", va="center", fontsize=_NAME_SIZE
         )
-        size = text.get_window_extent()
+        with _any_script():
+            size = text.get_window_extent()
         best: tuple[float, _Place, Bbox] | None = None
         for rank, (dx, dy, side) in enumerate(_places(radius)):
             left = dot[0] + dx * per_point - {"left": 0.0, "center": 0.5, "right": 1.0}[side] * size.width
@@ -121,6 +125,15 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         texts.append(text)
         placed.append(best[2])
     return texts
+
+
+@contextmanager
+def _any_script() -> Iterator[None]:
+    """Without a warning for each character that matplotlib's font lacks: here it is only measured, or left to the
+    reader's fonts. Where it is drawn, as a box, the warning stays."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ ", UserWarning)
+        yield
 
 
 def _places(radius: float) -> list[_Place]:
@@ -147,12 +160,14 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     engine = figure.get_layout_engine()
     if engine is not None:
         # The layout is settled once: every draw would move it by a little, and the bytes with it.
-        engine.execute(figure)
+        with _any_script():
+            engine.execute(figure)
         figure.set_layout_engine("none")
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()
     outlines = "none" if live_text else "path"
-    with rc_context({"svg.hashsalt": "robustflow", "svg.fonttype": outlines, "pdf.fonttype": 42}):
+    settings: Any = {"svg.hashsalt": "robustflow", "svg.fonttype": outlines, "pdf.fonttype": 42}
+    with rc_context(settings), _any_script() if live_text else nullcontext():
         figure.savefig(out, format=format, dpi=200, metadata=metadata)
     return out.getvalue()
 
