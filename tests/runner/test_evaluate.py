@@ -97,6 +97,19 @@ def test_an_edited_model_file_does_not_continue_the_old_run(tmp_path, monkeypatc
         rf.evaluate("mine_for_test:flow", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
 
 
+def test_an_object_that_answers_otherwise_does_not_continue_a_run(tmp_path):
+    def constant(value):
+        return lambda frame1, frame2: np.full((*frame1.shape[:2], 2), value, np.float32)
+
+    folder = tmp_path / "run"
+    first = rf.evaluate(constant(1.0), output=folder, corruptions=["contrast"], severities=[1])
+    with pytest.raises(RunError, match="answers otherwise on sample 'motorcycle'"):
+        rf.evaluate(constant(2.0), output=folder, corruptions=["contrast"], severities=[2])
+    assert rf.Result(folder).rows.equals(first.rows)
+    more = rf.evaluate(constant(1.0), output=folder, corruptions=["contrast"], severities=[2])
+    assert more.rows.height == 3
+
+
 def test_held_by_another_run(tmp_path):
     held = RunFolder(tmp_path / "run")
     held.lock()

@@ -29,6 +29,7 @@ from .examples import write_examples
 from .manifest import now, open_manifest
 from .plan import Plan, Settings, Unit, left_out_sentence
 from .result import Result
+from .same_model import check_same_model
 from .source import Source
 from .store import RunFolder
 
@@ -169,6 +170,8 @@ def _fill(
     progress: Progress,
 ) -> None:
     manifest = open_manifest(folder, plan)
+    if not isinstance(job.model, ModelSpec) and "object" in plan.model_identity:
+        check_same_model(folder, job, plan.benchmark.keys)
     folder.write_manifest(manifest)
     units = plan.missing(folder.cells())
     progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
