@@ -116,8 +116,28 @@ def test_a_folder_of_flows(tmp_path):
 
 def test_other_flows_are_another_model(tmp_path):
     (tmp_path / "clean").mkdir()
-    before = ModelSpec(str(tmp_path)).load().identity()
+    empty = ModelSpec(str(tmp_path)).load().identity()
     write_flow(tmp_path / "clean" / "a.flo", np.zeros((4, 4, 2), np.float32))
-    assert ModelSpec(str(tmp_path)).load().identity() != before
+    zeros = ModelSpec(str(tmp_path)).load().identity()
+    write_flow(tmp_path / "clean" / "a.flo", np.ones((4, 4, 2), np.float32))
+    ones = ModelSpec(str(tmp_path)).load().identity()
+    assert len({found["files"] for found in (empty, zeros, ones)}) == 3
+
+
+def test_a_folder_reached_through_links_is_the_same_model(tmp_path):
+    (tmp_path / "there" / "clean").mkdir(parents=True)
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "clean").symlink_to(tmp_path / "there" / "clean")
+    write_flow(tmp_path / "there" / "clean" / "a.flo", np.zeros((4, 4, 2), np.float32))
+    here, there = (ModelSpec(str(tmp_path / name)).load().identity() for name in ("here", "there"))
+    assert here == there
+
+
+def test_a_folder_that_cannot_be_meant(tmp_path):
+    (tmp_path / "clean").mkdir()
     with pytest.raises(ModelError, match="no folder 'clean'"):
         load_model("precomputed", folder=str(tmp_path / "clean"))
+    with pytest.raises(ModelError, match="needs its folder of flow files"):
+        load_model("precomputed")
+    with pytest.raises(UsageError, match="unknown option of model .* 'device'"):
+        load_model(str(tmp_path), device="cpu")

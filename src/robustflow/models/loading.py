@@ -82,7 +82,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
     if ":" in name and not Path(name).exists():
         return _load_attribute(name, options)
     if not registered and Path(name).expanduser().is_dir():
-        return MODELS.get("precomputed")(folder=name, **options)
+        return _construct(MODELS.get("precomputed"), name, {"folder": name, **options})
     return _construct(MODELS.get(name), name, options)
 
 

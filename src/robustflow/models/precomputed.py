@@ -22,7 +22,9 @@ class Precomputed:
     A key with slashes (`alley_1/frame_0001`) is a path below the setting's folder.
     """
 
-    def __init__(self, folder: str | Path) -> None:
+    def __init__(self, folder: str | Path | None = None) -> None:
+        if folder is None:
+            raise ModelError("model 'precomputed' needs its folder of flow files: give it as --model FOLDER")
         self._folder = Path(folder).expanduser()
         if not (self._folder / "clean").is_dir():
             raise ModelError(
@@ -31,11 +33,14 @@ class Precomputed:
             )
 
     def identity(self) -> dict[str, Any]:
-        """Names and sizes of all files: another set of flows is another model, wherever it lies."""
-        listing = hashlib.blake2b(digest_size=16)
-        for path in sorted(self._folder.rglob("*")):
-            if path.suffix in _SUFFIXES:
-                listing.update(f"{path.relative_to(self._folder).as_posix()} {path.stat().st_size}\n".encode())
+        """Names and contents of all files: another set of flows is another model, wherever it lies. Sizes would not
+        do, they are those of the frames."""
+        listing = hashlib.sha256()
+        settings = [folder for folder in sorted(self._folder.iterdir()) if folder.is_dir()]
+        for path in (path for folder in settings for path in sorted(folder.rglob("*"))):
+            if path.suffix in _SUFFIXES and path.is_file():
+                name = path.relative_to(self._folder).as_posix()
+                listing.update(f"{name} {_digest(path)}\n".encode())
         return {"name": "precomputed", "files": listing.hexdigest()}
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
@@ -49,3 +54,11 @@ class Precomputed:
         raise ModelError(
             f"{self._folder}: no flow for sample '{key}' under {setting}/ (looked for {', '.join(_SUFFIXES)})"
         )
+
+
+def _digest(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ModelError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from None
