@@ -139,5 +139,5 @@ def test_a_folder_that_cannot_be_meant(tmp_path):
         load_model("precomputed", folder=str(tmp_path / "clean"))
     with pytest.raises(ModelError, match="needs its folder of flow files"):
         load_model("precomputed")
-    with pytest.raises(UsageError, match="unknown option of model .* 'device'"):
+    with pytest.raises(UsageError, match=r"unknown option of model .* 'device'"):
         load_model(str(tmp_path), device="cpu")
