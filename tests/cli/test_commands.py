@@ -57,6 +57,12 @@ def test_a_name_or_folder_is_no_markup_and_steers_no_terminal(robustflow, tmp_pa
     assert "r[/blue]" in out
 
 
+def test_what_a_file_says_steers_no_terminal_from_an_error(robustflow):
+    code, _, err = robustflow("run", "--model", "no\x1b[31m\u202esuch")
+    assert (code, "\x1b" in err, "\u202e" in err) == (2, False, False)
+    assert "unknown model 'no\ufffd[31m\ufffdsuch'" in err
+
+
 def test_a_model_that_knows_nothing_is_not_praised(robustflow, tmp_path):
     source = "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), np.nan, np.float32)\n"
     (tmp_path / "not_a_number.py").write_text(source)

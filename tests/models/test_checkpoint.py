@@ -181,6 +181,36 @@ def test_a_file_cut_anywhere_is_refused(tmp_path, state, zipped):
         one_line(error)
 
 
+def test_a_changed_byte_is_noticed(tmp_path, state):
+    path = tmp_path / "weights.pth"
+    torch.save(state, path)
+    changed = bytearray(path.read_bytes())
+    weight = state["first.weight"].numpy().tobytes()
+    changed[changed.index(weight) + 5] ^= 1
+    path.write_bytes(changed)
+    with pytest.raises(ModelError, match=r"damaged .*checksum") as error:
+        load(path)
+    one_line(error)
+
+
+def test_an_encrypted_archive_is_refused(tmp_path, state):
+    path = tmp_path / "weights.pth"
+    torch.save(state, path)
+    content = bytearray(path.read_bytes())
+    for header, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
+        content[content.index(header) + flags] |= 1
+    path.write_bytes(content)
+    with pytest.raises(ModelError, match="damaged") as error:
+        load(path)
+    one_line(error)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "weights.pth")
+    with pytest.raises(ModelError, match="is no file but a pipe"):
+        load(tmp_path / "weights.pth")
+
+
 def test_missing_or_a_folder(tmp_path):
     with pytest.raises(ModelError, match=r"nothing\.pth: no such checkpoint; put the authors' file there"):
         load(tmp_path / "nothing.pth")
@@ -195,7 +225,7 @@ def test_missing_or_a_folder(tmp_path):
         ({}, "holds dict, not weights by name"),
         ({"state_dict": {}}, "holds dict, not weights by name"),
         ({"epoch": 3}, "entry 'epoch' is int, not a tensor"),
-        ({3: torch.zeros(2)}, "entry 3 is Tensor"),
+        ({3: torch.zeros(2)}, "entry '3' is named by no text"),
     ],
 )
 def test_files_without_weights(tmp_path, content, says):

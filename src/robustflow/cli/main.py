@@ -78,6 +78,7 @@ def main() -> None:
     try:
         app()
     except RobustFlowError as error:
-        message = " ".join(str(error).split())
-        print(f"robustflow: {message}", file=sys.stderr)
+        from ..report.text import plain
+
+        print(f"robustflow: {plain(str(error), None)}", file=sys.stderr)
         sys.exit(error.exit_code)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import warnings
 import zipfile
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -66,20 +67,21 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
     """
     path = Path(path).expanduser()
     with opened(path, sha256) as (file, digest):
-        _refuse_zip_bombs(path, file)
+        _check_archive(path, file)
         content = _load(path, file)
     beside = content.get("hyper_parameters") if isinstance(content, dict) else None
     return Checkpoint(path, digest, _weights(path, content), beside if isinstance(beside, dict) else {})
 
 
-def _refuse_zip_bombs(path: Path, file: BinaryIO) -> None:
+def _check_archive(path: Path, file: BinaryIO) -> None:
     if file.read(2) != b"PK":
         return  # the format of PyTorch before 1.6, whose sizes torch compares with the file as it reads
     size = file.seek(0, 2)
     try:
         with zipfile.ZipFile(file) as archive:
             declared = sum(record.file_size for record in archive.infolist())
-    except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+            changed = archive.testzip() if declared <= size else None
+    except (zipfile.BadZipFile, RuntimeError, ValueError, EOFError, zlib.error) as error:  # RuntimeError: encrypted
         raise damaged(path, error) from None
     if declared > size:
         # torch.save never compresses, so what is inside cannot be larger than the file.
@@ -87,6 +89,8 @@ def _refuse_zip_bombs(path: Path, file: BinaryIO) -> None:
             f"{path}: refused: its {size} bytes would unpack to {declared}; a file of torch.save is not compressed, so "
             "this is no genuine checkpoint"
         )
+    if changed is not None:
+        raise damaged(path, ValueError(f"the checksum of {changed[:60]} is another"))
 
 
 def _load(path: Path, file: BinaryIO) -> Any:
@@ -98,6 +102,7 @@ def _load(path: Path, file: BinaryIO) -> Any:
     except pickle.UnpicklingError as error:
         lines = str(error).splitlines()
         reason = next((line.strip() for line in lines if "GLOBAL" in line or "Unsupported" in line), "not tensors")
+        reason = reason.partition(" Please use")[0][:200]  # what torch suggests there would run the file
         raise ModelError(
             f"{path}: refused, and nothing in it was run: it is not a file of plain weights ({reason}); get the "
             "authors' file, or save its state_dict alone with torch.save where you trust it"
@@ -116,8 +121,9 @@ def _weights(path: Path, content: Any) -> dict[str, Tensor]:
         )
     for key, value in content.items():
         if not (isinstance(key, str) and isinstance(value, Tensor)):
+            what = f"{type(value).__name__}, not a tensor" if isinstance(key, str) else "named by no text"
             raise ModelError(
-                f"{path}: entry {key!r} is {type(value).__name__}, not a tensor; expected a state dict, or a dict that "
-                "holds one as 'state_dict' or 'model'"
+                f"{path}: entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that holds one as "
+                "'state_dict' or 'model'"
             )
     return dict(content)

@@ -27,10 +27,13 @@ def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, st
         sha256: the hash it must have, or the first eight or more digits of it.
 
     Raises:
-        ModelError: missing, cannot be read, empty, a web page, a pointer of Git LFS, or another hash.
+        ModelError: missing, no file (a pipe, a device), cannot be read, empty, a web page, a pointer of Git LFS, or
+            another hash.
         UsageError: `sha256` is no such digits.
     """
     try:
+        if not (path.is_file() or path.is_dir()) and path.exists():
+            raise ModelError(f"{path}: is no file but a pipe or a device; give the path of a checkpoint")
         with path.open("rb") as file:
             _refuse_what_is_no_model(path, file)
             file.seek(0)

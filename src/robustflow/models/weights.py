@@ -107,9 +107,10 @@ def _refuse_other_names(
 def _refuse_bad_value(checkpoint: Checkpoint, name: str, value: Tensor, target: Tensor) -> None:
     plain = value.layout is torch.strided and value.device.type == "cpu" and not value.is_quantized
     if not plain or value.is_complex() or value.is_floating_point() != target.is_floating_point():
-        kind = str(value.dtype).removeprefix("torch.")
+        kind = str(value.dtype if value.layout is torch.strided else value.layout).removeprefix("torch.")
+        kind += "" if value.device.type == "cpu" else f" without values (on the device {value.device.type})"
         raise ModelError(
-            f"{checkpoint.path}: '{name}' holds {kind} values, expected {str(target.dtype).removeprefix('torch.')}; "
+            f"{checkpoint.path}: '{name}' holds {kind}, expected {str(target.dtype).removeprefix('torch.')}; "
             "save the weights as plain floating-point tensors"
         )
 
@@ -117,7 +118,8 @@ def _refuse_bad_value(checkpoint: Checkpoint, name: str, value: Tensor, target: 
 def _few(what: str, names: Iterable[str], shown: int = 3) -> str:
     names = list(names)
     more = f", and {len(names) - shown} more" if len(names) > shown else ""
-    return f"{len(names)} {what} ({', '.join(names[:shown])}{more})" if names else ""
+    few = ", ".join(name[:100] for name in names[:shown])
+    return f"{len(names)} {what} ({few}{more})" if names else ""
 
 
 def _shape(value: Tensor) -> str:
