@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -48,3 +49,11 @@ def test_the_cost_of_a_run(profile, tmp_path):
     assert "ran another model" in err
     assert read_cost(run) == cost
     assert profile("--paper", "--into", run.path)[0] == 2
+
+
+@pytest.mark.parametrize("model", ["dis", "models_for_tests:still"])
+def test_what_is_no_network_is_said_so(profile, model, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "runner")
+    code, _, err = profile(model)
+    assert code == 2
+    assert "only PyTorch networks can be profiled" in err

@@ -69,7 +69,9 @@ def _print_model(
     into: Path | None,
 ) -> None:
     from ..models import ModelSpec
+    from ..models.catalog import methods
     from ..models.input_convention import parse_size
+    from ..models.loading import PTLFLOW
     from ..models.network import RANDOM
     from ..profiling.counts import count
     from ..profiling.measure import measure
@@ -79,7 +81,9 @@ def _print_model(
 
     run = None if into is None else Result(into)
     height, width = parse_size(size, 8)
-    asked = {"checkpoint": RANDOM, **dict(options)}
+    method = methods().get(name)
+    learns = name.startswith(PTLFLOW) or (method is not None and method.type != "knowledge")
+    asked = {**({"checkpoint": RANDOM} if learns else {}), **dict(options)}
     if iterations is not None:
         asked["iterations"] = iterations
     model = network_of(ModelSpec(name, tuple(asked.items())).load())
