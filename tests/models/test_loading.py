@@ -8,6 +8,7 @@ import pytest
 from robustflow import load_model, write_flow
 from robustflow.errors import ModelError, UsageError
 from robustflow.models import FlowLookup, FlowModel, FunctionModel, ModelSpec
+from robustflow.models.base import model_identity
 from robustflow.models.loading import as_model
 
 FRAME = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
@@ -141,3 +142,14 @@ def test_a_folder_that_cannot_be_meant(tmp_path):
         load_model("precomputed")
     with pytest.raises(UsageError, match=r"unknown option of model .* 'device'"):
         load_model(str(tmp_path), device="cpu")
+
+
+def test_what_a_model_says_of_itself_fits_a_manifest(tmp_path):
+    class Said:
+        def identity(self):
+            return {"checkpoint": tmp_path, "scale": (1, np.float32(0.5)), 3: "a"}
+
+    assert model_identity(Said()) == {"checkpoint": str(tmp_path), "scale": [1, "0.5"], "3": "a"}
+    Said.identity = lambda self: "version 2"
+    with pytest.raises(ModelError, match=r"identity\(\) returned str; expected a dict"):
+        model_identity(Said())

@@ -45,6 +45,16 @@ class WithPairs(Recorder):
         return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
+class Blackens(Recorder):
+    """Writes into what it is given, when it has noted it."""
+
+    def predict_clip(self, frames, index):
+        flow = super().predict_clip(tuple(frame.copy() for frame in frames), index)
+        for frame in frames:
+            frame[:] = 0
+        return flow
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A sequence of textured frames that differ in every pixel's neighbourhood."""
@@ -235,3 +245,12 @@ def test_a_damaged_frame_of_the_clip_is_named(tmp_path):
     (tmp_path / "frames/2.png").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(DataError, match=r"2\.png"):
         run(Recorder((0, 1)), tmp_path / "frames", tmp_path / "run", corruptions=["contrast"], severities=[1], limit=1)
+
+
+def test_a_model_that_writes_into_its_clip_changes_no_frame(folder, tmp_path):
+    models = [Recorder(), Blackens()]
+    for number, model in enumerate(models):
+        run(model, folder, tmp_path / f"run{number}", limit=2)
+    plain, writing = ([frame for frames, _ in model.calls for frame in frames] for model in models)
+    assert len(plain) == len(writing) > 0
+    assert all(np.array_equal(a, b) for a, b in zip(plain, writing, strict=True))

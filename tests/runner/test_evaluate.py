@@ -153,6 +153,7 @@ def test_options_that_cannot_be_meant(tmp_path, options):
     [
         ("with_nan", "1 pixels that are NaN or infinite on sample 'motorcycle', clean"),
         ("wrong_shape", r"returned float32 \(2, 500, 741\)"),
+        ("ends_the_program", "raised SystemExit on sample 'motorcycle', clean: 2"),
         ("raises", "raised ValueError on sample 'motorcycle', clean: no weights"),
     ],
 )
@@ -161,6 +162,20 @@ def test_a_model_that_does_not_return_a_flow(tmp_path, models_on_path, model, sa
     with pytest.raises(ModelError, match=says):
         rf.evaluate(f"models_for_tests:{model}", output=tmp_path / "run", corruptions=FAST, workers=workers)
     assert not list((tmp_path / "run" / "rows").iterdir())
+
+
+@pytest.mark.parametrize("batch_size", [1, 2])
+def test_a_model_that_writes_into_its_frames_changes_no_row(tmp_path, models_on_path, batch_size):
+    """Contrast is made from the clean frames after the model saw them."""
+    name = "models_for_tests:" + ("blackens" if batch_size == 1 else "BlackensPairs")
+    options = {"corruptions": ["contrast"], "severities": [1, 2], "batch_size": batch_size}
+    rows = rf.evaluate(name, output=tmp_path / "run", **options).rows
+    sample = rf.load_dataset("motorcycle", None).load("motorcycle")
+    frames = rf.corrupt(*sample.frames, "contrast", 2, key="motorcycle")
+    flow = np.stack([frames[0][..., 0], frames[1][..., 1]], axis=2).astype(np.float64)
+    epe = np.linalg.norm(flow - sample.flow, axis=2)[sample.valid].sum()
+    row = rows.filter((rows["corruption"] == "contrast") & (rows["severity"] == 2)).row(0, named=True)
+    assert row["epe_sum"] == pytest.approx(epe, rel=1e-6)
 
 
 def test_a_model_that_hangs_is_stopped(tmp_path, models_on_path):

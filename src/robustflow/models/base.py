@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -77,7 +78,13 @@ AnyModel: TypeAlias = FlowModel | ClipModel | FlowLookup
 def model_identity(model: Any) -> dict[str, Any]:
     """What names this model in a run's identity; the class name where the model says nothing itself."""
     if hasattr(model, "identity"):
-        return dict(model.identity())
+        said = model.identity()
+        if not isinstance(said, Mapping):
+            raise ModelError(
+                f"the model's identity() returned {type(said).__name__}; expected a dict of what changes its numbers"
+            )
+        named: dict[str, Any] = json.loads(json.dumps({str(key): said[key] for key in said}, default=str))
+        return named
     kind = model if isinstance(model, type) or hasattr(model, "__qualname__") else type(model)
     return {"object": f"{kind.__module__}.{kind.__qualname__}"}
 
@@ -95,7 +102,7 @@ def predict_checked(
         if isinstance(model, FlowLookup):
             flow = model.lookup(key, corruption, severity)
         else:
-            flow = model.predict(frames[0], frames[1])
+            flow = model.predict(*_copies(frames[:2]))
     return _checked(flow, frames, where)
 
 
@@ -105,7 +112,7 @@ def predict_clip_checked(
     """As `predict_checked`, of a multi-frame model; `index` is that of frame 1 of the pair."""
     where = place(key, corruption, severity)
     with _named(where):
-        flow = model.predict_clip(frames, index)
+        flow = model.predict_clip(_copies(frames), index)
     return _checked(flow, frames, where)
 
 
@@ -115,7 +122,7 @@ def predict_batch_checked(
     """As `predict_checked`, of one sample at several severities in one call of the model."""
     where = place(key, corruption, *severities)
     with _named(where):
-        flows = list(model.predict_batch([frames[0] for frames in pairs], [frames[1] for frames in pairs]))
+        flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
     if len(flows) != len(pairs):
         raise ModelError(f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one each")
     return [
@@ -138,13 +145,18 @@ def place(key: str, corruption: str, *severities: int) -> str:
 def _named(where: str) -> Iterator[None]:
     try:
         yield
-    except ModelError:
-        raise
-    except Exception as error:
+    except ModelError as error:
+        raise ModelError(f"{error} (on {where})") from error
+    except (Exception, SystemExit) as error:
         raise ModelError(
             f"the model raised {type(error).__name__} on {where}: {error or 'no message'}; "
             "run the model on this pair by itself to see why"
         ) from error
+
+
+def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+    """A model may write into what it is given; the frames are still to be corrupted, measured and drawn."""
+    return tuple(frame.copy() for frame in frames)
 
 
 def _checked(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
