@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from robustflow import load_model
 from robustflow.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.loading import MODELS
+from robustflow.models.ptlflow import BESIDES
 
 PAPER = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp")
 
@@ -273,3 +275,64 @@ def test_the_first_import_is_silent(library):
     code = "import robustflow; robustflow.load_model('raft', checkpoint='random', device='cpu')"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == ""
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", ["sea_raft_s", "recover_rn"])
+def test_constructors_that_write_into_their_defaults(library, capsys, name):
+    """They get lists, as from the library's own loader; recover_rn takes its own through those of its base."""
+    frames = textured_pair(128, 136)
+    model = load_model(f"ptlflow:{name}", checkpoint="random", iterations=2, device="cpu")
+    assert model.identity()["iterations"] == 2
+    expected = from_the_library(library, name, model, frames, 2)
+    np.testing.assert_array_equal(model.predict(*frames), expected)
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("checkpoint", ["random", "kitti", None])
+def test_what_ptlflow_does_not_install_is_named_before_a_checkpoint_is_sought(library, monkeypatch, checkpoint):
+    import sys
+
+    splatflow = sys.modules["ptlflow.models.splatflow.splatflow"]
+    monkeypatch.setattr(splatflow, "forward_warping", None)  # as ptlflow sets it where there is no cupy
+    with pytest.raises(ModelError, match=r"'ptlflow:splatflow' needs cupy, for CUDA, .*splatflow/README\.md") as error:
+        load_model("ptlflow:splatflow", checkpoint=checkpoint)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.torch
+def test_what_else_a_constructor_lacks_is_one_line(library, monkeypatch):
+    reference = library.get_model_reference("raft")
+    for raised, says in (
+        (ImportError("no kernel"), "needs something, which.*no kernel"),
+        (ValueError("b"), "ValueError"),
+    ):
+
+        def fails(self, iters=32, error=raised):
+            raise error
+
+        monkeypatch.setattr(reference, "__init__", fails)
+        with pytest.raises(ModelError, match=says):
+            load_model("raft", checkpoint="random")
+
+
+@pytest.mark.torch
+def test_a_name_without_its_prefix(library):
+    with pytest.raises(UsageError, match=r"unknown model 'splatflow': .* ptlflow:splatflow"):
+        load_model("splatflow")
+    with pytest.raises(UsageError, match="unknown model 'splatflov': did you mean"):
+        load_model("splatflov")
+
+
+@pytest.mark.slow
+@pytest.mark.torch
+def test_every_model_of_the_library_is_built_or_says_what_it_needs(library):
+    names = library.get_model_names()
+    assert set(BESIDES) <= set(names)
+    for name in names:
+        needs = BESIDES.get(name)
+        expected = (
+            contextlib.nullcontext() if needs is None else pytest.raises(ModelError, match=f"needs {needs}, which")
+        )
+        with expected:
+            assert load_model(f"ptlflow:{name}", checkpoint="random", device="cpu").identity()["checkpoint"] == "random"

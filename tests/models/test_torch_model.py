@@ -127,6 +127,22 @@ def test_as_many_first_as_second_frames():
 
 
 @pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (RuntimeError("kernel size\ncan't be greater"), "'spy' fails on frames of 5x7 .RuntimeError: kernel.*larger"),
+        (torch.OutOfMemoryError("CUDA out of memory"), "CUDA out of memory.; predict fewer pairs at once"),
+        (ModelError("made for more frames"), "^made for more frames$"),
+    ],
+)
+def test_what_a_network_raises_names_the_size(error, says):
+    model, net = spy()
+    net.forward = lambda *images: (_ for _ in ()).throw(error)
+    with pytest.raises(ModelError, match=says) as caught:
+        model.predict(*frames())
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
     ("options", "error", "says"),
     [
         ({"device": "gpu"}, UsageError, "'gpu' is no device"),

@@ -37,6 +37,7 @@ def _models() -> list[str]:
     from ..models import MODELS
     from ..models.catalog import checkpoints, is_installed, methods
     from ..models.provenance import training_of_entry
+    from ..models.ptlflow import BESIDES
 
     seen: dict[str, list[str]] = {}
     for entry in checkpoints():
@@ -64,6 +65,9 @@ def _models() -> list[str]:
     return [
         *lines,
         f"Any other model of ptlflow as ptlflow:NAME; of known training: {'; '.join(others)}.",
+        "Of those, some need more than ptlflow installs: "
+        + "; ".join(f"ptlflow:{name} ({needs})" for name, needs in BESIDES.items())
+        + ".",
         "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs.",
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",

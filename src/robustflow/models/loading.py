@@ -83,6 +83,11 @@ def load_model(name: str, **options: Any) -> AnyModel:
         return _load_attribute(name, options)
     if not registered and Path(name).expanduser().is_dir():
         return _construct(MODELS.get("precomputed"), name, {"folder": name, **options})
+    if not registered and name.isidentifier():
+        from .ptlflow import is_of_ptlflow
+
+        if is_of_ptlflow(name):
+            raise UsageError(f"unknown model '{name}': the library ptlflow has one of this name, {PTLFLOW}{name}")
     return _construct(MODELS.get(name), name, options)
 
 

@@ -11,19 +11,18 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import ModelError, UsageError, unknown_name
+from ..errors import ModelError, unknown_name
 from .input_convention import InputConvention
-from .network import check_iterations, network_model, require
+from .network import network_model, require
+from .ptlflow_options import constructor_options
 
 if TYPE_CHECKING:
     from .checkpoint import Checkpoint
     from .torch_model import TorchModel
-
-_ITERATIONS = ("iters", "decoder_depth")
-"""What ptlflow's models call the number of their iterations."""
 
 _SMALLEST = {
     **dict.fromkeys(("raft", "raft_small", "gma", "csflow", "skflow", "gmflownet", "craft"), 121),
@@ -32,6 +31,17 @@ _SMALLEST = {
 """Pixels a side. RAFT halves its correlation volume three times and divides by the last one's sides less one, which is
 0 up to 120 pixels: NaN. Its authors evaluate nothing so small and pad to multiples of 8 only, so such frames are
 refused."""
+
+BESIDES = {
+    "splatflow": "cupy, for CUDA",
+    "matchflow": "QuadTreeAttention, compiled for CUDA",
+    "matchflow_raft": "QuadTreeAttention, compiled for CUDA",
+    "separableflow": "GANet, compiled for CUDA",
+    "scv4": "torch_scatter and faiss",
+    "scv8": "torch_scatter and faiss",
+    "waft_dinov3_a2": "the code of DINOv3 in ./thirdparty/dinov3",
+}
+"""What some of ptlflow's models need besides ptlflow, which does not install it."""
 
 _BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
 """Whose pairs of a batch were found not to see each other. FlowFormer's do, by 1e-4 px."""
@@ -101,13 +111,17 @@ def ptlflow_network(
     if architecture not in ptlflow.get_model_names():
         raise unknown_name("ptlflow model", architecture, ptlflow.get_model_names())
     reference = ptlflow.get_model_reference(architecture)
-    options = _options(name, reference, iterations)
+    options, rounds = constructor_options(name, reference, iterations)
 
     def build() -> Any:
-        with _silence():
-            return wrap(reference(**options))
+        try:
+            with _silence():
+                return wrap(reference(**options))
+        except Exception as error:
+            raise _not_built(name, architecture, reference, error) from error
 
-    used = next((options[key] for key in _ITERATIONS if key in options), None)
+    if architecture in BESIDES:
+        build()  # fails before a checkpoint is asked for and fetched in vain
     return network_model(
         name,
         build,
@@ -117,7 +131,7 @@ def ptlflow_network(
         sha256=sha256,
         published=getattr(reference, "pretrained_checkpoints", None) or {},
         settings={
-            "iterations": used,
+            "iterations": rounds,
             "library": f"ptlflow {ptlflow.__version__}",
             "normalisation": "0..1, then the network's own scaling and padding",
             **({"use_tile_input": False} if "use_tile_input" in options else {}),
@@ -127,20 +141,22 @@ def ptlflow_network(
     )
 
 
-def _options(name: str, reference: Any, iterations: int | None) -> dict[str, Any]:
-    parameters = inspect.signature(reference.__init__).parameters
-    options: dict[str, Any] = {"use_tile_input": False} if "use_tile_input" in parameters else {}
-    if "backbone_weights" in parameters:
-        options["backbone_weights"] = None  # fetched for nothing: the checkpoint replaces them
-    keyword = next((key for key in _ITERATIONS if key in parameters), None)
-    counted = keyword is not None and isinstance(parameters[keyword].default, int)
-    if iterations is not None:
-        check_iterations(iterations)
-        if not counted:
-            raise UsageError(f"model '{name}' has no single number of iterations; leave out iterations")
-    if keyword is not None and counted:
-        options[keyword] = parameters[keyword].default if iterations is None else iterations
-    return options
+def is_of_ptlflow(name: str) -> bool:
+    """Whether ptlflow is here and has a model of this name."""
+    if find_spec("ptlflow") is None:
+        return False
+    with _silence():
+        import ptlflow
+    return name in ptlflow.get_model_names()
+
+
+def _not_built(name: str, architecture: str, reference: Any, error: Exception) -> ModelError:
+    what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if architecture not in BESIDES and not isinstance(error, ImportError):
+        return ModelError(f"model '{name}' cannot be built: {what}")
+    needs = BESIDES.get(architecture, "something")
+    readme = Path(inspect.getfile(reference)).with_name("README.md")
+    return ModelError(f"model '{name}' needs {needs}, which ptlflow does not install ({what}); see {readme}")
 
 
 def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:

@@ -6,6 +6,10 @@ the authors' evaluation code does: VideoFlow repeats the first frame once, and i
 within the sequence; StreamFlow's window of four stays within it; MemFlow's memory is empty. MEMFOF repeats the first
 frame, as ptlflow's data loader does. MemFlow's memory holds the last two frames, ptlflow's default; its authors'
 configurations come down to one.
+
+SplatFlow (three frames; Wang et al., IJCV 2024) is not among them: it carries features forward by a CUDA kernel that
+cupy compiles, so ptlflow does not even build it without cupy, and it cannot be compared with its library on a CPU.
+Where cupy is, `ptlflow:splatflow` gets the pair alone, its own two-frame mode, which needs no splatting.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ..errors import ModelError, UsageError, unknown_name
+from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..sample import Flow, Frame
 from .blocks.resize import resize_flow
 from .input_convention import InputConvention
@@ -115,16 +115,31 @@ class TorchModel:
             A flow for each frame of a batch, as `predict` returns it.
 
         Raises:
-            ModelError: frames of a size that the network cannot take.
+            ModelError: frames of a size that the network cannot take, or the network fails on them.
         """
         height, width = batches[0][0].shape[:2]
         self.convention.fitted_size(height, width)
         with torch.inference_mode(), reproducible(self._threads):
             images = [self._images(frames) for frames in batches]
             with torch.autocast(self.device.type, torch.bfloat16, enabled=self._precision == "bf16"):
-                flow = self._call(*images, **arguments)
+                flow = self._ask(images, arguments, height, width)
             flow = self._unfit(flow.float(), height, width)
             return list(flow.permute(0, 2, 3, 1).contiguous().cpu().numpy())
+
+    def _ask(self, images: list[Tensor], arguments: dict[str, Any], height: int, width: int) -> Tensor:
+        try:
+            flow: Tensor = self._call(*images, **arguments)
+        except RobustFlowError:
+            raise
+        except Exception as error:
+            advice = "many networks fail on small frames: try larger ones"
+            if isinstance(error, torch.OutOfMemoryError):
+                advice = "predict fewer pairs at once, in tiles (option tile), or on the cpu"
+            message = " ".join(str(error).split())
+            raise ModelError(
+                f"model '{self.name}' fails on frames of {height}x{width} ({type(error).__name__}: {message}); {advice}"
+            ) from error
+        return flow
 
     def _images(self, frames: list[Frame]) -> Tensor:
         values = torch.from_numpy(np.stack(frames)).to(self.device).permute(0, 3, 1, 2).float()
