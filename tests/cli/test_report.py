@@ -29,6 +29,22 @@ def test_report_beside_the_published(robustflow, runs):
     assert second.count("\n") == 3
 
 
+def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
+    """Two runs leave every observation open: shown where asked for, left out among all tables."""
+    code, out, _ = robustflow("report", *runs, "--published", "--table", "observations,effective", "-f", "markdown")
+    assert code == 0
+    titles = [line for line in out.splitlines() if line.startswith("###")]
+    assert titles == [
+        "### The paper's observations: published models",
+        "### The paper's observations: dis, farneback on demo",
+        "### Effective robustness: published models",
+    ]
+    code, out, _ = robustflow("report", *runs, "--published", "-f", "markdown")
+    assert code == 0
+    assert titles[0] in out
+    assert titles[1] not in out
+
+
 def test_report_to_files(robustflow, runs):
     code, out, _ = robustflow("report", runs[0], "-t", "epe", "-f", "latex", "-o", "epe.tex", "--figures", "figures")
     assert code == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import polars as pl
@@ -10,10 +11,13 @@ import polars as pl
 from ..errors import UsageError, unknown_name
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .costs import run_costs
-from .published import published_costs, published_results
+from .labels import BENCHMARK_LABELS
+from .observations.verdict import UNKNOWN
+from .published import PAPER, published_costs, published_results
 from .runs import run_names, run_results
 from .table import Table
 from .tables import TABLES, build_table
+from .text import plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,6 +25,7 @@ if TYPE_CHECKING:
     from ..runner.result import Result
 
 ALL_TABLES = (*TABLES, "means", "effective", "anatomy", "observations")
+_MOST_NAMED = 4
 
 
 def results_of(runs: Sequence[Result], published: bool) -> pl.DataFrame:
@@ -47,6 +52,16 @@ def tables_of(
             raise unknown_name("table", name, ALL_TABLES)
     results = results_of(runs, published)
     costs = published_costs() if published else {}
+
+    def all_observations(part: pl.DataFrame) -> Table:
+        return observations_table(part, costs if PAPER in set(part["sample_set"]) else {})
+
+    def computable_observations(part: pl.DataFrame) -> Table:
+        table = all_observations(part)
+        if all(line.cells[0].text == UNKNOWN for section in table.sections for line in section.lines):
+            raise UsageError("none of the paper's observations can be computed from these results")
+        return table
+
     makers: dict[str, Callable[[], list[Table]]] = {
         name: lambda name=name: [build_table(name, results, costs, run_costs(runs))]  # type: ignore[misc]
         for name in TABLES
@@ -55,12 +70,11 @@ def tables_of(
         "means": lambda: [means_table(_some(runs, "means"), seed=seed)],
         "effective": lambda: _by_sample_set(results, effective_table),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
-        "observations": lambda: _by_sample_set(
-            results, lambda part: observations_table(part, costs if "paper" in set(part["sample_set"]) else {})
-        ),
+        "observations": lambda: _by_sample_set(results, all_observations),
     }
     if wanted is not None:
         return [table for name in wanted for table in makers[name]()]
+    makers["observations"] = lambda: _by_sample_set(results, computable_observations)
     tables: list[Table] = []
     for name in ALL_TABLES:
         try:
@@ -86,13 +100,26 @@ def _some(runs: Sequence[Result], table: str) -> Sequence[Result]:
 
 
 def _by_sample_set(results: pl.DataFrame, make: Callable[[pl.DataFrame], Table]) -> list[Table]:
-    """One table per set of comparable results that has enough models; an error where none has."""
+    """One table per set of comparable results that has enough models, its title saying whose they are; an error where
+    none has."""
     tables, reason = [], UsageError("there are no results")
     for frames in dict.fromkeys(results["sample_set"]):
+        part = results.filter(sample_set=frames)
         try:
-            tables.append(make(results.filter(sample_set=frames)))
+            table = make(part)
         except UsageError as error:
             reason = error
+        else:
+            tables.append(replace(table, title=f"{table.title}: {_whose(frames, part)}"))
     if not tables:
         raise reason
     return tables
+
+
+def _whose(frames: str, part: pl.DataFrame) -> str:
+    if frames == PAPER:
+        return "published models"
+    benchmark, models = part["benchmark"][0], list(dict.fromkeys(part["model"]))
+    named, more = models[:_MOST_NAMED], len(models) - _MOST_NAMED
+    told = ", ".join(map(plain, named)) + (f" and {more} more" if more > 0 else "")
+    return f"{told} on {BENCHMARK_LABELS.get(benchmark, plain(benchmark))}"

@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 Verdict = Literal["holds", "does not hold", "cannot be computed"]
+UNKNOWN: Verdict = "cannot be computed"
 
 
 class _Frozen(BaseModel):
@@ -50,12 +51,12 @@ class Observation(_Frozen):
         found = [part.verdict for part in self.parts if part.main]
         if "does not hold" in found:
             return "does not hold"
-        return "cannot be computed" if "cannot be computed" in found else "holds"
+        return UNKNOWN if UNKNOWN in found else "holds"
 
 
 def part(
     claim: str, holds: bool | None, says: str, main: bool = False, numbers: dict[str, float] | None = None
 ) -> Part:
     """A part from a truth value, None for what cannot be computed."""
-    verdict: Verdict = "cannot be computed" if holds is None else "holds" if holds else "does not hold"
+    verdict: Verdict = UNKNOWN if holds is None else "holds" if holds else "does not hold"
     return Part(claim=claim, verdict=verdict, says=says, numbers=numbers or {}, main=main)
