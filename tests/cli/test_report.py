@@ -7,6 +7,8 @@ import io
 import json
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from robustflow.runner.evaluate import evaluate
@@ -86,6 +88,21 @@ def test_compare(robustflow, runs):
     code, text, _ = robustflow("compare", *runs, runs[0], "--json")
     assert code == 0
     assert len(json.loads(text)) == 3
+
+
+def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_path):
+    rng = np.random.default_rng(0)
+    for index in range(3):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), rng.integers(0, 255, (32, 40, 3), np.uint8))
+    options = {"corruptions": ["contrast"], "severities": [1], "examples": False}
+    for model in ("dis", "farneback"):
+        evaluate(model, "folder", tmp_path, tmp_path / model, **options)
+    code, out, _ = robustflow("compare", "dis", "farneback", "dis")
+    assert code == 0
+    assert out.count("average RCRE") == 3
+    code, out, err = robustflow("compare", "dis", "farneback", "dis", "--metric", "cre")
+    assert code == 1
+    assert "no two of these runs have an average CRE" in err
 
 
 @pytest.mark.parametrize(

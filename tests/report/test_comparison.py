@@ -86,6 +86,7 @@ def test_without_ground_truth_and_without_an_average(tmp_path):
     assert found.metric == "rcre"
     assert found.overall.is_empty()
     assert "Elastic transform RCRE" in found.sentence
+    assert found.table("cre").remarks == ("No CRE was measured in both runs.",)
     assert "Elastic transform" in repr(found)
 
 
@@ -104,7 +105,12 @@ def test_of_runs(runs, tmp_path):
     assert found.frame["difference"].to_list() == [
         -d for d in rf.compare(second, first, resamples=99).frame["difference"]
     ]
-    assert "too few" in found.sentence
+    assert found.sentence.endswith("but 1 image is too few to say whether that is chance.")
+    assert "is the same, but 1 image is too few" in first.compare(first).sentence
+    assert not found.remark
+    part = evaluate("farneback", "demo", output=tmp_path / "p", corruptions=["fog"], severities=[5])
+    remark = "Compared is what both measured: 2 of the 5 settings of dis (clean frames among them) and of the 2 of farn"
+    assert remark in " ".join(repr(first.compare(part)).split())
     other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1], seed=5)
     with pytest.raises(RunError, match="other frames"):
         first.compare(other)

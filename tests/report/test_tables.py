@@ -38,6 +38,20 @@ def test_values_and_marks_are_the_printed_ones(name, metric, benchmark):
         assert len(cells) == len(columns)
 
 
+@pytest.mark.parametrize(
+    ("benchmarks", "title"),
+    [
+        (["kitti-fc"], "EPE on KITTI-FC"),
+        (["sintel"], "EPE on sintel"),
+        (["sintel", "demo", "kitti-fc"], "EPE on KITTI-FC, demo and sintel"),
+    ],
+)
+def test_the_title_names_what_was_measured_on(benchmarks, title):
+    lines = "".join(f"{name},OOD,A,epe,clean,2.00\n{name},OOD,A,epe,average,3.00\n" for name in benchmarks)
+    results = parse_results(f"benchmark,setting,model,metric,corruption,value\n{lines}", "mine.csv", "file")
+    assert build_table("epe", results).title == title
+
+
 def test_columns_follow_the_paper():
     table = build_table("epe", published_results())
     assert [c.label for c in table.columns][:3] == ["Clean", "JPEG", "Pixelate"]

@@ -28,8 +28,9 @@ def compare(
       robustflow compare runs/a runs/b
       robustflow compare runs/a runs/b runs/c --metric rcre
     """
-    from ..errors import UsageError, unknown_name
+    from ..errors import RunError, UsageError, unknown_name
     from ..report.comparison import compare as compare_two
+    from ..report.labels import METRIC_LABELS
     from ..report.load import load_run
     from ..report.runs import run_names
     from ..report.text import plain
@@ -47,7 +48,11 @@ def compare(
         table = comparison.frame if metric is None else comparison.frame.filter(metric=metric)
     else:
         rows = dict(zip(run_names(found), (run.rows for run in found), strict=True))
-        table = compare_all(rows, metric or "cre", level=level, resamples=resamples, seed=seed)
+        chosen = metric or ("rcre" if any(run.cre is None for run in found) else "cre")
+        table = compare_all(rows, chosen, level=level, resamples=resamples, seed=seed)
+        if table.is_empty():
+            label = METRIC_LABELS[chosen]
+            raise RunError(f"no two of these runs have an average {label} in common; compare two, or another --metric")
     if as_json:
         typer.echo(table.write_json())
     elif len(found) == 2:

@@ -15,6 +15,7 @@ from .table import Cell, Column, Line, Section, Table
 from .text import plain
 from .uncertainty import compare as compare_rows
 from .uncertainty.bootstrap import LEVEL, RESAMPLES
+from .uncertainty.paired import common_rows
 from .uncertainty.sums import AVERAGE, CLEAN, METRICS
 
 if TYPE_CHECKING:
@@ -30,10 +31,12 @@ class Comparison:
     Attributes:
         names: of the two runs.
         frame: everything, columns of `robustflow.report.uncertainty.paired.COMPARISON_SCHEMA`.
+        remark: what was left out because only one of them measured it, "" for nothing.
     """
 
     names: tuple[str, str]
     frame: pl.DataFrame
+    remark: str = ""
 
     @property
     def metric(self) -> str:
@@ -74,7 +77,7 @@ class Comparison:
         of_metric = self.frame.filter(metric=metric)
         average = of_metric.filter(corruption=AVERAGE)
         said = (average if average.height else of_metric)["sentence"].to_list()
-        return str(said[0]) if said else "Nothing was measured in both runs."
+        return str(said[0]) if said else f"No {METRIC_LABELS[metric]} was measured in both runs."
 
     def table(self, metric: str = "") -> Table:
         """For `robustflow.report.render`: the overall lines, then every corruption in one metric.
@@ -103,7 +106,8 @@ class Comparison:
         sections = [Section("Overall", tuple(overall))]
         if each:
             sections.append(Section(f"{METRIC_LABELS[metric]}{unit} per corruption", tuple(each)))
-        return Table("comparison", f"{first} against {second}", columns, tuple(sections), (self._said(metric),), "Mean")
+        remarks = tuple(filter(None, (self._said(metric), self.remark)))
+        return Table("comparison", f"{first} against {second}", columns, tuple(sections), remarks, "Mean")
 
     def _cells(self, row: dict[str, Any]) -> tuple[Cell, ...]:
         sure = row["p_holm"] is not None and row["p_holm"] < 1 - self.frame["level"][0]
@@ -122,7 +126,7 @@ class Comparison:
         return render(self.table(), "terminal").rstrip()
 
     def _repr_html_(self) -> str:
-        return render(self.table(), "html").replace('<th scope="col">Model</th>', '<th scope="col"></th>', 1)
+        return render(self.table(), "html")
 
 
 def compare(
@@ -150,4 +154,10 @@ def compare(
     first_name, second_name = run_names([first, second])
     names = (first_name, second_name)
     frame = compare_rows(first.rows, second.rows, names, level=level, resamples=resamples, seed=seed)
-    return Comparison(names, frame)
+    common = common_rows(first.rows, second.rows, names)[0].height
+    counts = [run.rows.height for run in (first, second)]
+    remark = (
+        f"Compared is what both measured: {common} of the {counts[0]} settings of {names[0]} (clean frames among them) "
+        f"and of the {counts[1]} of {names[1]}."
+    )
+    return Comparison(names, frame, remark if common < max(counts) else "")

@@ -17,9 +17,9 @@ from .labels import BENCHMARK_LABELS, FAMILY_LABELS, FAMILY_OF, METRIC_LABELS, S
 from .published import Cost
 from .results import AVERAGE, CLEAN
 from .table import Cell, Column, Line, Section, Table, number_text
+from .text import plain
 
-_BENCHMARK_OF = {"epe": "kitti-fc", "cre": "kitti-fc", "rcre": "kitti-fc", "gopro-rcre": "gopro-fc"}
-TABLES = (*_BENCHMARK_OF, "cost")
+TABLES = ("epe", "cre", "rcre", "gopro-rcre", "cost")
 
 
 def build_table(
@@ -66,11 +66,19 @@ def build_table(
         sections.append(
             Section(SETTING_LABELS.get(setting, setting), _lines(lines, keys, marked=setting != "knowledge"))
         )
-    title = f"{METRIC_LABELS[metric]} on {BENCHMARK_LABELS[_BENCHMARK_OF[name]]}"
+    title = f"{METRIC_LABELS[metric]} on {_listed(chosen['benchmark'])}"
     return Table(name, title, tuple(columns), tuple(sections), (_BEST,))
 
 
 _BEST = "Best of each column among models of one setting measured on the same frames; lower is better."
+
+
+def _listed(benchmarks: pl.Series) -> str:
+    """What was measured on, in words, the paper's benchmark first."""
+    found = dict.fromkeys(benchmarks)
+    names = [label for name, label in BENCHMARK_LABELS.items() if name in found]
+    names += sorted(plain(name) for name in found if name not in BENCHMARK_LABELS)
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def settings_in_order(results: pl.DataFrame) -> list[str]:

@@ -33,11 +33,10 @@ def difference_sentence(
     observed = f"{images} images" if clusters == images else f"{images} images in {clusters} sequences"
     size = abs(interval.estimate)
     if interval.low is None or interval.high is None or p_holm is None:
-        units = "images" if clusters == images else "sequences"
-        return (
-            f"The {what} of {names[0]} and {names[1]} differs by {size:.2f}{unit}, but {clusters} {units} are too few "
-            "to say whether that is chance."
-        )
+        units = ("image" if clusters == images else "sequence") + (" is" if clusters == 1 else "s are")
+        found = f"differs by {size:.2f}{unit}, but" if size else "is the same, but"
+        chance = "to say whether that is chance" if size else "to say more"
+        return f"The {what} of {names[0]} and {names[1]} {found} {clusters} {units} too few {chance}."
     percent = f"{100 * level:g} %"
     corrected = f" corrected for {comparisons} comparisons" if comparisons > 1 else ""
     told = f"p {_p(p_holm)}{corrected}; {observed}"
