@@ -132,6 +132,21 @@ def test_batches_change_nothing_and_keep_their_order(tmp_path, ending):
         np.testing.assert_array_equal(model.run(first, second), [together[i] for i in (0, 2, 3)])  # as on a GPU
 
 
+@pytest.mark.parametrize("ending", [".pt2", ".onnx"])
+def test_a_network_that_lost_a_frame_in_its_export_is_refused(tmp_path, ending):
+    """Both exporters take one tensor given twice for one input."""
+    path, same = tmp_path / f"net{ending}", torch.zeros(1, 3, 16, 24)
+    exported = torch.export.export(Channels().eval(), (same, same))
+    if ending == ".pt2":
+        torch.export.save(exported, path)
+    else:
+        pytest.importorskip("onnxscript", reason="the exporter of torch needs onnxscript")
+        torch.onnx.export(exported, (same, same), path, dynamo=True, verbose=False)
+    with pytest.raises(ModelError, match="does not read its input images_0") as error:
+        rf.load_model(str(path), device="cpu")
+    one_line(error)
+
+
 def test_a_fixed_size_and_inputs_by_name(tmp_path):
     class Named(torch.nn.Module):
         layout = "pair"

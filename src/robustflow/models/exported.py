@@ -5,7 +5,7 @@ Shared by ONNX, TorchScript and torch.export files. Importable without the torch
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterable, Sequence
 from typing import Any, Literal, cast
 
 from ..errors import ModelError, UsageError, unknown_name
@@ -146,6 +146,27 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
             "it without the others"
         )
     return [known.index(name) for name in wanted]
+
+
+def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
+    """Refuse a network that reads one of its two frames only.
+
+    That is what `torch.export` makes, and `torch.onnx.export` with dynamo, of one example tensor given twice.
+
+    Args:
+        inputs: names of what the network takes.
+        read: those that it reads.
+
+    Raises:
+        ModelError: it reads some and not others.
+    """
+    inputs = list(inputs)
+    lost = [name for name in inputs if name not in read]
+    if 0 < len(lost) < len(inputs):
+        raise ModelError(
+            f"the network does not read its input {', '.join(lost)[:60]}: given one tensor as both frames, the "
+            "exporter took them for one input; export it with two tensors"
+        )
 
 
 def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Literal["nchw", "nhwc"]:

@@ -23,11 +23,12 @@ from .exported import (
     exported_convention,
     flow_layout,
     infer_layout,
+    refuse_lost_frame,
 )
 from .input_convention import InputConvention
 from .model_file import damaged, opened
 from .network import require
-from .onnx_file import external_files
+from .onnx_file import external_files, parsed, read_inputs
 from .pairs import predict_by_size
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64}
@@ -83,7 +84,8 @@ class OnnxModel:
             require(library, "onnx", "onnx")
         path = Path(checkpoint).expanduser()
         with opened(path, sha256) as (file, digest):
-            beside = external_files(path, file.read())
+            model = parsed(path, file.read())
+        beside = external_files(path, model)
         self._session = _session(path, self._device, threads)
         nodes = self._session.get_inputs()
         self._inputs = [nodes[i] for i in chosen_inputs([(node.name, _shape(node.shape)) for node in nodes], inputs)]
@@ -92,6 +94,7 @@ class OnnxModel:
         self._layout = infer_layout(shapes, layout)
         self._batched, size = batch_and_size(shapes)
         self.convention = exported_convention(order=order, scaling=scaling, multiple=multiple, size=size)
+        refuse_lost_frame([node.name for node in self._inputs], read_inputs(model))
         self._dtypes = [_dtype(node) for node in self._inputs]
         self._settings = {
             "name": f"onnx:{path.stem}",

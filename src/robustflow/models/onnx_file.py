@@ -1,4 +1,4 @@
-"""What lies beside an ONNX file: the files that hold its larger weights."""
+"""What an ONNX file says that onnxruntime does not: what its operators read, which files hold its larger weights."""
 
 from __future__ import annotations
 
@@ -11,15 +11,11 @@ from ..errors import ModelError
 from .model_file import damaged
 
 
-def external_files(path: Path, content: bytes) -> dict[str, str]:
-    """The SHA-256 of every file of weights that an ONNX file names, by its name there.
-
-    Args:
-        path: of the ONNX file.
-        content: of it.
+def parsed(path: Path, content: bytes) -> Any:
+    """The message that an ONNX file is.
 
     Raises:
-        ModelError: no ONNX network, or it names a file that is missing or outside its own folder.
+        ModelError: no ONNX network.
     """
     import onnx
 
@@ -29,9 +25,33 @@ def external_files(path: Path, content: bytes) -> dict[str, str]:
         raise damaged(path, error) from None
     if not model.graph.node:
         raise ModelError(f"{path}: is no ONNX network (it has no operators); export the network with torch.onnx.export")
+    return model
+
+
+def read_inputs(model: Any) -> set[str]:
+    """What the operators of a network read, those of branches included, and outputs."""
+    import onnx
+
+    return {name for node in _messages(model, onnx.NodeProto) for name in node.input} | {
+        entry.name for entry in model.graph.output
+    }
+
+
+def external_files(path: Path, model: Any) -> dict[str, str]:
+    """The SHA-256 of every file of weights that an ONNX file names, by its name there.
+
+    Args:
+        path: of the ONNX file.
+        model: from `parsed`.
+
+    Raises:
+        ModelError: it names a file that is missing or outside its own folder.
+    """
+    import onnx
+
     names = {
         entry.value
-        for tensor in _tensors(model)
+        for tensor in _messages(model, onnx.TensorProto)
         if tensor.data_location == onnx.TensorProto.EXTERNAL
         for entry in tensor.external_data
         if entry.key == "location"
@@ -39,17 +59,14 @@ def external_files(path: Path, content: bytes) -> dict[str, str]:
     return {name: _digest(path, name) for name in sorted(names)}
 
 
-def _tensors(message: Any) -> Iterator[Any]:
-    """Every tensor in a message, however deep: initializers, attributes, branches, functions."""
-    import onnx
-
-    if isinstance(message, onnx.TensorProto):
+def _messages(message: Any, kind: type) -> Iterator[Any]:
+    """Every message of a kind in another, however deep: tensors of initializers and attributes, nodes of branches."""
+    if isinstance(message, kind):
         yield message
-        return
     for field, value in message.ListFields():
         if field.message_type is not None:
             for part in value if field.is_repeated else (value,):
-                yield from _tensors(part)
+                yield from _messages(part, kind)
 
 
 def _digest(path: Path, name: str) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ModelError
-from .exported import Dim, batch_and_size, chosen_inputs, exported_convention, infer_layout
+from .exported import Dim, batch_and_size, chosen_inputs, exported_convention, infer_layout, refuse_lost_frame
 from .input_convention import parse_size
 from .network import require
 
@@ -111,6 +111,7 @@ def torch_export(
     way_in = infer_layout(shapes, layout)
     batched, size = batch_and_size(shapes)
     convention = exported_convention(order=order, scaling=scaling, multiple=multiple, size=size)
+    refuse_lost_frame([name for name, _ in shapes], {node.name for node in exported.graph.nodes if node.users})
     # The sizes are checked by the operators as they run; what the file says about them was not read.
     program = move_to_device_pass(exported, find_device(device)).module(check_guards=False)
     structure = exported.call_spec.in_spec
