@@ -59,9 +59,17 @@ def test_the_best_two_of_many_are_corrected_for_having_been_chosen(many_images):
 
 
 def test_no_winner_where_the_difference_is_none(many_images):
-    """The same errors twice: one is first by its name alone, and the sentence says that it means nothing."""
+    """The same errors twice: one would be first by its name alone."""
     said = headline(whole_content([many_images("A"), many_images("Bb")], published=False))
-    assert "No difference in average CRE" in said[1]
+    assert len(said) == 1
+    assert "A and Bb have the same lowest CRE" in said[0]
+    said = headline(whole_content([many_images("A"), many_images("Bb", 1.0001, seed=0)], published=False))
+    assert "A has the lowest CRE" in said[0]
+
+
+@pytest.mark.parametrize(("factor", "says"), [(1.5, "raises the end-point error from"), (0.1, "lowers the end-point")])
+def test_corruption_does_not_always_raise_the_error(many_images, factor, says):
+    assert says in headline(whole_content([many_images("A", factor)], published=False))[0]
 
 
 def test_one_run_is_compared_with_nothing(many_images, small_run):

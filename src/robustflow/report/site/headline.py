@@ -57,8 +57,13 @@ def _alone(entry: Entry) -> list[str]:
     if clean is None or whole is None:
         moved = entry.texts.get(("rcre", AVERAGE))
         return [f"{where}: corruption moves its flow by {moved} px (RCRE)."] if moved else []
+    changes = (
+        f"leaves the end-point error at {clean} px"
+        if clean == whole
+        else f"{'raises' if float(whole) > float(clean) else 'lowers'} the end-point error from {clean} to {whole} px"
+    )
     sentence = (
-        f"{where}: corruption raises the end-point error from {clean} to {whole} px "
+        f"{where}: corruption {changes} "
         f"(CRE {entry.texts.get(('cre', AVERAGE), '–')} px, CREr {entry.texts.get(('crer', AVERAGE), '–')})"
     )
     interval = entry.intervals.get(("cre", AVERAGE))
@@ -74,9 +79,13 @@ def _of_own(entries: list[Entry], content: Content) -> list[str]:
         return []
     key, order = found
     best, second = order[0], order[1]
+    metric = METRIC_LABELS[key[0]]
+    start = f"{benchmark_label(best.benchmark)}, {len(entries)} models on the same frames: "
+    if best.numbers[key] == second.numbers[key]:
+        return [f"{start}{best.model} and {second.model} have the same lowest {metric} ({best.texts[key]} px)."]
     sentences = [
-        f"{benchmark_label(best.benchmark)}, {len(entries)} models on the same frames: {best.model} has the lowest "
-        f"{METRIC_LABELS[key[0]]} ({best.texts[key]} px), before {second.model} ({second.texts[key]} px)."
+        f"{start}{best.model} has the lowest {metric} ({best.texts[key]} px), before {second.model} "
+        f"({second.texts[key]} px)."
     ]
     return sentences + _difference(key[0], order, content)
 

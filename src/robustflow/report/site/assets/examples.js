@@ -13,8 +13,15 @@ function show() {
   document.getElementById("slider-shown").textContent = severity.value;
   severity.setAttribute("aria-valuetext", `${which.selectedOptions[0].textContent}, severity ${severity.value}`);
 }
-if (which !== null) {
-  which.addEventListener("input", show);
-  severity.addEventListener("input", show);
+// A corruption is first shown at a severity that was run: the one nearest to where the slider stands.
+function choose() {
+  const run = pictures.filter((p) => p.dataset.corruption === which.value).map((p) => Number(p.dataset.severity));
+  const away = (level) => Math.abs(level - Number(severity.value));
+  if (run.length) severity.value = run.reduce((best, level) => (away(level) < away(best) ? level : best));
   show();
+}
+if (which !== null) {
+  which.addEventListener("input", choose);
+  severity.addEventListener("input", show);
+  choose();
 }
