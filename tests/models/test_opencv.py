@@ -8,6 +8,7 @@ import pytest
 from skimage import data
 
 from robustflow import load_model
+from robustflow.errors import UsageError
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +26,28 @@ def test_known_translation_right_and_up(moved, name, options, tolerance):
     flow = load_model(name, **options).predict(*moved)
     inside = flow[32:-32, 32:-32].reshape(-1, 2)
     np.testing.assert_allclose(np.median(inside, axis=0), (5, -3), atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"winsize": -3},
+        {"winsize": 0},
+        {"winsize": 1.5},
+        {"levels": "three"},
+        {"levels": -1},
+        {"iterations": 0},
+        {"poly_n": 0},
+        {"pyr_scale": 1},
+        {"pyr_scale": "half"},
+        {"poly_sigma": 0.0},
+        {"poly_sigma": float("nan")},
+    ],
+)
+def test_what_opencv_would_crash_on_or_answer_with_nothing_is_refused(options):
+    (name,) = options
+    with pytest.raises(UsageError, match=f"{name} must be a"):
+        load_model("farneback", **options)
 
 
 @pytest.mark.parametrize("name", ["farneback", "dis"])

@@ -148,7 +148,11 @@ def test_what_a_network_raises_names_the_size(error, says):
         ({"device": "gpu"}, UsageError, "'gpu' is no device"),
         ({"device": "cuda:99"}, ModelError, "this machine has no device 'cuda:99'"),
         ({"precision": "fp16"}, UsageError, "unknown precision 'fp16'"),
-        ({"threads": 0}, UsageError, "threads must be 1 or more"),
+        ({"threads": 0}, UsageError, "threads must be a whole number from 1"),
+        ({"threads": 1.5}, UsageError, "threads must be a whole number from 1"),
+        ({"compile": "no"}, UsageError, "compile must be true or false, not 'no'"),
+        ({"device": "meta"}, UsageError, "'meta' is no device"),
+        ({"device": None}, UsageError, "'None' is no device"),
     ],
 )
 def test_execution_options_that_cannot_be(options, error, says):

@@ -93,17 +93,20 @@ def numbers(text: str | None) -> list[int] | None:
 
 
 def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
-    """`KEY=VALUE` texts as options; numbers and true/false become what they look like.
+    """`KEY=VALUE` texts as options; numbers and true/false become what they look like, except a hash.
 
     >>> keyword_options(["preset=fast", "winsize=21"])
     (('preset', 'fast'), ('winsize', 21))
+    >>> keyword_options(["sha256=00123456"])
+    (('sha256', '00123456'),)
     """
     options = []
     for pair in pairs or []:
         key, sign, text = pair.partition("=")
         if not sign or not key.strip().isidentifier():
             raise UsageError(f"'{pair}' is not an option: write KEY=VALUE, for example preset=fast")
-        options.append((key.strip(), _value(text.strip())))
+        key, text = key.strip(), text.strip()
+        options.append((key, text if key == "sha256" else _value(text)))
     return tuple(options)
 
 

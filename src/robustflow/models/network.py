@@ -40,6 +40,12 @@ def check_iterations(iterations: int) -> None:
         raise UsageError(f"iterations must be a whole number from 1, not {iterations!r}")
 
 
+def check_switch(name: str, value: bool) -> None:
+    """Raises UsageError for an option that is neither true nor false; "no" would count as true."""
+    if not isinstance(value, bool):
+        raise UsageError(f"{name} must be true or false, not {value!r}")
+
+
 def network_model(
     name: str,
     build: Callable[[], Any],

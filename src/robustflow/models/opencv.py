@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..errors import unknown_name
+from ..errors import UsageError, unknown_name
 from ..sample import Flow, Frame
 
 
@@ -45,6 +45,17 @@ class Farneback:
         poly_n: int = 5,
         poly_sigma: float = 1.2,
     ) -> None:
+        for name, value, least in (
+            ("levels", levels, 0),
+            ("winsize", winsize, 1),
+            ("iterations", iterations, 1),
+            ("poly_n", poly_n, 1),
+        ):
+            if not isinstance(value, int) or value < least:  # OpenCV takes less, and crashes or answers with NaN
+                raise UsageError(f"{name} must be a whole number from {least}, not {value!r}")
+        for name, number, limit in (("pyr_scale", pyr_scale, 1.0), ("poly_sigma", poly_sigma, np.inf)):
+            if not isinstance(number, int | float) or not 0 < number < limit:
+                raise UsageError(f"{name} must be a number above 0{' and below 1' * (limit == 1)}, not {number!r}")
         self._parameters: dict[str, Any] = {
             "pyr_scale": pyr_scale,
             "levels": levels,

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from .base import AnyModel
 from .input_convention import InputConvention
-from .network import check_iterations, network_model
+from .network import check_iterations, check_switch, network_model
 from .tiling import tiled
 
 SOURCE = "the authors' file of this size, linked from https://github.com/zslzx/SAMFlow"
@@ -85,6 +85,7 @@ def samflow_h(
         finetuned: the checkpoint is the one fine-tuned on Sintel, whose network differs: it holds
             `wadd_1.add_weight`, the one for FlyingThings does not.
     """
+    check_switch("finetuned", finetuned)
     return _samflow(
         "samflow_h",
         "huge_finetuned" if finetuned else "huge",

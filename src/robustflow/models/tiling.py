@@ -18,6 +18,8 @@ from .input_convention import parse_size
 
 OVERLAP = 20
 """Pixels that neighbouring tiles share at least."""
+LARGEST = 8192
+"""Pixels along a side of a tile. Every frame is padded to a tile, and more asks for more memory than there is."""
 SIGMA = 0.05
 """Standard deviation of the blending weight, in tile sides."""
 
@@ -83,6 +85,8 @@ class TiledModel:
         self._tile = parse_size(tile, 8)
         if min(self._tile) <= OVERLAP:
             raise UsageError(f"tile {tile}: height and width must be more than the tiles' overlap of {OVERLAP} pixels")
+        if max(self._tile) > LARGEST:
+            raise UsageError(f"tile {tile}: height and width must be {LARGEST} pixels at most; leave tile out")
         self._weights = tile_weights(*self._tile)[..., None]
 
     def identity(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import ModelError
 from .exported import Dim, batch_and_size, chosen_inputs, exported_convention, infer_layout, refuse_lost_frame
 from .input_convention import parse_size
-from .network import require
+from .network import check_switch, require
 
 if TYPE_CHECKING:
     from .torch_model import TorchModel
@@ -49,6 +49,7 @@ def torchscript(
         UsageError: an option that cannot be meant.
         ModelError: no torch, or a file that is no TorchScript program.
     """
+    check_switch("batched", batched)
     target: tuple[Dim, Dim] = (None, None) if size is None else parse_size(size, 1)
     convention = exported_convention(order=order, scaling=scaling, multiple=multiple, size=target)
     way_in = infer_layout([("", None)] * (2 if layout == "pair" else 1), layout)
@@ -58,9 +59,9 @@ def torchscript(
     from .torchscript_file import read_torchscript
 
     program, digest = read_torchscript(path, sha256)
-    net = ExportedNet(program.eval(), lambda inputs: program(*inputs), way_in, output, bool(batched))
+    net = ExportedNet(program.eval(), lambda inputs: program(*inputs), way_in, output, batched)
     flow = "last" if output is None else str(output)
-    settings = {"checkpoint": digest, "layout": way_in, "output": flow, "batched": bool(batched)}
+    settings = {"checkpoint": digest, "layout": way_in, "output": flow, "batched": batched}
     name = f"torchscript:{path.stem}"
     execution: dict[str, Any] = {"device": device, "precision": precision, "threads": threads}
     return TorchModel(name, net, convention, settings, **execution)

@@ -14,6 +14,7 @@ from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..sample import Flow, Frame
 from .blocks.resize import resize_flow
 from .input_convention import InputConvention
+from .network import check_switch
 from .pairs import predict_by_size
 from .reproducible import reproducible
 
@@ -52,15 +53,16 @@ class TorchModel:
     ) -> None:
         if precision not in PRECISIONS:
             raise unknown_name("precision", str(precision), PRECISIONS)
-        if threads < 1:
-            raise UsageError(f"threads must be 1 or more, not {threads}")
+        if not isinstance(threads, int) or threads < 1:
+            raise UsageError(f"threads must be a whole number from 1, not {threads!r}")
+        check_switch("compile", compile)
         self.name = name
         self.convention = convention
         self.device = find_device(device)
         self.net = net.to(self.device).eval().requires_grad_(False)
         self._settings = dict(settings)
         self._precision = precision
-        self._compile = bool(compile)
+        self._compile = compile
         self._threads = threads
         self._call = torch.compile(self.net) if compile else self.net
 
@@ -179,7 +181,9 @@ def find_device(name: str) -> torch.device:
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
         device = torch.device(name)
-    except RuntimeError:
+    except (RuntimeError, TypeError):
+        device = torch.device("meta")
+    if device.type == "meta":  # torch's name for tensors without values
         raise UsageError(f"'{name}' is no device: give auto, cpu, cuda or cuda:0") from None
     try:
         torch.zeros(1, device=device)
