@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from robustflow import load_model
-from robustflow.errors import UsageError
+from robustflow.errors import ModelError, UsageError
 from robustflow.models.tiling import TiledModel
 from robustflow.profiling.counts import count
 from robustflow.profiling.measure import measure
@@ -60,6 +60,16 @@ def test_shapes_that_depend_on_values_are_really_run():
             return self.conv(image1) if (self.kept + image2).sum().item() == 0 else image1
 
     assert count(Net(), 4, 5).macs == 3 * 2 * 20
+
+
+def test_a_size_that_the_network_cannot_take(caplog):
+    class Net(nn.Module):
+        def forward(self, image1, image2):
+            return nn.functional.avg_pool2d(image1, 4) * torch.zeros(1, 3, 2, 2)
+
+    with pytest.raises(ModelError, match=r"fails on frames of 12x12 \(RuntimeError: .*try a larger size"):
+        count(Net(), 12, 12)
+    assert not caplog.records
 
 
 # What the paper prints is cut off, not rounded. GMFlowNet and CRAFT have to be run.

@@ -10,8 +10,10 @@ here from its behaviour, because it changes the network it measures and is no lo
 from __future__ import annotations
 
 import copy
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from math import prod
 from typing import Any
@@ -25,6 +27,8 @@ from torch._subclasses.fake_tensor import (
     unset_fake_temporarily,
 )
 from torch.utils.flop_counter import FlopCounterMode
+
+from ..errors import ModelError, RobustFlowError
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,9 @@ def count(net: nn.Module, height: int, width: int) -> Counts:
     Tensors have a shape but no values, so it costs a second and no memory; only a network whose shapes depend on values
     is really run. The network is copied first.
 
+    Raises:
+        ModelError: the network fails at this size.
+
     >>> net = nn.Conv2d(6, 2, 3, padding=1)
     >>> class Net(nn.Module):
     ...     def __init__(self):
@@ -62,10 +69,30 @@ def count(net: nn.Module, height: int, width: int) -> Counts:
     Counts(parameters=110, macs=21600, thop_parameters=110, thop_macs=21600)
     """
     try:
-        with FakeTensorMode(allow_non_fake_inputs=True):
+        try:
+            with _unlogged(), FakeTensorMode(allow_non_fake_inputs=True):
+                return _count(_copy(net), height, width)
+        except (DataDependentOutputException, DynamicOutputShapeException):
             return _count(_copy(net), height, width)
-    except (DataDependentOutputException, DynamicOutputShapeException):
-        return _count(_copy(net), height, width)
+    except RobustFlowError:
+        raise
+    except Exception as error:
+        message = " ".join(str(error).split())
+        raise ModelError(
+            f"the network fails on frames of {height}x{width} ({type(error).__name__}: {message}); many networks fail "
+            "on small frames: try a larger size"
+        ) from error
+
+
+@contextmanager
+def _unlogged() -> Iterator[None]:
+    """PyTorch logs the traceback of what fails on tensors without values, besides raising it."""
+    logger = logging.getLogger(torch._subclasses.fake_tensor.__name__)
+    before, logger.disabled = logger.disabled, True
+    try:
+        yield
+    finally:
+        logger.disabled = before
 
 
 def _copy(net: nn.Module) -> nn.Module:
