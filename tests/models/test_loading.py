@@ -138,7 +138,7 @@ def test_a_folder_that_cannot_be_meant(tmp_path):
     (tmp_path / "clean").mkdir()
     with pytest.raises(ModelError, match="no folder 'clean'"):
         load_model("precomputed", folder=str(tmp_path / "clean"))
-    with pytest.raises(ModelError, match="needs its folder of flow files"):
+    with pytest.raises(UsageError, match="model 'precomputed' needs the option folder"):
         load_model("precomputed")
     with pytest.raises(UsageError, match=r"unknown option of model .* 'device'"):
         load_model(str(tmp_path), device="cpu")

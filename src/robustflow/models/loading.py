@@ -179,12 +179,20 @@ def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) 
     for option in options:
         if not takes_any and option not in parameters:
             raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
+    needed = [key for key, parameter in parameters.items() if _is_needed(parameter) and key not in options]
+    if needed:
+        raise UsageError(f"model '{name}' needs the option {needed[0]}: give -O {needed[0]}=VALUE")
     try:
         return factory(**options)
     except RobustFlowError:
         raise
     except Exception as error:
         raise ModelError(f"model '{name}' cannot be built: {type(error).__name__}: {error}") from error
+
+
+def _is_needed(parameter: inspect.Parameter) -> bool:
+    by_name = parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
+    return by_name and parameter.default is parameter.empty
 
 
 def _takes_two_frames(function: Callable[..., Any]) -> bool:

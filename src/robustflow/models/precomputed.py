@@ -22,9 +22,7 @@ class Precomputed:
     A key with slashes (`alley_1/frame_0001`) is a path below the setting's folder.
     """
 
-    def __init__(self, folder: str | Path | None = None) -> None:
-        if folder is None:
-            raise ModelError("model 'precomputed' needs its folder of flow files: give it as --model FOLDER")
+    def __init__(self, folder: str | Path) -> None:
         self._folder = Path(folder).expanduser()
         if not (self._folder / "clean").is_dir():
             raise ModelError(
