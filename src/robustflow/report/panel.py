@@ -26,9 +26,10 @@ from .sparse import thickened
 
 _WIDTH_IN = 14.0
 _TALLEST_IN = 7.0
-_TITLE_IN = 0.26
-_HEAD_IN = 0.34
-_BAR_IN = 0.62
+_TITLE_IN = 0.34
+_HEAD_IN = 0.4
+_BAR_IN = 0.66
+_TITLE_PT = 15  # readable where a page shows two panels beside each other
 _DPI = 100
 _JPEG_QUALITY = 88
 
@@ -93,8 +94,8 @@ def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
     figure = Figure(figsize=(_WIDTH_IN, total), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
     head = 1 - _HEAD_IN / total / 2
-    figure.text(0.005, head, panel.title, va="center", fontsize=12, fontweight="bold")
-    figure.text(0.995, head, panel.numbers, va="center", ha="right", fontsize=12)
+    figure.text(0.005, head, panel.title, va="center", fontsize=14, fontweight="bold")
+    figure.text(0.995, head, panel.numbers, va="center", ha="right", fontsize=14)
     for index, (title, picture) in enumerate(pictures):
         row, column = divmod(index, 2)
         top = _HEAD_IN + row * (each + _TITLE_IN) + _TITLE_IN
@@ -105,7 +106,7 @@ def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
         else:
             axes.imshow(picture, interpolation="antialiased")
             axes.set_anchor("W")
-            axes.set_title(title, fontsize=9.5, pad=3, loc="left")
+            axes.set_title(title, fontsize=_TITLE_PT, pad=4, loc="left")
     _error_scale(figure, figure.add_axes((0.52, 0.36 / total, 0.46, 0.14 / total)))
     return figure
 
@@ -114,7 +115,7 @@ def _error_scale(figure: Figure, axes: Axes) -> None:
     shade = ScalarMappable(LogNorm(LOWEST, HIGHEST), colormaps[COLOUR_MAP])
     bar = figure.colorbar(shade, cax=axes, orientation="horizontal", extend="both")
     bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g} px"))
-    bar.ax.tick_params(labelsize=9)
+    bar.ax.tick_params(labelsize=13)
 
 
 def _wheel(axes: Axes) -> None:
@@ -124,7 +125,7 @@ def _wheel(axes: Axes) -> None:
     colours = flow_colours(flow, 1.0)
     colours[np.hypot(*np.moveaxis(flow, 2, 0)) > 1] = 255
     axes.imshow(colours, aspect="equal")
-    axes.set_title("direction and length of the flow, as colours", fontsize=9.5, pad=3)
+    axes.set_title("direction and length of the flow, as colours", fontsize=_TITLE_PT, pad=4)
 
 
 def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> str:

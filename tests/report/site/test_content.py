@@ -10,6 +10,7 @@ from robustflow.report.results import parse_results
 from robustflow.report.site.board import boards_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
+from robustflow.report.site.models import model_pages
 from robustflow.runner.evaluate import evaluate
 
 _HEAD = "setting,model,metric,corruption,value,sample_set\n"
@@ -118,3 +119,20 @@ def test_a_run_that_measured_nothing_is_still_the_page_of_that_run(tmp_path):
 def test_no_results_at_all_say_so():
     with pytest.raises(UsageError, match="nothing to show"):
         whole_content([], [("empty.csv", _file(""))], published=False)
+
+
+@pytest.mark.parametrize(
+    ("metric", "values", "says"),
+    [
+        ("cre", (1, 3), "by CRE the worst is Fog (+3.00 px); the mildest is Contrast (+1.00 px)."),
+        ("rcre", (1, 3, 2), "by RCRE the worst are Fog (3.00 px), Snow (2.00 px); the mildest is Contrast (1.00 px)."),
+    ],
+)
+def test_the_mildest_corruption_is_none_of_the_worst(metric, values, says):
+    lines = "".join(
+        f"OOD,A,{metric},{name},{value}.00\n"
+        for name, value in zip(("contrast", "fog", "snow"), values, strict=len(values) == 3)
+    )
+    results = parse_results(f"setting,model,metric,corruption,value\n{lines}", "mine.csv", "mine")
+    (page,) = model_pages(whole_content([], [("mine.csv", results)], published=False), {})
+    assert page.says[0].endswith(says)

@@ -134,10 +134,12 @@ def _sentences(entry: Entry) -> tuple[str, ...]:
         if len(values) < 2:
             continue
         order = sorted(values, key=lambda name: -values[name])
-        worst = ", ".join(f"{long_label(name)} ({values[name]:+.2f} px)" for name in order[:3])
-        best = f"{long_label(order[-1])} ({values[order[-1]]:+.2f} px)"
+        sign = "+" if metric == "cre" else ""
+        told = [f"{long_label(name)} ({values[name]:{sign}.2f} px)" for name in order]
+        worst = told[:-1][:3]
+        are = "is" if len(worst) == 1 else "are"
         where = f"{benchmark_label(entry.benchmark)}, {entry.setting}"
-        return (f"{where}: by {METRIC_LABELS[metric]} the worst are {worst}; the mildest is {best}.",)
+        return (f"{where}: by {METRIC_LABELS[metric]} the worst {are} {', '.join(worst)}; the mildest is {told[-1]}.",)
     return ()
 
 
