@@ -8,7 +8,7 @@ import pytest
 from skimage import data
 
 from robustflow import load_model
-from robustflow.errors import UsageError
+from robustflow.errors import ModelError, UsageError
 
 
 @pytest.fixture(scope="module")
@@ -67,3 +67,13 @@ def test_a_pair_does_not_remember_the_one_before(moved):
     first = model.predict(*moved)
     model.predict(moved[1], moved[0])
     np.testing.assert_array_equal(model.predict(*moved), first)
+
+
+@pytest.mark.parametrize(("height", "width", "fits"), [(8, 12, True), (12, 8, True), (11, 11, False), (7, 40, False)])
+def test_the_smallest_frames_of_dis(height, width, fits):
+    frame = np.random.default_rng(0).integers(0, 255, (height, width, 3)).astype(np.uint8)
+    if fits:
+        assert np.isfinite(load_model("dis").predict(frame, frame)).all()
+    else:
+        with pytest.raises(ModelError, match=f"8x12 pixels or more, not {height}x{width}"):
+            load_model("dis").predict(frame, frame)

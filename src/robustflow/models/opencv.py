@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..errors import UsageError, unknown_name
+from ..errors import ModelError, UsageError, unknown_name
 from ..sample import Flow, Frame
 
 
@@ -94,7 +94,16 @@ class Dis:
         return {"name": "dis", "preset": self._preset, "opencv": cv2.__version__}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`. Frames narrower or lower than 8 pixels are more than the method can do."""
+        """See `FlowModel.predict`.
+
+        Raises:
+            ModelError: frames below 8 pixels on one side, or below 12 on both, for which OpenCV has no pyramid.
+        """
+        height, width = frame1.shape[:2]
+        if min(height, width) < 8 or max(height, width) < 12:
+            raise ModelError(
+                f"dis needs frames of 8x12 pixels or more, not {height}x{width}; give larger ones, or model dis_rgb"
+            )
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
         with _one_thread():
             # A fresh object per pair: DIS keeps the last flow as a starting point otherwise.
