@@ -71,6 +71,17 @@ def test_equal_names_are_told_apart(runs, tmp_path):
     assert all(name.startswith("<img") for name in names)
 
 
+def test_a_blank_name_gives_way_to_the_next(runs, tmp_path):
+    run = Result(shutil.copytree(runs[1].path, tmp_path / "copy"))
+    for model, name in (
+        ({"spec": " ", "name": "\t", "object": "a.B"}, "a.B"),
+        ({"name": " A "}, "A"),
+        ({"name": ""}, "model without a name"),
+    ):
+        run.manifest["identity"]["model"] = model
+        assert run.name == name
+
+
 def test_published_rows_keep_their_marks_beside_runs(runs):
     alone = {table.name: table for table in tables_of([], published=True)}
     beside = {table.name: table for table in tables_of(runs, published=True)}

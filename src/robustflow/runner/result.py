@@ -87,9 +87,10 @@ class Result:
 
     @property
     def name(self) -> str:
-        """The model's name, for headings."""
+        """The model's name, for headings; never blank."""
         model = self.manifest["identity"]["model"]
-        return str(model.get("spec") or model.get("name") or model.get("object"))
+        names = (str(model[key]).strip() for key in ("spec", "name", "object") if model.get(key))
+        return next(filter(None, names), "model without a name")
 
     @property
     def setting(self) -> str:
