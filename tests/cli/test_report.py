@@ -79,6 +79,19 @@ def test_audit_of_own_results(robustflow, runs, tmp_path):
     assert "\x1b" not in out
 
 
+def test_audit_says_where_nothing_can_be_checked(robustflow, tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text("setting,model,metric,corruption,value\nOOD,A,epe,clean,2.00\n")
+    code, out, _ = robustflow("audit", path)
+    assert code == 0
+    assert "nothing was checked" in out
+    path.write_text(
+        "setting,model,metric,corruption,value\nOOD,A,epe,clean,2.0\nOOD,A,epe,fog,3.0\nOOD,A,cre,fog,9.0\n"
+    )
+    _, out, _ = robustflow("audit", path)
+    assert "\n  OOD A, fog: CRE 9.0" in out  # no source is given, so none is named
+
+
 def test_compare(robustflow, runs):
     code, out, _ = robustflow("compare", *runs, "--metric", "cre")
     assert code == 0

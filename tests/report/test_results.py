@@ -27,6 +27,7 @@ def test_a_file_is_read_with_its_decimals(tmp_path):
         (_HEAD + "OOD,A,epe,fog,nan\n", "not a finite number"),
         (_HEAD + "OOD,A,epe,fog,inf\n", "not a finite number"),
         (_HEAD + "OOD,A,epe,fog,1e99\n", "not a finite number"),
+        (_HEAD + "OOD,A,cre,fog,-1\nOOD,A,epe,fog,-1\n", "line 3: EPE -1: a length"),
         (_HEAD + "OOD,A,epe,fog,one\n", "line 2: 'one' is not a number"),
         (_HEAD + "OOD,A,speed,fog,1\n", "unknown metric 'speed'"),
         (_HEAD + "OOD,A,epe,fog,1\nOOD,A,epe,fog,2\n", "is there twice"),

@@ -47,7 +47,10 @@ def audit(
                 else f"{CHECKS[check]}: {count} fit"
             )
             for finding in findings:
-                typer.echo(f"  {plain(f'{finding.source}: {finding.says}', 400)}")
+                where = f"{finding.source}: " if finding.source else ""
+                typer.echo(f"  {plain(where + finding.says, 400)}")
+        if not found.checked:
+            typer.echo("nothing in it follows from anything else in it, so nothing was checked")
         typer.echo(f"{plain(found.audited, 200)}: {len(found.findings)} finding{'s' * (len(found.findings) != 1)}")
     if not found.fits:
         raise typer.Exit(FOUND)

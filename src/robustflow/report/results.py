@@ -116,6 +116,8 @@ def _record(line: dict[Any, Any], where: str, sample_set: str) -> tuple[Any, ...
     if marked not in ("", "yes", "no"):
         raise DataError(f"{where}: 'marked' must be yes, no or empty, not '{marked[:40]}'")
     value, decimals = _number(cells["value"], where)
+    if value < 0 and cells["metric"] in ("epe", "rcre"):
+        raise DataError(f"{where}: {cells['metric'].upper()} {value:g}: a length in pixels cannot be below 0")
     return (
         cells.get("benchmark") or "kitti-fc",
         cells["setting"],
