@@ -178,6 +178,13 @@ def test_a_model_that_writes_into_its_frames_changes_no_row(tmp_path, models_on_
     assert row["epe_sum"] == pytest.approx(epe, rel=1e-6)
 
 
+def test_a_damaged_flow_file_is_named_and_no_model_blamed(tmp_path):
+    (tmp_path / "flows" / "clean").mkdir(parents=True)
+    (tmp_path / "flows" / "clean" / "motorcycle.flo").write_bytes(b"<html>")
+    with pytest.raises(ModelError, match=r"motorcycle\.flo: not a .*\(on sample 'motorcycle', clean\)$"):
+        rf.evaluate(str(tmp_path / "flows"), output=tmp_path / "run", corruptions=["contrast"])
+
+
 def test_a_model_that_hangs_is_stopped(tmp_path, models_on_path):
     with pytest.raises(ModelError, match=r"longer than 0\.5 s on sample 'motorcycle', clean"):
         rf.evaluate("models_for_tests:hangs", output=tmp_path / "run", corruptions=FAST, timeout=0.5)

@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
-from ..errors import ModelError
+from ..errors import ModelError, RobustFlowError
 from ..sample import Flow, Frame
 from .window import Window
 
@@ -145,7 +145,7 @@ def place(key: str, corruption: str, *severities: int) -> str:
 def _named(where: str) -> Iterator[None]:
     try:
         yield
-    except ModelError as error:
+    except RobustFlowError as error:
         raise ModelError(f"{error} (on {where})") from error
     except (Exception, SystemExit) as error:
         raise ModelError(
