@@ -188,6 +188,18 @@ def test_a_changed_summary_is_found(run, tmp_path):
     assert any("extra is 1, but from the rows it is not there" in text for text in says)
 
 
+def test_a_summary_without_its_parts_is_found(run, tmp_path):
+    """A whole part may be gone, or be a number that no float holds."""
+    folder = _copy(run.path, tmp_path)
+    summary = json.loads((folder / "summary.json").read_text())
+    del summary["corruptions"]
+    summary["cre"] = 10**400
+    (folder / "summary.json").write_text(json.dumps(summary))
+    says = [finding.says for finding in audit(folder).findings]
+    assert any("corruptions is not there" in one for one in says)
+    assert any("cre is 1000" in one for one in says)
+
+
 def test_impossible_rows_are_found(run, tmp_path):
     folder = _copy(run.path, tmp_path)
     shards = {path: pl.read_parquet(path) for path in folder.rglob("*.parquet")}

@@ -73,7 +73,7 @@ def test_the_verdicts_turn_with_the_numbers():
         models = {
             ("own", f"m{i}"): {
                 "clean": 2.0 + i,
-                "average": 10.0 + 3 * sign * i,
+                "average": 20.0 + 3 * sign * i,
                 "low_light": 5.0 + sign,
                 "high_light": 5.0,
                 "over_exposure": 5.0 + sign,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,7 +62,7 @@ def _summary(run: Result) -> tuple[str, int, list[Finding]]:
                 Finding(
                     check="summary",
                     source="summary.json",
-                    corruption=path[path.index("corruptions") + 1] if "corruptions" in path else "",
+                    corruption=dict(pairwise(path)).get("corruptions", ""),
                     given=_number(left),
                     recomputed=_number(right),
                     tolerance=_CLOSE,
@@ -106,8 +107,13 @@ def _same(left: Any, right: Any) -> bool:
 
 
 def _number(value: Any) -> float | None:
-    known = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if known else None
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        return None
+    return number if math.isfinite(number) else None
 
 
 def _shown(value: Any) -> str:
