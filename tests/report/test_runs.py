@@ -64,6 +64,15 @@ def test_runs_over_the_same_frames_are_one_sample_set(runs, tmp_path):
     assert sample_set(other) not in {sample_set(run) for run in runs}
 
 
+def test_what_is_averaged_over_less_is_no_rival(runs, tmp_path):
+    """The same plan, but the hardest settings are missing: its average is not that of the others."""
+    part = Result(shutil.copytree(runs[0].path, tmp_path / "part"))
+    part.rows = runs[0].rows.filter(~((pl.col("corruption") == "contrast") & (pl.col("severity") == 3)))
+    assert part.rows.height < runs[0].rows.height
+    assert sample_set(part) != sample_set(runs[0])
+    assert "not complete" in note_of(part)
+
+
 def test_equal_names_are_told_apart(runs, tmp_path):
     copy = Result(shutil.copytree(runs[1].path, tmp_path / "copy"))
     names = run_names([runs[1], copy])
@@ -76,7 +85,7 @@ def test_a_blank_name_gives_way_to_the_next(runs, tmp_path):
     for model, name in (
         ({"spec": " ", "name": "\t", "object": "a.B"}, "a.B"),
         ({"name": " A "}, "A"),
-        ({"name": ""}, "model without a name"),
+        ({"name": ""}, "(no name)"),
     ):
         run.manifest["identity"]["model"] = model
         assert run.name == name

@@ -66,10 +66,15 @@ def setting_of(run: Result) -> str:
 
 
 def sample_set(run: Result) -> str:
-    """Names what was measured on: frames, corruptions and severities, seed and variant; not the model."""
+    """Names what was measured on: frames, corruptions and severities, seed and variant; not the model.
+
+    A run of which settings are missing is averaged over the others, and comparable with those that lack the same.
+    """
     identity = run.manifest["identity"]
     parts = {key: identity.get(key) for key in ("benchmark", "dataset", "protocol", "seed", "variant", "streams")}
     parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
+    if not run.summary.complete:
+        parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
     spelled = json.dumps(parts, sort_keys=True, default=str)
     return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
 

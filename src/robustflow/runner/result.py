@@ -90,7 +90,7 @@ class Result:
         """The model's name, for headings; never blank."""
         model = self.manifest["identity"]["model"]
         names = (str(model[key]).strip() for key in ("spec", "name", "object") if model.get(key))
-        return next(filter(None, names), "model without a name")
+        return next(filter(None, names), "(no name)")
 
     @property
     def setting(self) -> str:
