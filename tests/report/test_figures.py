@@ -62,6 +62,14 @@ def test_a_name_in_any_script_warns_only_where_the_font_draws_a_box(recwarn):
         figure_bytes(clean_against_cre(results), "png")
 
 
+def test_a_legend_of_long_names_stays_inside_its_figure():
+    figure = severity_curves({f"model with a long name {index}": _rows(index) for index in range(7)}, "epe")
+    figure.draw_without_rendering()
+    box = figure.legends[0].get_window_extent()
+    assert box.x0 >= 0
+    assert box.x1 <= figure.bbox.x1
+
+
 def test_labels_do_not_hide_each_other():
     figure = clean_against_cre(_KITTI)
     figure.draw_without_rendering()

@@ -16,6 +16,7 @@ from .canvas import SERIES, name_text, new_figure
 from .marks import Mark, MarkedFigure
 
 _COLUMNS = 5
+_LEGEND_PT = 8
 
 
 def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, seed: int = 0) -> MarkedFigure:
@@ -66,7 +67,9 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
         Line2D([], [], color=colour, marker="o", markersize=3, label=name_text(name))
         for colour, name in zip(SERIES, curves, strict=False)
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=min(4, len(handles)), frameon=False, fontsize=8)
+    widest = max(len(str(handle.get_label())) for handle in handles) * 0.6 * _LEGEND_PT + 40  # with its line, points
+    columns = max(1, min(4, len(handles), int(72 * figure.get_figwidth() // widest)))
+    figure.legend(handles=handles, loc="outside upper center", ncols=columns, frameon=False, fontsize=_LEGEND_PT)
     return figure
 
 
