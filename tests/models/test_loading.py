@@ -34,6 +34,10 @@ class Broken:
     def __init__(self):
         raise RuntimeError("weights are missing")
 
+class Script:
+    def __init__(self):
+        raise SystemExit(2)
+
 number = 5
 """
 
@@ -71,6 +75,7 @@ def test_module_and_attribute(module, attribute, options, value):
         ("{module}:Model", {"valu": 1}, UsageError, "did you mean 'value'"),
         ("{module}:built", {"value": 1}, UsageError, "takes no options"),
         ("{module}:Broken", {}, ModelError, "weights are missing"),
+        ("{module}:Script", {}, ModelError, "SystemExit: 2"),
         ("{module}:number", {}, ModelError, "no method predict"),
         ("no_such_module_here:Model", {}, ModelError, "cannot import 'no_such_module_here'"),
         ("diss", {}, UsageError, "did you mean 'dis'"),
@@ -153,3 +158,10 @@ def test_what_a_model_says_of_itself_fits_a_manifest(tmp_path):
     Said.identity = lambda self: "version 2"
     with pytest.raises(ModelError, match=r"identity\(\) returned str; expected a dict"):
         model_identity(Said())
+
+
+def test_a_script_that_ends_the_program_when_imported(tmp_path, monkeypatch):
+    (tmp_path / "script_for_test.py").write_text("import sys\nsys.exit(2)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ModelError, match=r"cannot import 'script_for_test'.*SystemExit: 2"):
+        load_model("script_for_test:Model")

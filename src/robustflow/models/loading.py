@@ -155,7 +155,7 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
         sys.path.insert(0, str(Path.cwd()))  # a console script does not see the user's folder; `python -m` would
     try:
         module = import_module(module_name)
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # the latter from a script that reads its arguments as it is imported
         raise ModelError(
             f"cannot import '{module_name}' for model '{name}': {type(error).__name__}: {error}; "
             "run from the folder that holds it, or install its package"
@@ -186,7 +186,7 @@ def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) 
         return factory(**options)
     except RobustFlowError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ModelError(f"model '{name}' cannot be built: {type(error).__name__}: {error}") from error
 
 
