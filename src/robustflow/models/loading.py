@@ -83,6 +83,8 @@ def load_model(name: str, **options: Any) -> AnyModel:
         return _load_attribute(name, options)
     if not registered and Path(name).expanduser().is_dir():
         return _construct(MODELS.get("precomputed"), name, {"folder": name, **options})
+    if not registered and ("/" in name or Path(name).suffix):
+        raise _no_such_path(name)
     if not registered and name.isidentifier():
         from .ptlflow import is_of_ptlflow
 
@@ -149,8 +151,22 @@ def as_model(found: Any, what: str) -> AnyModel:
     )
 
 
+def _no_such_path(name: str) -> UsageError:
+    if Path(name).expanduser().exists():
+        return UsageError(
+            f"model '{name}' is a file, but no exported network ({', '.join(EXPORTED)}); weights are given as "
+            "--model NAME --checkpoint FILE"
+        )
+    return UsageError(
+        f"model '{name}': no such file or folder, nor a model of this name (see 'robustflow list models')"
+    )
+
+
 def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     module_name, _, attribute = name.partition(":")
+    if module_name.endswith(".py"):
+        meant = f"{module_name.removesuffix('.py').replace('/', '.')}:{attribute}"
+        raise UsageError(f"model '{name}' names a file; name its module, from the folder it is in: {meant}")
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # a console script does not see the user's folder; `python -m` would
     try:

@@ -17,7 +17,8 @@ from typing import Any
 
 import polars as pl
 
-from ..errors import DataError
+from ..corruptions.stack import parse_stack
+from ..errors import DataError, UsageError
 
 CLEAN = "clean"
 AVERAGE = "average"
@@ -61,7 +62,8 @@ def read_results(path: str | Path) -> pl.DataFrame:
         Columns of `RESULT_SCHEMA`; `decimals` is counted from the text of each value.
 
     Raises:
-        DataError: no such file, not CSV in this shape, a value that is no number, or one given twice.
+        DataError: no such file, not CSV in this shape, an unknown corruption, a value that is no number, or one given
+            twice.
 
     >>> from tempfile import mkdtemp
     >>> path = Path(mkdtemp()) / "mine.csv"
@@ -115,6 +117,7 @@ def _record(line: dict[Any, Any], where: str, sample_set: str) -> tuple[Any, ...
     marked = cells.get("marked", "")
     if marked not in ("", "yes", "no"):
         raise DataError(f"{where}: 'marked' must be yes, no or empty, not '{marked[:40]}'")
+    _check_corruption(cells["corruption"], where)
     value, decimals = _number(cells["value"], where)
     if value < 0 and cells["metric"] in ("epe", "rcre"):
         raise DataError(f"{where}: {cells['metric'].upper()} {value:g}: a length in pixels cannot be below 0")
@@ -131,6 +134,14 @@ def _record(line: dict[Any, Any], where: str, sample_set: str) -> tuple[Any, ...
         cells.get("sample_set") or sample_set,
         cells.get("note") or "",
     )
+
+
+def _check_corruption(name: str, where: str) -> None:
+    if name not in (CLEAN, AVERAGE):
+        try:
+            parse_stack(name)
+        except UsageError as error:
+            raise DataError(f"{where}: {error}") from None
 
 
 def _number(text: str, where: str) -> tuple[float, int]:

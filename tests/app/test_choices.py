@@ -1,0 +1,21 @@
+"""The models a page offers: those that load from their name and take two frames."""
+
+from __future__ import annotations
+
+import pytest
+
+from robustflow.app.choices import Models
+from robustflow.errors import UsageError
+from robustflow.models import ModelSpec
+
+
+def test_what_needs_a_file_is_offered_only_with_one():
+    offered = Models([]).names
+    assert offered[:2] == ["dis", "farneback"]
+    assert not {"onnx", "torch_export", "torchscript", "precomputed"} & set(offered)
+    assert Models([ModelSpec("mine.onnx")]).names[0] == "mine.onnx"
+
+
+def test_a_name_that_is_not_offered_is_refused():
+    with pytest.raises(UsageError, match="unknown model of this app 'os:system'"):
+        Models([]).check("os:system")
