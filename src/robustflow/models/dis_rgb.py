@@ -41,7 +41,8 @@ class DisRgb:
         self._number = int(operating_point)
 
     def identity(self) -> dict[str, Any]:
-        return {"name": "dis_rgb", "operating_point": self._number, **asdict(OPERATING_POINTS[self._number])}
+        point = asdict(OPERATING_POINTS[self._number])
+        return {"name": "dis_rgb", "operating_point": self._number, **point, "interpolation": "cubic spline"}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         """See `FlowModel.predict`. Frames of any size; motion up to a fifth of the longer side is within reach.
