@@ -9,7 +9,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import polars as pl
 import pytest
 
 import robustflow as rf
@@ -89,17 +88,6 @@ def test_corrupt_writes_what_the_library_makes(robustflow, tmp_path):
     expected = rf.corrupt(*frames, "impulse_noise", 4, seed=3, key=first.stem)
     for path, frame in zip((first, second), expected, strict=True):
         np.testing.assert_array_equal(cv2.imread(f"out/impulse_noise_4/{path.name}")[..., ::-1], frame)
-
-
-def test_displacement_of_the_embedded_pair_is_its_disparity(robustflow):
-    code, out, _ = robustflow("displacement", "demo", "-o", "out")
-    assert (code, len(out.split())) == (0, 3)
-    table = pl.read_csv("out/displacement.csv")
-    sample = rf.load_dataset("motorcycle", None).load("motorcycle")
-    amplitude = np.abs(sample.flow[..., 0][sample.valid])
-    assert table["pixels"].sum() == sample.valid.sum()
-    assert table.filter(table["low"] >= 40)["pixels"].sum() == (amplitude >= 40).sum()
-    assert Path("out/displacement.png").read_bytes()[1:4] == b"PNG"
 
 
 @pytest.mark.parametrize("kind", ["models", "corruptions", "benchmarks", "datasets", "all"])

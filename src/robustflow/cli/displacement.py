@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from .options import Data, DataOptions, Limit, ModelOptions, Split, keyword_options
+
+if TYPE_CHECKING:
+    from ..benchmarks import Benchmark
+    from ..runner.result import Result
 
 
 def displacement(
@@ -20,14 +24,24 @@ def displacement(
     option: ModelOptions = None,
     limit: Limit = None,
     split: Split = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("displacement"),
+    into: Annotated[
+        Path | None,
+        typer.Option("--into", metavar="RUN", help="Keep it in a run over these frames, whose pages then show it."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder to write; 'displacement' unless --into is given.")
+    ] = None,
 ) -> None:
-    """Write the histogram of flow amplitudes (the paper's figure of both benchmarks): displacement.csv, .png and .pdf.
+    """Write the histogram of flow amplitudes (the paper's figure of both benchmarks): displacement.csv, .png, .svg and
+    .pdf.
+
+    A run keeps that of its ground truth by itself; --into is for frames without.
 
     \b
     Examples:
       robustflow displacement kitti-fc --data ~/kitti
       robustflow displacement gopro-fc --data ~/gopro-fc --model dis
+      robustflow displacement gopro-fc --data ~/gopro-fc --model raft --into runs/gopro-fc_raft_1a2b3c4d
     """
     from rich.console import Console
     from rich.progress import Progress
@@ -35,11 +49,19 @@ def displacement(
     from ..atomic import make_folder, write_bytes
     from ..benchmarks import load_benchmark
     from ..models import ModelSpec
-    from ..report.displacement import displacement_figure, displacement_histogram
+    from ..report.displacement import displacement_histogram
+    from ..report.displacement_file import label_of, write_displacement
+    from ..report.figures import displacement_figure, write_figures
+    from ..runner.result import Result
 
     chosen = load_benchmark(benchmark, data, split, dict(keyword_options(data_option))).narrowed(limit=limit)
+    run = None if into is None else Result(into)
+    if run is not None:
+        _check_frames(run, chosen)
     loaded = ModelSpec(model, keyword_options(option)).load() if model is not None else None
-    make_folder(output)
+    folder = output if output is not None or run is not None else Path("displacement")
+    if folder is not None:
+        make_folder(folder)
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal) as progress:
         task = progress.add_task("measuring")
@@ -49,8 +71,22 @@ def displacement(
             source=model or "",
             progress=lambda done, total: progress.update(task, completed=done, total=total),
         )
-    write_bytes(output / "displacement.csv", table.write_csv().encode())
-    for form in ("png", "pdf"):
-        displacement_figure([table], output / f"displacement.{form}")
-    for form in ("csv", "png", "pdf"):
-        typer.echo(str(output / f"displacement.{form}"))
+    if folder is not None:
+        write_bytes(folder / "displacement.csv", table.write_csv().encode())
+        typer.echo(str(folder / "displacement.csv"))
+        label = label_of(chosen.name, len(chosen.keys), table["source"][0])
+        for path in write_figures({"displacement": displacement_figure({label: table})}, folder):
+            typer.echo(str(path))
+    if run is not None:
+        typer.echo(str(write_displacement(run, table)))
+
+
+def _check_frames(run: Result, chosen: Benchmark) -> None:
+    from ..errors import UsageError
+
+    identity = run.manifest["identity"]
+    if identity["benchmark"] != chosen.name or set(run.manifest["samples"]) != set(chosen.keys):
+        raise UsageError(
+            f"{run.path} ran {len(run.manifest['samples'])} pairs of {identity['benchmark']}, these are "
+            f"{len(chosen.keys)} of {chosen.name}; give the run's --data, --split and --limit"
+        )

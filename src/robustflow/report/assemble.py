@@ -11,6 +11,7 @@ import polars as pl
 from ..errors import UsageError, unknown_name
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .costs import run_costs
+from .displacement_file import displacements_of
 from .labels import BENCHMARK_LABELS
 from .observations.verdict import UNKNOWN
 from .published import PAPER, published_costs, published_results
@@ -87,10 +88,15 @@ def tables_of(
 
 def figures_of(runs: Sequence[Result], *, published: bool) -> dict[str, Figure]:
     """Every figure that the runs, and the published results where wanted, give."""
-    from .figures import all_figures
+    from .figures import all_figures, displacement_figure
+    from .figures.canvas import SERIES
 
     rows = {name: run.rows for name, run in zip(run_names(runs), runs, strict=True)}
-    return all_figures(results_of(runs, published), rows)
+    figures = all_figures(results_of(runs, published), rows)
+    moved = displacements_of(runs)
+    if 0 < len(moved) <= len(SERIES):
+        figures["displacement"] = displacement_figure(moved)
+    return figures
 
 
 def _some(runs: Sequence[Result], table: str) -> Sequence[Result]:

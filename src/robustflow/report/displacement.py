@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -14,6 +13,8 @@ from ..benchmarks import Benchmark
 from ..errors import DataError, UsageError
 from ..models.base import AnyModel, FlowLookup, FlowModel, predict_checked
 from ..sample import Flow, Mask
+
+GROUND_TRUTH = "ground truth"
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
 """Amplitudes in pixels; the last bin is everything from 100 on."""
@@ -48,7 +49,7 @@ def displacement_histogram(
         raise UsageError("displacement is measured from the flow of pairs; name a model of two frames")
     flows = (_flow(benchmark, key, model, number, progress) for number, key in enumerate(benchmark.keys, start=1))
     table = histogram(flows, edges)
-    name = "ground truth" if model is None else source or type(model).__name__
+    name = GROUND_TRUTH if model is None else source or type(model).__name__
     return table.select(pl.lit(benchmark.name).alias("benchmark"), pl.lit(name).alias("source"), pl.all())
 
 
@@ -79,24 +80,6 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
             "share": share,
         }
     )
-
-
-def displacement_figure(tables: Sequence[pl.DataFrame], path: Path, limit: float = 100.0) -> None:
-    """Draw one or more of the tables over each other: share of pixels against amplitude in pixels (PNG, PDF or SVG)."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 3.5), layout="constrained")
-    axes = figure.add_subplot()
-    for table in tables:
-        shown = table.filter(pl.col("high") <= limit)
-        label = f"{table['benchmark'][0]} ({table['source'][0]})"
-        edges = [*shown["low"], shown["high"][-1]]
-        axes.stairs(100 * shown["share"].to_numpy(), edges, label=label, fill=len(tables) == 1)
-    axes.set_xlabel("amplitude (px)")
-    axes.set_ylabel("pixels (%)")
-    axes.set_yscale("log")
-    axes.legend()
-    figure.savefig(path)
 
 
 def _flow(

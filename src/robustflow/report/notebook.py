@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from ..errors import UsageError, unknown_name
+from .displacement_file import displacements_of
 from .labels import BENCHMARK_LABELS, FAMILY_LABELS, METRIC_LABELS, UNITS
 from .render import render
 from .runs import note_of, run_names, run_results, sample_set, setting_of
@@ -52,9 +53,10 @@ def plot(runs: Sequence[Result], kind: str = "severity", metric: str = "rcre") -
     """A figure of runs.
 
     Args:
-        runs: one or more, over the same frames unless `kind` is "severity".
+        runs: one or more, over the same frames unless `kind` is "severity" or "displacement".
         kind: "severity" (a metric against severity, a panel per corruption), "classes" (CREr by class of corruption),
-            "accuracy" (clean EPE against CRE), or "relations" (clean EPE, EPE, CRE and RCRE against each other).
+            "accuracy" (clean EPE against CRE), or "relations" (clean EPE, EPE, CRE and RCRE against each other), or
+            "displacement" (how far the pixels of the frames move).
         metric: of "severity": "epe", "cre", "crer" or "rcre".
 
     Returns:
@@ -71,11 +73,13 @@ def plot(runs: Sequence[Result], kind: str = "severity", metric: str = "rcre") -
         "accuracy": figures.clean_against_cre,
         "relations": figures.relations,
     }
-    if kind not in ("severity", *of_results):
-        raise unknown_name("plot", kind, ("severity", *of_results))
+    if kind not in (kinds := ("severity", "displacement", *of_results)):
+        raise unknown_name("plot", kind, kinds)
     if metric not in METRICS:
         raise unknown_name("metric", metric, METRICS)
     names = run_names(runs)
+    if kind == "displacement":
+        return figures.displacement_figure(displacements_of(runs))
     if kind == "severity":
         return figures.severity_curves({name: run.rows for name, run in zip(names, runs, strict=True)}, metric)
     if len({sample_set(run) for run in runs}) > 1:

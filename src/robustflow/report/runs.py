@@ -87,7 +87,8 @@ def note_of(run: Result) -> str:
     wanted = _OF_BENCHMARK.get(benchmark, IMAGE_PAIR)
     averaged = run.summary.averaged_over
     if set(averaged) != set(wanted):
-        told.append(f"average over {len(averaged)} corruptions, not the paper's {len(wanted)}")
+        plural = "s" if len(averaged) != 1 else ""
+        told.append(f"average over {len(averaged)} corruption{plural}, not the paper's {len(wanted)}")
     if sorted(selection["severities"]) != [1, 2, 3, 4, 5]:
         told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if not run.summary.complete:

@@ -98,7 +98,8 @@ def evaluate(
         timeout: seconds a single prediction, or batch of them, may take.
         allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
         examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
-            report; a few predictions are made again. Where they cannot be drawn, a warning says why.
+            report, which also gets the histogram of displacements where there is ground truth; a few predictions are
+            made again. Where they cannot be drawn, a warning says why.
 
     Returns:
         The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
@@ -140,16 +141,18 @@ def evaluate(
         if isinstance(benchmark, str):
             named = spec if isinstance(spec, ModelSpec) else None
             Source(named, Path(data) if data is not None else None, data_options or {}).write(folder.path)
-        _draw(Result(folder.path), job, examples)
+        _draw(Result(folder.path), job, chosen, examples)
     finally:
         folder.unlock()
     return Result(folder.path)
 
 
-def _draw(result: Result, job: Job, wanted: bool) -> None:
+def _draw(result: Result, job: Job, benchmark: Benchmark, wanted: bool) -> None:
     """The example pictures, when the numbers are safe: nothing that happens here costs a run its rows."""
     result.write_means()
     try:
+        if wanted:
+            _measure_displacement(result, benchmark)
         if are_current(result):
             return
         drop_examples(result.path)
@@ -160,6 +163,16 @@ def _draw(result: Result, job: Job, wanted: bool) -> None:
         warnings.warn(f"no example pictures: {error}", stacklevel=3)
     finally:
         result.write_report()
+
+
+def _measure_displacement(result: Result, benchmark: Benchmark) -> None:
+    """How far things move, from the ground truth: one more pass over the clean pairs, of the hundred that a run has."""
+    from ..report.displacement import displacement_histogram
+    from ..report.displacement_file import read_displacement, write_displacement
+
+    if benchmark.dataset.has_flow and read_displacement(result) is None:
+        samples = replace(benchmark, keys=tuple(result.manifest["samples"]))
+        write_displacement(result, displacement_histogram(samples))
 
 
 def _fill(

@@ -11,6 +11,7 @@ from ...errors import UsageError
 from .canvas import FILE_FORMATS, figure_bytes, write_figures
 from .clean_against_cre import clean_against_cre
 from .crer_by_family import crer_by_family
+from .displacement_histogram import displacement_figure
 from .effective_trend import effective_trend
 from .marks import MarkedFigure
 from .relations import relations
@@ -21,6 +22,7 @@ __all__ = [
     "all_figures",
     "clean_against_cre",
     "crer_by_family",
+    "displacement_figure",
     "effective_trend",
     "figure_bytes",
     "figures_by_sample_set",

@@ -8,7 +8,8 @@ from itertools import islice
 from markupsafe import Markup
 
 from ...errors import UsageError
-from ..figures import figures_by_sample_set, severity_curves
+from ..displacement_file import displacements_of
+from ..figures import displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.canvas import SERIES
 from ..figures.marks import MarkedFigure
 from ..text import plain
@@ -33,6 +34,11 @@ _TEXTS = {
         "Corrupted against clean EPE with the trend of a setting: below the line is more robust than the clean error "
         "lets expect.",
     ),
+    "displacement": (
+        "How far things move",
+        "Share of the pixels by the length of their flow on the clean frames: what is hard about a benchmark to begin "
+        "with.",
+    ),
     "severity_curves": (
         "Severity curves",
         "RCRE at each severity, a panel per corruption, a line per run; bands are 95 % confidence intervals.",
@@ -43,8 +49,8 @@ _MOST_LINES = 200
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure: `svg` is markup, `columns` and `lines` say the same in numbers, empty where tables elsewhere do; `wide`
-    where it has many panels."""
+    """A figure: `svg` is markup, `columns` and `lines` say the same in numbers, empty where tables elsewhere do; `head`
+    is what a line is of; `wide` where it has many panels."""
 
     id: str
     title: str
@@ -52,12 +58,14 @@ class PageFigure:
     frames: str
     svg: Markup
     wide: bool
+    head: str
     columns: tuple[str, ...]
-    lines: tuple[tuple[str, str, tuple[str, ...]], ...]
+    lines: tuple[tuple[str, tuple[str, ...]], ...]
 
 
 def page_figures(content: Content) -> list[PageFigure]:
-    """Figures of each sample set that the page is about, then the severity curves of its runs, eight in a figure."""
+    """Figures of each sample set that the page is about, the severity curves of its runs and how far things move in
+    their frames, eight in a figure."""
     drawn: list[tuple[str, str, MarkedFigure]] = []
     for frames, figures in figures_by_sample_set(content.focus).items():
         drawn += [(frames, name, figure) for name, figure in figures.items() if _compares(name, figure)]
@@ -69,6 +77,9 @@ def page_figures(content: Content) -> list[PageFigure]:
             except UsageError:
                 # Runs without a single pixel to measure have no curve.
                 continue
+    moved = iter(displacements_of(list(content.runs.values())).items())
+    while lines := dict(islice(moved, len(SERIES))):
+        drawn.append(("", "displacement", displacement_figure(lines)))
     return [_page_figure(f"figure-{index}", *one, content) for index, one in enumerate(drawn)]
 
 
@@ -84,17 +95,20 @@ def _page_figure(id_: str, frames: str, name: str, figure: MarkedFigure, content
         figure.suptitle("")  # The page has its own heading.
     marks = dict.fromkeys(mark for of_artist in figure.marks.values() for mark in of_artist if mark.values)
     columns = tuple(dict.fromkeys(what for mark in marks for what, _ in mark.values))
-    lines = tuple(
-        (plain(mark.model), plain(mark.setting, 40), tuple(dict(mark.values).get(what, "–") for what in columns))
-        for mark in marks
-    )
+    lines = tuple((plain(mark.model), tuple(dict(mark.values).get(what, "–") for what in columns)) for mark in marks)
+    if any(mark.setting for mark in marks):
+        columns = ("Setting", *columns)
+        lines = tuple(
+            (head, (plain(mark.setting, 40), *values)) for mark, (head, values) in zip(marks, lines, strict=True)
+        )
     return PageFigure(
         id=id_,
         title=title,
         description=description,
-        frames=content.group_titles.get(frames, plain(frames)),
+        frames=content.group_titles.get(frames, plain(frames)) + ". " if frames else "",
         svg=inline_svg(figure, id_, title, description, pages.get),
         wide=figure.get_figwidth() > 9,
+        head="Frames" if name == "displacement" else "Model",
         columns=columns,
         lines=lines if len(lines) <= _MOST_LINES else (),
     )

@@ -1,0 +1,62 @@
+"""The paper's figure of flow amplitudes: how far the pixels of each benchmark move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import polars as pl
+from matplotlib.ticker import FuncFormatter
+
+from ...errors import UsageError
+from .canvas import SERIES, name_text, new_figure
+from .marks import Mark, MarkedFigure
+
+
+def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
+    """Share of the pixels against the length of their flow, a line per table, on a logarithmic axis.
+
+    Args:
+        tables: label -> bins `low`, `high` (pixels, the last may reach to infinity) and `share` (0 to 1), see
+            `displacement_histogram`; at most eight. What the last bin holds is drawn as wide as the one before.
+
+    Raises:
+        UsageError: more than eight tables, or none that counts a pixel.
+    """
+    if len(tables) > len(SERIES):
+        raise UsageError(f"{len(tables)} histograms in one figure cannot be told apart: choose up to {len(SERIES)}")
+    tables = {label: table for label, table in tables.items() if table["share"].sum() > 0}
+    if not tables:
+        raise UsageError("no displacement to draw: none of these has a pixel with a flow")
+    figure, (axes,) = new_figure(6.4, 3.6)
+    right = 0.0
+    for colour, (label, table) in zip(SERIES, tables.items(), strict=False):
+        lows, shares = table["low"].to_list(), [100 * share for share in table["share"]]
+        edges = [*lows, _end(table)]
+        axes.stairs(shares, edges, color=colour, linewidth=1.3, baseline=None, label=name_text(label))
+        filled = [index for index, share in enumerate(shares) if share > 0]
+        centres = [(edges[index] + edges[index + 1]) / 2 for index in filled]
+        dots = axes.plot(centres, [shares[index] for index in filled], "o", color=colour, markersize=2.5)
+        highs = table["high"].to_list()
+        figure.mark(dots[0], [_mark(label, lows[index], highs[index], shares[index]) for index in filled])
+        right = max(right, edges[filled[-1] + 1])
+    axes.set_yscale("log")
+    axes.set_xlim(0, right)
+    axes.set_xlabel("length of the flow (px)")
+    axes.set_ylabel("pixels (%)")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    figure.legend(loc="outside upper center", ncols=1 if len(tables) > 2 else 2, frameon=False, fontsize=8)
+    return figure
+
+
+def _end(table: pl.DataFrame) -> float:
+    """The right edge of the last bin."""
+    low, high = float(table["low"][-1]), float(table["high"][-1])
+    if math.isfinite(high):
+        return high
+    return low + (low - float(table["low"][-2]) if table.height > 1 else 1.0)
+
+
+def _mark(label: str, low: float, high: float, share: float) -> Mark:
+    where = f"{low:g} px and more" if math.isinf(high) else f"{low:g} to {high:g} px"
+    return Mark(label, "", (("length", where), ("pixels", f"{share:.3g} %")))

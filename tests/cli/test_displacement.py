@@ -1,0 +1,38 @@
+"""`displacement`: the embedded pair's is its disparity, and a run keeps that of its own frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+import robustflow as rf
+from robustflow.imageio import write_image
+from robustflow.report.displacement_file import read_displacement
+
+
+def test_displacement_of_the_embedded_pair_is_its_disparity(robustflow):
+    code, out, _ = robustflow("displacement", "demo", "-o", "out")
+    assert code == 0
+    assert out.split() == [f"out/displacement.{form}" for form in ("csv", "png", "svg", "pdf")]
+    table = pl.read_csv("out/displacement.csv")
+    sample = rf.load_dataset("motorcycle", None).load("motorcycle")
+    amplitude = np.abs(sample.flow[..., 0][sample.valid])
+    assert table["pixels"].sum() == sample.valid.sum()
+    assert table.filter(table["low"] >= 40)["pixels"].sum() == (amplitude >= 40).sum()
+    assert Path("out/displacement.png").read_bytes()[1:4] == b"PNG"
+
+
+def test_a_run_keeps_that_of_its_own_frames(robustflow, tmp_path):
+    run = rf.evaluate("farneback", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    code, out, _ = robustflow("displacement", "demo", "--model", "dis", "--into", run.path)
+    assert (code, out.strip()) == (0, str(run.path / "displacement.json"))
+    assert read_displacement(run).source == "dis"
+    assert not Path("displacement").exists()
+    (tmp_path / "data").mkdir()
+    for index in range(2):
+        write_image(tmp_path / "data" / f"{index}.png", np.zeros((32, 32, 3), np.uint8))
+    code, _, said = robustflow("displacement", "folder", "--data", tmp_path / "data", "-m", "dis", "--into", run.path)
+    assert code == 2
+    assert "ran 1 pairs of demo, these are 1 of folder" in said
