@@ -11,7 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
+from robustflow.report.comparison import compare
+from robustflow.report.render import render
 from robustflow.runner.evaluate import evaluate
+from robustflow.runner.result import Result
 
 
 @pytest.fixture(scope="module")
@@ -103,6 +106,26 @@ def test_compare(robustflow, runs):
     assert len(json.loads(text)) == 3
 
 
+@pytest.mark.parametrize("format", ["markdown", "latex", "csv", "html"])
+def test_a_comparison_in_a_format_for_papers(robustflow, runs, format):
+    code, out, _ = robustflow("compare", *runs, "--format", format, "-o", "two.txt")
+    assert (code, out) == (0, "two.txt\n")
+    assert Path("two.txt").read_text() == render(compare(*map(Result, runs)).table(), format)
+
+
+def test_many_are_compared_in_a_line_each(robustflow, runs):
+    third = (*runs, runs[0])  # the same run twice: told apart by a number
+    code, out, _ = robustflow("compare", *third, "--metric", "epe", "--format", "csv")
+    assert code == 0
+    first, same, _ = csv.DictReader(io.StringIO(out))
+    dis, farneback = (Result(run).epe for run in runs)
+    assert first["models"].endswith("against farneback")
+    assert [float(first[column]) for column in ("first", "second", "difference")] == pytest.approx(
+        [dis, farneback, dis - farneback], abs=0.005
+    )
+    assert (same["difference"], same["p"]) == ("+0.00", "")
+
+
 def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_path):
     rng = np.random.default_rng(0)
     for index in range(3):
@@ -132,6 +155,8 @@ def test_several_runs_without_ground_truth_are_compared_in_rcre(robustflow, tmp_
         ("compare nowhere elsewhere", 1, "manifest.json"),
         ("compare nowhere", 2, "two or more"),
         ("compare a b --metric speed", 2, "unknown metric"),
+        ("compare a b --format pdf", 2, "unknown format"),
+        ("compare a b --format csv --json", 2, "two formats"),
     ],
 )
 def test_bad_input_is_one_line(robustflow, arguments, code, says):

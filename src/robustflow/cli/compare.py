@@ -16,22 +16,29 @@ def compare(
     level: Annotated[float, typer.Option(help="Of the confidence intervals.")] = 0.95,
     resamples: Annotated[int, typer.Option(help="Of the bootstrap.")] = 4999,
     seed: Annotated[int, typer.Option(help="Of the bootstrap.")] = 0,
+    format: Annotated[str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv or html.")] = "terminal",
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write, printed otherwise.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
     """Say whether models differ, image by image, with intervals and corrected p-values.
 
     Two runs are compared in a table: overall in every metric, and under each corruption in one (CRE by default, RCRE
-    without ground truth); bold is better by more than chance. More than two are compared pairwise, a sentence each.
+    without ground truth); bold is better by more than chance. More than two are compared pairwise in the
+    average of one metric: a sentence each on the terminal, a line each in the other formats.
 
     \b
     Examples:
       robustflow compare runs/a runs/b
       robustflow compare runs/a runs/b runs/c --metric rcre
+      robustflow compare runs/a runs/b --format latex -o comparison.tex
     """
+    from ..atomic import write_bytes
     from ..errors import RunError, UsageError, unknown_name
     from ..report.comparison import compare as compare_two
+    from ..report.comparison import pairs_table
     from ..report.labels import METRIC_LABELS
     from ..report.load import load_run
+    from ..report.render import FORMATS, render
     from ..report.runs import run_names
     from ..report.text import plain
     from ..report.uncertainty import compare_all
@@ -40,6 +47,10 @@ def compare(
 
     if metric is not None and metric not in METRICS:
         raise unknown_name("metric", metric, METRICS)
+    if format not in FORMATS:
+        raise unknown_name("format", format, FORMATS)
+    if as_json and format != "terminal":
+        raise UsageError(f"--json and --format {format} are two formats; leave out one of them")
     if len(runs) < 2:
         raise UsageError("one run cannot be compared: name two or more")
     found = [load_run(run) for run in runs]
@@ -53,10 +64,18 @@ def compare(
         if table.is_empty():
             label = METRIC_LABELS[chosen]
             raise RunError(f"no two of these runs have an average {label} in common; compare two, or another --metric")
+    on_screen = format == "terminal" and output is None
     if as_json:
-        typer.echo(table.write_json())
+        text = table.write_json() + "\n"
     elif len(found) == 2:
-        typer.echo(for_stdout(comparison.table(metric or "")), nl=False)
+        shown = comparison.table(metric or "")
+        text = for_stdout(shown) if on_screen else render(shown, format)
+    elif format == "terminal":
+        text = "".join(f"{plain(sentence, None)}\n" for sentence in table["sentence"])
     else:
-        for sentence in table["sentence"]:
-            typer.echo(plain(sentence, None))
+        text = render(pairs_table(table), format)
+    if output is None:
+        typer.echo(text, nl=False)
+    else:
+        write_bytes(output, text.encode())
+        typer.echo(str(output))

@@ -21,6 +21,7 @@ from .uncertainty.sums import AVERAGE, CLEAN, METRICS
 if TYPE_CHECKING:
     from ..runner.result import Result
 
+_DIFFERENCE = ("difference", "interval", "p", "p corrected")
 _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "high", "p", "p_holm")
 
 
@@ -89,19 +90,20 @@ class Comparison:
             UsageError: unknown metric.
         """
         metric = metric or self.metric
+        level = self.frame["level"][0]
         first, second = (plain(name) for name in self.names)
-        columns = tuple(map(Column, (first, second, "difference", "interval", "p", "p corrected")))
+        columns = tuple(map(Column, (first, second, *_DIFFERENCE)))
         overall = [
             Line(
                 f"clean {METRIC_LABELS[row['metric']]}"
                 if row["corruption"] == CLEAN
                 else f"{METRIC_LABELS[row['metric']]}",
-                self._cells(row),
+                _cells(row, level),
             )
             for row in self.overall.iter_rows(named=True)
         ]
         parts = self.per_corruption(metric).iter_rows(named=True)
-        each = [Line(long_label(row["corruption"]), self._cells(row)) for row in parts]
+        each = [Line(long_label(row["corruption"]), _cells(row, level)) for row in parts]
         unit = f" ({UNITS[metric]})" if UNITS[metric] else ""
         sections = [Section("Overall", tuple(overall))]
         if each:
@@ -109,24 +111,46 @@ class Comparison:
         remarks = tuple(filter(None, (self._said(metric), self.remark)))
         return Table("comparison", f"{first} against {second}", columns, tuple(sections), remarks, "Mean")
 
-    def _cells(self, row: dict[str, Any]) -> tuple[Cell, ...]:
-        sure = row["p_holm"] is not None and row["p_holm"] < 1 - self.frame["level"][0]
-        return (
-            Cell(f"{row['value_first']:.2f}", sure and row["difference"] < 0),
-            Cell(f"{row['value_second']:.2f}", sure and row["difference"] > 0),
-            Cell(f"{row['difference']:+.2f}"),
-            Cell("-" if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"),
-            *(
-                Cell("-" if row[p] is None else "< 0.001" if row[p] < 0.001 else f"{row[p]:.3f}")
-                for p in ("p", "p_holm")
-            ),
-        )
-
     def __repr__(self) -> str:
         return render(self.table(), "terminal").rstrip()
 
     def _repr_html_(self) -> str:
         return render(self.table(), "html")
+
+
+def pairs_table(frame: pl.DataFrame) -> Table:
+    """Every two of many models, for `robustflow.report.render`.
+
+    Args:
+        frame: from `robustflow.report.uncertainty.compare_all`, of one metric, not empty.
+    """
+    metric = frame["metric"][0]
+    lines = [
+        Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"]))
+        for row in frame.iter_rows(named=True)
+    ]
+    unit = f" ({UNITS[metric]})" if UNITS[metric] else ""
+    remark = f"p is corrected for {len(lines)} comparisons; bold is better by more than chance."
+    columns = tuple(map(Column, ("first", "second", *_DIFFERENCE)))
+    return Table(
+        "pairs",
+        "Every two models",
+        columns,
+        (Section(f"Average {METRIC_LABELS[metric]}{unit}", tuple(lines)),),
+        (remark,),
+        "Models",
+    )
+
+
+def _cells(row: dict[str, Any], level: float) -> tuple[Cell, ...]:
+    sure = row["p_holm"] is not None and row["p_holm"] < 1 - level
+    return (
+        Cell(f"{row['value_first']:.2f}", sure and row["difference"] < 0),
+        Cell(f"{row['value_second']:.2f}", sure and row["difference"] > 0),
+        Cell(f"{row['difference']:+.2f}"),
+        Cell("-" if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"),
+        *(Cell("-" if row[p] is None else "< 0.001" if row[p] < 0.001 else f"{row[p]:.3f}") for p in ("p", "p_holm")),
+    )
 
 
 def compare(
