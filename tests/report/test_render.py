@@ -7,13 +7,16 @@ import io
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
 
 from robustflow.errors import UsageError
+from robustflow.report.analysis_tables import observations_table
 from robustflow.report.published import published_costs, published_results
 from robustflow.report.render import FORMATS, render
+from robustflow.report.render.latex import escape
 from robustflow.report.render.terminal import render as render_terminal
 from robustflow.report.table import Cell, Column, Line, Section, Table
 from robustflow.report.tables import TABLES, build_table
@@ -150,6 +153,7 @@ def test_latex_of_a_hostile_name_has_no_live_command(name):
 def test_latex_compiles(tmp_path):
     parts = [render(build_table(name, published_results(), published_costs()), "latex") for name in TABLES]
     parts += [render(_table(name, note=name), "latex") for name in HOSTILE]
+    parts.append(render(observations_table(published_results(), published_costs()), "latex"))
     head = r"\documentclass{article}\usepackage[T1]{fontenc}\usepackage{textcomp,booktabs,graphicx}\begin{document}"
     (tmp_path / "t.tex").write_text("\n".join([head, *(f"{part}\\clearpage" for part in parts), r"\end{document}"]))
     done = subprocess.run(
@@ -159,6 +163,19 @@ def test_latex_compiles(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stdout[-2000:]
+    assert b"Float too large" not in done.stdout
+
+
+def test_latex_of_sentences_longer_than_a_page_goes_on_in_another_table():
+    table = observations_table(published_results(), published_costs())
+    text = render(table, "latex")
+    assert text.count(r"\begin{table*}") == text.count(r"\caption") == 2
+    assert "observations (1 of 2)" in text
+    titles = [section.title for section in table.sections]
+    assert re.findall(r"\\textit{\\textbf{(.*)}}}", text) == [escape(title) for title in titles]
+    short = replace(table, sections=table.sections[:2])
+    assert render(short, "latex").count(r"\begin{table*}") == 1
+    assert "of 2" not in render(short, "latex")
 
 
 def test_unknown_format():

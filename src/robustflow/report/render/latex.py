@@ -6,13 +6,16 @@ Needs \\usepackage{booktabs,graphicx}. Characters that pdfLaTeX has no letter fo
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import groupby
 
-from ..table import Cell, Table
+from ..table import Cell, Section, Table
 from ..text import plain
 from .footnotes import note_text, numbered_notes
 
 _PROSE = r"p{0.5\linewidth}"
+_PROSE_LETTERS, _PAGE_LINES = 38, 60
+"""Letters in a line of a prose column, and lines on a page, of LaTeX's own article class, which has the least room."""
 _SPECIAL = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -39,7 +42,35 @@ _LETTERS = "äöüÄÖÜßéèêëáàâãåæçíìîïñóòôõøúùûýÁÀ
 
 
 def render(table: Table) -> str:
-    """A `table*` environment."""
+    """A `table*` environment, or several where sentences make a table longer than a page."""
+    parts = _pages(table)
+    if len(parts) == 1:
+        return _float(table)
+    floats = []
+    for number, sections in enumerate(parts, start=1):
+        remarks = table.remarks if number == len(parts) else ()
+        title = f"{table.title} ({number} of {len(parts)})"
+        floats.append(_float(replace(table, title=title, sections=tuple(sections), remarks=remarks)))
+    return "\n".join(floats)
+
+
+def _pages(table: Table) -> list[list[Section]]:
+    prose = [index for index, column in enumerate(table.columns) if column.prose]
+    parts: list[list[Section]] = [[]]
+    room = _PAGE_LINES
+    for section in table.sections:
+        needed = 2  # its title between two rules
+        for line in section.lines:
+            needed += max([1, *(-(-len(line.cells[index].text) // _PROSE_LETTERS) for index in prose)])
+        if prose and parts[-1] and needed > room:
+            parts.append([])
+            room = _PAGE_LINES
+        parts[-1].append(section)
+        room -= needed
+    return parts
+
+
+def _float(table: Table) -> str:
     width = len(table.columns) + 1
     notes = numbered_notes(table)
     kinds = "".join(_PROSE if column.prose else "r" for column in table.columns)
