@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .input_convention import InputConvention
-from .network import check_iterations, network_model
+from .network import network_model
+from .option_checks import check_count
 
 if TYPE_CHECKING:
     from .torch_model import TorchModel
@@ -32,7 +33,7 @@ def brightflow(
         sha256: the file's hash, or its first eight or more digits, to be checked.
         device, precision, compile, threads: see `TorchModel`.
     """
-    check_iterations(iterations)
+    check_count("iterations", iterations)
 
     def build() -> Any:
         from .nets.brightflow import BrightFlow

@@ -10,6 +10,7 @@ from typing import Any, Literal, cast
 
 from ..errors import ModelError, UsageError, unknown_name
 from .input_convention import InputConvention
+from .option_checks import check_count
 
 Layout = Literal["pair", "stacked", "concatenated"]
 LAYOUTS = ("pair", "stacked", "concatenated")
@@ -38,7 +39,7 @@ def exported_convention(
         size: (height, width) the network takes, where it takes one only; None for a dynamic side.
 
     Raises:
-        UsageError: an unknown order or scaling, or a multiple below 1.
+        UsageError: an unknown order or scaling, or a multiple below 1 or larger than any frame.
         ModelError: a size no frame has.
 
     >>> exported_convention(order="bgr", scaling="0-255", multiple=8).fitted_size(375, 1242)
@@ -46,8 +47,9 @@ def exported_convention(
     """
     if order not in ("rgb", "bgr"):
         raise unknown_name("order", str(order), ("rgb", "bgr"))
-    if not isinstance(multiple, int) or not 1 <= multiple <= _LARGEST:
-        raise UsageError(f"multiple must be a whole number from 1, not {multiple!r}")
+    check_count("multiple", multiple)
+    if multiple > _LARGEST:
+        raise UsageError(f"multiple must be {_LARGEST} pixels at most, not {multiple}")
     if not all(side is None or _SMALLEST <= side <= _LARGEST for side in size):
         asked = "x".join("?" if side is None else str(side) for side in size)
         raise ModelError(f"the network asks for frames of {asked}; export it for (N, 3, H, W), H and W dynamic")

@@ -34,18 +34,6 @@ def require(library: str, extra: str, model: str) -> None:
         )
 
 
-def check_iterations(iterations: int) -> None:
-    """Raises UsageError for what is no number of iterations."""
-    if not isinstance(iterations, int) or iterations < 1:
-        raise UsageError(f"iterations must be a whole number from 1, not {iterations!r}")
-
-
-def check_switch(name: str, value: bool) -> None:
-    """Raises UsageError for an option that is neither true nor false; "no" would count as true."""
-    if not isinstance(value, bool):
-        raise UsageError(f"{name} must be true or false, not {value!r}")
-
-
 def network_model(
     name: str,
     build: Callable[[], Any],

@@ -29,6 +29,7 @@ from .input_convention import InputConvention
 from .model_file import damaged, opened
 from .network import require
 from .onnx_file import external_files, parsed, read_inputs
+from .option_checks import check_count
 from .pairs import predict_by_size
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64}
@@ -76,8 +77,7 @@ class OnnxModel:
             raise ModelError(
                 "model 'onnx' needs its file: give the path of a .onnx file as --checkpoint, or as --model"
             )
-        if not isinstance(threads, int) or threads < 1:
-            raise UsageError(f"threads must be a whole number from 1, not {threads!r}")
+        check_count("threads", threads)
         self._device = _parse_device(device)
         exported_convention(order=order, scaling=scaling, multiple=multiple)  # an option is refused before the file
         for library in ("onnxruntime", "onnx"):

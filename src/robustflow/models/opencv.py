@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import ModelError, UsageError, unknown_name
 from ..sample import Flow, Frame
+from .option_checks import check_count
 
 
 @contextmanager
@@ -51,8 +52,7 @@ class Farneback:
             ("iterations", iterations, 1),
             ("poly_n", poly_n, 1),
         ):
-            if not isinstance(value, int) or value < least:  # OpenCV takes less, and crashes or answers with NaN
-                raise UsageError(f"{name} must be a whole number from {least}, not {value!r}")
+            check_count(name, value, least)  # OpenCV takes less, and crashes or answers with NaN
         for name, number, limit in (("pyr_scale", pyr_scale, 1.0), ("poly_sigma", poly_sigma, np.inf)):
             if not isinstance(number, int | float) or not 0 < number < limit:
                 raise UsageError(f"{name} must be a number above 0{' and below 1' * (limit == 1)}, not {number!r}")

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
+from .option_checks import check_count
 from .ptlflow import ptlflow_model, ptlflow_network
 from .window import Window
 
@@ -87,8 +88,7 @@ def ptlflow_clip_model(
     if before is not None:
         if not clip.streams:
             raise UsageError(f"model '{name}' is made for {_frames(window)} frames; leave out before")
-        if not isinstance(before, int) or before < 1:
-            raise UsageError(f"before must be a whole number of frames from 1, not {before!r}")
+        check_count("before", before)
         window = window._replace(before=before)
 
     def wrap(model: Any) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any, get_origin
 
 from ..errors import UsageError
-from .network import check_iterations
+from .option_checks import check_count
 
 _ITERATIONS = ("iters", "decoder_depth")
 """What ptlflow's models call the number of their iterations."""
@@ -46,7 +46,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
     keyword = next((key for key in _ITERATIONS if key in parameters), None)
     counted = keyword is not None and isinstance(parameters[keyword].default, int)
     if iterations is not None:
-        check_iterations(iterations)
+        check_count("iterations", iterations)
         if not counted:
             raise UsageError(f"model '{name}' has no single number of iterations; leave out iterations")
     if keyword is None or not counted:

@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 from .base import AnyModel
 from .input_convention import InputConvention
-from .network import check_iterations, check_switch, network_model
+from .network import network_model
+from .option_checks import check_count, check_switch
 from .tiling import tiled
 
 SOURCE = "the authors' file of this size, linked from https://github.com/zslzx/SAMFlow"
@@ -40,7 +41,7 @@ def _samflow(
         sha256: the file's hash, or its first eight or more digits, to be checked.
         device, precision, compile, threads: see `TorchModel`.
     """
-    check_iterations(iterations)
+    check_count("iterations", iterations)
 
     def build() -> Any:
         from .nets.samflow import SamFlow

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import ModelError
 from .exported import Dim, batch_and_size, chosen_inputs, exported_convention, infer_layout, refuse_lost_frame
 from .input_convention import parse_size
-from .network import check_switch, require
+from .network import require
+from .option_checks import check_switch
 
 if TYPE_CHECKING:
     from .torch_model import TorchModel

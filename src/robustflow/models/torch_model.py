@@ -14,7 +14,7 @@ from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..sample import Flow, Frame
 from .blocks.resize import resize_flow
 from .input_convention import InputConvention
-from .network import check_switch
+from .option_checks import check_count, check_switch
 from .pairs import predict_by_size
 from .reproducible import reproducible
 
@@ -53,8 +53,7 @@ class TorchModel:
     ) -> None:
         if precision not in PRECISIONS:
             raise unknown_name("precision", str(precision), PRECISIONS)
-        if not isinstance(threads, int) or threads < 1:
-            raise UsageError(f"threads must be a whole number from 1, not {threads!r}")
+        check_count("threads", threads)
         check_switch("compile", compile)
         self.name = name
         self.convention = convention

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .input_convention import InputConvention
-from .network import check_iterations, network_model, require
+from .network import network_model, require
+from .option_checks import check_count
 
 if TYPE_CHECKING:
     from .torch_model import TorchModel
@@ -33,7 +34,7 @@ def _raft(
         sha256: the file's hash, or its first eight or more digits, to be checked.
         device, precision, compile, threads: see `TorchModel`.
     """
-    check_iterations(iterations)
+    check_count("iterations", iterations)
     require("torchvision", "torch", name)
     from torchvision import __version__ as version
     from torchvision.models import optical_flow

@@ -1,0 +1,32 @@
+"""What an option of a model must be: numbers and truth values that came as text are not taken for one another."""
+
+from __future__ import annotations
+
+import pytest
+
+from robustflow import load_model
+from robustflow.errors import UsageError
+from robustflow.models.option_checks import check_count, check_switch
+
+
+@pytest.mark.parametrize("value", [0, -1, 1.0, "3", None, True])
+def test_what_is_no_count_is_refused(value):
+    with pytest.raises(UsageError, match="iterations must be a whole number from 1, not"):
+        check_count("iterations", value)
+
+
+def test_a_count_may_begin_elsewhere():
+    check_count("levels", 0, least=0)
+    with pytest.raises(UsageError, match="winsize must be a whole number from 2, not 1"):
+        check_count("winsize", 1, least=2)
+
+
+@pytest.mark.parametrize("value", [0, 1, "no", None])
+def test_what_is_neither_true_nor_false_is_refused(value):
+    with pytest.raises(UsageError, match="compile must be true or false, not"):
+        check_switch("compile", value)
+
+
+def test_true_is_no_number_of_levels():
+    with pytest.raises(UsageError, match="levels must be a whole number from 0, not True"):
+        load_model("farneback", levels=True)
