@@ -35,4 +35,35 @@ def test_a_run_keeps_that_of_its_own_frames(robustflow, tmp_path):
         write_image(tmp_path / "data" / f"{index}.png", np.zeros((32, 32, 3), np.uint8))
     code, _, said = robustflow("displacement", "folder", "--data", tmp_path / "data", "-m", "dis", "--into", run.path)
     assert code == 2
-    assert "ran 1 pairs of demo, these are 1 of folder" in said
+    assert "ran 1 pair of demo, these are 1 of folder" in said
+
+
+def _stills(folder, grey):
+    folder.mkdir()
+    for index in range(3):
+        write_image(folder / f"{index}.png", np.full((32, 32, 3), grey + 20 * index, np.uint8))
+    return folder
+
+
+def test_the_page_of_a_run_shows_it_at_once(robustflow, tmp_path):
+    data = _stills(tmp_path / "data", 40)
+    run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
+    assert "How far things move" not in (run.path / "report.html").read_text()
+    assert robustflow("displacement", "folder", "--data", data, "-m", "dis", "--into", run.path)[0] == 0
+    assert "folder, 2 pairs (dis)" in (run.path / "report.html").read_text()
+
+
+def test_other_frames_of_the_same_names_are_refused(robustflow, tmp_path):
+    data, other = _stills(tmp_path / "data", 40), _stills(tmp_path / "other", 60)
+    run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
+    code, _, said = robustflow("displacement", "folder", "--data", other, "-m", "dis", "--into", run.path)
+    assert code == 1
+    assert "sample '0': these are not the frames that were run" in said
+    assert read_displacement(run) is None
+
+
+def test_a_record_holds_none(robustflow, tmp_path):
+    (tmp_path / "a.robustflow").write_bytes(b"PK")
+    code, _, said = robustflow("displacement", "demo", "--into", tmp_path / "a.robustflow")
+    assert code == 2
+    assert "kept in a run's folder" in said

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.benchmarks import load_benchmark
-from robustflow.errors import DataError, UsageError
+from robustflow.errors import DataError, ModelError, UsageError
 from robustflow.report.displacement import EDGES, displacement_histogram, histogram
 
 
@@ -44,6 +44,17 @@ def test_from_ground_truth_and_from_a_model():
     still = displacement_histogram(benchmark, Still(), "still")
     assert still["pixels"][0] == sample.shape[0] * sample.shape[1]
     assert still["source"].unique().to_list() == ["still"]
+
+
+def test_a_flow_that_is_not_finite_is_refused():
+    class Broken:
+        def predict(self, frame1, frame2):
+            flow = np.zeros((*frame1.shape[:2], 2), np.float32)
+            flow[0, :3, 1] = math.nan, math.inf, -math.inf
+            return flow
+
+    with pytest.raises(ModelError, match="3 pixels that are NaN or infinite on sample 'motorcycle'"):
+        displacement_histogram(load_benchmark("demo"), Broken())
 
 
 def test_no_ground_truth(tmp_path):

@@ -120,6 +120,12 @@ def test_ground_truth_goes_before_a_model_and_alike_are_one(kept, run):
     assert list(displacements_of([kept, other])) == ["demo, 1 pair (ground truth)"]
 
 
+def test_no_axis_goes_far_beyond_all_pixels():
+    table = pl.DataFrame({"low": [0.0, 2.0], "high": [2.0, math.inf], "share": [0.0, 1.0]})
+    (axes,) = displacement_figure({"a": table}).axes
+    assert 100 < axes.get_ylim()[1] <= 130
+
+
 def test_what_cannot_be_drawn():
     empty = pl.DataFrame({"low": [0.0], "high": [math.inf], "share": [0.0]})
     full = empty.with_columns(share=pl.Series([1.0]))

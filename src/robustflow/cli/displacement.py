@@ -50,14 +50,11 @@ def displacement(
     from ..benchmarks import load_benchmark
     from ..models import ModelSpec
     from ..report.displacement import displacement_histogram
-    from ..report.displacement_file import label_of, write_displacement
+    from ..report.displacement_file import clean_digests, label_of, write_displacement
     from ..report.figures import displacement_figure, write_figures
-    from ..runner.result import Result
 
     chosen = load_benchmark(benchmark, data, split, dict(keyword_options(data_option))).narrowed(limit=limit)
-    run = None if into is None else Result(into)
-    if run is not None:
-        _check_frames(run, chosen)
+    run = None if into is None else _run_of(into, chosen)
     loaded = ModelSpec(model, keyword_options(option)).load() if model is not None else None
     folder = output if output is not None or run is not None else Path("displacement")
     if folder is not None:
@@ -70,6 +67,7 @@ def displacement(
             loaded,
             source=model or "",
             progress=lambda done, total: progress.update(task, completed=done, total=total),
+            digests=None if run is None else clean_digests(run),
         )
     if folder is not None:
         write_bytes(folder / "displacement.csv", table.write_csv().encode())
@@ -79,14 +77,23 @@ def displacement(
             typer.echo(str(path))
     if run is not None:
         typer.echo(str(write_displacement(run, table)))
+        run.write_report()
 
 
-def _check_frames(run: Result, chosen: Benchmark) -> None:
+def _run_of(folder: Path, chosen: Benchmark) -> Result:
     from ..errors import UsageError
+    from ..runner.result import Result
 
-    identity = run.manifest["identity"]
-    if identity["benchmark"] != chosen.name or set(run.manifest["samples"]) != set(chosen.keys):
+    if folder.is_file():
+        raise UsageError(f"{folder} is a file; a histogram is kept in a run's folder, and no record holds one")
+    run = Result(folder)
+    if run.manifest["identity"]["benchmark"] != chosen.name or set(run.manifest["samples"]) != set(chosen.keys):
         raise UsageError(
-            f"{run.path} ran {len(run.manifest['samples'])} pairs of {identity['benchmark']}, these are "
-            f"{len(chosen.keys)} of {chosen.name}; give the run's --data, --split and --limit"
+            f"{run.path} ran {_pairs(len(run.manifest['samples']))} of {run.manifest['identity']['benchmark']}, these "
+            f"are {len(chosen.keys)} of {chosen.name}; give the run's --data, --split and --limit"
         )
+    return run
+
+
+def _pairs(count: int) -> str:
+    return f"{count} pair{'s' if count != 1 else ''}"

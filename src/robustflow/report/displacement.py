@@ -3,15 +3,16 @@ statistic"), from ground truth or from a named model's flow on the clean frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 import polars as pl
 
 from ..benchmarks import Benchmark
-from ..errors import DataError, UsageError
-from ..models.base import AnyModel, FlowLookup, FlowModel, predict_checked
+from ..errors import DataError, ModelError, RunError, UsageError
+from ..models.base import AnyModel, FlowLookup, FlowModel, place, predict_checked
+from ..runner.worker import frames_digest
 from ..sample import Flow, Mask
 
 GROUND_TRUTH = "ground truth"
@@ -26,6 +27,7 @@ def displacement_histogram(
     source: str = "",
     edges: Sequence[float] = EDGES,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    digests: Mapping[str, str] | None = None,
 ) -> pl.DataFrame:
     """Count pixels by amplitude over all samples of a benchmark; holds one sample at a time.
 
@@ -34,6 +36,7 @@ def displacement_histogram(
         model: the flow to measure; None takes the ground truth.
         source: what the table calls the model; its class by default.
         edges: ascending bin edges in pixels, the first 0; a bin holds its lower edge.
+        digests: sample -> `frames_digest` of the clean row, of a run that the histogram is to belong to.
 
     Returns:
         One row per bin: `benchmark`, `source` ("ground truth" or the model), `low`, `high` (pixels), `pixels`
@@ -42,12 +45,18 @@ def displacement_histogram(
     Raises:
         DataError: ground truth asked of a benchmark without.
         UsageError: edges that do not ascend from 0, or a model that needs more than two frames.
+        ModelError: the model failed, or returned a flow that is not finite.
+        RunError: frames that have another digest.
     """
     if model is None and not benchmark.dataset.has_flow:
         raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow is to be measured")
     if model is not None and not isinstance(model, FlowModel | FlowLookup):
         raise UsageError("displacement is measured from the flow of pairs; name a model of two frames")
-    flows = (_flow(benchmark, key, model, number, progress) for number, key in enumerate(benchmark.keys, start=1))
+    known = digests or {}
+    flows = (
+        _flow(benchmark, key, model, known.get(key), lambda number=number: progress(number, len(benchmark.keys)))
+        for number, key in enumerate(benchmark.keys, start=1)
+    )
     table = histogram(flows, edges)
     name = GROUND_TRUTH if model is None else source or type(model).__name__
     return table.select(pl.lit(benchmark.name).alias("benchmark"), pl.lit(name).alias("source"), pl.all())
@@ -86,13 +95,23 @@ def _flow(
     benchmark: Benchmark,
     key: str,
     model: FlowModel | FlowLookup | None,
-    number: int,
-    progress: Callable[[int, int], None],
+    digest: str | None,
+    progress: Callable[[], None],
 ) -> tuple[Flow, Mask]:
     sample = benchmark.dataset.load(key)
-    progress(number, len(benchmark.keys))
+    if digest is not None and frames_digest(sample.frames[:2]) != digest:
+        raise RunError(
+            f"{benchmark.name}, sample '{key}': these are not the frames that were run; give the run's --data"
+        )
+    progress()
     if model is not None:
-        return predict_checked(model, sample.frames, key, "clean", 0), np.ones(sample.shape, np.bool_)
+        flow = predict_checked(model, sample.frames, key, "clean", 0)
+        if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
+            where = place(key, "clean", 0)
+            raise ModelError(
+                f"the model returned {broken} pixels that are NaN or infinite on {where}; repair the model"
+            )
+        return flow, np.ones(sample.shape, np.bool_)
     if sample.flow is None or sample.valid is None:
         raise DataError(f"{benchmark.name}, sample '{key}': no ground truth; name a model instead")
     return sample.flow, sample.valid

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from ..atomic import write_json
 from ..errors import RunError
+from ..metrics.rows import CLEAN
 from .displacement import GROUND_TRUTH
 from .labels import BENCHMARK_LABELS
 from .runs import sample_set
@@ -101,6 +102,11 @@ def write_displacement(run: Result, table: pl.DataFrame) -> Path:
     )
     write_json(path, kept.model_dump())
     return path
+
+
+def clean_digests(run: Result) -> dict[str, str]:
+    """Sample -> digest of its clean frames, of every sample that a run has measured."""
+    return dict(run.rows.filter(corruption=CLEAN).select("sample", "frames_digest").iter_rows())
 
 
 def displacements_of(runs: Sequence[Result]) -> dict[str, pl.DataFrame]:

@@ -41,6 +41,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
         figure.mark(dots[0], [_mark(label, lows[index], highs[index], shares[index]) for index in filled])
         right = max(right, edges[filled[-1] + 1])
     axes.set_yscale("log")
+    axes.set_ylim(top=min(axes.get_ylim()[1], 130.0))
     axes.set_xlim(0, right)
     axes.set_xlabel("length of the flow (px)")
     axes.set_ylabel("pixels (%)")
