@@ -18,11 +18,10 @@ from ..errors import ModelError
 from ..models import load_model
 from ..models.catalog import methods
 from ..models.network import RANDOM
-from ..report.published import Cost, published_costs
+from ..report.published import COUNTED_SIZE, Cost, published_costs
 from .counts import Counts, count
 from .network_of import network_of
 
-SIZE = (432, 720)
 _UNPADDED = ("flowformer_pp",)
 _EVERY_FLOW = ("brightflow", "samflow_t", "samflow_b", "samflow_h")
 
@@ -64,10 +63,10 @@ def compare_with_paper() -> Iterator[Comparison]:
         try:
             model = network_of(load_model(name, checkpoint=RANDOM, device="cpu"))
         except ModelError as error:
-            yield Comparison(name, cost, SIZE, None, str(error))
+            yield Comparison(name, cost, COUNTED_SIZE, None, str(error))
             continue
         if name in _UNPADDED:
             model.net.model.output_stride = 8
-        size = model.convention.fitted_size(*SIZE)
+        size = model.convention.fitted_size(*COUNTED_SIZE)
         net = EveryFlow(model.net) if name in _EVERY_FLOW else model.net
         yield Comparison(name, cost, size, count(net, *size))

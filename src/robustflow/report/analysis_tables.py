@@ -9,7 +9,7 @@ import polars as pl
 
 from . import anatomy
 from .effective import effective_robustness
-from .labels import METRIC_LABELS, SETTING_LABELS, UNITS, long_label
+from .labels import METRIC_LABELS, SETTING_LABELS, long_label, metric_label
 from .observations import observations
 from .published import Cost
 from .results import AVERAGE, CLEAN
@@ -27,10 +27,7 @@ def means_table(runs: Sequence[Result], *, level: float = LEVEL, seed: int = 0) 
     images to give one."""
     keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
     columns = [Column("clean EPE (px)")]
-    columns += [
-        Column(f"{METRIC_LABELS[metric]} {f'({UNITS[metric]})' if UNITS[metric] else ''}".strip())
-        for metric in METRIC_LABELS
-    ]
+    columns += [Column(metric_label(metric)) for metric in METRIC_LABELS]
     lines = []
     for name, run in zip(run_names(runs), runs, strict=True):
         found = {

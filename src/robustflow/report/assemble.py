@@ -12,7 +12,7 @@ from ..errors import UsageError, unknown_name
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .costs import run_costs
 from .displacement_file import displacements_of
-from .labels import BENCHMARK_LABELS
+from .labels import benchmark_label
 from .observations.verdict import UNKNOWN
 from .published import PAPER, published_costs, published_results
 from .runs import run_names, run_results
@@ -128,4 +128,4 @@ def _whose(frames: str, part: pl.DataFrame) -> str:
     benchmark, models = part["benchmark"][0], list(dict.fromkeys(part["model"]))
     named, more = models[:_MOST_NAMED], len(models) - _MOST_NAMED
     told = ", ".join(map(plain, named)) + (f" and {more} more" if more > 0 else "")
-    return f"{told} on {BENCHMARK_LABELS.get(benchmark, plain(benchmark))}"
+    return f"{told} on {benchmark_label(benchmark)}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from ..errors import unknown_name
-from .labels import METRIC_LABELS, UNITS, long_label
+from .labels import METRIC_LABELS, long_label, metric_label
 from .render import render
 from .runs import run_names
 from .table import Cell, Column, Line, Section, Table
@@ -16,6 +16,7 @@ from .text import plain
 from .uncertainty import compare as compare_rows
 from .uncertainty.bootstrap import LEVEL, RESAMPLES
 from .uncertainty.paired import common_rows
+from .uncertainty.sentences import p_text
 from .uncertainty.sums import AVERAGE, CLEAN, METRICS
 
 if TYPE_CHECKING:
@@ -104,10 +105,9 @@ class Comparison:
         ]
         parts = self.per_corruption(metric).iter_rows(named=True)
         each = [Line(long_label(row["corruption"]), _cells(row, level)) for row in parts]
-        unit = f" ({UNITS[metric]})" if UNITS[metric] else ""
         sections = [Section("Overall", tuple(overall))]
         if each:
-            sections.append(Section(f"{METRIC_LABELS[metric]}{unit} per corruption", tuple(each)))
+            sections.append(Section(f"{metric_label(metric)} per corruption", tuple(each)))
         remarks = tuple(filter(None, (self._said(metric), self.remark)))
         return Table("comparison", f"{first} against {second}", columns, tuple(sections), remarks, "Mean")
 
@@ -129,14 +129,13 @@ def pairs_table(frame: pl.DataFrame) -> Table:
         Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"]))
         for row in frame.iter_rows(named=True)
     ]
-    unit = f" ({UNITS[metric]})" if UNITS[metric] else ""
     remark = f"p is corrected for {len(lines)} comparisons; bold is better by more than chance."
     columns = tuple(map(Column, ("first", "second", *_DIFFERENCE)))
     return Table(
         "pairs",
         "Every two models",
         columns,
-        (Section(f"Average {METRIC_LABELS[metric]}{unit}", tuple(lines)),),
+        (Section(f"Average {metric_label(metric)}", tuple(lines)),),
         (remark,),
         "Models",
     )
@@ -149,7 +148,7 @@ def _cells(row: dict[str, Any], level: float) -> tuple[Cell, ...]:
         Cell(f"{row['value_second']:.2f}", sure and row["difference"] > 0),
         Cell(f"{row['difference']:+.2f}"),
         Cell("-" if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"),
-        *(Cell("-" if row[p] is None else "< 0.001" if row[p] < 0.001 else f"{row[p]:.3f}") for p in ("p", "p_holm")),
+        *(Cell("-" if row[p] is None else p_text(row[p]).removeprefix("= ")) for p in ("p", "p_holm")),
     )
 
 

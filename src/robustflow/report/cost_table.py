@@ -9,7 +9,7 @@ import polars as pl
 
 from ..errors import UsageError
 from .costs import RunCost
-from .published import Cost
+from .published import COUNTED_ITERATIONS, COUNTED_SIZE, PAPER, Cost
 from .ranking import average_ranks, competition_ranks
 from .results import AVERAGE, CLEAN
 from .table import Cell, Column, Line, Section, Table, number_text
@@ -26,7 +26,6 @@ _COLUMNS = (
 )
 _PLACE = {"OOD": (2, 5), "ID": (3, 6)}
 _OTHER = (4, 7)
-_PAPER_SIZE = (432, 720)
 _Measured = tuple[str, str, str]
 """(sample set, setting, model)."""
 
@@ -61,7 +60,7 @@ def cost_table(
     sections = []
     if costs:
         sections.append(Section("Published", _published_lines(costs)))
-    others = measured_crer(results.filter(pl.col("sample_set") != "paper"))
+    others = measured_crer(results.filter(pl.col("sample_set") != PAPER))
     if others:
         sections.append(Section("Measured on other frames", _measured_lines(others, run_costs or {})))
     if not sections:
@@ -77,7 +76,8 @@ def cost_table(
     ]
     if run_costs:
         remarks.append(
-            "FLOPs are multiply-accumulates as the paper counts them (12 iterations, frames of 432x720, unless noted); "
+            f"FLOPs are multiply-accumulates as the paper counts them ({COUNTED_ITERATIONS} iterations, frames of "
+            f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted); "
             "runs are ranked among those on the same frames."
         )
     return Table(
@@ -199,7 +199,7 @@ def _counted(cost: RunCost) -> tuple[int, int]:
 
 
 def _counted_note(cost: RunCost) -> str:
-    told = [f"{cost.iterations} iterations"] if cost.iterations not in (None, 12) else []
-    if _counted(cost) != _PAPER_SIZE:
+    told = [f"{cost.iterations} iterations"] if cost.iterations not in (None, COUNTED_ITERATIONS) else []
+    if _counted(cost) != COUNTED_SIZE:
         told.append(f"frames of {cost.height}x{cost.width}")
     return f"FLOPs of {', '.join(told)}" if told else ""

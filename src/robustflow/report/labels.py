@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..corruptions.catalog import FAMILIES
+from .text import plain
 
 METRIC_LABELS = {"epe": "EPE", "cre": "CRE", "rcre": "RCRE", "crer": "CREr"}
 UNITS = {"epe": "px", "cre": "px", "rcre": "px", "crer": ""}
@@ -37,6 +38,24 @@ _SHORT = {
     "h264_abr": "ABR",
     "bit_error": "Bit error",
 }
+
+
+def metric_label(metric: str) -> str:
+    """A metric with its unit.
+
+    >>> metric_label("cre"), metric_label("crer")
+    ('CRE (px)', 'CREr')
+    """
+    return f"{METRIC_LABELS[metric]} ({UNITS[metric]})" if UNITS[metric] else METRIC_LABELS[metric]
+
+
+def benchmark_label(benchmark: str) -> str:
+    """A benchmark as it is written; one that a file names is text.
+
+    >>> benchmark_label("kitti-fc"), benchmark_label("sintel")
+    ('KITTI-FC', 'sintel')
+    """
+    return BENCHMARK_LABELS.get(benchmark, plain(benchmark, 40))
 
 
 def short_label(corruption: str) -> str:

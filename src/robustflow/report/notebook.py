@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import UsageError, unknown_name
 from .displacement_file import displacements_of
-from .labels import BENCHMARK_LABELS, FAMILY_LABELS, METRIC_LABELS, UNITS
+from .labels import FAMILY_LABELS, METRIC_LABELS, benchmark_label, metric_label
 from .render import render
 from .runs import note_of, run_names, run_results, sample_set, setting_of
 from .table import Cell, Column, Line, Section, Table, number_text
@@ -39,13 +39,12 @@ def result_table(run: Result) -> Table:
     """The means of a run, overall and by class of corruption."""
     summary = run.summary
     shown = [metric for metric in METRIC_LABELS if getattr(summary, metric) is not None]
-    columns = [Column(f"{METRIC_LABELS[m]} {f'({UNITS[m]})' if UNITS[m] else ''}".strip()) for m in shown]
+    columns = [Column(metric_label(metric)) for metric in shown]
     lines = [_line("all", summary, shown)]
     lines += [_line(FAMILY_LABELS[name], scores, shown) for name, scores in summary.families.items()]
-    benchmark = str(run.manifest["identity"]["benchmark"])
     remarks = [f"clean EPE {summary.epe_clean:.2f} px"] if summary.epe_clean is not None else []
     remarks += [note] if (note := note_of(run)) else []
-    title = f"{run.name} ({setting_of(run)}) on {BENCHMARK_LABELS.get(benchmark, benchmark)}"
+    title = f"{run.name} ({setting_of(run)}) on {benchmark_label(str(run.manifest['identity']['benchmark']))}"
     return Table("result", title, tuple(columns), (Section("Means", tuple(lines)),), tuple(remarks), "Corruptions")
 
 
@@ -55,7 +54,7 @@ def plot(runs: Sequence[Result], kind: str = "severity", metric: str = "rcre") -
     Args:
         runs: one or more, over the same frames unless `kind` is "severity" or "displacement".
         kind: "severity" (a metric against severity, a panel per corruption), "classes" (CREr by class of corruption),
-            "accuracy" (clean EPE against CRE), or "relations" (clean EPE, EPE, CRE and RCRE against each other), or
+            "accuracy" (clean EPE against CRE), "relations" (clean EPE, EPE, CRE and RCRE against each other), or
             "displacement" (how far the pixels of the frames move).
         metric: of "severity": "epe", "cre", "crer" or "rcre".
 

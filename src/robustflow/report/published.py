@@ -22,6 +22,13 @@ PAPER = "paper"
 PAPER_PAIRS = 80
 """Image pairs of KITTI-FC that the paper evaluates on (Sec. 4.2); it does not say how many GoPro-FC has."""
 
+NOT_DISCUSSED = ("FlowDiffuser",)
+"""Learned models that the paper leaves out of its figures and discussion (Sec. 5.2)."""
+
+COUNTED_SIZE = (432, 720)
+COUNTED_ITERATIONS = 12
+"""Height and width of the frames that Tab. 3 counts the cost of, and of iterative models the iterations (Sec. 4.2)."""
+
 _TABLES = ("kitti_fc_epe", "kitti_fc_cre", "kitti_fc_rcre", "gopro_fc_rcre")
 
 

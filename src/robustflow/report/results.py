@@ -19,8 +19,8 @@ import polars as pl
 
 from ..corruptions.stack import parse_stack
 from ..errors import DataError, UsageError
+from ..metrics.rows import CLEAN
 
-CLEAN = "clean"
 AVERAGE = "average"
 METRICS = ("epe", "cre", "rcre", "crer")
 SETTINGS = ("knowledge", "OOD", "ID")

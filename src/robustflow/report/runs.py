@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from ..corruptions.base import SEVERITIES
 from ..corruptions.catalog import IMAGE_PAIR, PAPER_ORDER
 from .published import PAPER_PAIRS
 from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA
@@ -89,7 +90,7 @@ def note_of(run: Result) -> str:
     if set(averaged) != set(wanted):
         plural = "s" if len(averaged) != 1 else ""
         told.append(f"average over {len(averaged)} corruption{plural}, not the paper's {len(wanted)}")
-    if sorted(selection["severities"]) != [1, 2, 3, 4, 5]:
+    if set(selection["severities"]) != set(SEVERITIES):
         told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if not run.summary.complete:
         told.append("not complete")
@@ -99,7 +100,11 @@ def note_of(run: Result) -> str:
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:
     count = f"{pairs} pair{'s' if pairs != 1 else ''}"
     if benchmark == "kitti-fc":
-        return "" if protocol.get("frames") == "released" and pairs == PAPER_PAIRS else f"{count}, not the paper's 80"
+        return (
+            ""
+            if protocol.get("frames") == "released" and pairs == PAPER_PAIRS
+            else f"{count}, not the paper's {PAPER_PAIRS}"
+        )
     if benchmark == "gopro-fc":
         return "" if protocol.get("frames") == "released" else f"{count}, not the paper's"
-    return f"{count} of {benchmark}, not the paper's 80"
+    return f"{count} of {benchmark}, not the paper's {PAPER_PAIRS}"

@@ -8,6 +8,7 @@ import polars as pl
 from matplotlib.figure import Figure
 
 from ...errors import UsageError
+from ..published import PAPER
 from .canvas import FILE_FORMATS, figure_bytes, write_figures
 from .clean_against_cre import clean_against_cre
 from .crer_by_family import crer_by_family
@@ -48,7 +49,7 @@ def all_figures(results: pl.DataFrame, runs: Mapping[str, pl.DataFrame]) -> dict
     figures: dict[str, Figure] = {}
     by_frames = figures_by_sample_set(results)
     for index, (frames, drawn) in enumerate(by_frames.items()):
-        suffix = "" if frames == "paper" else f"_runs_{index}" if "paper" in by_frames else f"_{index}"
+        suffix = "" if frames == PAPER else f"_runs_{index}" if PAPER in by_frames else f"_{index}"
         figures |= {name + suffix: figure for name, figure in drawn.items()}
     for metric in ("rcre", "epe"):
         try:
@@ -60,13 +61,13 @@ def all_figures(results: pl.DataFrame, runs: Mapping[str, pl.DataFrame]) -> dict
 
 def figures_by_sample_set(results: pl.DataFrame) -> dict[str, dict[str, MarkedFigure]]:
     """Sample set -> the figures of results by name, of all benchmarks but GoPro-FC, which has no ground truth."""
-    on_kitti = results.filter(pl.col("benchmark") != "gopro-fc")
+    with_truth = results.filter(pl.col("benchmark") != "gopro-fc")
     figures: dict[str, dict[str, MarkedFigure]] = {}
-    for frames in dict.fromkeys(on_kitti["sample_set"]):
+    for frames in dict.fromkeys(with_truth["sample_set"]):
         figures[frames] = {}
         for name, draw in _OF_RESULTS.items():
             try:
-                figures[frames][name] = draw(on_kitti.filter(sample_set=frames))
+                figures[frames][name] = draw(with_truth.filter(sample_set=frames))
             except UsageError:
                 # Not every set of results has what each figure shows; the caller sees what there is.
                 continue

@@ -36,14 +36,19 @@ ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PINK, BLACK = (
     "#CC79A7",
     "#000000",
 )
+GREY, GRID = "#999999", "#dddddd"
+
 KIND_COLOURS = {
     "CNN-based": PINK,
     "Transformer-based": GREEN,
     "Unsupervised": BLUE,
-    "Knowledge-driven": "#999999",
+    "Knowledge-driven": GREY,
     "Own": ORANGE,
 }
 """Near the paper's: purple for CNNs, green for Transformers, blue for unsupervised models."""
+
+SETTING_COLOURS = {"OOD": BLUE, "ID": RED}
+"""Of the paper's settings of learned models; others are orange."""
 
 _NAME_SIZE = 7.0
 
@@ -72,7 +77,7 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> 
     FigureCanvasAgg(figure)
     axes = [figure.add_subplot(rows, columns, index + 1) for index in range(rows * columns)]
     for one in axes:
-        one.grid(True, color="#dddddd", linewidth=0.6)
+        one.grid(True, color=GRID, linewidth=0.6)
         one.set_axisbelow(True)
         one.spines[["top", "right"]].set_visible(False)
     return figure, axes

@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 
 from ...errors import UsageError
 from ..labels import SETTING_LABELS
+from ..published import NOT_DISCUSSED
 from ..results import AVERAGE, CLEAN, values_of
 from ..tables import settings_in_order
 from .canvas import KIND_COLOURS, kind_of, name_text, new_figure, spread_labels
@@ -18,7 +19,7 @@ _AREA = 260.0
 """Square points of a bubble of CREr 1."""
 
 
-def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = ("FlowDiffuser",)) -> MarkedFigure:
+def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = NOT_DISCUSSED) -> MarkedFigure:
     """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting.
 
     CRE is made from the EPE. Models in `without` are left out, and knowledge-driven methods where there are others,

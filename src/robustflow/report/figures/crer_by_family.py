@@ -10,12 +10,11 @@ import polars as pl
 from ...corruptions.catalog import FAMILIES
 from ...errors import UsageError
 from ..labels import FAMILY_LABELS
-from ..results import CLEAN, values_of
-from .canvas import BLUE, ORANGE, RED, name_text, new_figure
+from ..results import CLEAN, SETTINGS, values_of
+from .canvas import ORANGE, SETTING_COLOURS, name_text, new_figure
 from .marks import Mark, MarkedFigure
 
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
-_COLOURS = {"OOD": BLUE, "ID": RED}
 
 
 def family_crer(results: pl.DataFrame) -> dict[tuple[str, str], dict[str, float]]:
@@ -44,7 +43,7 @@ def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None)
     """
     found = family_crer(results)
     if models is None:
-        own = [model for setting, model in found if setting not in ("knowledge", "OOD", "ID")]
+        own = [model for setting, model in found if setting not in SETTINGS]
         chosen = [model for _, model in found if model in (*REPRESENTATIVE, *own)]
         models = (*REPRESENTATIVE, *own) if chosen else tuple(model for _, model in found)
     shown = [model for model in dict.fromkeys(models) if any(m == model for _, m in found)][:9]
@@ -62,7 +61,7 @@ def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None)
         for index, setting in enumerate(settings):
             heights = [found[setting, model].get(family, np.nan) for family in families]
             at = np.arange(len(families)) + (index - (len(settings) - 1) / 2) * width
-            bars = panel.bar(at, heights, width, color=_COLOURS.get(setting, ORANGE), label=name_text(setting))
+            bars = panel.bar(at, heights, width, color=SETTING_COLOURS.get(setting, ORANGE), label=name_text(setting))
             for bar, family, height in zip(bars, families, heights, strict=True):
                 if np.isnan(height):
                     continue

@@ -7,26 +7,25 @@ import polars as pl
 from matplotlib.lines import Line2D
 
 from ...errors import UsageError
+from ..published import NOT_DISCUSSED
 from ..results import AVERAGE, CLEAN, values_of
-from .canvas import BLUE, ORANGE, RED, name_text, new_figure
+from .canvas import ORANGE, SETTING_COLOURS, name_text, new_figure
 from .marks import Mark, MarkedFigure
 
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))
-_COLOURS = {"OOD": BLUE, "ID": RED}
-_LEFT_OUT = ("FlowDiffuser",)
 
 
 def relations(results: pl.DataFrame) -> MarkedFigure:
     """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model.
 
-    Pearson's r and Spearman's rho are given per setting. FlowDiffuser is left out, and knowledge-driven methods
+    Pearson's r and Spearman's rho are given per setting. `NOT_DISCUSSED` are left out, and knowledge-driven methods
     where there are others, as in the paper's discussion; CRE is made from the EPE.
 
     Raises:
         UsageError: no model has all four.
     """
     epe, rcre = values_of(results, "epe"), values_of(results, "rcre")
-    models = [(s, m) for s, m, name in epe if name == AVERAGE and m not in _LEFT_OUT]
+    models = [(s, m) for s, m, name in epe if name == AVERAGE and m not in NOT_DISCUSSED]
     points: dict[str, list[dict[str, float]]] = {}
     marks: dict[str, list[Mark]] = {}
     for setting, model in models:
@@ -47,7 +46,7 @@ def relations(results: pl.DataFrame) -> MarkedFigure:
         for setting, found in points.items():
             xs, ys = (np.array([point[name] for point in found]) for name in (x, y))
             drawn = panel.scatter(
-                xs, ys, s=26, color=_COLOURS.get(setting, ORANGE), alpha=0.8, edgecolor="white", linewidth=0.5
+                xs, ys, s=26, color=SETTING_COLOURS.get(setting, ORANGE), alpha=0.8, edgecolor="white", linewidth=0.5
             )
             figure.mark(drawn, marks[setting])
             told.append(f"{name_text(setting)}: {_correlation(xs, ys)}")
@@ -60,7 +59,7 @@ def relations(results: pl.DataFrame) -> MarkedFigure:
             [],
             marker="o",
             linestyle="",
-            color=_COLOURS.get(s, ORANGE),
+            color=SETTING_COLOURS.get(s, ORANGE),
             label=f"{name_text(s)} ({len(found)} models)",
         )
         for s, found in points.items()

@@ -8,9 +8,10 @@ from typing import Any
 import polars as pl
 from matplotlib.lines import Line2D
 
+from ...corruptions.base import SEVERITIES
 from ...corruptions.catalog import PAPER_ORDER
 from ...errors import UsageError
-from ..labels import METRIC_LABELS, UNITS, long_label
+from ..labels import METRIC_LABELS, UNITS, long_label, metric_label
 from ..uncertainty import intervals
 from .canvas import SERIES, name_text, new_figure
 from .marks import Mark, MarkedFigure
@@ -58,10 +59,9 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
                     known["severity"], known["low"], known["high"], color=colour, alpha=0.15, linewidth=0
                 )
         panel.set_title(name_text(long_label(corruption)), fontsize=8)
-        panel.set_xticks([1, 2, 3, 4, 5])
+        panel.set_xticks(SEVERITIES)
         panel.tick_params(labelsize=7)
-    unit = f" ({UNITS[metric]})" if UNITS[metric] else ""
-    figure.supylabel(f"{METRIC_LABELS[metric]}{unit}", fontsize=9)
+    figure.supylabel(metric_label(metric), fontsize=9)
     figure.supxlabel("severity", fontsize=9)
     handles = [
         Line2D([], [], color=colour, marker="o", markersize=3, label=name_text(name))

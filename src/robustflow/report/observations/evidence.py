@@ -13,13 +13,11 @@ from statistics import fmean
 import polars as pl
 
 from ...corruptions.catalog import FAMILIES, PAPER_ORDER
-from ..published import Cost, Method, method_of
+from ..published import NOT_DISCUSSED, Cost, Method, method_of
 from ..results import AVERAGE, CLEAN, values_of
 
 Entry = tuple[str, str]
 """(setting, model)."""
-
-_LEFT_OUT = ("FlowDiffuser",)
 
 
 class Evidence:
@@ -48,7 +46,7 @@ class Evidence:
         chosen = []
         for entry in self.entries:
             method = self.method(entry[1])
-            if entry[0] != setting or entry[1] in _LEFT_OUT:
+            if entry[0] != setting or entry[1] in NOT_DISCUSSED:
                 continue
             if kind is not None and (method is None or method.type != kind):
                 continue

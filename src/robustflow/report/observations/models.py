@@ -8,6 +8,7 @@ from scipy.stats import spearmanr
 
 from ...corruptions.catalog import FAMILIES
 from ..cost_table import cost_ranks
+from ..uncertainty.sentences import p_text
 from .evidence import Entry, Evidence, named
 from .verdict import Observation, Part, part
 
@@ -29,8 +30,7 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
                 continue
             found = spearmanr(*columns, alternative="greater")
             rho, p = float(found.statistic), float(found.pvalue)
-            shown = "< 0.001" if p < 0.001 else f"= {p:.3f}"
-            says = f"{setting}: Spearman {rho:+.2f}, one-sided p {shown}, {len(entries)} models"
+            says = f"{setting}: Spearman {rho:+.2f}, one-sided p {p_text(p)}, {len(entries)} models"
             parts.append(part(f"{name} grows with clean EPE ({setting})", p < 0.05, says, True, {"rho": rho, "p": p}))
     if not parts:
         parts.append(part("corrupted EPE and CRE grow with clean EPE", None, f"needs {_LEAST} models", True))

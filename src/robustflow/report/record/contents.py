@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
 from ...errors import DataError, RunError
-from ...models.provenance import training_of
+from ...models.provenance import Setting, training_of
 from ...runner.store import MANIFEST_SCHEMA
 from ..text import plain
 from .rows_text import MOST_ROWS
@@ -81,7 +81,7 @@ class Selection(_Strict):
 class Provenance(_Strict):
     """What is said about the model's training."""
 
-    setting: Literal["knowledge", "OOD", "ID", "LEAKED", "untrained", "undeclared"]
+    setting: Setting
     trained_on: Annotated[list[_Text], Field(max_length=100)] | None
     basis: _Text
     note: str = ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from ...corruptions.base import SEVERITIES
 from ...corruptions.catalog import CORRUPTIONS
 from ...corruptions.stack import is_stack, levels_of, parse_stack
 from ...errors import UsageError
@@ -21,7 +22,7 @@ def cell_problems(run: Result, reader: Reader) -> tuple[list[str], str]:
     """Corruptions nobody knows, rows that were not planned or are missing; and a sentence where there are none."""
     plan = reader.plan
     problems = [*_unknown(plan.selection.corruptions), *_left_out(plan)]
-    if sorted(set(plan.selection.severities) | {1, 2, 3, 4, 5}) != [1, 2, 3, 4, 5]:
+    if not set(plan.selection.severities) <= set(SEVERITIES):
         problems.append(f"severities {plan.selection.severities}: they are 1 to 5")
     if problems:
         return problems, ""

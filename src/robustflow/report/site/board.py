@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...corruptions.catalog import FAMILIES
-from ..labels import BENCHMARK_LABELS, FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, long_label, short_label
+from ..labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, benchmark_label, long_label, short_label
 from ..published import PAPER
 from ..results import AVERAGE, CLEAN
 from ..text import plain
@@ -111,11 +111,6 @@ def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -
         ),
         start=start,
     )
-
-
-def benchmark_label(benchmark: str) -> str:
-    """A benchmark as it is written; one that a file names is text."""
-    return BENCHMARK_LABELS.get(benchmark, plain(benchmark, 40))
 
 
 def setting_label(setting: str) -> str:

@@ -11,7 +11,7 @@ import polars as pl
 from ...errors import DataError, UsageError
 from ..assemble import results_of
 from ..costs import run_costs
-from ..labels import BENCHMARK_LABELS
+from ..labels import benchmark_label
 from ..published import PAPER, Cost, published_costs
 from ..results import RESULT_KEY
 from ..runs import note_of, run_names, sample_set, setting_of
@@ -54,8 +54,7 @@ class Content:
 
 def run_content(run: Result) -> Content:
     """Of a run's own report: the run first, the paper's lines below."""
-    benchmark = str(run.manifest["identity"]["benchmark"])
-    title = f"{run.name} on {BENCHMARK_LABELS.get(benchmark, benchmark)}"
+    title = f"{run.name} on {benchmark_label(str(run.manifest['identity']['benchmark']))}"
     return _content(plain(title, 160), [run], [], published=True, alone=True)
 
 

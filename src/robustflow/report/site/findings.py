@@ -8,11 +8,12 @@ import polars as pl
 
 from ..audit import CHECKS, Audit, Finding, audit_published, audit_results
 from ..observations import Observation, observations
+from ..observations.verdict import UNKNOWN
 from ..published import PAPER
 from ..text import plain
 from .content import Content
 
-VERDICT_CLASSES = {"holds": "yes", "does not hold": "no", "cannot be computed": "open"}
+VERDICT_CLASSES = {"holds": "yes", "does not hold": "no", UNKNOWN: "open"}
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ def checked_observations(content: Content) -> list[Checked]:
     for frames in dict.fromkeys(content.focus["sample_set"]):
         part = content.results.filter(pl.col("sample_set") == frames)
         made = observations(part, content.costs if frames == PAPER else {})
-        if any(one.verdict != "cannot be computed" for one in made):
+        if any(one.verdict != UNKNOWN for one in made):
             found.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(made)))
     return found
 

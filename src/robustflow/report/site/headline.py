@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...errors import RunError
-from ..labels import METRIC_LABELS
+from ..labels import METRIC_LABELS, benchmark_label
 from ..published import PAPER
 from ..results import AVERAGE, CLEAN
 from ..text import plain
 from ..uncertainty import compare_all
-from .board import benchmark_label
 from .content import Content
 from .entries import Entry, Key
 

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 from ...corruptions.catalog import PAPER_ORDER
 from ..analysis_tables import anatomy_table
 from ..anatomy import by_severity
-from ..labels import METRIC_LABELS, UNITS, long_label
+from ..labels import METRIC_LABELS, benchmark_label, long_label, metric_label
 from ..results import AVERAGE, CLEAN
 from ..table import Line, Section, Table
 from ..text import plain
-from .board import benchmark_label
 from .content import Content
 from .entries import Entry, Key
 from .examples import Panel
@@ -158,7 +157,7 @@ def _severity_table(entry: Entry, run: Result, metric: str) -> HeatTable:
             cells.append((_number(slopes.get(row["corruption"])), "", ""))
         lines.append((plain(long_label(row["corruption"])), tuple(cells)))
     columns = (*levels, "mean", *(["slope"] if slopes else []))
-    return HeatTable(f"{METRIC_LABELS[metric]} ({UNITS[metric]}) by severity", columns, tuple(lines))
+    return HeatTable(f"{metric_label(metric)} by severity", columns, tuple(lines))
 
 
 def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:

@@ -10,10 +10,10 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
 from ... import __version__
-from ..labels import SETTING_LABELS
+from ..labels import SETTING_LABELS, benchmark_label
 from ..text import plain
 from . import assets
-from .board import benchmark_label, boards_of, setting_label
+from .board import boards_of, setting_label
 from .content import Content
 from .downloads import download_data
 from .examples import Examples, Slider, examples_of

@@ -9,23 +9,26 @@ from collections.abc import Callable, Sequence
 from markupsafe import Markup
 
 from ..figures import figure_bytes
+from ..figures.canvas import BLACK, BLUE, GREEN, GREY, GRID, ORANGE, PINK, RED, SKY, YELLOW
 from ..figures.marks import Mark, MarkedFigure
 from ..text import plain
 
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "{http://www.w3.org/1999/xlink}href"
 _COLOURS = {
-    "#000000": "currentColor",
+    BLACK: "currentColor",
     "#ffffff": "var(--page)",
-    "#dddddd": "var(--grid)",
-    "#999999": "var(--chart-grey)",
-    "#0072b2": "var(--chart-blue)",
-    "#d55e00": "var(--chart-red)",
-    "#009e73": "var(--chart-green)",
-    "#e69f00": "var(--chart-orange)",
-    "#56b4e9": "var(--chart-sky)",
-    "#cc79a7": "var(--chart-pink)",
-    "#f0e442": "var(--chart-yellow)",
+    GRID: "var(--grid)",
+    GREY: "var(--chart-grey)",
+    BLUE.lower(): "var(--chart-blue)",
+    RED.lower(): "var(--chart-red)",
+    GREEN.lower(): "var(--chart-green)",
+    ORANGE.lower(): "var(--chart-orange)",
+    SKY.lower(): "var(--chart-sky)",
+    PINK.lower(): "var(--chart-pink)",
+    YELLOW.lower(): "var(--chart-yellow)",
 }
+"""Colours as matplotlib writes them, in lower case, and what the page calls them."""
+
 _FONT = re.compile(r"font:[^;]*?([\d.]+)px[^;]*")
 _LONG_NUMBER = re.compile(r"\d+\.\d{3,}")
 _GEOMETRY = ("d", "x", "y", "points", "transform", "width", "height")

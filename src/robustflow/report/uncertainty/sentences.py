@@ -39,7 +39,7 @@ def difference_sentence(
         return f"The {what} of {names[0]} and {names[1]} {found} {clusters} {units} too few {chance}."
     percent = f"{100 * level:g} %"
     corrected = f" corrected for {comparisons} comparisons" if comparisons > 1 else ""
-    told = f"p {_p(p_holm)}{corrected}; {observed}"
+    told = f"p {p_text(p_holm)}{corrected}; {observed}"
     if p_holm >= 1 - level:
         return (
             f"No difference in {what} between {names[0]} and {names[1]} can be claimed: {interval.estimate:+.2f}{unit} "
@@ -54,5 +54,10 @@ def difference_sentence(
     )
 
 
-def _p(value: float) -> str:
+def p_text(value: float) -> str:
+    """A p-value after the letter; below a thousandth only that it is.
+
+    >>> p_text(0.0204), p_text(0.0004)
+    ('= 0.020', '< 0.001')
+    """
     return "< 0.001" if value < 0.001 else f"= {value:.3f}"

@@ -10,9 +10,9 @@ import polars as pl
 from ...corruptions.catalog import PAPER_ORDER
 from ...errors import UsageError, unknown_name
 from ...metrics.rows import CLEAN
+from ..results import AVERAGE
 from .estimates import Array, Estimates, weighted_means
 
-AVERAGE = "average"
 METRICS = ("epe", "cre", "crer", "rcre")
 Setting = tuple[str, int]
 
