@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..errors import ModelError, unknown_name
+from .network import RANDOM
 
 
 def find_checkpoint(
@@ -37,7 +38,7 @@ def find_checkpoint(
     path = Path(checkpoint).expanduser()
     if not path.exists():
         if published and not path.suffix and len(path.parts) == 1:
-            raise unknown_name(f"checkpoint of {model}", str(checkpoint), [*published, "random"])
+            raise unknown_name(f"checkpoint of {model}", str(checkpoint), [*published, RANDOM])
         raise ModelError(f"model '{model}': no file {checkpoint}; {names} {source}, and put it there")
     return path, None
 

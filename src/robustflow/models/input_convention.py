@@ -7,6 +7,11 @@ from typing import Any, Literal
 
 from ..errors import ModelError, UsageError
 
+RAFT_SMALLEST = 121
+"""Pixels a side. RAFT halves its correlation volume three times and divides by the last one's sides less one, which is
+0 up to 120 pixels: NaN. Its authors evaluate nothing so small and pad to multiples of 8 only, so such frames are
+refused, whichever implementation runs."""
+
 
 @dataclass(frozen=True)
 class InputConvention:

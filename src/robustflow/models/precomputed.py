@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import ModelError
-from ..flowio import read_flow
+from ..flowio import FLOW_SUFFIXES, read_flow
 from ..sample import Flow
-
-_SUFFIXES = (".flo", ".png", ".pfm", ".flo5")
 
 
 class Precomputed:
@@ -20,6 +18,9 @@ class Precomputed:
     `clean/<key>.<ext>` and `<corruption>_<severity>/<key>.<ext>`, ext one of flo, png (KITTI 16-bit), pfm, flo5.
 
     A key with slashes (`alley_1/frame_0001`) is a path below the setting's folder.
+
+    Raises:
+        ModelError: the folder has no `clean`.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -36,21 +37,26 @@ class Precomputed:
         listing = hashlib.sha256()
         settings = [folder for folder in sorted(self._folder.iterdir()) if folder.is_dir()]
         for path in (path for folder in settings for path in sorted(folder.rglob("*"))):
-            if path.suffix in _SUFFIXES and path.is_file():
+            if path.suffix in FLOW_SUFFIXES and path.is_file():
                 name = path.relative_to(self._folder).as_posix()
                 listing.update(f"{name} {_digest(path)}\n".encode())
         return {"name": "precomputed", "files": listing.hexdigest()}
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
-        """See `FlowLookup.lookup`. Pixels a file marks as unknown come back as NaN."""
+        """See `FlowLookup.lookup`. Pixels a file marks as unknown come back as NaN.
+
+        Raises:
+            ModelError: there is no such file.
+            DataError: it is damaged.
+        """
         setting = f"{corruption}_{severity}" if severity else corruption
-        for suffix in _SUFFIXES:
+        for suffix in FLOW_SUFFIXES:
             path = self._folder / setting / f"{key}{suffix}"
             if path.is_file():
                 flow, valid = read_flow(path)
                 return flow if valid.all() else np.where(valid[..., None], flow, np.float32(np.nan))
         raise ModelError(
-            f"{self._folder}: no flow for sample '{key}' under {setting}/ (looked for {', '.join(_SUFFIXES)})"
+            f"{self._folder}: no flow for sample '{key}' under {setting}/ (looked for {', '.join(FLOW_SUFFIXES)})"
         )
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import ModelError, unknown_name
-from .input_convention import InputConvention
+from .input_convention import RAFT_SMALLEST, InputConvention
 from .network import network_model, require
 from .ptlflow_options import constructor_options
 
@@ -25,12 +25,10 @@ if TYPE_CHECKING:
     from .torch_model import TorchModel
 
 _SMALLEST = {
-    **dict.fromkeys(("raft", "raft_small", "gma", "csflow", "skflow", "gmflownet", "craft"), 121),
+    **dict.fromkeys(("raft", "raft_small", "gma", "csflow", "skflow", "gmflownet", "craft"), RAFT_SMALLEST),
     "flowformer": 25,
 }
-"""Pixels a side. RAFT halves its correlation volume three times and divides by the last one's sides less one, which is
-0 up to 120 pixels: NaN. Its authors evaluate nothing so small and pad to multiples of 8 only, so such frames are
-refused."""
+"""Pixels a side below which a network gives no numbers: those that have RAFT's correlation, and FlowFormer."""
 
 BESIDES = {
     "splatflow": "cupy, for CUDA",

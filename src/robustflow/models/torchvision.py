@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .input_convention import InputConvention
+from .input_convention import RAFT_SMALLEST, InputConvention
 from .network import network_model, require
 from .option_checks import check_count
 
@@ -48,7 +48,7 @@ def _raft(
     return network_model(
         name,
         build,
-        InputConvention(scale=1.0, fit="pad", multiple=8, smallest=121),  # see `ptlflow`
+        InputConvention(scale=1.0, fit="pad", multiple=8, smallest=RAFT_SMALLEST),
         checkpoint,
         source="a file of https://download.pytorch.org/models",
         sha256=sha256,

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
+
+
+def mask_layers(inputs: int = 128, factor: int = 8) -> nn.Sequential:
+    """A state (N, inputs, H, W) to the logits of `convex_upsample`, (N, 9 * factor ** 2, H, W). Keys: `0 2`."""
+    return nn.Sequential(nn.Conv2d(inputs, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 9 * factor * factor, 1))
 
 
 def convex_upsample(flow: Tensor, mask: Tensor, factor: int = 8) -> Tensor:

@@ -6,8 +6,12 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+RADIUS = 4
+WINDOW = (2 * RADIUS + 1) ** 2
+"""Channels of a correlation of this radius."""
 
-def local_correlation(features1: Tensor, features2: Tensor, radius: int = 4) -> Tensor:
+
+def local_correlation(features1: Tensor, features2: Tensor, radius: int = RADIUS) -> Tensor:
     """Mean over channels of feature 1 at a pixel times feature 2 at the pixel + (dx, dy); zero outside.
 
     Args:

@@ -6,13 +6,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ..blocks.local_correlation import local_correlation
+from ..blocks.local_correlation import WINDOW, local_correlation
 from ..blocks.pwc import ContextNetwork, FeaturePyramid, conv
 from ..blocks.resize import resize_flow
 from ..blocks.warp import warp
-
-WINDOW = 81
-"""Channels of a correlation of radius 4."""
 
 
 class ReducedDenseEstimator(nn.Module):

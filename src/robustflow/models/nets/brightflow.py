@@ -8,10 +8,10 @@ import torch
 from torch import Tensor, nn
 
 from ..blocks.allpairs import CorrelationPyramid, pixel_grid
-from ..blocks.convex_upsample import convex_upsample
+from ..blocks.convex_upsample import convex_upsample, mask_layers
 from ..blocks.gru import SepConvGRU
 from ..blocks.raft_update import FlowHead, MotionEncoder
-from ..blocks.residual_encoder import ResidualEncoder
+from .residual_encoder import ResidualEncoder
 
 LEVELS, RADIUS = 4, 4
 HIDDEN = CONTEXT = 128
@@ -25,7 +25,7 @@ class UpdateBlock(nn.Module):
         self.encoder = MotionEncoder(LEVELS * (2 * RADIUS + 1) ** 2)
         self.gru = SepConvGRU(HIDDEN, CONTEXT + 128)
         self.flow_head = FlowHead(HIDDEN)
-        self.mask = nn.Sequential(nn.Conv2d(HIDDEN, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 9 * 64, 1))
+        self.mask = mask_layers(HIDDEN)
 
     def forward(self, state: Tensor, context: Tensor, correlation: Tensor, flow: Tensor) -> tuple[Tensor, Tensor]:
         """The new state (N, 128, H, W) and the flow's residual (N, 2, H, W), in pixels of this resolution."""

@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from ..blocks.allpairs import pixel_grid, sample_window
 from ..blocks.attention import attend, linear_sine
 from ..blocks.context_attention import context_attention, gather
-from ..blocks.convex_upsample import convex_upsample
+from ..blocks.convex_upsample import convex_upsample, mask_layers
 from ..blocks.gru import SepConvGRU
 from ..blocks.raft_update import FlowHead, MotionEncoder
 
@@ -62,7 +62,7 @@ class UpdateBlock(nn.Module):
         self.encoder = MotionEncoder(_WINDOW + _QUERY)
         self.gru = SepConvGRU(128, 3 * 128)
         self.flow_head = FlowHead(128, 256)
-        self.mask = nn.Sequential(nn.Conv2d(128, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 9 * 64, 1))
+        self.mask = mask_layers()
         self.aggregator = _Aggregator()
 
     def forward(self, net: Tensor, inp: Tensor, costs: Tensor, flow: Tensor, attention: Tensor) -> Tensor:

@@ -7,6 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ..blocks.context_attention import context_attention, gather
+from ..blocks.convex_upsample import mask_layers
 
 
 def _widen(channels: int, outputs: int) -> nn.Sequential:
@@ -103,9 +104,7 @@ class MaskHead(nn.Module):
 
     def __init__(self, factor: int) -> None:
         super().__init__()
-        self.up_sample_mask = nn.Sequential(
-            nn.Conv2d(128, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 9 * factor * factor, 1)
-        )
+        self.up_sample_mask = mask_layers(factor=factor)
 
     def forward(self, net: Tensor) -> Tensor:
         return self.up_sample_mask(net)

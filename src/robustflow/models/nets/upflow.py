@@ -9,14 +9,11 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ...errors import ModelError
-from ..blocks.local_correlation import local_correlation
+from ..blocks.local_correlation import WINDOW, local_correlation
 from ..blocks.pwc import ContextNetwork, DenseEstimator, FeaturePyramid, conv
 from ..blocks.resize import resize, resize_flow
 from ..blocks.warp import inside_mask, warp
 from .upflow_visibility import visible
-
-WINDOW = 81
-"""Channels of a correlation of radius 4."""
 
 
 @dataclass(frozen=True)
