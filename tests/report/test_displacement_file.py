@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import shutil
 
 import numpy as np
@@ -81,6 +82,20 @@ def test_more_samples_are_counted_anew(tmp_path):
     assert sum(read_displacement(first).pixels) == 256
     more = rf.evaluate(_still, "sintel", tmp_path, tmp_path / "run", examples=True, **CELL)
     assert sum(read_displacement(more).pixels) == 512
+
+
+def test_a_damaged_one_is_counted_anew(run):
+    path = run.path / "displacement.json"
+    whole = path.read_bytes()
+    path.write_text("{")
+    rf.evaluate(_still, output=run.path, examples=True, **CELL)
+    assert path.read_bytes() == whole
+
+
+def test_a_pipe_is_not_waited_for(run):
+    (run.path / "displacement.json").unlink()
+    os.mkfifo(run.path / "displacement.json")
+    assert read_displacement(run) is None
 
 
 @pytest.mark.parametrize(

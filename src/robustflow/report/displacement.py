@@ -3,7 +3,7 @@ statistic"), from ground truth or from a named model's flow on the clean frames.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +13,7 @@ from ..benchmarks import Benchmark
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..models.base import AnyModel, FlowLookup, FlowModel, place, predict_checked
 from ..runner.worker import frames_digest
-from ..sample import Flow, Mask
+from ..sample import Flow, Mask, Sample
 
 GROUND_TRUTH = "ground truth"
 
@@ -52,12 +52,7 @@ def displacement_histogram(
         raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow is to be measured")
     if model is not None and not isinstance(model, FlowModel | FlowLookup):
         raise UsageError("displacement is measured from the flow of pairs; name a model of two frames")
-    known = digests or {}
-    flows = (
-        _flow(benchmark, key, model, known.get(key), lambda number=number: progress(number, len(benchmark.keys)))
-        for number, key in enumerate(benchmark.keys, start=1)
-    )
-    table = histogram(flows, edges)
+    table = histogram(_flows(benchmark, model, progress, digests or {}), edges)
     name = GROUND_TRUTH if model is None else source or type(model).__name__
     return table.select(pl.lit(benchmark.name).alias("benchmark"), pl.lit(name).alias("source"), pl.all())
 
@@ -91,27 +86,31 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
     )
 
 
-def _flow(
+def _flows(
     benchmark: Benchmark,
-    key: str,
     model: FlowModel | FlowLookup | None,
-    digest: str | None,
-    progress: Callable[[], None],
-) -> tuple[Flow, Mask]:
-    sample = benchmark.dataset.load(key)
-    if digest is not None and frames_digest(sample.frames[:2]) != digest:
-        raise RunError(
-            f"{benchmark.name}, sample '{key}': these are not the frames that were run; give the run's --data"
-        )
-    progress()
-    if model is not None:
-        flow = predict_checked(model, sample.frames, key, "clean", 0)
-        if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
-            where = place(key, "clean", 0)
-            raise ModelError(
-                f"the model returned {broken} pixels that are NaN or infinite on {where}; repair the model"
+    progress: Callable[[int, int], None],
+    digests: Mapping[str, str],
+) -> Iterator[tuple[Flow, Mask]]:
+    for number, key in enumerate(benchmark.keys, start=1):
+        sample = benchmark.dataset.load(key)
+        if key in digests and frames_digest(sample.frames[:2]) != digests[key]:
+            raise RunError(
+                f"{benchmark.name}, sample '{key}': these are not the frames that were run; give the run's --data"
             )
-        return flow, np.ones(sample.shape, np.bool_)
+        progress(number, len(benchmark.keys))
+        yield _of_truth(benchmark, sample) if model is None else _of_model(model, sample)
+
+
+def _of_truth(benchmark: Benchmark, sample: Sample) -> tuple[Flow, Mask]:
     if sample.flow is None or sample.valid is None:
-        raise DataError(f"{benchmark.name}, sample '{key}': no ground truth; name a model instead")
+        raise DataError(f"{benchmark.name}, sample '{sample.key}': no ground truth; name a model instead")
     return sample.flow, sample.valid
+
+
+def _of_model(model: FlowModel | FlowLookup, sample: Sample) -> tuple[Flow, Mask]:
+    flow = predict_checked(model, sample.frames, sample.key, "clean", 0)
+    if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
+        where = place(sample.key, "clean", 0)
+        raise ModelError(f"the model returned {broken} pixels that are NaN or infinite on {where}; repair the model")
+    return flow, np.ones(sample.shape, np.bool_)

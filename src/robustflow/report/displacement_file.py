@@ -68,6 +68,8 @@ def read_displacement(run: Result) -> DisplacementFile | None:
         RunError: the file is damaged, or was counted for another run.
     """
     path: Path = run.path / DISPLACEMENT
+    if not path.is_file():
+        return None  # a pipe would be waited for
     try:
         with open(path, "rb") as file:
             data = file.read(_LARGEST + 1)

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 from ..benchmarks import Benchmark, load_benchmark
 from ..corruptions import load_corruption
 from ..datasets.base import Dataset, FromClips
-from ..errors import RobustFlowError, UsageError, unknown_name
+from ..errors import RobustFlowError, RunError, UsageError, unknown_name
 from ..models import ModelSpec
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity
 from ..models.loading import as_model
@@ -170,7 +170,13 @@ def _measure_displacement(result: Result, benchmark: Benchmark) -> None:
     from ..report.displacement import displacement_histogram
     from ..report.displacement_file import read_displacement, write_displacement
 
-    if benchmark.dataset.has_flow and read_displacement(result) is None:
+    if not benchmark.dataset.has_flow:
+        return
+    try:
+        kept = read_displacement(result)
+    except RunError:
+        kept = None  # damaged, and counted anew
+    if kept is None:
         samples = replace(benchmark, keys=tuple(result.manifest["samples"]))
         write_displacement(result, displacement_histogram(samples))
 
