@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from ..errors import AssetError, UsageError, plain_warning
 from .options import Checkpoint, Device, ModelOptions, Precision, PsfDir, model_options, use_psf_dir
 
 
@@ -39,8 +40,6 @@ def app(
       robustflow app --model raft --checkpoint things --device cuda
       robustflow app --model mypackage.flow:MyModel --no-browser --port 9000
     """
-    from ..errors import AssetError, UsageError
-
     if any(find_spec(name) is None for name in ("starlette", "uvicorn", "python_multipart")):
         raise AssetError("the app needs starlette, uvicorn and python-multipart: pip install 'robustflow[app]'")
     from ..app.serve import serve
@@ -56,4 +55,4 @@ def app(
 
 
 def _warn(line: str) -> None:
-    print(f"robustflow: warning: {line}", file=sys.stderr, flush=True)
+    print(plain_warning(line), end="", file=sys.stderr, flush=True)

@@ -84,7 +84,14 @@ def names(text: str | None) -> list[str] | None:
 
 
 def numbers(text: str | None) -> list[int] | None:
-    """A comma-separated list of whole numbers."""
+    """A comma-separated list of whole numbers, of severities.
+
+    Raises:
+        UsageError: something else in it.
+
+    >>> numbers("1, 3")
+    [1, 3]
+    """
     parts = names(text)
     try:
         return None if parts is None else [int(part) for part in parts]
@@ -94,6 +101,9 @@ def numbers(text: str | None) -> list[int] | None:
 
 def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
     """`KEY=VALUE` texts as options; numbers and true/false become what they look like, except a hash.
+
+    Raises:
+        UsageError: a text without a key or a sign of equality.
 
     >>> keyword_options(["preset=fast", "winsize=21"])
     (('preset', 'fast'), ('winsize', 21))
@@ -112,6 +122,9 @@ def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
 
 def model_options(pairs: list[str] | None, **named: str | None) -> tuple[tuple[str, Any], ...]:
     """The options of a model: `KEY=VALUE` texts, and those that have an option of the command line to themselves.
+
+    Raises:
+        UsageError: as `keyword_options`, or an option that is given in both ways.
 
     >>> model_options(["iterations=24"], checkpoint="things", device=None)
     (('iterations', 24), ('checkpoint', 'things'))

@@ -19,7 +19,8 @@ from rich.progress import (
 
 from ..runner.engines.base import Done
 
-_LINE_EVERY_S = 10.0
+LINE_EVERY_S = 10.0
+"""Between lines of progress in a log."""
 
 
 class TerminalProgress:
@@ -65,7 +66,7 @@ class TerminalProgress:
         what = f"{done.unit.key} {done.unit.corruption}"
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], advance=1, description=what)
-        elif time.monotonic() - self._last_line >= _LINE_EVERY_S or self._finished == self._total:
+        elif time.monotonic() - self._last_line >= LINE_EVERY_S or self._finished == self._total:
             self._last_line = time.monotonic()
             spent = self._last_line - self._started
             left = spent / (self._finished - self._found) * (self._total - self._finished)

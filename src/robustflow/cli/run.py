@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -85,7 +85,7 @@ def run(
     from .tables import print_result
 
     use_psf_dir(psf_dir)
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
     progress = TerminalProgress()
     try:
         with progress:
@@ -114,7 +114,3 @@ def run(
         typer.echo(f"robustflow: stopped; {progress.kept()} Give the same command again to go on.", err=True)
         raise typer.Exit(130) from None
     print_result(result)
-
-
-def _interrupt(number: int, frame: Any) -> None:
-    raise KeyboardInterrupt

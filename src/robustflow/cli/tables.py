@@ -11,6 +11,7 @@ from rich.table import Table
 from ..errors import unknown_name
 from ..metrics.summary import METRICS, Summary
 from ..report import table as report_table
+from ..report.labels import METRIC_LABELS
 from ..report.render.terminal import render as render_terminal
 from ..report.text import plain
 from ..runner.plan import left_out_sentence
@@ -62,7 +63,7 @@ def _overview(name: str, summary: Summary) -> Table:
         if any(getattr(s, m) is not None for s in summary.corruptions.values())
     ]
     for metric in shown:
-        table.add_column(metric.upper().replace("CRER", "CREr"), justify="right")
+        table.add_column(METRIC_LABELS[metric], justify="right")
     levels = summary.severities()
     for level in levels:
         table.add_column(f"RCRE {level}" if level == levels[0] else str(level), justify="right")

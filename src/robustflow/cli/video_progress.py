@@ -9,7 +9,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-_LINE_EVERY_S = 10.0
+from .progress import LINE_EVERY_S
 
 
 class VideoProgress:
@@ -40,6 +40,6 @@ class VideoProgress:
             if task is None:
                 task = self._tasks[clip, stage] = self._bar.add_task(f"{clip} {stage}", total=total)
             self._bar.update(task, completed=done)
-        elif time.monotonic() - self._last_line >= _LINE_EVERY_S or done == total:
+        elif time.monotonic() - self._last_line >= LINE_EVERY_S or done == total:
             self._last_line = time.monotonic()
             print(f"{clip}: {stage} {done}/{total}", file=sys.stderr, flush=True)
