@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 
 class RobustFlowError(Exception):
@@ -50,6 +54,24 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
     close = get_close_matches(name.lower(), as_lower, n=1, cutoff=0.5)
     hint = f"did you mean '{as_lower[close[0]]}'? " if close else ""
     return UsageError(f"unknown {kind} '{name}': {hint}Known: {', '.join(names)}")
+
+
+def first_misfit(error: ValidationError, whole: str = "the file") -> str:
+    """Where data does not have its shape first, and why; nothing of the data itself, which may be hostile.
+
+    Args:
+        error: what pydantic raised.
+        whole: what to call a place that is no part of it.
+
+    >>> from pydantic import TypeAdapter, ValidationError
+    >>> try:
+    ...     TypeAdapter(dict[str, int]).validate_python({"severity": "high"})
+    ... except ValidationError as error:
+    ...     print(first_misfit(error))
+    severity: Input should be a valid integer, unable to parse string as an integer
+    """
+    first = error.errors(include_input=False, include_url=False)[0]
+    return f"{'.'.join(map(str, first['loc'])) or whole}: {first['msg']}"
 
 
 def plain_warning(message: Warning | str, *_: object, **__: object) -> str:

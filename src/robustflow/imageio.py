@@ -6,6 +6,7 @@ filled picture. It overlooks damage in the last chunk of a PNG, so the check sum
 
 from __future__ import annotations
 
+import base64
 import io
 import struct
 import warnings
@@ -157,6 +158,17 @@ def jpeg_bytes(image: Frame, quality: int = 80) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=quality)
     return buffer.getvalue()
+
+
+def jpeg_address(image: Frame, widest: int, quality: int = 80) -> str:
+    """RGB uint8 (H, W, 3) inside a `data:` address, at most `widest` pixels wide; as `jpeg_bytes`."""
+    data = jpeg_bytes(shrunk(image, widest), quality)
+    return "data:image/jpeg;base64," + base64.b64encode(data).decode()
+
+
+def png_address(image: Frame, widest: int) -> str:
+    """RGB uint8 (H, W, 3) inside a `data:` address, at most `widest` pixels wide; without loss."""
+    return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(image, widest))).decode()
 
 
 def check_png(path: Path, data: bytes) -> PngHeader:

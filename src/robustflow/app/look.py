@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import time
 from collections import OrderedDict
 from collections.abc import Callable
@@ -15,7 +14,7 @@ from ..corruptions import corrupt
 from ..corruptions.stack import levels_of
 from ..errors import UsageError
 from ..flowio.colour import flow_colours, flow_radius
-from ..imageio import png_bytes, shrunk
+from ..imageio import png_address
 from ..metrics.epe import epe_map
 from ..metrics.regions import Regions
 from ..metrics.robustness import crer
@@ -171,9 +170,6 @@ def _pictures(
         pictures |= {"frame1": sample.frames[0], "frame2": sample.frames[1]}
         if sample.flow is not None and sample.valid is not None:
             pictures["truth_flow"] = thickened(flow_colours(sample.flow, radius, sample.valid), sample.valid)
-    return {"radius": radius, "pictures": {name: data_uri(picture) for name, picture in pictures.items()}}
-
-
-def data_uri(picture: Frame) -> str:
-    """A picture inside an address; without loss, for noise is what some of them show."""
-    return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(picture, WIDEST))).decode()
+    # Without loss, for noise is what some of them show.
+    addresses = {name: png_address(picture, WIDEST) for name, picture in pictures.items()}
+    return {"radius": radius, "pictures": addresses}

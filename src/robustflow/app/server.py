@@ -20,12 +20,13 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from ..corruptions.catalog import CLIP, CORRUPTIONS, FAMILIES
-from ..errors import RobustFlowError
+from ..errors import RobustFlowError, first_misfit
 from ..flowio.colour import flow_colours
+from ..imageio import png_address
 from ..report.error_colours import HIGHEST, LOWEST, error_colours
 from .choices import Models
 from .desk import Desk, Job, Message
-from .look import Looker, Wish, data_uri
+from .look import WIDEST, Looker, Wish
 from .pairs import DEMO, Shelf
 from .uploads import MAX_BYTES, limited, source_of
 
@@ -101,8 +102,7 @@ async def _lines(job: Job, messages: asyncio.Queue[Message]) -> AsyncIterator[by
 async def _refused(request: Request, error: Exception) -> Response:
     status = error.status_code if isinstance(error, HTTPException) else 400
     if isinstance(error, ValidationError):
-        first = error.errors()[0]
-        line = f"{'.'.join(str(part) for part in first['loc']) or 'the request'}: {first['msg']}"
+        line = first_misfit(error, "the request")
     elif isinstance(error, HTTPException):
         line = error.detail
     else:
@@ -126,6 +126,6 @@ def _choices(models: Models, shelf: Shelf) -> dict[str, Any]:
         "families": {family: names for family, names in (families | {"other": others}).items() if names},
         "demo": {"source": DEMO, "name": shelf.get(DEMO).name, "pairs": 1},
         "max_bytes": MAX_BYTES,
-        "error_scale": data_uri(error_colours(scale)),
-        "wheel": data_uri(flow_colours(wheel, 1.0)),
+        "error_scale": png_address(error_colours(scale), WIDEST),
+        "wheel": png_address(flow_colours(wheel, 1.0), WIDEST),
     }

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ..errors import DataError, UsageError
+from ..errors import DataError, UsageError, first_misfit
 from .base import SEVERITIES
 
 CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
@@ -94,10 +94,8 @@ def read_table(path: Path) -> CalibrationTable:
     except OSError as error:
         raise DataError(f"cannot read the calibration {path}: {error.strerror}; check the path") from error
     except ValidationError as error:
-        problem = error.errors()[0]
-        where = ".".join(str(part) for part in problem["loc"])
         raise DataError(
-            f"{path} is no calibration table ({where}: {problem['msg']}); make one with robustflow calibrate"
+            f"{path} is no calibration table ({first_misfit(error)}); make one with robustflow calibrate"
         ) from error
 
 

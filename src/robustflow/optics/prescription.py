@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
-from ..errors import DataError
+from ..errors import DataError, first_misfit
 from .glass import AIR, SELLMEIER, refractive_index
 
 IMAGE_RADIUS = 14.3
@@ -134,9 +134,7 @@ def read_lens(path: str | Path) -> Lens:
     except OSError as error:
         raise DataError(f"cannot read lens prescription {path}: {error.strerror or error}") from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "file"
-        raise DataError(f"{path} is not a lens prescription: {where}: {first['msg']}") from error
+        raise DataError(f"{path} is not a lens prescription: {first_misfit(error)}") from error
 
 
 def write_lens(lens: Lens, path: str | Path) -> None:

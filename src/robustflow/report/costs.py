@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..atomic import write_json
-from ..errors import RunError, UsageError
+from ..errors import RunError, UsageError, first_misfit
 from .runs import run_names, sample_set
 from .text import plain
 
@@ -74,10 +74,8 @@ def parse_cost(data: bytes, name: str) -> RunCost:
     try:
         return RunCost.model_validate_json(data)
     except ValidationError as error:
-        first = error.errors(include_input=False, include_url=False)[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
         raise RunError(
-            f"{name}: {where}: {first['msg']}; delete it, or write it anew with robustflow profile MODEL --into RUN"
+            f"{name}: {first_misfit(error)}; delete it, or write it anew with robustflow profile MODEL --into RUN"
         ) from error
 
 

@@ -11,10 +11,10 @@ import polars as pl
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ..atomic import write_json
-from ..errors import RunError
+from ..errors import RunError, first_misfit
 from ..metrics.rows import CLEAN
 from .displacement import GROUND_TRUTH
-from .labels import BENCHMARK_LABELS
+from .labels import benchmark_label
 from .runs import sample_set
 from .text import plain
 
@@ -78,10 +78,8 @@ def read_displacement(run: Result) -> DisplacementFile | None:
     try:
         found = DisplacementFile.model_validate_json(data[:_LARGEST])
     except ValidationError as error:
-        first = error.errors(include_input=False, include_url=False)[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
         raise RunError(
-            f"{path}: {where}: {first['msg']}; delete it, or write it anew with robustflow displacement --into RUN"
+            f"{path}: {first_misfit(error)}; delete it, or write it anew with robustflow displacement --into RUN"
         ) from error
     if found.run != run.manifest["identity_digest"]:
         raise RunError(f"{path} was counted for another run ({found.run}); delete it, or count it anew")
@@ -130,8 +128,7 @@ def label_of(benchmark: str, samples: int, source: str) -> str:
     >>> label_of("kitti-fc", 80, "ground truth")
     'KITTI-FC, 80 pairs (ground truth)'
     """
-    name = BENCHMARK_LABELS.get(benchmark, plain(benchmark, 40))
-    return f"{name}, {samples} pair{'s' if samples != 1 else ''} ({plain(source, 40)})"
+    return f"{benchmark_label(benchmark)}, {samples} pair{'s' if samples != 1 else ''} ({plain(source, 40)})"
 
 
 def _labelled(found: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from ..errors import UsageError
-from ..imageio import jpeg_bytes, shrunk
+from ..imageio import jpeg_address, shrunk
 from ..sample import Frame
 from .gallery import Cell
 
@@ -43,7 +42,7 @@ def render_page(clean: Frame, cells: Sequence[Cell], severity: int, title: str) 
         raise UsageError(f"there is nothing to show at severity {severity}: give cells of that severity")
     figures: dict[str, list[Picture]] = {}
     for cell in cells:
-        uri = "" if cell.frame is None else data_uri(cell.frame)
+        uri = "" if cell.frame is None else jpeg_address(cell.frame, WIDEST)
         text = "not on this scale" if cell.frame is None else f"SSIM {cell.ssim:.2f}" + (", frame 2" * cell.index)
         figures.setdefault(cell.name, []).append(Picture(cell.severity, text, uri))
     environment = Environment(
@@ -55,15 +54,10 @@ def render_page(clean: Frame, cells: Sequence[Cell], severity: int, title: str) 
     height, width = shrunk(clean, WIDEST).shape[:2]
     return environment.get_template("gallery.html").render(
         title=title,
-        clean=data_uri(clean),
+        clean=jpeg_address(clean, WIDEST),
         figures=figures,
         severities=severities,
         severity=severity,
         width=width,
         height=height,
     )
-
-
-def data_uri(frame: Frame) -> str:
-    """The frame as a JPEG inside a `data:` address, at most `WIDEST` pixels wide."""
-    return "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(shrunk(frame, WIDEST))).decode()

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
-from ...errors import DataError, RunError
+from ...errors import DataError, RunError, first_misfit
 from ...models.provenance import Setting, training_of
 from ...runner.store import MANIFEST_SCHEMA
 from ..text import plain
@@ -139,9 +139,7 @@ def validated(kind: type[_Model], data: bytes, name: str) -> _Model:
     try:
         return kind.model_validate_json(data)
     except ValidationError as error:
-        first = error.errors(include_input=False, include_url=False)[0]
-        where = plain(".".join(str(part) for part in first["loc"]), 80)
-        raise DataError(f"{name}: {where}: {plain(first['msg'], 120)} ({error.error_count()} misfit)") from error
+        raise DataError(f"{name}: {plain(first_misfit(error), 200)} ({error.error_count()} misfit)") from error
 
 
 def check_version(found: dict[str, Any], name: str) -> None:

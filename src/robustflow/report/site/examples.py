@@ -6,7 +6,6 @@ anew, so that nothing but pixels reaches the page.
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ...errors import DataError
-from ...imageio import jpeg_bytes, read_image, shrunk
+from ...errors import DataError, first_misfit
+from ...imageio import jpeg_address, read_image, shrunk
 from ...runner.example_record import FOLDER, RECORD
 from ...sample import Frame
 from ..labels import long_label
@@ -111,9 +110,7 @@ def run_examples(run: Result) -> tuple[Slider, list[Panel]] | None:
     try:
         found = _Examples.model_validate_json(data)
     except ValidationError as error:
-        first = error.errors(include_input=False, include_url=False)[0]
-        where = ".".join(map(str, first["loc"])) or "the file"
-        raise DataError(f"{folder / RECORD}: {where}: {first['msg']}; delete the folder, or run again") from error
+        raise DataError(f"{folder / RECORD}: {first_misfit(error)}; delete the folder, or run again") from error
     clean = _read(folder / found.slider.clean)
     pictures = ((one.corruption, one.severity, _read(folder / one.file)) for one in found.slider.pictures)
     slider = make_slider(f"Sample {plain(found.slider.key)}", clean, pictures)
@@ -141,10 +138,10 @@ def make_slider(title: str, clean: Frame, pictures: Iterable[tuple[str, int, Fra
     """A slider from frames, RGB uint8, in the order of its choice of corruptions."""
     found: dict[str, dict[int, str]] = {}
     for corruption, severity, frame in pictures:
-        found.setdefault(corruption, {})[severity] = _uri(frame, _SLIDER_WIDTH)
+        found.setdefault(corruption, {})[severity] = jpeg_address(frame, _SLIDER_WIDTH, _QUALITY)
     height, width = shrunk(clean, _SLIDER_WIDTH).shape[:2]
     corruptions = tuple((plain(long_label(name)), tuple(sorted(levels.items()))) for name, levels in found.items())
-    return Slider(title, width, height, _uri(clean, _SLIDER_WIDTH), corruptions)
+    return Slider(title, width, height, jpeg_address(clean, _SLIDER_WIDTH, _QUALITY), corruptions)
 
 
 def _panel(folder: Path, panel: _Panel) -> Panel:
@@ -154,7 +151,7 @@ def _panel(folder: Path, panel: _Panel) -> Panel:
     title = f"{kind}: {plain(panel.key)}, {plain(long_label(panel.corruption))}, severity {panel.severity}"
     values = (("EPE", panel.epe), ("CRE", panel.cre), ("RCRE", panel.rcre))
     numbers = ", ".join(f"{label} {value:.2f} px" for label, value in values if value is not None)
-    return Panel(title, numbers, _uri(frame, _PANEL_WIDTH), width, height)
+    return Panel(title, numbers, jpeg_address(frame, _PANEL_WIDTH, _QUALITY), width, height)
 
 
 def _read(path: Path) -> Frame:
@@ -174,8 +171,3 @@ def _bytes(path: Path, largest: int) -> bytes:
     if len(data) > largest:
         raise DataError(f"{path}: larger than {largest >> 20} MiB; this is not a list of example pictures")
     return data
-
-
-def _uri(frame: Frame, widest: int) -> str:
-    data = jpeg_bytes(shrunk(frame, widest), _QUALITY)
-    return "data:image/jpeg;base64," + base64.b64encode(data).decode()
