@@ -17,10 +17,10 @@ from robustflow.errors import RunError, UsageError
 from robustflow.flowio import write_flow
 from robustflow.imageio import write_image
 from robustflow.report.assemble import figures_of
-from robustflow.report.displacement import displacement_histogram
 from robustflow.report.displacement_file import displacements_of, read_displacement, write_displacement
 from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
+from robustflow.runner.displacement import displacement_histogram
 
 CELL = {"corruptions": ["contrast"], "severities": [1]}
 

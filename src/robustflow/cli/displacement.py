@@ -49,9 +49,9 @@ def displacement(
     from ..atomic import make_folder, write_bytes
     from ..benchmarks import load_benchmark
     from ..models import ModelSpec
-    from ..report.displacement import displacement_histogram
     from ..report.displacement_file import clean_digests, label_of, write_displacement
     from ..report.figures import displacement_figure, write_figures
+    from ..runner.displacement import displacement_histogram
 
     chosen = load_benchmark(benchmark, data, split, dict(keyword_options(data_option))).narrowed(limit=limit)
     run = None if into is None else _run_of(into, chosen)

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from ..atomic import write_json
 from ..errors import RunError, first_misfit
 from ..metrics.rows import CLEAN
-from .displacement import GROUND_TRUTH
+from ..runner.displacement import GROUND_TRUTH
 from .labels import benchmark_label
 from .runs import sample_set
 from .text import plain

@@ -14,13 +14,14 @@ from typing import Any, Protocol
 from ..benchmarks import Benchmark, load_benchmark
 from ..corruptions import load_corruption
 from ..datasets.base import Dataset, FromClips
-from ..errors import RobustFlowError, RunError, UsageError, unknown_name
+from ..errors import RobustFlowError, UsageError, unknown_name
 from ..models import ModelSpec
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity
 from ..models.loading import as_model
 from ..models.provenance import DECLARED, Training, training_of
 from ..models.window import Window
 from .clip import window_on
+from .displacement import keep_displacement
 from .engines.base import Done, Job
 from .engines.processes import processes
 from .engines.serial import serial
@@ -152,7 +153,7 @@ def _draw(result: Result, job: Job, benchmark: Benchmark, wanted: bool) -> None:
     result.write_means()
     try:
         if wanted:
-            _measure_displacement(result, benchmark)
+            keep_displacement(result, benchmark)
         if are_current(result):
             return
         drop_examples(result.path)
@@ -163,22 +164,6 @@ def _draw(result: Result, job: Job, benchmark: Benchmark, wanted: bool) -> None:
         warnings.warn(f"no example pictures: {error}", stacklevel=3)
     finally:
         result.write_report()
-
-
-def _measure_displacement(result: Result, benchmark: Benchmark) -> None:
-    """How far things move, from the ground truth: one more pass over the clean pairs, of the hundred that a run has."""
-    from ..report.displacement import displacement_histogram
-    from ..report.displacement_file import read_displacement, write_displacement
-
-    if not benchmark.dataset.has_flow:
-        return
-    try:
-        kept = read_displacement(result)
-    except RunError:
-        kept = None  # damaged, and counted anew
-    if kept is None:
-        samples = replace(benchmark, keys=tuple(result.manifest["samples"]))
-        write_displacement(result, displacement_histogram(samples))
 
 
 def _fill(

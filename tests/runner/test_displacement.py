@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from robustflow.benchmarks import load_benchmark
 from robustflow.errors import DataError, ModelError, UsageError
-from robustflow.report.displacement import EDGES, displacement_histogram, histogram
+from robustflow.runner.displacement import EDGES, displacement_histogram, histogram
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([EDGES, (0, 1, 5, 30), (0.0, math.inf), (0, 3)]))

@@ -4,7 +4,9 @@ statistic"), from ground truth or from a named model's flow on the clean frames.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -12,8 +14,11 @@ import polars as pl
 from ..benchmarks import Benchmark
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..models.base import AnyModel, FlowLookup, FlowModel, place, predict_checked
-from ..runner.worker import frames_digest
 from ..sample import Flow, Mask, Sample
+from .worker import frames_digest
+
+if TYPE_CHECKING:
+    from .result import Result
 
 GROUND_TRUTH = "ground truth"
 
@@ -84,6 +89,28 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
             "share": share,
         }
     )
+
+
+def keep_displacement(result: Result, benchmark: Benchmark) -> None:
+    """Keep the histogram of a run's ground truth in its folder, for its pages, unless it is there or there is none.
+
+    One more pass over the clean pairs, of the hundred that a run has.
+
+    Args:
+        result: of the run.
+        benchmark: that it ran.
+    """
+    from ..report.displacement_file import read_displacement, write_displacement
+
+    if not benchmark.dataset.has_flow:
+        return
+    try:
+        kept = read_displacement(result)
+    except RunError:
+        kept = None  # damaged, and counted anew
+    if kept is None:
+        samples = replace(benchmark, keys=tuple(result.manifest["samples"]))
+        write_displacement(result, displacement_histogram(samples))
 
 
 def _flows(
