@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 
 import numpy as np
@@ -141,6 +142,11 @@ def test_no_json_and_too_much_of_it(runs):
         (runs[0].path / PROFILE).write_text(text)
         with pytest.raises(RunError, match=r"profile\.json"):
             read_cost(runs[0])
+
+
+def test_a_pipe_is_not_waited_for(runs):
+    os.mkfifo(runs[0].path / PROFILE)
+    assert read_cost(runs[0]) is None
 
 
 def test_only_the_model_of_the_run(runs):

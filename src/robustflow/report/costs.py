@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from ..atomic import write_json
-from ..errors import RunError, UsageError, first_misfit
+from ..errors import UsageError
+from .kept_file import KeptFile, parse_kept, read_kept
 from .runs import run_names, sample_set
 from .text import plain
 
@@ -19,16 +20,16 @@ if TYPE_CHECKING:
 
 PROFILE = "profile.json"
 _LARGEST = 1 << 16
+_COMMAND = "profile MODEL --into RUN"
 
 _Count = Annotated[int, Field(ge=0, le=10**18)]
 
 
-class RunCost(BaseModel):
+class RunCost(KeptFile):
     """The cost of one prediction of a run's model.
 
     Attributes:
-        version: of this file.
-        run: the digest of the run's identity.
+        version, run: see `KeptFile`.
         height, width: of the frames it was counted for; the paper's are 432 x 720.
         iterations: of the model, None where it has none.
         parameters: all that are learned.
@@ -39,10 +40,6 @@ class RunCost(BaseModel):
         device: where it was timed, as PyTorch calls it.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-    version: Annotated[int, Field(ge=1, le=1)] = 1
-    run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
     height: Annotated[int, Field(ge=1, le=10**5)]
     width: Annotated[int, Field(ge=1, le=10**5)]
     iterations: Annotated[int, Field(ge=0, le=10**6)] | None = None
@@ -71,12 +68,7 @@ def parse_cost(data: bytes, name: str) -> RunCost:
     Raises:
         RunError: not in this shape.
     """
-    try:
-        return RunCost.model_validate_json(data)
-    except ValidationError as error:
-        raise RunError(
-            f"{name}: {first_misfit(error)}; delete it, or write it anew with robustflow profile MODEL --into RUN"
-        ) from error
+    return parse_kept(RunCost, data, name, _COMMAND)
 
 
 def read_cost(run: Result) -> RunCost | None:
@@ -85,16 +77,7 @@ def read_cost(run: Result) -> RunCost | None:
     Raises:
         RunError: the file is damaged, or was counted for another run.
     """
-    path: Path = run.path / PROFILE
-    try:
-        with open(path, "rb") as file:
-            data = file.read(_LARGEST + 1)
-    except OSError:
-        return None
-    cost = parse_cost(data[:_LARGEST], str(path))
-    if cost.run != run.manifest["identity_digest"]:
-        raise RunError(f"{path} was counted for another run ({cost.run}); delete it, or count it anew")
-    return cost
+    return read_kept(RunCost, run, PROFILE, _LARGEST, _COMMAND)
 
 
 def run_costs(runs: Sequence[Result]) -> dict[tuple[str, str], RunCost]:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import polars as pl
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from ..atomic import write_json
-from ..errors import RunError, first_misfit
 from ..metrics.rows import CLEAN
 from ..runner.displacement import GROUND_TRUTH
+from .kept_file import KeptFile, read_kept
 from .labels import benchmark_label
 from .runs import sample_set
 from .text import plain
@@ -26,22 +26,17 @@ _LARGEST = 1 << 20
 _MOST_BINS = 10_000
 
 
-class DisplacementFile(BaseModel):
+class DisplacementFile(KeptFile):
     """`RUN/displacement.json`.
 
     Attributes:
-        version: of this file.
-        run: the digest of the run's identity.
+        version, run: see `KeptFile`.
         samples: how many were measured.
         source: "ground truth", or the model whose flow it was.
         low: lower edges of the bins in pixels, from 0; the last bin has no end.
         pixels: count of each bin.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-    version: Annotated[int, Field(ge=1, le=1)] = 1
-    run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
     samples: Annotated[int, Field(ge=1)]
     source: Annotated[str, Field(min_length=1, max_length=500)]
     low: Annotated[list[Annotated[float, Field(ge=0, le=1e9)]], Field(min_length=1, max_length=_MOST_BINS)]
@@ -67,23 +62,8 @@ def read_displacement(run: Result) -> DisplacementFile | None:
     Raises:
         RunError: the file is damaged, or was counted for another run.
     """
-    path: Path = run.path / DISPLACEMENT
-    if not path.is_file():
-        return None  # a pipe would be waited for
-    try:
-        with open(path, "rb") as file:
-            data = file.read(_LARGEST + 1)
-    except OSError:
-        return None
-    try:
-        found = DisplacementFile.model_validate_json(data[:_LARGEST])
-    except ValidationError as error:
-        raise RunError(
-            f"{path}: {first_misfit(error)}; delete it, or write it anew with robustflow displacement --into RUN"
-        ) from error
-    if found.run != run.manifest["identity_digest"]:
-        raise RunError(f"{path} was counted for another run ({found.run}); delete it, or count it anew")
-    return found if found.samples == len(run.manifest["samples"]) else None
+    found = read_kept(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
+    return found if found and found.samples == len(run.manifest["samples"]) else None
 
 
 def write_displacement(run: Result, table: pl.DataFrame) -> Path:
