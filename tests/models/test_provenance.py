@@ -102,7 +102,6 @@ def test_what_is_no_training_set(text):
 
 def test_a_declaration_is_shown_and_changes_no_identity(tmp_path):
     """The same run goes on when its training sets are declared later."""
-    (tmp_path / "clean").mkdir()
     runs = []
     for declared in (None, "C+T", "M"):
         options = (("preset", "ultrafast"), *((("trained_on", declared),) if declared else ()))
