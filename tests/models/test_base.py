@@ -25,3 +25,25 @@ def test_the_sample_is_named(error, says):
 
     with pytest.raises(ModelError, match=says):
         predict_checked(FunctionModel(fails, {}), FRAMES, "a", "fog", 3)
+
+
+class _OnAGpu:
+    """Answers NumPy as a tensor does that lies on a GPU, or that gradients flow through."""
+
+    def __array__(self, *args, **kwargs):
+        raise TypeError("can't convert cuda:0 device type tensor to numpy.")
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (_OnAGpu(), r"returned a _OnAGpu on sample 'a', clean that is no array \(can't convert cuda.*detach"),
+        (None, r"returned NoneType on sample 'a', clean; expected a float array of shape \(4, 5, 2\)"),
+        ([[1.0], [1.0, 2.0]], "returned a list on sample 'a', clean that is no array"),
+        (np.zeros((2, 4, 5), np.float32), r"returned float32 \(2, 4, 5\) on sample"),
+        (np.zeros((4, 5, 2), np.int16), r"returned int16 \(4, 5, 2\) on sample"),
+    ],
+)
+def test_an_answer_that_is_no_flow_is_an_error_that_says_what_it_is(answer, says):
+    with pytest.raises(ModelError, match=says):
+        predict_checked(FunctionModel(lambda frame1, frame2: answer, {}), FRAMES, "a", "clean", 0)

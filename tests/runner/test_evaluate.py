@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.errors import ModelError, RunError, UsageError
+from robustflow.flowio import write_flow
 from robustflow.models import ModelSpec
 from robustflow.runner.store import RunFolder
 
@@ -210,3 +213,24 @@ def test_invalid_predictions_can_be_allowed_and_are_counted(tmp_path, models_on_
 def test_a_local_object_needs_the_serial_engine(tmp_path):
     with pytest.raises(UsageError, match="engine='serial'"):
         rf.evaluate(lambda a, b: np.zeros((*a.shape[:2], 2)), output=tmp_path / "run", workers=2)
+
+
+def test_a_script_without_a_guard_says_what_it_lacks(tmp_path):
+    (tmp_path / "script.py").write_text(
+        "import robustflow as rf\n"
+        "rf.evaluate('farneback', output='run', corruptions=['contrast'], severities=[1], workers=2)\n"
+    )
+    ended = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 1
+    errors = [line for line in ended.stderr.splitlines() if line.startswith("robustflow.errors.")]
+    assert errors
+    assert all("needs its own code under `if __name__" in line for line in errors)
+
+
+def test_a_path_is_as_good_as_its_name(tmp_path):
+    flow = np.zeros((500, 741, 2), np.float32)
+    for setting in ("clean", "contrast_1"):
+        (tmp_path / "flows" / setting).mkdir(parents=True)
+        write_flow(tmp_path / "flows" / setting / "motorcycle.flo", flow)
+    result = rf.evaluate(tmp_path / "flows", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    assert result.rcre == 0.0

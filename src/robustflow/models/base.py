@@ -160,11 +160,19 @@ def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
 
 
 def _checked(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
-    flow = np.asarray(flow)
     expected = (*frames[0].shape[:2], 2)
-    if flow.shape != expected or flow.dtype.kind != "f":
+    try:
+        array = np.asarray(flow)
+    except Exception as error:  # a tensor on a GPU, or one that gradients flow through; rows of several lengths
+        reason = " ".join(str(error).split()) or type(error).__name__
         raise ModelError(
-            f"the model returned {flow.dtype} {flow.shape} on {where}; expected a float array of shape {expected}, "
+            f"the model returned a {type(flow).__name__} on {where} that is no array ({reason}); return a NumPy array, "
+            "of a tensor flow.detach().cpu().numpy()"
+        ) from error
+    if array.shape != expected or array.dtype.kind != "f":
+        what = type(flow).__name__ if array.dtype.kind == "O" else f"{array.dtype} {array.shape}"
+        raise ModelError(
+            f"the model returned {what} on {where}; expected a float array of shape {expected}, "
             "(u right, v down) in pixels"
         )
-    return np.ascontiguousarray(flow, np.float32)
+    return np.ascontiguousarray(array, np.float32)

@@ -23,7 +23,7 @@ from ..models.window import Window
 from .clip import window_on
 from .displacement import keep_displacement
 from .engines.base import Done, Job
-from .engines.processes import processes
+from .engines.processes import processes, refuse_unguarded_script
 from .engines.serial import serial
 from .example_record import are_current, drop_examples
 from .examples import write_examples
@@ -54,7 +54,7 @@ class _Silent:
 
 
 def evaluate(
-    model: str | ModelSpec | AnyModel | Callable[..., Any],
+    model: str | Path | ModelSpec | AnyModel | Callable[..., Any],
     benchmark: str | Benchmark = "demo",
     data: str | Path | None = None,
     output: str | Path | None = None,
@@ -78,7 +78,7 @@ def evaluate(
     """Measure how robust a model is. Resumable: the same call goes on where a killed one stopped.
 
     Args:
-        model: a name (`"dis"`, `"module.path:Attribute"`, a folder of flows), or any object with
+        model: a name (`"dis"`, `"module.path:Attribute"`) or path (a folder of flows), or any object with
             `predict(frame1, frame2) -> flow`, or a function of two frames, or a multi-frame model (`ClipModel`), which
             is given clips. An attribute `trained_on` ("C+T") declares its training sets.
         benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", any dataset by name ("folder"
@@ -114,6 +114,7 @@ def evaluate(
     ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
+    refuse_unguarded_script()
     chosen = load_benchmark(benchmark, data, split, data_options) if isinstance(benchmark, str) else benchmark
     if isinstance(chosen.dataset, FromClips):
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
@@ -200,8 +201,8 @@ def _fill(
 def _identify(
     model: Any, dataset: Dataset, batch_size: int
 ) -> tuple[ModelSpec | AnyModel, dict[str, Any], Training, Window | None]:
-    if isinstance(model, str):
-        model = ModelSpec(model)
+    if isinstance(model, str | Path):
+        model = ModelSpec(str(model))
     if isinstance(model, ModelSpec):
         loaded = model.load()
         identity = model.identity(loaded)

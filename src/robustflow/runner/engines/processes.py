@@ -31,6 +31,10 @@ _ONE_THREAD = (
     "NUMBA_NUM_THREADS",
     "POLARS_MAX_THREADS",
 )
+_UNGUARDED = (
+    'a script that several workers run needs its own code under `if __name__ == "__main__":`, because each of them '
+    "loads the script from the top"
+)
 
 
 def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> Iterator[Done]:
@@ -60,6 +64,16 @@ def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | No
             process.end()
 
 
+def refuse_unguarded_script() -> None:
+    """Raise where a worker process, as it starts, runs the script that started it from the top again.
+
+    Raises:
+        UsageError: it does, as Python has it of every script without an `if __name__ == "__main__":`.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise UsageError(_UNGUARDED)
+
+
 class _Process:
     """One worker process and what it is doing."""
 
@@ -69,6 +83,7 @@ class _Process:
         self.unit: Unit | None = None
         self._last_key: str | None = None
         self._predicting: tuple[str, float] | None = None
+        self._began = False
         self._process = context.Process(target=_serve, args=(theirs, job), daemon=True)
         before = {name: os.environ.get(name) for name in _ONE_THREAD}
         os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
@@ -95,10 +110,14 @@ class _Process:
             kind, value = self.pipe.recv()
         except (EOFError, ConnectionError):
             self._process.join(5)
+            code = self._process.exitcode
+            if not self._began and code == 1:
+                raise RunError(f"a worker process failed as it started; the usual cause: {_UNGUARDED}") from None
             raise RunError(
-                f"a worker process ended without a word (exit code {self._process.exitcode}) while it computed "
+                f"a worker process ended without a word (exit code {code}) while it computed "
                 f"{self._what()}; out of memory or a crash inside the model are the usual causes: try fewer --workers"
             ) from None
+        self._began = True
         if kind == "predicting":
             self._predicting = (value, time.monotonic()) if value else None
             return None
