@@ -15,8 +15,8 @@ from robustflow.models.tiling import TiledModel
 from robustflow.profiling.counts import count
 from robustflow.profiling.measure import measure
 from robustflow.profiling.network_of import network_of
-from robustflow.profiling.paper import SIZE, EveryFlow
-from robustflow.report.published import published_costs
+from robustflow.profiling.paper import EveryFlow
+from robustflow.report.published import COUNTED_SIZE, published_costs
 
 pytestmark = pytest.mark.torch
 
@@ -97,7 +97,7 @@ def test_the_papers_table(method):
     model = load_model(name, checkpoint="random", device="cpu")
     if name == "flowformer_pp":
         model.net.model.output_stride = 8
-    counts = count(model.net, *model.convention.fitted_size(*SIZE))
+    counts = count(model.net, *model.convention.fitted_size(*COUNTED_SIZE))
     cost = published_costs()[method]
     assert counts.thop_macs / 1e9 == pytest.approx(cost.flops_g, abs=0.1)
     assert counts.thop_parameters / 1e6 == pytest.approx(cost.parameters_m, abs=0.01)
@@ -112,12 +112,12 @@ OWN = {"BrightFlow": ("brightflow", 0.27), "SAMFlow-T": ("samflow_t", 2.98), "SA
 def test_own_networks_are_counted_with_the_flow_of_every_iteration(method):
     name, otherwise = OWN[method]
     net = network_of(load_model(name, checkpoint="random", device="cpu")).net
-    counts = count(EveryFlow(net), *SIZE)
+    counts = count(EveryFlow(net), *COUNTED_SIZE)
     cost = published_costs()[method]
     assert counts.thop_macs / 1e9 + otherwise == pytest.approx(cost.flops_g, abs=0.1)
     assert counts.thop_parameters / 1e6 == pytest.approx(cost.parameters_m, abs=0.01)
     eleven_masks = 11 * 54 * 90 * (256 * 128 * 9 + 9 * 64 * 256)
-    assert counts.thop_macs - count(net, *SIZE).thop_macs == eleven_masks
+    assert counts.thop_macs - count(net, *COUNTED_SIZE).thop_macs == eleven_masks
 
 
 def test_only_networks():
