@@ -1,12 +1,24 @@
-"""A network small enough for tests of checkpoints, and how they load one."""
+"""A network small enough for tests of checkpoints, how they load one, and what a hostile file would hold."""
 
 from __future__ import annotations
+
+import os
 
 import pytest
 import torch
 
 from robustflow.models.checkpoint import read_checkpoint
 from robustflow.models.weights import load_weights
+
+
+class Payload:
+    """A pickle of this runs a command when it is loaded carelessly."""
+
+    def __init__(self, marker) -> None:
+        self.marker = marker
+
+    def __reduce__(self):
+        return os.system, (f"touch {self.marker}",)
 
 
 class Net(torch.nn.Module):

@@ -18,19 +18,9 @@ import torch
 
 from robustflow.errors import ModelError, UsageError
 
-from .small_net import BelowModel, Net, load, net_state, one_line
+from .small_net import BelowModel, Net, Payload, load, net_state, one_line
 
 pytestmark = pytest.mark.torch
-
-
-class Payload:
-    """A pickle of this runs a command when it is loaded carelessly."""
-
-    def __init__(self, marker) -> None:
-        self.marker = marker
-
-    def __reduce__(self):
-        return os.system, (f"touch {self.marker}",)
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 from robustflow import load_model
 from robustflow.errors import UsageError
 
-from .test_samflow import textured_pair
+from .textures import noise_pair
 
 
 @pytest.mark.parametrize("option", [{"seed": "first"}, {"vertical": "top"}])
@@ -31,7 +31,7 @@ def checkpoint(tmp_path_factory):
 
 @pytest.mark.torch
 def test_the_seed_is_the_only_randomness(checkpoint):
-    frames = textured_pair(30, 45)
+    frames = noise_pair(30, 45)
     first, again, other = (
         load_model("flowdiffuser", checkpoint=checkpoint, device="cpu", seed=seed) for seed in (0, 0, 1)
     )
@@ -45,14 +45,14 @@ def test_the_seed_is_the_only_randomness(checkpoint):
 @pytest.mark.torch
 def test_a_pair_gives_alone_and_in_a_batch_the_same(checkpoint):
     model = load_model("flowdiffuser", checkpoint=checkpoint, device="cpu")
-    pairs = [textured_pair(30, 45, seed) for seed in range(3)]
+    pairs = [noise_pair(30, 45, seed) for seed in range(3)]
     for pair, flow in zip(pairs, model.predict_batch(*zip(*pairs, strict=True)), strict=True):
         np.testing.assert_allclose(flow, model.predict(*pair), atol=1e-4)
 
 
 @pytest.mark.torch
 def test_rows_are_added_below_or_on_both_sides(checkpoint):
-    frames = textured_pair(30, 45)
+    frames = noise_pair(30, 45)
     below, both = (
         load_model("flowdiffuser", checkpoint=checkpoint, device="cpu", vertical=vertical).predict(*frames)
         for vertical in ("bottom", "both")

@@ -19,6 +19,8 @@ from robustflow.models import ModelSpec
 from robustflow.models.loading import MODELS
 from robustflow.models.ptlflow import BESIDES
 
+from .textures import textured_pair
+
 PAPER = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp")
 
 
@@ -50,12 +52,6 @@ def library():
     import ptlflow
 
     return ptlflow
-
-
-def textured_pair(height, width, seed=0):
-    rng = np.random.default_rng(seed)
-    texture = cv2.resize(rng.integers(0, 256, (height // 4, width // 4 + 2, 3)).astype(np.uint8), (width + 8, height))
-    return np.ascontiguousarray(texture[:, 4:-4]), np.ascontiguousarray(texture[:, 2:-6])
 
 
 @cache

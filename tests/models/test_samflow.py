@@ -12,12 +12,9 @@ from robustflow.errors import ModelError, UsageError
 from robustflow.models.loading import MODELS
 from robustflow.models.tiling import TiledModel
 
+from .textures import noise_pair
+
 NAMES = ("samflow_t", "samflow_b", "samflow_h")
-
-
-def textured_pair(height, width, seed=0):
-    texture = np.random.default_rng(seed).integers(0, 256, (height, width + 3, 3)).astype(np.uint8)
-    return np.ascontiguousarray(texture[:, 3:]), np.ascontiguousarray(texture[:, :-3])
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -66,7 +63,7 @@ def test_tiles_of_the_authors_size_are_the_default(checkpoint):
 @pytest.mark.torch
 def test_whole_frames_and_batches(checkpoint):
     model = load_model("samflow_t", checkpoint=checkpoint, device="cpu", iterations=3, tile="none")
-    pairs = [textured_pair(50, 70, seed) for seed in range(3)]
+    pairs = [noise_pair(50, 70, seed) for seed in range(3)]
     together = model.predict_batch(*zip(*pairs, strict=True))
     for pair, flow in zip(pairs, together, strict=True):
         alone = model.predict(*pair)
@@ -77,7 +74,7 @@ def test_whole_frames_and_batches(checkpoint):
 
 @pytest.mark.torch
 def test_iterations_matter_and_bf16_runs(checkpoint):
-    frames = textured_pair(32, 48)
+    frames = noise_pair(32, 48)
     options = {"checkpoint": checkpoint, "device": "cpu", "tile": "none"}
     two, three = (load_model("samflow_t", iterations=n, **options).predict(*frames) for n in (2, 3))
     assert np.abs(two - three).max() > 1e-3

@@ -19,9 +19,8 @@ import robustflow as rf
 from robustflow.errors import ModelError, UsageError
 from robustflow.models.base import BatchedFlowModel
 
-from .small_net import one_line
-from .test_checkpoint import Payload
-from .test_ptlflow import textured_pair
+from .small_net import Payload, one_line
+from .textures import textured_pair
 
 pytestmark = [
     pytest.mark.torch,

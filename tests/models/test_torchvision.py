@@ -8,7 +8,7 @@ import pytest
 from robustflow import load_model
 from robustflow.errors import ModelError, UsageError
 
-from .test_ptlflow import textured_pair
+from .textures import textured_pair
 
 pytestmark = pytest.mark.torch
 

@@ -26,8 +26,8 @@ from robustflow.report.figures.crer_by_family import family_crer
 from robustflow.report.published import published_results
 from robustflow.report.results import parse_results
 
+from .hostile import HOSTILE
 from .simulated import Truth, rows_of
-from .test_render import HOSTILE
 
 _KITTI = published_results().filter(benchmark="kitti-fc")
 

@@ -6,7 +6,6 @@ import base64
 import io
 import re
 import sys
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -22,6 +21,8 @@ from robustflow.report.gallery import Cell, gallery
 from robustflow.report.gallery_figure import draw_figure
 from robustflow.report.gallery_page import WIDEST, render_page
 
+from .elements import Elements
+
 SOME = ["contrast", "impulse_noise", "over_exposure"]
 
 
@@ -35,21 +36,6 @@ def pair():
 def decoded(uri):
     assert uri.startswith("data:image/jpeg;base64,")
     return Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2])))
-
-
-class Page(HTMLParser):
-    """What a page is made of."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags = []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-
-    def all(self, tag):
-        return [attrs for name, attrs in self.tags if name == tag]
 
 
 def test_cells_are_the_frames_that_corrupt_makes(pair):
@@ -68,7 +54,7 @@ def test_a_severity_that_does_not_exist_is_an_empty_place(pair):
     assert [cell.severity for cell in cells] == list(SEVERITIES)
     assert tuple(cell.severity for cell in cells if cell.frame is not None) == calibrated_levels(name)
     lacking = next(cell.severity for cell in cells if cell.frame is None)
-    page = Page(render_page(pair[0], cells, lacking, "t"))
+    page = Elements(render_page(pair[0], cells, lacking, "t"))
     assert len(page.all("img")) == 1 + len(calibrated_levels(name))
     assert draw_figure(pair[0], [Cell(name, lacking)], "t", "png")[:4] == b"\x89PNG"
 
@@ -108,7 +94,7 @@ def test_figures_of_any_shape_and_number(width, height, count):
 
 def test_the_page_asks_nobody_for_anything_and_can_be_used_by_keyboard(pair):
     text = render_page(pair[0], list(gallery(*pair, SEVERITIES, SOME)), 3, "two frames")
-    page = Page(text)
+    page = Elements(text)
     assert not re.search(r"(https?:|//[a-z]|@import|url\()", re.sub(r"base64,[A-Za-z0-9+/=]+", "", text))
     assert "default-src 'none'" in next(a["content"] for a in page.all("meta") if "http-equiv" in a)
     assert not page.all("link")
@@ -125,7 +111,7 @@ def test_the_page_asks_nobody_for_anything_and_can_be_used_by_keyboard(pair):
 
 def test_pictures_are_bounded_and_keep_their_shape():
     frame = np.random.default_rng(0).integers(0, 256, (375, 1242, 3)).astype(np.uint8)
-    page = Page(render_page(frame, [Cell("a", 3, frame)], 3, "t"))
+    page = Elements(render_page(frame, [Cell("a", 3, frame)], 3, "t"))
     for attrs in page.all("img"):
         assert decoded(attrs["src"]).size == (WIDEST, 145)
         assert (attrs["width"], attrs["height"]) == ("480", "145")
@@ -153,7 +139,7 @@ def test_the_command_writes_three_files(tmp_path, monkeypatch, capsys, pair):
     assert code == 0
     assert said.out.split() == ["out/gallery.png", "out/gallery.pdf", "out/gallery.html"]
     assert Image.open("out/gallery.png").size[0] == 1920
-    assert len(Page((tmp_path / "out/gallery.html").read_text()).all("img")) == 11
+    assert len(Elements((tmp_path / "out/gallery.html").read_text()).all("img")) == 11
     assert call("-c", "contrast", "-s", "6")[0] == 2
     assert call("-c", "frosst")[0] == 2
     assert call("-c", "contrast", "--severity-scale", "other")[0] == 2

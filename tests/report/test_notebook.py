@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import re
 from base64 import b64decode
-from html.parser import HTMLParser
 
 import cv2
 import numpy as np
@@ -16,6 +15,8 @@ from PIL import Image
 from robustflow.errors import UsageError
 from robustflow.report.notebook import result_table
 from robustflow.runner.evaluate import evaluate
+
+from .elements import Elements
 
 
 class Hostile:
@@ -35,18 +36,6 @@ def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     options = {"corruptions": ["contrast", "fog"], "severities": [1, 5]}
     return [evaluate(m, "demo", output=folder / str(i), **options) for i, m in enumerate(("dis", Hostile()))]
-
-
-class Elements(HTMLParser):
-    """Every element with its attributes."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        self.found.append((tag, dict(attrs)))
 
 
 def test_a_table_and_a_figure(runs):

@@ -17,7 +17,7 @@ from robustflow.report.results import parse_results
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.page import json_block, render_site
 
-from ..test_render import HOSTILE
+from ..hostile import HOSTILE
 
 _CELLS = "setting,model,metric,corruption,value\n" + "".join(
     f"OOD,A,{metric},{corruption},{value}\n"
