@@ -57,3 +57,13 @@ def test_what_is_no_network_is_said_so(profile, model, monkeypatch):
     code, _, err = profile(model)
     assert code == 2
     assert "only PyTorch networks can be profiled" in err
+
+
+def test_frames_of_any_size(profile):
+    code, out, err = profile("raft_small", "--size", "125x130", "--iterations", 1)
+    assert code == 0, err
+    assert "frames of 125x130, network input 1x3x128x136" in out
+    assert "one pair" in out
+    code, out, err = profile("raft_small", "--size", "125x130", "--repeat", -1)
+    assert (code, out) == (2, "")
+    assert "-1 predictions cannot be timed" in err

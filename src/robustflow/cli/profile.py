@@ -80,12 +80,14 @@ def _print_model(
     from ..runner.result import Result
 
     run = None if into is None else Result(into)
-    height, width = parse_size(size, 8)
+    height, width = parse_size(size, 1)
     method = methods().get(name)
     learns = name.startswith(PTLFLOW) or (method is not None and method.type != "knowledge")
     asked = {**({"checkpoint": RANDOM} if learns else {}), **dict(options)}
     if iterations is not None:
         asked["iterations"] = iterations
+    if repeat < 0:
+        raise UsageError(f"{repeat} predictions cannot be timed: give 1 or more, or 0 for none")
     model = network_of(ModelSpec(name, tuple(asked.items())).load())
     if run is not None:
         check_model(run, model.identity())
