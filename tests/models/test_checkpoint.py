@@ -32,6 +32,7 @@ LAYOUTS = {
     "bare": lambda state: state,
     "state_dict": lambda state: {"epoch": 7, "state_dict": state},
     "model": lambda state: {"model": state, "optimizer": {"lr": 0.1}},
+    "model_state_dict": lambda state: {"model_state_dict": state, "optimizer_state_dict": {"state": {}}, "epoch": 3},
     "data parallel": lambda state: {f"module.{key}": value for key, value in state.items()},
     "lightning": lambda state: {"state_dict": {f"model.{key}": value for key, value in state.items()}},
     "ptlflow's csflow": lambda state: {"state_dict": {f"_model.{key}": value for key, value in state.items()}},

@@ -34,6 +34,10 @@ _BESIDE_WEIGHTS = [
 ]
 
 
+HELD_AS = ("state_dict", "model_state_dict", "model")
+"""Where a file keeps its weights beside other things."""
+
+
 @dataclass(frozen=True)
 class Checkpoint:
     """The weights of a file, by the names they have in it.
@@ -52,7 +56,7 @@ class Checkpoint:
 
 
 def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
-    """Read a file saved with `torch.save`: a state dict, or a dict that holds one as `state_dict` or `model`.
+    """Read a file saved with `torch.save`: a state dict, or a dict that holds one under one of `HELD_AS`.
 
     Nothing in the file is run: it is read with `weights_only=True`, after its declared sizes were compared with its
     own.
@@ -112,7 +116,7 @@ def _load(path: Path, file: BinaryIO) -> Any:
 
 
 def _weights(path: Path, content: Any) -> dict[str, Tensor]:
-    for name in ("state_dict", "model"):
+    for name in HELD_AS:
         if isinstance(content, dict) and isinstance(content.get(name), dict):
             content = content[name]
     if not isinstance(content, dict) or not content:
@@ -124,6 +128,6 @@ def _weights(path: Path, content: Any) -> dict[str, Tensor]:
             what = f"{type(value).__name__}, not a tensor" if isinstance(key, str) else "named by no text"
             raise ModelError(
                 f"{path}: entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that holds one as "
-                "'state_dict' or 'model'"
+                f"{', '.join(HELD_AS)}"
             )
     return dict(content)
