@@ -4,6 +4,7 @@ as text, and files that are the same bytes every time."""
 from __future__ import annotations
 
 import io
+import textwrap
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
@@ -51,6 +52,9 @@ SETTING_COLOURS = {"OOD": BLUE, "ID": RED}
 """Of the paper's settings of learned models; others are orange."""
 
 _NAME_SIZE = 7.0
+_NAMES_AT_ANY_COST = 40
+_OVERLAP = 10.0
+"""What it costs a name to overlap another."""
 
 _Place = tuple[float, float, Literal["left", "center", "right"]]
 
@@ -83,6 +87,21 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> 
     return figure, axes
 
 
+def panel_figure(count: int) -> tuple[MarkedFigure, list[Axes]]:
+    """A figure of one panel per setting, three abreast."""
+    columns = min(3, count)
+    rows = -(-count // columns)
+    figure, axes = new_figure(5.2 * columns, 4.6 * rows, rows, columns)
+    for extra in axes[count:]:
+        extra.remove()
+    return figure, axes[:count]
+
+
+def set_heading(figure: MarkedFigure, text: str) -> None:
+    """A heading over all panels, on as many lines as the figure's width needs."""
+    figure.suptitle(textwrap.fill(text, int(12.5 * figure.get_figwidth())), fontsize=10)
+
+
 def name_text(name: str) -> str:
     """A name for a label. A dollar sign would begin a formula, and a leading underscore hide a legend's entry.
 
@@ -94,7 +113,8 @@ def name_text(name: str) -> str:
 
 
 def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Annotation]:
-    """Names beside their points, each where it overlaps the fewest names and points placed before it.
+    """Names beside their points, each where it overlaps the fewest names and points placed before it. Of more than
+    `_NAMES_AT_ANY_COST` points, those that would overlap another name are not shown.
 
     Args:
         axes: with its limits set.
@@ -119,7 +139,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         for rank, (dx, dy, side) in enumerate(_places(radius)):
             left = dot[0] + dx * per_point - {"left": 0.0, "center": 0.5, "right": 1.0}[side] * size.width
             box = Bbox.from_bounds(left, dot[1] + dy * per_point - size.height / 2, size.width, size.height)
-            cost = 10.0 * sum(box.overlaps(other) for other in placed) + 0.1 * rank
+            cost = _OVERLAP * sum(box.overlaps(other) for other in placed) + 0.1 * rank
             cost += 3.0 * sum(box.contains(*other) for other in dots)
             cost += 20.0 * (box.x0 < axes.bbox.x0 or box.x1 > axes.bbox.x1)
             if best is None or cost < best[0]:
@@ -128,7 +148,10 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         text.set_position(best[1][:2])
         text.set_horizontalalignment(best[1][2])
         texts.append(text)
-        placed.append(best[2])
+        if len(points) > _NAMES_AT_ANY_COST and best[0] >= _OVERLAP:
+            text.set_visible(False)
+        else:
+            placed.append(best[2])
     return texts
 
 

@@ -12,11 +12,13 @@ from ..labels import SETTING_LABELS
 from ..published import NOT_DISCUSSED
 from ..results import AVERAGE, CLEAN, values_of
 from ..tables import settings_in_order
-from .canvas import KIND_COLOURS, kind_of, name_text, new_figure, spread_labels
+from .canvas import KIND_COLOURS, kind_of, name_text, panel_figure, set_heading, spread_labels
 from .marks import Mark, MarkedFigure
 
 _AREA = 260.0
-"""Square points of a bubble of CREr 1."""
+"""Square points of a bubble of CREr 1, where none is larger than `_LARGEST`."""
+
+_LARGEST = 1000.0
 
 
 def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = NOT_DISCUSSED) -> MarkedFigure:
@@ -39,8 +41,11 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = NOT_DISC
         panels.pop("knowledge", None)
     if not panels:
         raise UsageError("no clean EPE and average EPE to draw: this figure needs runs with ground truth")
-    figure, axes = new_figure(5.2 * len(panels), 4.6, 1, len(panels))
+    figure, axes = panel_figure(len(panels))
+    ratios = [epe[s, model, AVERAGE] / epe[s, model, CLEAN] - 1 for s, models in panels.items() for model in models]
+    scale = min(_AREA, _LARGEST / max(*ratios, 1.0))
     kinds: dict[str, None] = {}
+    names: list[tuple[list[tuple[float, float, str]], list[float]]] = []
     for panel, (setting, models) in zip(axes, panels.items(), strict=True):
         points, radii = [], []
         for model in models:
@@ -48,7 +53,7 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = NOT_DISC
             cre = epe[setting, model, AVERAGE] - clean
             kind = kind_of(model)
             kinds[kind] = None
-            area = _AREA * max(cre / clean, 0.02)
+            area = scale * max(cre / clean, 0.02)
             bubble = panel.scatter(
                 clean, cre, s=area, color=KIND_COLOURS[kind], alpha=0.55, edgecolor="white", linewidth=0.8
             )
@@ -61,13 +66,15 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = NOT_DISC
         panel.set_title(name_text(SETTING_LABELS.get(setting, setting)))
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("CRE (px)")
-        for model, text in zip(models, spread_labels(panel, points, radii), strict=True):
-            figure.mark(text, [Mark(model, setting)])
+        names.append((points, radii))
     handles = [
         Line2D([], [], marker="o", linestyle="", color=KIND_COLOURS[kind], label=kind)
         for kind in KIND_COLOURS
         if kind in kinds
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
-    figure.suptitle("Accuracy and robustness: area of a bubble = CREr, printed beside the name", fontsize=10)
+    set_heading(figure, "Accuracy and robustness: area of a bubble = CREr, printed beside the name")
+    for panel, (setting, models), named in zip(axes, panels.items(), names, strict=True):
+        for model, text in zip(models, spread_labels(panel, *named), strict=True):
+            figure.mark(text, [Mark(model, setting)])
     return figure

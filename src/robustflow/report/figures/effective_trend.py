@@ -8,7 +8,7 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from ..effective import effective_robustness
 from ..labels import SETTING_LABELS
-from .canvas import KIND_COLOURS, kind_of, name_text, new_figure, spread_labels
+from .canvas import KIND_COLOURS, kind_of, name_text, panel_figure, set_heading, spread_labels
 from .marks import Mark, MarkedFigure
 
 
@@ -20,7 +20,7 @@ def effective_trend(results: pl.DataFrame) -> MarkedFigure:
     """
     table = effective_robustness(results)
     settings = list(dict.fromkeys(table["setting"]))
-    figure, axes = new_figure(5.2 * len(settings), 4.6, 1, len(settings))
+    figure, axes = panel_figure(len(settings))
     for panel, setting in zip(axes, settings, strict=True):
         models = table.filter(setting=setting)
         clean, epe = models["epe_clean"].to_numpy(), models["epe"].to_numpy()
@@ -44,11 +44,13 @@ def effective_trend(results: pl.DataFrame) -> MarkedFigure:
         panel.set_title(
             f"{name_text(SETTING_LABELS.get(setting, setting))}: R² = {models['r_squared'][0]:.2f}", fontsize=10
         )
+    set_heading(figure, "Effective robustness: below the line is more robust than the clean error lets expect")
+    for panel, setting in zip(axes, settings, strict=True):
+        models = table.filter(setting=setting)
         labels = [
             (row["epe_clean"], row["epe"], f"{row['model']} ×{row['factor']:.2f}")
             for row in models.iter_rows(named=True)
         ]
         for model, text in zip(models["model"], spread_labels(panel, labels), strict=True):
             figure.mark(text, [Mark(model, setting)])
-    figure.suptitle("Effective robustness: below the line is more robust than the clean error lets expect", fontsize=10)
     return figure

@@ -1,0 +1,58 @@
+"""Room in figures: headings, names and bubbles stay where they can be read, however many models there are."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib.collections import PathCollection
+from matplotlib.text import Annotation
+
+from robustflow.report.figures import clean_against_cre, effective_trend
+from robustflow.report.results import parse_results
+
+
+def _results(models: int, settings: int = 1, crer: float = 1.0):
+    rng = np.random.default_rng(0)
+    lines = ["setting,model,metric,corruption,value"]
+    for setting in range(settings):
+        for index in range(models):
+            clean = float(rng.uniform(0.5, 4.0))
+            error = clean * (1 + crer * rng.uniform(0.5, 1))
+            lines.append(f"s{setting},Model {index},epe,clean,{clean:.3f}")
+            lines.append(f"s{setting},Model {index},epe,average,{error:.3f}")
+    return parse_results("\n".join(lines), "test", "test")
+
+
+@pytest.mark.parametrize("draw", [clean_against_cre, effective_trend])
+@pytest.mark.parametrize("settings", [1, 2])
+def test_the_heading_is_as_wide_as_its_figure_at_most(draw, settings):
+    figure = draw(_results(6, settings))
+    figure.draw_without_rendering()
+    heading = figure._suptitle.get_window_extent()
+    assert heading.x0 >= 0
+    assert heading.x1 <= figure.bbox.x1
+
+
+@pytest.mark.parametrize("draw", [clean_against_cre, effective_trend])
+def test_names_of_very_many_models_do_not_cover_each_other(draw, recwarn):
+    figure = draw(_results(300))
+    figure.draw_without_rendering()
+    names = [text for text in figure.axes[0].texts if isinstance(text, Annotation) and text.get_visible()]
+    assert 10 < len(names) < 300
+    boxes = [text.get_window_extent() for text in names]
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    assert not recwarn.list
+
+
+def test_a_bubble_does_not_fill_its_panel():
+    figure = clean_against_cre(_results(5, crer=300.0))
+    sizes = [bubble.get_sizes()[0] for bubble in figure.axes[0].collections if isinstance(bubble, PathCollection)]
+    assert 900 < max(sizes) <= 1000
+
+
+def test_many_settings_stand_three_abreast():
+    figure = clean_against_cre(_results(2, settings=7))
+    assert len(figure.axes) == 7
+    assert figure.get_figwidth() < 16
