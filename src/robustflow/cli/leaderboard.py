@@ -36,9 +36,8 @@ def leaderboard(
     from ..atomic import make_folder, write_bytes
     from ..errors import UsageError
     from ..report.load import load_run
-    from ..report.results import read_results
+    from ..report.results import read_results, results_csv
     from ..report.site import render_site, whole_content
-    from ..report.site.results_file import results_csv
     from ..runner.example_record import FOLDER as EXAMPLES
 
     if not sources and not published:

@@ -41,6 +41,7 @@ class DisRgb:
         self._number = int(operating_point)
 
     def identity(self) -> dict[str, Any]:
+        """See `FlowModel`: the operating point with all that it stands for."""
         point = asdict(OPERATING_POINTS[self._number])
         return {"name": "dis_rgb", "operating_point": self._number, **point, "interpolation": "cubic spline"}
 

@@ -130,6 +130,7 @@ class FunctionModel:
         self._identity = identity or model_identity(function)
 
     def identity(self) -> dict[str, Any]:
+        """See `FlowModel`: where the function is defined, unless told otherwise."""
         return self._identity
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
@@ -138,7 +139,16 @@ class FunctionModel:
 
 
 def as_model(found: Any, what: str) -> AnyModel:
-    """Anything with `predict`, `predict_clip` or `lookup` as it is; a class built, a function wrapped."""
+    """Anything with `predict`, `predict_clip` or `lookup` as it is; a class built, a function wrapped.
+
+    Args:
+        found: what should be a model.
+        what: to call it in messages.
+
+    Raises:
+        ModelError: none of these, or a class that cannot be built.
+        UsageError: a class that needs an option.
+    """
     if inspect.isclass(found):
         found = _construct(found, what, {})
     if isinstance(found, AnyModel):

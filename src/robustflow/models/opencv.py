@@ -31,6 +31,17 @@ def _one_thread() -> Iterator[None]:
 class Farneback:
     """Gunnar Farneback's polynomial expansion (2003) on grey frames, at the paper's OpenCV defaults.
 
+    Args:
+        pyr_scale: size of each scale by the one before, above 0 and below 1.
+        levels: scales beside the full size.
+        winsize: side of the window that flow is averaged over, in pixels.
+        iterations: at each scale.
+        poly_n: side of the neighbourhood that a polynomial is fitted to, in pixels.
+        poly_sigma: standard deviation of the weights of that neighbourhood, in pixels.
+
+    Raises:
+        UsageError: a parameter out of these ranges.
+
     >>> import numpy as np
     >>> frame = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
     >>> Farneback().predict(frame, frame).shape
@@ -66,6 +77,7 @@ class Farneback:
         }
 
     def identity(self) -> dict[str, Any]:
+        """See `FlowModel`: the parameters, and the version of OpenCV."""
         return {"name": "farneback", "opencv": cv2.__version__, **self._parameters}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
@@ -81,6 +93,9 @@ class Dis:
 
     Args:
         preset: "ultrafast", "fast" or "medium" (default).
+
+    Raises:
+        UsageError: another preset.
     """
 
     PRESETS = ("ultrafast", "fast", "medium")
@@ -91,6 +106,7 @@ class Dis:
         self._preset = preset
 
     def identity(self) -> dict[str, Any]:
+        """See `FlowModel`: the preset, and the version of OpenCV."""
         return {"name": "dis", "preset": self._preset, "opencv": cv2.__version__}
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:

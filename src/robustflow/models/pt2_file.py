@@ -60,6 +60,7 @@ def read_exported_program(path: Path, sha256: str | None = None) -> tuple[torch.
 
     Raises:
         ModelError: missing, damaged, no file of `torch.export.save`, or holding more than operators and weights.
+        UsageError: `sha256` is no such digits.
     """
     with opened(path, sha256) as (file, digest):
         content = file.read()

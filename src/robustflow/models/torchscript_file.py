@@ -35,6 +35,7 @@ def read_torchscript(path: Path, sha256: str | None = None) -> tuple[torch.jit.S
 
     Raises:
         ModelError: missing, damaged, a pickled module, or a program that reaches for files.
+        UsageError: `sha256` is no such digits.
     """
     with opened(path, sha256) as (file, digest):
         content = file.read()

@@ -34,6 +34,7 @@ class EveryFlow(nn.Module):
         self.net = net
 
     def forward(self, image1: Tensor, image2: Tensor) -> Any:
+        """Images (1, 3, H, W) to what `flows` of the network gives."""
         return self.net.flows(image1, image2)
 
 

@@ -20,6 +20,7 @@ import polars as pl
 from ..corruptions.stack import parse_stack
 from ..errors import DataError, UsageError
 from ..metrics.rows import CLEAN
+from .render.csv import text_cell
 
 AVERAGE = "average"
 METRICS = ("epe", "cre", "rcre", "crer")
@@ -47,6 +48,7 @@ best of its column, null where the source marks nothing. `sample_set`: results c
 """
 
 RESULT_KEY = ("sample_set", "benchmark", "setting", "model", "metric", "corruption")
+_WRITTEN = ("benchmark", "setting", "model", "metric", "corruption", "source", "sample_set", "note")
 _REQUIRED = ("setting", "model", "metric", "corruption", "value")
 _LARGEST_FILE = 64 * 2**20
 _LONGEST_TEXT = 500
@@ -155,6 +157,23 @@ def _number(text: str, where: str) -> tuple[float, int]:
     if not isinstance(exponent, int) or abs(value) > 1e9:
         raise DataError(f"{where}: '{text[:40]}' is not a finite number of pixels")
     return value, max(0, -exponent)
+
+
+def results_csv(results: pl.DataFrame) -> str:
+    """Results (columns of `RESULT_SCHEMA`) as the file that `read_results` takes again, each value in its known digits.
+
+    >>> text = "setting,model,metric,corruption,value\\nOOD,Mine,epe,clean,4.20\\n"
+    >>> print(results_csv(parse_results(text, "mine.csv", "mine")).splitlines()[1])
+    kitti-fc,OOD,Mine,epe,clean,,mine,,4.20,
+    """
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([*_WRITTEN, "value", "marked"])
+    for row in results.iter_rows(named=True):
+        value = repr(row["value"]) if row["decimals"] is None else f"{row['value']:.{row['decimals']}f}"
+        marked = {None: "", True: "yes", False: "no"}[row["marked"]]
+        writer.writerow([*(text_cell(row[name]) for name in _WRITTEN), value, marked])
+    return out.getvalue()
 
 
 def values_of(results: pl.DataFrame, metric: str, **where: str) -> dict[tuple[str, str, str], float]:

@@ -42,6 +42,7 @@ def inside_mask(flow: Tensor, threshold: float, align_corners: bool = True) -> T
         flow: (N, 2, H, W), in pixels.
         threshold: of the summed weights. At exactly 1.0 rounding decides for interior pixels too, differently on
             every machine.
+        align_corners: see `warp`.
 
     Returns:
         float32 (N, 1, H, W).

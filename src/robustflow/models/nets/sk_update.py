@@ -107,4 +107,5 @@ class MaskHead(nn.Module):
         self.up_sample_mask = mask_layers(factor=factor)
 
     def forward(self, net: Tensor) -> Tensor:
+        """(N, 128, H, W) to (N, 9 * factor ** 2, H, W)."""
         return self.up_sample_mask(net)

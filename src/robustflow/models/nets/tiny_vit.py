@@ -122,6 +122,7 @@ class Stage(nn.Module):
             self.downsample = _Bottleneck(width, following, following, stride)
 
     def forward(self, x: Tensor) -> Tensor:
+        """(N, width, H, W) to (N, following, H / stride, W / stride), or (N, width, H, W) after the last."""
         for block in self.blocks:
             x = block(x)
         return self.downsample(x) if hasattr(self, "downsample") else x
