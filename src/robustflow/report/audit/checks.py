@@ -58,21 +58,27 @@ class Book:
         )
 
 
-def expected_cre(values: Values) -> dict[str, Printed]:
-    """corruption -> (EPE - clean EPE, decimals of the coarser of the two)."""
-    clean = values.get(("epe", CLEAN))
-    if clean is None:
+def expected_cre(values: Values) -> dict[str, float]:
+    """corruption -> EPE - clean EPE."""
+    if ("epe", CLEAN) not in values:
         return {}
-    return {
-        corruption: Printed(number.value - clean.value, _coarser(number, clean))
-        for (metric, corruption), number in values.items()
-        if metric == "epe" and corruption != CLEAN
-    }
+    return {name: _change(values, name) for metric, name in values if metric == "epe" and name != CLEAN}
 
 
-def cre_tolerance(values: Values, corruption: str) -> float:
-    """What rounding of the EPE, the clean EPE and the CRE can add up to."""
-    return sum(values[key].half for key in (("epe", corruption), ("epe", CLEAN), ("cre", corruption)))
+def change_tolerance(epe: Values, corruption: str, given: Printed) -> float:
+    """What rounding of the EPE, the clean EPE and a number beside their difference (CRE, RCRE) can add up to."""
+    return epe["epe", corruption].half + epe["epe", CLEAN].half + given.half
+
+
+def misfits_change(epe: Values, corruption: str, cre: Printed) -> bool:
+    """Whether a CRE does not follow from these EPE."""
+    return misfits(cre.value, _change(epe, corruption), change_tolerance(epe, corruption, cre))
+
+
+def below_change(epe: Values, corruption: str, rcre: Printed) -> bool:
+    """Whether an RCRE is impossible beside these EPE: below |EPE - clean EPE|."""
+    lowest = abs(_change(epe, corruption))
+    return rcre.value < lowest and misfits(rcre.value, lowest, change_tolerance(epe, corruption, rcre))
 
 
 def check_cre(book: Book) -> tuple[str, int, list[Finding]]:
@@ -84,14 +90,13 @@ def check_cre(book: Book) -> tuple[str, int, list[Finding]]:
             if given is None:
                 continue
             count += 1
-            tolerance = cre_tolerance(values, corruption)
-            if misfits(given.value, expected.value, tolerance):
+            if misfits_change(values, corruption, given):
                 epe, clean = values["epe", corruption].value, values["epe", CLEAN].value
                 says = (
                     f"{_where(key, corruption)}: CRE {given.value:.2f}, but EPE {epe:.2f} - clean EPE {clean:.2f} = "
-                    f"{expected.value:.2f}"
+                    f"{expected:.2f}"
                 )
-                numbers = (given.value, expected.value, tolerance)
+                numbers = (given.value, expected, change_tolerance(values, corruption, given))
                 findings.append(book.finding("cre", key, "cre", corruption, says, numbers))
     return "cre", count, findings
 
@@ -146,14 +151,12 @@ def check_bound(book: Book) -> tuple[str, int, list[Finding]]:
             if given is None:
                 continue
             count += 1
-            tolerance = given.half + values["epe", corruption].half + values["epe", CLEAN].half
-            lowest = abs(expected.value)
-            if given.value < lowest and misfits(given.value, lowest, tolerance):
+            if below_change(values, corruption, given):
                 says = (
                     f"{_where(key, corruption)}: RCRE {given.value:.2f} is impossible beside a change of the EPE by "
-                    f"{expected.value:+.2f}; it is at least as large"
+                    f"{expected:+.2f}; it is at least as large"
                 )
-                numbers = (given.value, lowest, tolerance)
+                numbers = (given.value, abs(expected), change_tolerance(values, corruption, given))
                 findings.append(book.finding("bound", key, "rcre", corruption, says, numbers))
     return "bound", count, findings
 
@@ -208,6 +211,5 @@ def _where(key: ModelKey, corruption: str) -> str:
     return f"{key[2]} {key[3]}, {corruption}"
 
 
-def _coarser(first: Printed, second: Printed) -> int | None:
-    known = [number.decimals for number in (first, second) if number.decimals is not None]
-    return min(known) if known else None
+def _change(values: Values, corruption: str) -> float:
+    return values["epe", corruption].value - values["epe", CLEAN].value

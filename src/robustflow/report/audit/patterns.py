@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from itertools import combinations
 
-from ..results import AVERAGE, CLEAN
-from .checks import Book, ModelKey, Values, cre_tolerance, expected_cre
+from ..results import AVERAGE
+from .checks import Book, ModelKey, Values, below_change, change_tolerance, expected_cre, misfits_change
 from .findings import Finding
 from .rounding import misfits
 
@@ -51,7 +51,7 @@ def check_shifted(book: Book) -> tuple[str, int, list[Finding]]:
             run: list[str] = []
             for here, there in zip(names, names[step:] if step > 0 else [None, *names], strict=False):
                 count += 1
-                fits = there is not None and _fits_beside(values, here, there)
+                fits = there is not None and _fits_beside(values, expected[here], here, there)
                 if fits:
                     run.append(here)
                     continue
@@ -71,9 +71,8 @@ def _shift(book: Book, key: ModelKey, run: list[str], side: str) -> list[Finding
     return [book.finding("shifted", key, "epe", run[0], says)]
 
 
-def _fits_beside(values: Values, here: str, there: str) -> bool:
-    expected = expected_cre(values)[here].value
-    tolerance = cre_tolerance(values, here)
+def _fits_beside(values: Values, expected: float, here: str, there: str) -> bool:
+    tolerance = change_tolerance(values, here, values["cre", here])
     return misfits(values["cre", here].value, expected, tolerance) and not misfits(
         values["cre", there].value, expected, tolerance
     )
@@ -85,24 +84,9 @@ def _both(epe: Values, cre: Values) -> list[str]:
 
 def _misfitting(epe: Values, cre: Values) -> list[str]:
     """Corruptions at which the CRE of one row does not follow from the EPE of another."""
-    expected = expected_cre(epe)
-    return [
-        name
-        for name in _both(epe, cre)
-        if misfits(
-            cre["cre", name].value,
-            expected[name].value,
-            epe["epe", name].half + epe["epe", CLEAN].half + cre["cre", name].half,
-        )
-    ]
+    return [name for name in _both(epe, cre) if misfits_change(epe, name, cre["cre", name])]
 
 
 def _impossible(epe: Values, rcre: Values) -> int:
     """How many RCRE of one row are below the change of the EPE of another."""
-    count = 0
-    for name, expected in expected_cre(epe).items():
-        given = rcre.get(("rcre", name))
-        if given is not None and given.value < abs(expected.value):
-            tolerance = given.half + epe["epe", name].half + epe["epe", CLEAN].half
-            count += misfits(given.value, abs(expected.value), tolerance)
-    return count
+    return sum(below_change(epe, name, rcre["rcre", name]) for name in expected_cre(epe) if ("rcre", name) in rcre)
