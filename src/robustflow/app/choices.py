@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Sequence
 
 from ..errors import ModelError, unknown_name
 from ..models import MODELS, FlowModel, ModelSpec
 from ..models.catalog import MethodEntry, is_installed, methods
-from ..models.loading import EXPORTED
+from ..models.loading import EXPORTED, needed_options
 
 
 class Models:
@@ -69,8 +68,4 @@ def _runs_on_pairs(method: MethodEntry) -> bool:
 
 def _needs_nothing(name: str) -> bool:
     """Whether a model can be loaded without an option, as one of flows or of a network in files cannot."""
-    if name in EXPORTED.values():
-        return False
-    parameters = inspect.signature(MODELS.get(name)).parameters.values()
-    optional = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    return all(one.default is not one.empty or one.kind in optional for one in parameters)
+    return name not in EXPORTED.values() and not needed_options(MODELS.get(name))

@@ -205,7 +205,7 @@ def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) 
     for option in options:
         if not takes_any and option not in parameters:
             raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
-    needed = [key for key, parameter in parameters.items() if _is_needed(parameter) and key not in options]
+    needed = [key for key in needed_options(factory) if key not in options]
     if needed:
         raise UsageError(f"model '{name}' needs the option {needed[0]}: give -O {needed[0]}=VALUE")
     try:
@@ -216,9 +216,14 @@ def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) 
         raise ModelError(f"model '{name}' cannot be built: {type(error).__name__}: {error}") from error
 
 
-def _is_needed(parameter: inspect.Parameter) -> bool:
-    by_name = parameter.kind in (parameter.POSITIONAL_OR_KEYWORD, parameter.KEYWORD_ONLY)
-    return by_name and parameter.default is parameter.empty
+def needed_options(factory: Callable[..., Any]) -> list[str]:
+    """The options without which a model cannot be built.
+
+    >>> needed_options(lambda file, threads=1: None)
+    ['file']
+    """
+    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return [key for key, one in _parameters(factory).items() if one.kind in by_name and one.default is one.empty]
 
 
 def _takes_two_frames(function: Callable[..., Any]) -> bool:

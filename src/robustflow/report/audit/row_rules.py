@@ -12,7 +12,7 @@ from operator import add, or_
 
 import polars as pl
 
-from ...metrics.regions import REGIONS
+from ...metrics.regions import MAGNITUDE_BOUNDS, REGIONS
 from ...metrics.rows import CLEAN, ROW_SCHEMA
 
 _CLOSE = 1e-9
@@ -21,6 +21,7 @@ _COUNTS = tuple(name for name, kind in ROW_SCHEMA.items() if kind is pl.Int64)
 _OUTLIERS = ("fl_count", "px1_count", "px3_count", "px5_count")
 _TRUTH = ("n_valid", "epe_sum", "rcre_sum", "magnitude_sum", *_OUTLIERS, "wauc_sum")
 _SPLITS = (("noc", "occ"), ("s0_10", "s10_40", "s40"), ("d0_10", "d10_60", "d60"))
+_SHORT, _LONG = MAGNITUDE_BOUNDS
 _BEFORE = "_clean"
 
 _Expr = pl.Expr
@@ -119,9 +120,9 @@ RULES: dict[str, _Expr] = {
     ),
     "its ground truth is shorter or longer than its regions say": _any(
         [
-            _exceeds(10.0 * pl.col("n_s10_40") + 40.0 * pl.col("n_s40"), pl.col("magnitude_sum")),
+            _exceeds(_SHORT * pl.col("n_s10_40") + _LONG * pl.col("n_s40"), pl.col("magnitude_sum")),
             (pl.col("n_s40") == 0)
-            & _exceeds(pl.col("magnitude_sum"), 10.0 * pl.col("n_s0_10") + 40.0 * pl.col("n_s10_40")),
+            & _exceeds(pl.col("magnitude_sum"), _SHORT * pl.col("n_s0_10") + _LONG * pl.col("n_s10_40")),
         ]
     ),
     "its flow is too short for such a small error": _exceeds(
