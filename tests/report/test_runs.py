@@ -9,6 +9,7 @@ import polars as pl
 import pytest
 
 from robustflow.errors import UsageError
+from robustflow.imageio import write_image
 from robustflow.report.assemble import ALL_TABLES, figures_of, results_of, tables_of
 from robustflow.report.render import FORMATS, render
 from robustflow.report.runs import note_of, run_names, run_results, sample_set, setting_of
@@ -36,6 +37,25 @@ def runs(tmp_path_factory) -> list[Result]:
     options = {"corruptions": ["contrast", "jpeg_compression"], "severities": [1, 3]}
     models = {"dis": "dis", "still": Still(), "in_domain": Still("Trained", trained_on="M:train")}
     return [evaluate(model, "demo", output=folder / name, **options) for name, model in models.items()]
+
+
+def test_other_severities_and_other_data_of_the_same_names_are_other_sample_sets(tmp_path):
+    options = {"corruptions": ["contrast"], "severities": [1]}
+    for folder, grey in (("a", 40), ("b", 60)):
+        (tmp_path / folder).mkdir()
+        for index in range(2):
+            write_image(tmp_path / folder / f"{index}.png", np.full((24, 24, 3), grey + 20 * index, np.uint8))
+
+    def run(data, name, **more):
+        return evaluate(Still(), "folder", tmp_path / data, tmp_path / name, **options, **more)
+
+    first, again = run("a", "first"), run("a", "again")
+    assert sample_set(first) == sample_set(again)
+    assert sample_set(run("b", "other")) != sample_set(first)
+    calibrated = run("a", "calibrated", severity_scale="calibrated")
+    assert sample_set(calibrated) != sample_set(first)
+    assert "calibrated severities" in note_of(calibrated)
+    assert "calibrated" not in note_of(first)
 
 
 def test_values_are_those_of_the_summary(runs):

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 OWN = "own"
 """The setting of a run whose model does not say what it was trained on."""
 
+_OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
+"""What of a run's identity decides which frames its model saw."""
+
 _OF_BENCHMARK = {"kitti-fc": IMAGE_PAIR, "gopro-fc": PAPER_ORDER}
 
 
@@ -67,13 +70,15 @@ def setting_of(run: Result) -> str:
 
 
 def sample_set(run: Result) -> str:
-    """Names what was measured on: frames, corruptions and severities, seed and variant; not the model.
+    """Names what was measured on: frames, corruptions and severities, their scale, seed and variant; not the model.
 
-    A run of which settings are missing is averaged over the others, and comparable with those that lack the same.
+    Samples of other data may have the same names; the digests of the clean frames tell them apart. A run of which settings are missing is averaged over the others, and comparable with those that lack the same.
     """
     identity = run.manifest["identity"]
-    parts = {key: identity.get(key) for key in ("benchmark", "dataset", "protocol", "seed", "variant", "streams")}
+    parts = {key: identity.get(key) for key in _OF_FRAMES}
     parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
+    clean = run.rows.filter(corruption=CLEAN).select("sample", "frames_digest")
+    parts["frames"] = sorted(clean.iter_rows())
     if not run.summary.complete:
         parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
     spelled = json.dumps(parts, sort_keys=True, default=str)
@@ -92,6 +97,8 @@ def note_of(run: Result) -> str:
         told.append(f"average over {len(averaged)} corruption{plural}, not the paper's {len(wanted)}")
     if set(selection["severities"]) != set(SEVERITIES):
         told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
+    if "severity_scale" in identity:
+        told.append("calibrated severities, not the paper's")
     if not run.summary.complete:
         told.append("not complete")
     return "; ".join(part for part in told if part)
