@@ -72,7 +72,8 @@ def setting_of(run: Result) -> str:
 def sample_set(run: Result) -> str:
     """Names what was measured on: frames, corruptions and severities, their scale, seed and variant; not the model.
 
-    Samples of other data may have the same names; the digests of the clean frames tell them apart. A run of which settings are missing is averaged over the others, and comparable with those that lack the same.
+    Samples of other data may have the same names; the digests of the clean frames tell them apart. A run of which
+    settings are missing is averaged over the others, and comparable with those that lack the same.
     """
     identity = run.manifest["identity"]
     parts = {key: identity.get(key) for key in _OF_FRAMES}
