@@ -48,12 +48,14 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
     unknown corruption 'gausian_noise': did you mean 'gaussian_noise'? Known: gaussian_noise, fog
     >>> print(unknown_name("model", "RAFT", ["dis", "raft"]))
     unknown model 'RAFT': did you mean 'raft'? Known: dis, raft
+    >>> print(unknown_name("metric", "error", ["epe", "cre"]))
+    unknown metric 'error'. Known: epe, cre
     """
     names = list(known)
     as_lower = {each.lower(): each for each in reversed(names)}
     close = get_close_matches(name.lower(), as_lower, n=1, cutoff=0.5)
-    hint = f"did you mean '{as_lower[close[0]]}'? " if close else ""
-    return UsageError(f"unknown {kind} '{name}': {hint}Known: {', '.join(names)}")
+    hint = f": did you mean '{as_lower[close[0]]}'?" if close else "."
+    return UsageError(f"unknown {kind} '{name}'{hint} Known: {', '.join(names)}")
 
 
 def first_misfit(error: ValidationError, whole: str = "the file") -> str:

@@ -141,7 +141,7 @@ def test_layout_of_memory_and_what_came_before_change_nothing():
 
 
 def test_what_it_refuses():
-    with pytest.raises(UsageError, match="unknown operating point of DIS '5': Known: 1, 2, 3, 4"):
+    with pytest.raises(UsageError, match=r"unknown operating point of DIS '5'\. Known: 1, 2, 3, 4"):
         load_model("dis_rgb", operating_point=5)
     frame = texture(4)
     for other in (frame[:-1], frame[..., :1], frame[..., 0], frame.astype(np.float32)):
