@@ -165,6 +165,23 @@ def test_a_fixed_size_and_inputs_by_name(tmp_path):
         load(path, inputs="last,first")
 
 
+@pytest.mark.parametrize("kind", [torch.float16, torch.bfloat16, torch.float64])
+def test_a_pt2_file_for_other_floats(tmp_path, kind):
+    images = tuple(torch.zeros(1, 3, 16, 24, dtype=kind) for _ in range(2))
+    torch.export.save(torch.export.export(Channels().to(kind).eval(), images), tmp_path / "net.pt2")
+    first, second = frames()
+    flow = load(tmp_path / "net.pt2", scaling="0-255").predict(first, second)
+    assert flow.dtype == np.float32
+    np.testing.assert_array_equal(flow, np.stack([first[..., 0], second[..., 2]], 2))
+
+
+def test_a_pt2_file_for_integers(tmp_path):
+    images = tuple(torch.zeros(1, 3, 16, 24, dtype=torch.uint8) for _ in range(2))
+    torch.export.save(torch.export.export(Channels().eval(), images), tmp_path / "net.pt2")
+    with pytest.raises(ModelError, match="input images_0 is uint8; expected floating-point"):
+        load(tmp_path / "net.pt2")
+
+
 def test_a_torchscript_file_of_one_size(tmp_path):
     path = save(tmp_path / "net.ts")
     first, second = frames()

@@ -123,7 +123,8 @@ def torch_export(
         positional, named = _pytree.tree_unflatten(ordered, structure)
         return program(*positional, **named)
 
-    net = ExportedNet(program, call, way_in, output, batched)
+    dtypes = [_dtype(name, places[name]) for name, _ in shapes]
+    net = ExportedNet(program, call, way_in, output, batched, dtypes)
     flow = "last" if output is None else str(output)
     settings = {"checkpoint": digest, "layout": way_in, "inputs": [name for name, _ in shapes], "output": flow}
     name = f"torch_export:{path.stem}"
@@ -141,3 +142,10 @@ def _file(model: str, checkpoint: str | Path | None) -> Path:
 def _shape(value: Any) -> tuple[Dim, ...] | None:
     """The sides of a traced tensor, None for a symbolic one; an empty shape for what is no tensor."""
     return tuple(side if type(side) is int else None for side in getattr(value, "shape", ()))
+
+
+def _dtype(name: str, value: Any) -> Any:
+    if not value.dtype.is_floating_point:
+        kind = str(value.dtype).removeprefix("torch.")
+        raise ModelError(f"the network's input {name} is {kind}; expected floating-point numbers: export it for those")
+    return value.dtype

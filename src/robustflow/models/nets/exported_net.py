@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -21,10 +21,17 @@ class ExportedNet(nn.Module):
         layout: how the pair goes in.
         output: position or key of the flow among several outputs; None for the last.
         batched: the program takes several pairs at once; else each goes through by itself.
+        dtypes: of its inputs; None for float32, where the file does not say.
     """
 
     def __init__(
-        self, program: nn.Module, call: Callable[[list[Tensor]], Any], layout: Layout, output: Any, batched: bool
+        self,
+        program: nn.Module,
+        call: Callable[[list[Tensor]], Any],
+        layout: Layout,
+        output: Any,
+        batched: bool,
+        dtypes: Sequence[torch.dtype] | None = None,
     ) -> None:
         super().__init__()
         self.program = program
@@ -32,6 +39,7 @@ class ExportedNet(nn.Module):
         self.layout = layout
         self.output = output
         self.batched = batched
+        self.dtypes = dtypes
 
     def train(self, mode: bool = True) -> ExportedNet:
         """An exported program is in the mode it was exported in; torch.export's refuse to be asked."""
@@ -51,14 +59,16 @@ class ExportedNet(nn.Module):
             inputs = [torch.stack([image1, image2], dim=1)]
         else:
             inputs = [torch.cat([image1, image2], dim=1)]
+        if self.dtypes is not None:
+            inputs = [value.to(dtype) for value, dtype in zip(inputs, self.dtypes, strict=True)]
         try:
             found = self.call(inputs)
         except Exception as error:  # whatever its operators raise; the last line says it, those above where
             reason = next((line for line in reversed(str(error).splitlines()) if line.strip()), type(error).__name__)
             what = describe_arrays([(f"input {i}", tuple(value.shape)) for i, value in enumerate(inputs)])
             raise ModelError(
-                f"the network failed on {what}: {reason.strip()[:200]}; give the layout, the multiple or the size it "
-                "was exported for (-O layout=, -O multiple=, -O size=), or export it anew"
+                f"the network failed on {what}: {reason.strip()[:200]}; give the layout or the multiple it was "
+                "exported for (-O layout=, -O multiple=; TorchScript also takes -O size=), or export it anew"
             ) from None
         flow = _chosen(found, self.output)
         pairs, _, height, width = image1.shape
