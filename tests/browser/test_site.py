@@ -139,6 +139,13 @@ def test_a_model_page_and_back(opened):
     assert page.locator("article:visible").count() == 0
 
 
+def test_a_model_page_begins_at_its_top_at_once(opened):
+    page = opened("leaderboard")
+    page.locator(".board:visible tbody a:visible").last.click()
+    assert page.locator("h2:focus").count() == 1
+    assert page.evaluate("scrollY") == 0
+
+
 def test_everything_by_keyboard(opened):
     """Skip link, a chip, a sort button, a row's link, back, and a figure's marks, without a pointer."""
     page = opened("leaderboard", "#benchmark=KITTI-FC")

@@ -25,7 +25,7 @@ function open(id) {
   shown = page === null ? null : id;
   window.robustflow.highlight(shown);
   if (page !== null && left !== id) {
-    window.scrollTo(0, 0);
+    window.scrollTo({ top: 0, behavior: "instant" });
     page.querySelector("h2").focus({ preventScroll: true });
   }
   return left;
