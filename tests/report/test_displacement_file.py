@@ -135,6 +135,13 @@ def test_ground_truth_goes_before_a_model_and_alike_are_one(kept, run):
     assert list(displacements_of([kept, other])) == ["demo, 1 pair (ground truth)"]
 
 
+def test_lines_that_lie_on_each_other_are_both_seen():
+    table = pl.DataFrame({"low": [0.0, 2.0], "high": [2.0, math.inf], "share": [0.5, 0.5]})
+    (axes,) = displacement_figure({"a": table, "b": table, "c": table}).axes
+    widths = [patch.get_linewidth() for patch in axes.patches]
+    assert widths == sorted(set(widths), reverse=True)
+
+
 def test_no_axis_goes_far_beyond_all_pixels():
     table = pl.DataFrame({"low": [0.0, 2.0], "high": [2.0, math.inf], "share": [0.0, 1.0]})
     (axes,) = displacement_figure({"a": table}).axes

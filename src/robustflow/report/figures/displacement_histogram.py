@@ -30,10 +30,13 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
         raise UsageError("no displacement to draw: none of these has a pixel with a flow")
     figure, (axes,) = new_figure(6.4, 3.6)
     right = 0.0
-    for colour, (label, table) in zip(SERIES, tables.items(), strict=False):
+    for drawn, (label, table) in enumerate(tables.items()):
+        colour = SERIES[drawn]
+        # Broad ones first, so that a line which lies on another leaves its rim to be seen.
+        width = 1.3 + 0.4 * (len(tables) - 1 - drawn)
         lows, shares = table["low"].to_list(), [100 * share for share in table["share"]]
         edges = [*lows, _end(table)]
-        axes.stairs(shares, edges, color=colour, linewidth=1.3, baseline=None, label=name_text(label))
+        axes.stairs(shares, edges, color=colour, linewidth=width, baseline=None, label=name_text(label))
         filled = [index for index, share in enumerate(shares) if share > 0]
         centres = [(edges[index] + edges[index + 1]) / 2 for index in filled]
         dots = axes.plot(centres, [shares[index] for index in filled], "o", color=colour, markersize=2.5)
