@@ -90,6 +90,19 @@ def test_another_model_seed_or_variant_is_refused_in_the_same_folder(whole):
         rf.evaluate("farneback", output=whole.path)
 
 
+def test_a_run_that_failed_before_its_first_row_is_begun_anew(tmp_path, models_on_path):
+    folder = tmp_path / "run"
+    with pytest.raises(ModelError, match="no weights"):
+        rf.evaluate("models_for_tests:raises", output=folder, corruptions=["contrast"], severities=[1])
+    clean = RunFolder(folder).clean_path("motorcycle")
+    clean.parent.mkdir(exist_ok=True)
+    np.save(clean, np.ones((500, 741, 2), np.float32))  # of a run that was killed before it wrote the row of it
+    result = rf.evaluate("models_for_tests:still", output=folder, corruptions=["contrast"], severities=[2])
+    assert result.rcre == 0.0
+    assert result.manifest["identity"]["model"]["spec"] == "models_for_tests:still"
+    assert result.manifest["selection"]["severities"] == [2]
+
+
 def test_an_edited_model_file_does_not_continue_the_old_run(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(tmp_path)
     source = "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), {}, np.float32)\n"

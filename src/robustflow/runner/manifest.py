@@ -16,9 +16,15 @@ from .store import RunFolder
 
 
 def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
-    """The folder's manifest brought up to date with this plan, or an error where the two do not belong together."""
+    """The folder's manifest brought up to date with this plan, or an error where the two do not belong together.
+
+    What another run left that ended before its first row counts for nothing.
+    """
     identity = plan.identity()
     old = folder.manifest() or {}
+    if old and old["identity_digest"] != identity_digest(identity) and folder.rows().is_empty():
+        folder.drop_clean()
+        old = {}
     if old and old["identity_digest"] != identity_digest(identity):
         raise RunError(
             f"{folder.path} holds another run (it differs in: {differing(identity, old['identity'])}); "

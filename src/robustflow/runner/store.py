@@ -142,6 +142,11 @@ class RunFolder:
         """Where the clean flow of a sample waits until the sample is finished."""
         return self.path / "clean" / f"{_slug(key)}.npy"
 
+    def drop_clean(self) -> None:
+        """Let go of all clean flows."""
+        for path in (self.path / "clean").glob("*.npy"):
+            path.unlink(missing_ok=True)
+
 
 def _write_shard(path: Path, rows: pl.DataFrame) -> None:
     shard = io.BytesIO()
