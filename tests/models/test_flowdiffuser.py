@@ -11,7 +11,7 @@ from robustflow.errors import UsageError
 from .textures import noise_pair
 
 
-@pytest.mark.parametrize("option", [{"seed": "first"}, {"vertical": "top"}])
+@pytest.mark.parametrize("option", [{"seed": "first"}, {"seed": True}, {"vertical": "top"}])
 def test_options_that_cannot_be_meant(option):
     with pytest.raises(UsageError, match=next(iter(option))):
         load_model("flowdiffuser", **option)

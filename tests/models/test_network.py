@@ -99,6 +99,10 @@ def test_half_precision_weights_are_recorded(checkpoint, torch):
         ("upflow", {"iterations": 12}, "unknown option of model 'upflow' 'iterations'"),
         ("brightflow", {"iterations": 0}, "iterations must be a whole number from 1"),
         ("brightflow", {"iterations": 1.5}, "iterations must be a whole number from 1"),
+        ("brightflow", {"iterations": True}, "iterations must be a whole number from 1, not True"),
+        ("upflow", {"align_corners": "no"}, "align_corners must be true or false, not 'no'"),
+        ("upflow", {"mask_threshold": "high"}, "mask_threshold must be a number from 0 to 1, not 'high'"),
+        ("upflow", {"mask_threshold": 1.5}, "mask_threshold must be a number from 0 to 1, not 1.5"),
         ("brightflow", {"precision": "fp64"}, "unknown precision 'fp64'"),
     ],
 )

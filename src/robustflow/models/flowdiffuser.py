@@ -38,7 +38,7 @@ def flowdiffuser(
         sha256: the file's hash, or its first eight or more digits, to be checked.
         device, precision, compile, threads: see `TorchModel`.
     """
-    if not isinstance(seed, int):
+    if type(seed) is not int:  # True is an int to Python
         raise UsageError(f"seed must be a whole number, not {seed!r}")
     if vertical not in ("bottom", "both"):
         raise UsageError(f"vertical must be bottom (KITTI) or both (Sintel), not {vertical!r}")

@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..errors import UsageError
 from .input_convention import InputConvention
 from .network import network_model
+from .option_checks import check_switch
 
 if TYPE_CHECKING:
     from .torch_model import TorchModel
@@ -37,6 +39,9 @@ def upflow(
         sha256: the file's hash, or its first eight or more digits, to be checked.
         device, precision, compile, threads: see `TorchModel`.
     """
+    check_switch("align_corners", align_corners)
+    if isinstance(mask_threshold, bool) or not isinstance(mask_threshold, int | float) or not 0 <= mask_threshold <= 1:
+        raise UsageError(f"mask_threshold must be a number from 0 to 1, not {mask_threshold!r}")
 
     def build() -> Any:
         from .nets.upflow import Sampling, UPFlow
