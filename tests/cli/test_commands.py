@@ -113,6 +113,7 @@ def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
     assert "knowledge" in lines["farneback"]
     assert "things288960 OOD" in lines["flowformer_pp"]
     assert "ptlflow:splatflow (cupy, for CUDA)" in out
+    assert "things undeclared, sintel undeclared, kitti undeclared, spring undeclared" in out
 
 
 def test_the_setting_stands_beside_the_name(robustflow):

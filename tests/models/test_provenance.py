@@ -54,6 +54,18 @@ def test_the_catalog_agrees_with_the_list_of_checkpoints(shared):
         assert (training.setting("sintel") == "LEAKED") == (row["saw_sintel"] != "no")
 
 
+def test_no_checkpoint_of_ptlflow_is_left_out():
+    pytest.importorskip("torch", reason="needs the ptlflow extra")
+    ptlflow = pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    for name, method in methods().items():
+        if method.source == "ptlflow":
+            known = {entry.checkpoint for entry in checkpoints() if entry.model == name}
+            undeclared = {checkpoint for checkpoint in method.undeclared.split("+") if checkpoint}
+            published = ptlflow.get_model_reference(name).pretrained_checkpoints
+            assert known | undeclared == set(published)
+            assert not known & undeclared
+
+
 @pytest.mark.parametrize(
     ("sets", "benchmark", "setting"),
     [

@@ -55,7 +55,8 @@ def _models() -> list[str]:
             continue
         method = known[name]
         here = "yes" if is_installed(method) else f"needs [{method.extra}]"
-        public = ", ".join(seen.get(name, [])) or (
+        undeclared = [f"{checkpoint} undeclared" for checkpoint in method.undeclared.split("+") if checkpoint]
+        public = ", ".join([*seen.get(name, []), *undeclared]) or (
             "" if method.type == "knowledge" else "the authors' file, undeclared"
         )
         kind = method.type if method.frames == 2 else "multi-frame"
@@ -68,12 +69,12 @@ def _models() -> list[str]:
         "Of those, some need more than ptlflow installs: "
         + "; ".join(f"ptlflow:{name} ({needs})" for name, needs in BESIDES.items())
         + ".",
-        "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs.",
+        "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs; undeclared: say it with "
+        "-O trained_on=C+T.",
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",
         "Hardly any weights state a licence.",
-        "Your own: module.path:Attribute, an exported network (.onnx, .pt2, .ts) or a folder of flow files; declare "
-        "its training with -O trained_on=C+T.",
+        "Your own: module.path:Attribute, an exported network (.onnx, .pt2, .ts) or a folder of flow files.",
     ]
 
 

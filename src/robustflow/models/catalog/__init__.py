@@ -29,6 +29,8 @@ class MethodEntry(BaseModel):
         extra: of the installation it needs, "" for none.
         frames: that it sees; 2, or more for a multi-frame method, at most.
         code_licence: of that implementation; hardly any weights state one.
+        undeclared: names of its public checkpoints of which the catalog does not say what they have seen, joined by
+            "+".
     """
 
     model_config = _FROZEN
@@ -41,6 +43,7 @@ class MethodEntry(BaseModel):
     extra: Literal["", "torch", "ptlflow"]
     code_licence: str
     frames: int = Field(default=2, ge=2)
+    undeclared: str = ""
 
 
 class CheckpointEntry(BaseModel):
