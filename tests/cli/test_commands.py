@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.models.loading import EXPORTED
 
 
 def _frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:
@@ -113,6 +115,8 @@ def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
     assert "knowledge" in lines["farneback"]
     assert "things288960 OOD" in lines["flowformer_pp"]
     assert "ptlflow:splatflow (cupy, for CUDA)" in out
+    for name in ("precomputed", *EXPORTED.values()):
+        assert re.search(r"^\w+ +any +your files +(yes|needs \[\w+\]) +a.* undeclared$", lines[name])
     assert "things undeclared, sintel undeclared, kitti undeclared, spring undeclared" in out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Annotated
 
 import typer
@@ -9,6 +10,13 @@ import typer
 from ..errors import unknown_name
 
 _MODEL_LINE = "{:14s} {:13s} {!s:5s} {:13s} {:12s} {:13s} {:16s} {}"
+_OF_FILES = {
+    "precomputed": ("a folder of flow files", ""),
+    "onnx": ("an .onnx file", "onnx"),
+    "torchscript": ("a .ts file of TorchScript", "torch"),
+    "torch_export": ("a .pt2 file of torch.export", "torch"),
+}
+"""Models that hold any method: what they are read from, and the extra, which imports what it is called."""
 KINDS = ("models", "corruptions", "benchmarks", "datasets")
 
 
@@ -50,6 +58,11 @@ def _models() -> list[str]:
     ]
     known = methods()
     for name in MODELS.names():
+        if name in _OF_FILES:
+            what, extra = _OF_FILES[name]
+            here = "yes" if not extra or find_spec(extra) else f"needs [{extra}]"
+            lines.append(_MODEL_LINE.format(name, "any", "", "", "your files", "", here, f"{what}, undeclared"))
+            continue
         if name not in known:
             lines.append(name)
             continue
