@@ -36,6 +36,14 @@ _WHOLE = {
 }
 """Metric: (column of its sum, column of its count, factor)."""
 
+_NEEDS: tuple[tuple[str, str], ...] = (
+    *((count, total) for total, count, _ in _WHOLE.values()),
+    ("n_valid", "rcre_sum"),
+    *((f"n_{region}", f"{total}_{region}") for region in REGIONS for total in ("epe_sum", "rcre_sum", "fl_count")),
+    *((f"n_{region}", "n_valid") for region in REGIONS),
+)
+"""(column of a count, column of what is there wherever pixels were counted)."""
+
 
 def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Iterable[Unit] | None = None) -> Summary:
     """The means of a run.
@@ -52,7 +60,7 @@ def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Itera
         listed beside them.
 
     Raises:
-        RunError: columns that are missing, or a (sample, corruption, severity) found twice.
+        RunError: columns or sums that are missing, or a (sample, corruption, severity) found twice.
         UsageError: unknown averaging.
     """
     if averaging not in get_args(Averaging):
@@ -108,6 +116,14 @@ def _checked(rows: pl.DataFrame) -> pl.DataFrame:
         raise RunError(
             f"rows of sample '{sample}', {corruption} severity {severity} are there twice: "
             "the rows of two runs were mixed; summarise one run at a time"
+        )
+    lacking = [(pl.col(count) > 0).fill_null(False) & pl.col(total).is_null() for count, total in _NEEDS]
+    damaged = rows.filter(pl.any_horizontal(lacking))
+    if damaged.height:
+        sample, corruption, severity = damaged.select(ROW_KEY).row(0)
+        raise RunError(
+            f"the row of sample '{sample}', {corruption} severity {severity} counts pixels without what was measured "
+            "on them: the rows were damaged or changed; run the benchmark again"
         )
     return rows
 

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.atomic import json_bytes
+from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.report.record.container import container_bytes
 from robustflow.report.record.pack import record_bytes
 from robustflow.report.record.verify import CHECKS, verify
@@ -115,6 +116,7 @@ def test_better_rows(packed):
         (_at(_FOG, n_valid=pl.lit(-1, pl.Int64)), "below 0"),
         (_at(_FOG, n_all=pl.lit(2**60, pl.Int64)), "too large"),
         (_at(_FOG, n_all=pl.lit(None, pl.Int64)), "empty"),
+        (_at(_FOG, pred_magnitude_sum=pl.lit(None, pl.Float64)), "empty"),
         (_at(_FOG, frames_digest=pl.lit("../x")), "32 hexadecimal"),
         (_at(_FOG, frames_digest=pl.lit("A" * 32)), "32 hexadecimal"),
         (_at(_FOG, sample=pl.lit("\x1b]0;owned\x07")), "cannot be shown"),
@@ -129,6 +131,16 @@ def test_rows_that_are_none(packed, edit, says):
     name, said = failure(with_rows(packed, edit))
     assert name == "rows"
     assert says in said
+
+
+@pytest.mark.parametrize(
+    "column",
+    # the pair has no map of occlusions
+    [name for name, kind in ROW_SCHEMA.items() if kind is not pl.String and not name.endswith(("_noc", "_occ"))],
+)
+@pytest.mark.parametrize("where", [_FOG, pl.col("corruption") == "clean"])
+def test_a_number_taken_out_is_noticed(packed, column, where):
+    assert failure(with_rows(packed, _at(where, **{column: pl.lit(None, ROW_SCHEMA[column])})))
 
 
 @pytest.mark.parametrize(

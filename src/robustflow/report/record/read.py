@@ -23,7 +23,10 @@ from .text import check_text, read_json
 STEPS = ("container", "record", "hashes", "manifest", "rows")
 """The methods of `Reader`, in the order they must be called."""
 
-_ALWAYS = ("sample", "group", "corruption", "severity", "frames_digest", "height", "width", "n_invalid", "n_all")
+_ALWAYS = (
+    *("sample", "group", "corruption", "severity", "frames_digest", "height", "width", "n_invalid", "n_all"),
+    *("rcre_all_sum", "pred_magnitude_sum"),
+)
 _LARGEST_INT, _LARGEST_SUM = 2**53, 1e18
 
 
