@@ -73,12 +73,14 @@ def test_the_border_is_repeated_and_cropped(tmp_path, size, multiple, fixed):
     np.testing.assert_array_equal(model.predict(first, second), padded[above:, left:][:height, :width])
 
 
-def test_a_fixed_size_is_the_largest_and_tiles_help(tmp_path):
-    model = network(tmp_path, {"scaling": "0-255"}, size=(32, 40))
-    assert model.identity()["input"]["size"] == [32, 40]
-    with pytest.raises(ModelError, match=r"up to 32x40, and one is 50x41: export it .* or .* -O tile=32x40"):
+@pytest.mark.parametrize("size", [(32, 40), (30, 37)])
+def test_a_fixed_size_is_the_largest_and_tiles_help(tmp_path, size):
+    model = network(tmp_path, {"scaling": "0-255"}, size=size)
+    assert model.identity()["input"]["size"] == list(size)
+    tile = "x".join(map(str, size))
+    with pytest.raises(ModelError, match=rf"up to {tile}, and one is 50x41: export it .* or .* -O tile={tile}"):
         model.predict(*frames(50, 41))
-    tiled = rf.load_model(str(tmp_path / "net.onnx"), scaling="0-255", tile="32x40")
+    tiled = rf.load_model(str(tmp_path / "net.onnx"), scaling="0-255", tile=tile)
     first, second = frames(50, 41)
     np.testing.assert_allclose(tiled.predict(first, second), np.stack([first[..., 0], second[..., 2]], 2), atol=1e-3)
 

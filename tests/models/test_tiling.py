@@ -133,7 +133,7 @@ def test_any_model_takes_the_option(tmp_path):
         load_model(str(tmp_path), tile="64x96")
 
 
-@pytest.mark.parametrize("size", ["432", "430x960", "0x0", "16x960", "large", "99960x99960"])
+@pytest.mark.parametrize("size", ["432", "0x0", "16x960", "large", "99960x99960"])
 def test_a_size_that_cannot_be_meant(size):
     with pytest.raises(UsageError, match=r"HEIGHTxWIDTH|height and width"):
         TiledModel(Counting(), size)

@@ -106,5 +106,6 @@ def parse_size(text: str, multiple: int) -> tuple[int, int]:
         raise UsageError(f"'{text}' is not a size: write HEIGHTxWIDTH, for example 256x832")
     size = int(height), int(width)
     if min(size) < multiple or size[0] % multiple or size[1] % multiple:
-        raise UsageError(f"size {text}: height and width must be multiples of {multiple}, for example 256x832")
+        must = "at least 1" if multiple == 1 else f"multiples of {multiple}"
+        raise UsageError(f"size {text}: height and width must be {must}, for example 256x832")
     return size

@@ -82,7 +82,7 @@ class TiledModel:
 
     def __init__(self, model: FlowModel, tile: str = "432x960") -> None:
         self.model = model
-        self._tile = parse_size(tile, 8)
+        self._tile = parse_size(tile, 1)
         if min(self._tile) <= OVERLAP:
             raise UsageError(f"tile {tile}: height and width must be more than the tiles' overlap of {OVERLAP} pixels")
         if max(self._tile) > LARGEST:
