@@ -162,6 +162,15 @@ def test_too_few_images_give_no_interval(count):
     assert found["high"].null_count() == found.height
 
 
+def test_no_interval_of_a_length_goes_below_zero():
+    clean = np.full(6, 1e-3)
+    corrupted = np.outer([0.01, 0.1, 0.2, 0.05, 0.3, 4.0], np.ones(3))
+    found = intervals(rows_of(clean, corrupted, corrupted)).filter(corruption="average")
+    lows = dict(found.select("metric", "low").iter_rows())
+    assert (lows["epe"], lows["rcre"]) == (0.0, 0.0)
+    assert lows["cre"] < 0
+
+
 def test_how_few_are_enough_is_the_weight_of_resamples_without_spread():
     """G of them draw one cluster alone, of G ** G."""
     for clusters in range(2, 9):

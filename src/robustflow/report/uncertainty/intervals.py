@@ -50,8 +50,9 @@ def intervals(
 
     Returns:
         Columns metric, corruption (a name, "average" or "clean"), severity (null for the mean over them), estimate
-        (equal to the run's summary), standard_error, low, high (null where there are too few images or groups), images,
-        clusters, level. Metrics that need ground truth are left out where there is none.
+        (equal to the run's summary), standard_error, low, high (null where there are too few images or groups; low of a
+        length, EPE or RCRE, is not below 0), images, clusters, level. Metrics that need ground truth are left out where
+        there is none.
 
     Raises:
         UsageError: a level or number of resamples that cannot be meant.
@@ -62,7 +63,7 @@ def intervals(
     found = bootstrap(statistics, len(sums.clusters), level=level, resamples=resamples, seed=seed) if keys else {}
     shared = (sums.images, len(sums.clusters), level)
     records = [
-        (*key, one.estimate, one.standard_error, one.low, one.high, *shared)
+        (*key, one.estimate, one.standard_error, _possible(key[0], one.low), one.high, *shared)
         for key, one in found.items()
         if math.isfinite(one.estimate)
     ]
@@ -77,3 +78,8 @@ def statistics_of(sums: ClusterSums, severities: bool = False) -> list[Key]:
         if severities:
             keys += [(metric, name, level) for name, level in sums.settings]
     return [key for key in keys if sums.measured(*key)]
+
+
+def _possible(metric: str, low: float | None) -> float | None:
+    """An end of an interval without the part where no length can be, which the truth is not in."""
+    return max(low, 0.0) if low is not None and metric in ("epe", "rcre") else low
