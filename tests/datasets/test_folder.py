@@ -35,6 +35,7 @@ def test_frames_in_natural_order(tmp_path: Path) -> None:
     np.testing.assert_array_equal(sample.frames[1], read_image(tmp_path / "frame10.png"))
     assert sample.flow is None
     assert not dataset.has_flow
+    assert dataset.load("frame1").group == dataset.load("frame10").group == "frames", "one sequence, one group"
     dataset = load_dataset("folder", tmp_path, step=3)
     assert dataset.keys() == ["frame1", "frame2"]
     assert [path.name for path in dataset.files("frame2")] == ["frame2.png", "frame11.png"]

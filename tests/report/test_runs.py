@@ -100,6 +100,15 @@ def test_equal_names_are_told_apart(runs, tmp_path):
     assert all(name.startswith("<img") for name in names)
 
 
+def test_one_model_on_several_benchmarks_is_named_by_them(runs, tmp_path):
+    other = Result(shutil.copytree(runs[1].path, tmp_path / "other"))
+    other.manifest["identity"]["benchmark"] = "kitti-fc"
+    name = runs[1].name
+    assert run_names([runs[0], runs[1], other]) == ["dis", f"{name} (demo)", f"{name} (KITTI-FC)"]
+    digest = runs[1].manifest["identity_digest"][:8]
+    assert run_names([runs[1], other, runs[1]]) == [f"{name} ({digest})", f"{name} (KITTI-FC)", f"{name} ({digest}) #2"]
+
+
 def test_a_blank_name_gives_way_to_the_next(runs, tmp_path):
     run = Result(shutil.copytree(runs[1].path, tmp_path / "copy"))
     for model, name in (

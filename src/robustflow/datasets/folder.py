@@ -15,6 +15,9 @@ from .layout import folders, positive
 from .pairs import Pair, PairDataset
 from .video import VIDEO_SUFFIXES, Video
 
+ALONE = "frames"
+"""The group of pictures that lie directly in the folder, whose own name does not count: it may be anywhere."""
+
 
 class FrameFolder(PairDataset):
     """Pairs from a folder of frames, or from every folder of frames inside one.
@@ -40,7 +43,9 @@ class FrameFolder(PairDataset):
                 continue
             _check(root / group, frames, step)
             for first, second in zip(frames, frames[step:], strict=False):
-                pairs[f"{group}/{first.stem}" if group else first.stem] = Pair((first, second), group=group)
+                # Consecutive pairs are not independent, in whatever folder: statistics take them as one.
+                key, sequence = (f"{group}/{first.stem}", group) if group else (first.stem, ALONE)
+                pairs[key] = Pair((first, second), group=sequence)
         if not pairs:
             kinds = ", ".join(IMAGE_SUFFIXES)
             raise DataError(f"{root}: no pictures in it ({kinds}); give a folder of frames or a video file")

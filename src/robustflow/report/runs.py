@@ -12,6 +12,7 @@ import polars as pl
 
 from ..corruptions.base import SEVERITIES
 from ..corruptions.catalog import IMAGE_PAIR, PAPER_ORDER
+from .labels import BENCHMARK_LABELS
 from .published import PAPER_PAIRS
 from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA
 
@@ -50,15 +51,22 @@ def run_results(runs: Sequence[Result]) -> pl.DataFrame:
 
 
 def run_names(runs: Sequence[Result]) -> list[str]:
-    """A name for each run, no two alike: the model's, with the run's digest (and a number) where it is not enough."""
-    plain = [run.name for run in runs]
-    digested = [
-        run.name if plain.count(run.name) == 1 else f"{run.name} ({str(run.manifest['identity_digest'])[:8]})"
-        for run in runs
-    ]
+    """A name for each run, no two alike: the model's, with what is needed to tell it from the others of this name, the
+    benchmark, or the run's digest (and a number)."""
+    of_model = Counter(run.name for run in runs)
+    of_benchmark = Counter((run.name, str(run.manifest["identity"]["benchmark"])) for run in runs)
+    told = []
+    for run in runs:
+        benchmark = str(run.manifest["identity"]["benchmark"])
+        if of_model[run.name] == 1:
+            told.append(run.name)
+        elif of_benchmark[run.name, benchmark] == 1:
+            told.append(f"{run.name} ({BENCHMARK_LABELS.get(benchmark, benchmark)})")
+        else:
+            told.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
     seen: Counter[str] = Counter()
     names = []
-    for name in digested:
+    for name in told:
         seen[name] += 1
         names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
     return names
