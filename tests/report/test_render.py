@@ -150,6 +150,15 @@ def test_latex_of_sentences_longer_than_a_page_goes_on_in_another_table():
     assert "of 2" not in render(short, "latex")
 
 
+def test_latex_of_many_lines_goes_on_in_another_table():
+    runs = [Section(f"run {index}", tuple(Line(f"part {n}", (Cell("1.00"),)) for n in range(36))) for index in range(3)]
+    text = render(Table("anatomy", "Anatomy", (Column("CRE"),), tuple(runs), ("The end.",)), "latex")
+    floats = text.split(r"\end{table*}")[:-1]
+    assert [re.findall(r"run \d", part) for part in floats] == [["run 0"], ["run 1"], ["run 2"]]
+    assert [part.count("part ") for part in floats] == [36, 36, 36]
+    assert ["The end." in part for part in floats] == [False, False, True]
+
+
 def test_unknown_format():
     with pytest.raises(UsageError, match="did you mean 'latex'"):
         render(_table("a"), "latexx")

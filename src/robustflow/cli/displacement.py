@@ -35,7 +35,7 @@ def displacement(
     """Write the histogram of flow amplitudes (the paper's figure of both benchmarks): displacement.csv, .png, .svg and
     .pdf.
 
-    A run keeps that of its ground truth by itself; --into is for frames without.
+    A run keeps that of its ground truth by itself, unless --no-examples is given; --into is for frames without.
 
     \b
     Examples:

@@ -30,6 +30,11 @@ REQUIRED = ("record.json", "manifest.json", "rows.csv", "summary.json")
 
 _LOCAL, _CENTRAL, _END = 30, 46, 22
 """Bytes of the zip format's headers without names."""
+_UNREADABLE = (
+    *(zipfile.BadZipFile, OSError, ValueError, EOFError, NotImplementedError, RuntimeError),
+    *(struct.error, zlib.error, OverflowError, MemoryError, IndexError, KeyError),
+)
+"""What zipfile raises on a damaged file: not only its own error."""
 _LARGEST = sum(LIMITS.values()) + len(LIMITS) * (_LOCAL + _CENTRAL + 64) + _END
 
 
@@ -93,10 +98,7 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
             return {info.filename: file.read(info) for info in infos}
     except DataError:
         raise
-    # What zipfile raises on a damaged file is not only its own error.
-    except (zipfile.BadZipFile, OSError, ValueError, EOFError, NotImplementedError, RuntimeError) as error:
-        raise DataError(f"{name} is no record or is damaged ({_reason(error)}); fetch or pack it again") from error
-    except (struct.error, zlib.error, OverflowError, MemoryError, IndexError, KeyError) as error:
+    except _UNREADABLE as error:
         raise DataError(f"{name} is no record or is damaged ({_reason(error)}); fetch or pack it again") from error
 
 

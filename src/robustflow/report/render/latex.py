@@ -42,7 +42,7 @@ _LETTERS = "äöüÄÖÜßéèêëáàâãåæçíìîïñóòôõøúùûýÁÀ
 
 
 def render(table: Table) -> str:
-    """A `table*` environment, or several where sentences make a table longer than a page."""
+    """A `table*` environment, or several where a table is longer than a page; a section is never divided."""
     parts = _pages(table)
     if len(parts) == 1:
         return _float(table)
@@ -62,7 +62,7 @@ def _pages(table: Table) -> list[list[Section]]:
         needed = 2  # its title between two rules
         for line in section.lines:
             needed += max([1, *(-(-len(line.cells[index].text) // _PROSE_LETTERS) for index in prose)])
-        if prose and parts[-1] and needed > room:
+        if parts[-1] and needed > room:
             parts.append([])
             room = _PAGE_LINES
         parts[-1].append(section)
