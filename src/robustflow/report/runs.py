@@ -12,7 +12,7 @@ import polars as pl
 
 from ..corruptions.base import SEVERITIES
 from ..corruptions.catalog import IMAGE_PAIR, PAPER_ORDER
-from .labels import BENCHMARK_LABELS
+from .labels import benchmark_label
 from .published import PAPER_PAIRS
 from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA
 
@@ -61,7 +61,7 @@ def run_names(runs: Sequence[Result]) -> list[str]:
         if of_model[run.name] == 1:
             told.append(run.name)
         elif of_benchmark[run.name, benchmark] == 1:
-            told.append(f"{run.name} ({BENCHMARK_LABELS.get(benchmark, benchmark)})")
+            told.append(f"{run.name} ({benchmark_label(benchmark)})")
         else:
             told.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
     seen: Counter[str] = Counter()
