@@ -31,10 +31,10 @@ import cv2
 import numpy as np
 
 from robustflow.corruptions import corrupt
-from robustflow.corruptions.catalog import IMAGE_PAIR
+from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.datasets.motorcycle import Motorcycle
 from robustflow.errors import AssetError
-from robustflow.imageio import read_image
+from robustflow.images.io import read_image
 
 SEVERITIES = (1, 2, 3, 4, 5)
 THEIR_NAMES = {"high_light": "brightness", "camera_motion_blur": "motion_blur"}

@@ -19,12 +19,12 @@ from typing import Any
 import cv2
 import numpy as np
 import skimage.data
+from robustflow.optics import blur as engine
 from scipy.ndimage import map_coordinates
 
-from robustflow.optics import blur as engine
-from robustflow.optics.blur import KernelCache, blur
-from robustflow.optics.shipped import shipped_field
-from robustflow.optics.tiles import kernels_at
+from robustflow.psf.blur import KernelCache, blur
+from robustflow.psf.shipped import shipped_field
+from robustflow.psf.tiles import kernels_at
 
 SIZES = ((375, 1242), (720, 1280))
 

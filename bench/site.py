@@ -17,9 +17,9 @@ from pathlib import Path
 
 import polars as pl
 
-from robustflow.report.published import published_results
+from robustflow.analysis.published.tables import published_results
+from robustflow.api import evaluate
 from robustflow.report.site import render_site, run_content, whole_content
-from robustflow.runner.evaluate import evaluate
 
 _TIMING = """() => {
     const { navigationStart, domContentLoadedEventEnd, loadEventEnd } = performance.timing;

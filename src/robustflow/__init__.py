@@ -10,15 +10,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .api import evaluate
     from .corruptions import corrupt, corrupt_clip
     from .datasets import load_dataset
     from .errors import RobustFlowError
     from .flowio import read_flow, write_flow
     from .models import load_model
+    from .records.load import load_run
     from .report.comparison import Comparison, compare
-    from .report.load import load_run
-    from .runner.evaluate import evaluate
-    from .runner.result import Result
+    from .runs.run import Result
     from .sample import Sample
 
 __version__ = "0.1.0"
@@ -26,7 +26,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Comparison": "report.comparison",
     "compare": "report.comparison",
-    "load_run": "report.load",
+    "load_run": "records.load",
     "corrupt": "corruptions",
     "corrupt_clip": "corruptions",
     "load_dataset": "datasets",
@@ -34,8 +34,8 @@ _HOMES = {
     "read_flow": "flowio",
     "write_flow": "flowio",
     "load_model": "models",
-    "evaluate": "runner.evaluate",
-    "Result": "runner.result",
+    "evaluate": "api",
+    "Result": "runs.run",
     "Sample": "sample",
 }
 

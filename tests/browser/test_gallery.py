@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from skimage import data
 
-from robustflow.report.gallery import gallery
-from robustflow.report.gallery_page import render_page
+from robustflow.report.gallery.page import render_page
+from robustflow.report.gallery.pictures import gallery
 
 pytestmark = pytest.mark.browser
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from robustflow.report.published import published_results
-from robustflow.report.results import parse_results
+from robustflow.analysis.published.tables import published_results
+from robustflow.analysis.results import parse_results
+from robustflow.api import evaluate
 from robustflow.report.site import render_site, run_content, whole_content
-from robustflow.runner.evaluate import evaluate
 
 pytestmark = pytest.mark.browser
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from robustflow.imageio import write_image
+from robustflow.images.io import write_image
 
 RUN = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1,3", "-o", "run")
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from robustflow.report.published import published_results
-from robustflow.report.results import RESULT_KEY, read_results
-from robustflow.runner.evaluate import evaluate
+from robustflow.analysis.published.tables import published_results
+from robustflow.analysis.results import RESULT_KEY, read_results
+from robustflow.api import evaluate
 
 _RESULTS = "setting,model,metric,corruption,value\nOOD,Mine,epe,clean,2.50\nOOD,Mine,epe,average,5.00\n"
 

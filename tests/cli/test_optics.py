@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from robustflow.cli.optics import app
 from robustflow.errors import DataError, UsageError
-from robustflow.optics import design as design_module
-from robustflow.optics.search import Budget
-from robustflow.optics.shipped import shipped_field, shipped_lens
+from robustflow.lenses import design as design_module
+from robustflow.lenses.search import Budget
+from robustflow.psf.shipped import shipped_field, shipped_lens
 
 SMALL = Budget(structures=30, screened=2, pool=2, moves=2, first_iterations=3, iterations=2, last_iterations=2)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from robustflow.runner.evaluate import evaluate
+from robustflow.api import evaluate
 
 
 @pytest.fixture(scope="module")

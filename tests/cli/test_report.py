@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
+from robustflow.api import evaluate
 from robustflow.report.comparison import compare
 from robustflow.report.render import render
-from robustflow.runner.evaluate import evaluate
-from robustflow.runner.result import Result
+from robustflow.runs.run import Result
 
 
 @pytest.fixture(scope="module")

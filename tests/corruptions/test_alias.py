@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from robustflow.corruptions.alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
+from robustflow.corruptions.kernels.alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
 
 
 def counts_of(table, value_bits):

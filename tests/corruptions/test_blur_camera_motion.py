@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from robustflow.corruptions.blur.camera_motion import CameraMotionBlur
-from robustflow.corruptions.line_motion import line_kernel, move_frame, move_plane
-from robustflow.corruptions.rng import Rng
+from robustflow.corruptions.kernels.line_motion import line_kernel, move_frame, move_plane
+from robustflow.random.rng import Rng
 
 
 def naive(image, radius, sigma, angle):

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from scipy.ndimage import correlate
 
 from robustflow.corruptions.blur.defocus import DefocusBlur
-from robustflow.corruptions.blur.disk import convolve_disk
-from robustflow.corruptions.blur.disk_kernel import disk_kernel
-from robustflow.corruptions.rng import Rng
+from robustflow.corruptions.kernels.disk import convolve_disk
+from robustflow.corruptions.kernels.disk_kernel import disk_kernel
+from robustflow.random.rng import Rng
 
 
 def opencv_kernel(radius, smoothing):

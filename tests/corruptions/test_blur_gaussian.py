@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from robustflow.corruptions.blur.gaussian import GaussianBlur
-from robustflow.corruptions.rng import Rng
-from robustflow.corruptions.separable import gaussian_frame, gaussian_plane
+from robustflow.corruptions.kernels.separable import gaussian_frame, gaussian_plane
+from robustflow.random.rng import Rng
 
 
 def scipy_blur(frame, sigma):

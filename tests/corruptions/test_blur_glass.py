@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from robustflow.corruptions.blur.glass import GlassBlur, draw_shuffle
-from robustflow.corruptions.rng import Rng, hash64
+from robustflow.random.rng import Rng, hash64
 
 
 def shuffled_by_loops(pixels, rng, reach, iterations, swap):

@@ -15,10 +15,10 @@ import robustflow as rf
 from robustflow.corruptions import corrupt, load_corruption
 from robustflow.corruptions.blur.psf import PSF_DIR, PsfBlur
 from robustflow.errors import AssetError, DataError, RunError, UsageError
-from robustflow.imageio import read_image
-from robustflow.optics import reference_stack
-from robustflow.optics.psf_field import PsfField
-from robustflow.optics.shipped import shipped_field
+from robustflow.images.io import read_image
+from robustflow.psf import reference_stack
+from robustflow.psf.psf_field import PsfField
+from robustflow.psf.shipped import shipped_field
 
 SEVERITIES = (1, 2, 3, 4, 5)
 

@@ -15,8 +15,8 @@ from robustflow.benchmarks.export import export
 from robustflow.cli.main import main
 from robustflow.corruptions import CORRUPTIONS, IMAGE_PAIR, SEVERITIES, load_corruption
 from robustflow.corruptions.api import stream_for
-from robustflow.corruptions.calibrate import TARGETS, TOLERANCE, calibratable, calibrate, reference_pictures
-from robustflow.corruptions.calibrated import (
+from robustflow.corruptions.calibration.paths import path
+from robustflow.corruptions.calibration.scale import (
     CALIBRATION_VARIABLE,
     calibrated_levels,
     calibrated_severities,
@@ -24,14 +24,14 @@ from robustflow.corruptions.calibrated import (
     read_table,
     shipped,
 )
-from robustflow.corruptions.paths import path
-from robustflow.corruptions.rng import Rng
-from robustflow.corruptions.ssim import Ssim
+from robustflow.corruptions.calibration.search import TARGETS, TOLERANCE, calibratable, calibrate, reference_pictures
+from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.corruptions.stack import levels_of
 from robustflow.errors import DataError, UsageError
-from robustflow.imageio import write_image
-from robustflow.runner.plan import Plan, Settings
+from robustflow.images.io import write_image
+from robustflow.random.rng import Rng
 from robustflow.runner.worker import frames_digest
+from robustflow.runs.plan import Plan, Settings
 
 SMALL = {"chelsea": reference_pictures()["chelsea.png"][60:156, 90:210]}
 GAPS = {name: levels for name in IMAGE_PAIR if (levels := calibrated_levels(name)) != SEVERITIES}

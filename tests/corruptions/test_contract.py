@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
 from robustflow.corruptions.base import VARIANTS
-from robustflow.corruptions.catalog import CLIP, CORRUPTIONS, PAPER_ORDER
+from robustflow.corruptions.registry import CLIP, CORRUPTIONS, PAPER_ORDER
 from robustflow.errors import AssetError, UsageError
 
 NAMES = [name for name in CORRUPTIONS.names() if name not in CLIP]

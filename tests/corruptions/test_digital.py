@@ -14,7 +14,7 @@ from skimage.color import hsv2rgb, rgb2hsv
 
 from robustflow.corruptions import load_corruption
 from robustflow.corruptions.digital import Saturate
-from robustflow.corruptions.rng import Rng
+from robustflow.random.rng import Rng
 
 SEVERITIES = (1, 2, 3, 4, 5)
 COLOURS = np.random.default_rng(5).integers(0, 256, (64, 97, 3), dtype=np.uint8)

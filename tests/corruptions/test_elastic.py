@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from robustflow.corruptions.elastic import ElasticTransform, displacement
-from robustflow.corruptions.rng import Rng, hash64
-from robustflow.corruptions.smooth_field import field_row, smooth_field
+from robustflow.corruptions.blur.elastic import ElasticTransform, displacement
+from robustflow.corruptions.kernels.smooth_field import field_row, smooth_field
+from robustflow.random.rng import Rng, hash64
 
 
 def noise_of(rng, height, width):

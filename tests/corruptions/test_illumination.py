@@ -9,7 +9,7 @@ import pytest
 from skimage.color import hsv2rgb, rgb2hsv
 
 from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
-from robustflow.corruptions.rng import Rng
+from robustflow.random.rng import Rng
 
 SEVERITIES = (1, 2, 3, 4, 5)
 COLOURS = np.random.default_rng(6).integers(0, 256, (64, 97, 3), dtype=np.uint8)

@@ -8,7 +8,7 @@ from scipy import stats
 
 from robustflow.corruptions import load_corruption
 from robustflow.corruptions.noise import gaussian_table, shot_tables
-from robustflow.corruptions.rng import Rng, hash64
+from robustflow.random.rng import Rng, hash64
 
 from .test_alias import counts_of
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.corruptions.ssim import Ssim
+from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.errors import DataError
-from robustflow.imageio import read_image
+from robustflow.images.io import read_image
 
 
 def naive_ssim(a, b):

@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.corruptions import IMAGE_PAIR, load_corruption
-from robustflow.corruptions.calibrated import calibrated_levels
-from robustflow.corruptions.rng import Rng
-from robustflow.corruptions.transform import CorruptionTransform
+from robustflow.corruptions.calibration.scale import calibrated_levels
+from robustflow.corruptions.transforms.transform import CorruptionTransform
 from robustflow.errors import DataError, UsageError
+from robustflow.random.rng import Rng
 
 
 def picture(height=40, width=56, channels=3, seed=0):

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.corruptions.api import load_corruption
-from robustflow.corruptions.rng import Rng
 from robustflow.corruptions.weather.frost_textures import texture
 from robustflow.errors import AssetError
+from robustflow.random.rng import Rng
 
 NAMES = ["spatter", "fog", "frost", "snow", "gaussian_blur", "defocus_blur", "glass_blur", "camera_motion_blur"]
 NAMES += ["elastic_transform"]

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.corruptions.rng import Rng
 from robustflow.corruptions.weather import frost_assets, frost_textures
 from robustflow.corruptions.weather.frost import Frost
 from robustflow.corruptions.weather.frost_textures import enlarged_shape, enlarged_texture, resize_cubic
 from robustflow.errors import AssetError
+from robustflow.random.rng import Rng
 
 
 @pytest.fixture

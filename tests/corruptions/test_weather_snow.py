@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import zoom as scipy_zoom
 
-from robustflow.corruptions.normal_field import UNIT, normal_field
-from robustflow.corruptions.rng import Rng
+from robustflow.corruptions.kernels.normal_field import UNIT, normal_field
 from robustflow.corruptions.weather.snow import Snow
+from robustflow.random.rng import Rng
 
 
 def naive_layer(field, parameter, angle, shape):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions import corrupt, corrupt_clip, load_corruption
 from robustflow.corruptions.base import VARIANTS
-from robustflow.corruptions.catalog import CLIP, CORRUPTIONS
+from robustflow.corruptions.registry import CLIP, CORRUPTIONS
 from robustflow.errors import AssetError
 
 from .test_contract import picture

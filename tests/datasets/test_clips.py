@@ -10,7 +10,7 @@ import pytest
 from robustflow.datasets import load_dataset
 from robustflow.datasets.base import Clips, CorruptedClips, has_clips
 from robustflow.errors import DataError
-from robustflow.imageio import read_image
+from robustflow.images.io import read_image
 from tests.video import clips
 
 from .layouts import HEIGHT, WIDTH, flow, kitti, picture

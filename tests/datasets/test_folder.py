@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from robustflow.datasets import Dataset, load_dataset
-from robustflow.datasets.videoreader import VideoReader
 from robustflow.errors import DataError, UsageError
-from robustflow.imageio import read_image
+from robustflow.images.io import read_image
+from robustflow.video.reader import VideoReader
 
 from .layouts import picture
 

@@ -18,7 +18,7 @@ from robustflow.datasets import FromClips, PreCorrupted, load_dataset
 from robustflow.datasets.base import CorruptedClips
 from robustflow.datasets.gopro_fc import GoProFC
 from robustflow.errors import DataError, UsageError
-from robustflow.imageio import read_image, write_image
+from robustflow.images.io import read_image, write_image
 from robustflow.video.clip import read_pictures
 from robustflow.video.colour import i420_to_rgb
 from robustflow.video.prepare import Settings

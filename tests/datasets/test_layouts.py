@@ -10,7 +10,7 @@ import pytest
 from robustflow.datasets import Dataset, PreCorrupted, load_dataset
 from robustflow.errors import DataError, UsageError
 from robustflow.flowio import read_flow
-from robustflow.imageio import read_image
+from robustflow.images.io import read_image
 
 from .layouts import HEIGHT, WIDTH, flow, kitti, mask, picture
 

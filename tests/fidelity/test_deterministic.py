@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from robustflow.corruptions.rng import Rng
+from robustflow.random.rng import Rng
 
 from . import reference
 

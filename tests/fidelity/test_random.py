@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robustflow.corruptions.rng import Rng
+from robustflow.random.rng import Rng
 
 from . import reference
 from .stats import flow_stats, image_stats

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robustflow.corruptions.rng import Rng
+from robustflow.random.rng import Rng
 
 from . import reference
 from .stats import epe, flow_stats, image_stats

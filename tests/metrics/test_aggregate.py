@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.corruptions.catalog import FAMILIES
+from robustflow.corruptions.registry import FAMILIES
 from robustflow.errors import RunError, UsageError
 from robustflow.metrics.aggregate import summarize
 from robustflow.metrics.rows import ROW_SCHEMA, rows_frame

@@ -7,14 +7,14 @@ import csv
 import pytest
 
 import robustflow as rf
+from robustflow.analysis.published.tables import published_methods
+from robustflow.analysis.scores import setting_of
 from robustflow.datasets import DATASETS
 from robustflow.errors import UsageError
 from robustflow.models import MODELS, ModelSpec
 from robustflow.models.catalog import checkpoints, methods
 from robustflow.models.loading import EXPORTED
 from robustflow.models.provenance import TRAINING_SETS, parse_training_sets, training_of, training_of_entry
-from robustflow.report.published import published_methods
-from robustflow.report.runs import setting_of
 
 
 def test_the_catalog_knows_every_model_by_name_and_no_other():

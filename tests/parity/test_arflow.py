@@ -9,8 +9,8 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 
 from robustflow.models.input_convention import InputConvention
-from robustflow.models.nets.arflow import ARFlow
-from robustflow.models.torch_model import TorchModel
+from robustflow.models.own.nets.arflow import ARFlow
+from robustflow.models.torch.model import TorchModel
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "arflow"

@@ -10,9 +10,9 @@ pytest.importorskip("torch", reason="needs the torch extra")
 import torch
 import torch.nn.functional as F
 
-from robustflow.models.flowdiffuser import CONVENTION
-from robustflow.models.nets.flowdiffuser import FlowDiffuser
-from robustflow.models.torch_model import TorchModel
+from robustflow.models.own.flowdiffuser import CONVENTION
+from robustflow.models.own.nets.flowdiffuser import FlowDiffuser
+from robustflow.models.torch.model import TorchModel
 
 from ..shared_data import shared_folder
 from .pack import Pack

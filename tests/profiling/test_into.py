@@ -9,12 +9,12 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
+from robustflow.api import evaluate
 from robustflow.cli.main import main
 from robustflow.models import ModelSpec
 from robustflow.profiling.counts import count
 from robustflow.profiling.network_of import network_of
-from robustflow.report.costs import read_cost
-from robustflow.runner.evaluate import evaluate
+from robustflow.runs.costs import read_cost
 
 pytestmark = pytest.mark.torch
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.analysis.uncertainty import compare as compare_rows
+from robustflow.api import evaluate
 from robustflow.errors import RunError, UsageError
 from robustflow.report.comparison import Comparison
-from robustflow.report.uncertainty import compare as compare_rows
-from robustflow.runner.evaluate import evaluate
 
-from .simulated import rows_of
+from ..analysis.simulated import rows_of
 
 _RNG = np.random.default_rng(0)
 _HARD = _RNG.gamma(4, 0.25, 40)

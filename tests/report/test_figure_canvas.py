@@ -9,8 +9,8 @@ import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.text import Annotation
 
+from robustflow.analysis.results import parse_results
 from robustflow.report.figures import clean_against_cre, effective_trend
-from robustflow.report.results import parse_results
 
 
 def _results(models: int, settings: int = 1, crer: float = 1.0):

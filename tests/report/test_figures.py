@@ -10,6 +10,8 @@ import polars as pl
 import pytest
 from matplotlib.figure import Figure
 
+from robustflow.analysis.published.tables import published_results
+from robustflow.analysis.results import parse_results
 from robustflow.errors import UsageError
 from robustflow.report.figures import (
     FILE_FORMATS,
@@ -23,11 +25,9 @@ from robustflow.report.figures import (
     write_figures,
 )
 from robustflow.report.figures.crer_by_family import family_crer
-from robustflow.report.published import published_results
-from robustflow.report.results import parse_results
 
+from ..analysis.simulated import Truth, rows_of
 from .hostile import HOSTILE
-from .simulated import Truth, rows_of
 
 _KITTI = published_results().filter(benchmark="kitti-fc")
 

@@ -14,12 +14,12 @@ from PIL import Image
 import robustflow as rf
 from robustflow.cli.main import main
 from robustflow.corruptions import IMAGE_PAIR, SEVERITIES
-from robustflow.corruptions.calibrated import calibrated_levels
+from robustflow.corruptions.calibration.scale import calibrated_levels
 from robustflow.errors import DataError, UsageError
-from robustflow.imageio import write_image
-from robustflow.report.gallery import Cell, gallery
-from robustflow.report.gallery_figure import draw_figure
-from robustflow.report.gallery_page import WIDEST, render_page
+from robustflow.images.io import write_image
+from robustflow.report.gallery.figure import draw_figure
+from robustflow.report.gallery.page import WIDEST, render_page
+from robustflow.report.gallery.pictures import Cell, gallery
 
 from .elements import Elements
 

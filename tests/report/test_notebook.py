@@ -12,9 +12,9 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+from robustflow.api import evaluate
 from robustflow.errors import UsageError
 from robustflow.report.notebook import result_table
-from robustflow.runner.evaluate import evaluate
 
 from .elements import Elements
 

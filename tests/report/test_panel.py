@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image
 
-from robustflow.report.error_colours import HIGHEST, LOWEST, UNKNOWN, error_colours
+from robustflow.images.error_colours import HIGHEST, LOWEST, UNKNOWN, error_colours
+from robustflow.images.sparse import REACH, SPARSE, thickened
 from robustflow.report.panel import Panel, draw_panel, panel_title
-from robustflow.report.sparse import REACH, SPARSE, thickened
 from robustflow.sample import Sample
 
 

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import pytest
 
+from robustflow.analysis.published.tables import published_costs, published_results
 from robustflow.errors import UsageError
 from robustflow.report.analysis_tables import observations_table
-from robustflow.report.published import published_costs, published_results
 from robustflow.report.render import FORMATS, render
 from robustflow.report.render.latex import escape
 from robustflow.report.render.terminal import render as render_terminal

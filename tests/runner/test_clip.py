@@ -9,7 +9,7 @@ import robustflow as rf
 from robustflow.cli.main import main
 from robustflow.corruptions import IMAGE_PAIR, corrupt, corrupt_clip
 from robustflow.errors import DataError, ModelError, RunError, UsageError
-from robustflow.imageio import read_image, write_image
+from robustflow.images.io import read_image, write_image
 from robustflow.models import Window, load_model
 from robustflow.models.base import model_identity
 from tests.corruptions.test_contract import picture
@@ -162,7 +162,7 @@ def test_video_and_folder_from_the_command_line(tmp_path, models_on_path, monkey
 
 
 def test_example_pictures_are_drawn_from_the_clip(whole, folder, tmp_path, models_on_path):
-    from robustflow.runner.source import Source, set_up_again
+    from robustflow.runs.source import Source, set_up_again
 
     _, model, settings = set_up_again(whole, Source.read(whole.path))
     assert settings.window == Window(2, 1)

@@ -58,7 +58,7 @@ def test_a_flow_that_is_not_finite_is_refused():
 
 
 def test_no_ground_truth(tmp_path):
-    from robustflow.imageio import write_image
+    from robustflow.images.io import write_image
 
     for index in range(2):
         write_image(tmp_path / f"{index}.png", np.zeros((8, 8, 3), np.uint8))

@@ -14,7 +14,7 @@ import robustflow as rf
 from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.flowio import write_flow
 from robustflow.models import ModelSpec
-from robustflow.runner.store import RunFolder
+from robustflow.runs.store import RunFolder
 
 from .conftest import FAST
 

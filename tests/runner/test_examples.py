@@ -13,11 +13,11 @@ from skimage import data
 
 import robustflow as rf
 from robustflow.errors import RunError
-from robustflow.imageio import write_image
+from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
 from robustflow.runner import examples as examples_module
-from robustflow.runner.source import Source, set_up_again
-from robustflow.runner.store import RunFolder
+from robustflow.runs.source import Source, set_up_again
+from robustflow.runs.store import RunFolder
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 CELLS = {"corruptions": ["contrast", "over_exposure"], "severities": [2, 5]}

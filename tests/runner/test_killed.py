@@ -14,7 +14,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from robustflow.runner.store import RunFolder
+from robustflow.runs.store import RunFolder
 
 from .conftest import FAST
 

@@ -7,10 +7,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from robustflow.api import evaluate
 from robustflow.errors import RobustFlowError, RunError, UsageError
-from robustflow.report.load import load_run
-from robustflow.report.record.pack import pack
-from robustflow.runner.evaluate import evaluate
+from robustflow.records.load import load_run
+from robustflow.records.pack import pack
 from robustflow.runner.recheck import recheck
 
 

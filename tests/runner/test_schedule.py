@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from robustflow.metrics.rows import CLEAN
 from robustflow.runner.engines.schedule import Schedule
-from robustflow.runner.plan import Unit
+from robustflow.runs.plan import Unit
 
 
 def _units(samples: int, corruptions: int, without_clean: set[int]) -> list[Unit]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robustflow.imageio import write_image
+from robustflow.images.io import write_image
 from robustflow.video.clip import ClipFile, write_clip
 from robustflow.video.codec import Encoding, lossless
 from robustflow.video.colour import rgb_to_i420

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from robustflow.errors import DataError, UsageError
-from robustflow.imageio import read_image
+from robustflow.images.io import read_image
 from robustflow.video import prepare as prepare_module
 from robustflow.video.clip import read_pictures
 from robustflow.video.colour import i420_to_rgb, rgb_to_i420

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robustflow.errors import DataError
-from robustflow.imageio import write_image
+from robustflow.images.io import write_image
 from robustflow.video.source import PictureFolder, VideoFile
 
 from . import clips

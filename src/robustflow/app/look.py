@@ -13,18 +13,18 @@ from pydantic import BaseModel, ConfigDict, Field
 from ..corruptions import corrupt
 from ..corruptions.stack import levels_of
 from ..errors import UsageError
-from ..flowio.colour import flow_colours, flow_radius
-from ..imageio import png_address
+from ..images.error_colours import error_colours
+from ..images.flow_colours import flow_colours, flow_radius
+from ..images.io import png_address
+from ..images.sparse import thickened
 from ..metrics.epe import epe_map
 from ..metrics.regions import Regions
 from ..metrics.robustness import crer
 from ..metrics.rows import measure
 from ..models import FlowModel
 from ..models.base import predict_checked
-from ..report.error_colours import error_colours
-from ..report.sparse import thickened
 from ..runner.engines.serial import one_opencv_thread
-from ..runner.example_cells import cell_scores
+from ..runs.example_cells import cell_scores
 from ..sample import Flow, Frame, Sample
 from .choices import Models
 from .pairs import Shelf

@@ -19,11 +19,11 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
-from ..corruptions.catalog import CLIP, CORRUPTIONS, FAMILIES
+from ..corruptions.registry import CLIP, CORRUPTIONS, FAMILIES
 from ..errors import RobustFlowError, first_misfit
-from ..flowio.colour import flow_colours
-from ..imageio import png_address
-from ..report.error_colours import HIGHEST, LOWEST, error_colours
+from ..images.error_colours import HIGHEST, LOWEST, error_colours
+from ..images.flow_colours import flow_colours
+from ..images.io import png_address
 from .choices import Models
 from .desk import Desk, Job, Message
 from .look import WIDEST, Looker, Wish

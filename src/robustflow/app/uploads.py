@@ -17,7 +17,7 @@ from ..datasets.pairs import read_frames
 from ..datasets.video import VIDEO_SUFFIXES
 from ..errors import DataError, RobustFlowError, UsageError
 from ..flowio import read_flow
-from ..imageio import IMAGE_SUFFIXES, stored_size
+from ..images.io import IMAGE_SUFFIXES, stored_size
 from ..sample import Sample
 from .pairs import Clip, OnePair, PairSource
 

@@ -15,12 +15,12 @@ from pathlib import Path
 from ..atomic import make_folder, write_json
 from ..corruptions import Corruption, corrupt_clip, load_corruption
 from ..corruptions.api import STREAM_VERSION
-from ..corruptions.calibrated import calibration_digest
+from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.stack import levels_of
 from ..datasets.released import DISK_NAMES
 from ..errors import DataError, RunError
 from ..flowio import write_flow
-from ..imageio import write_image
+from ..images.io import write_image
 from ..sample import Frame, Sample
 from .base import Benchmark
 

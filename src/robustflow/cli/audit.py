@@ -31,9 +31,9 @@ def audit(
       robustflow audit results.csv --json
       robustflow audit runs/mine
     """
-    from ..report.audit import CHECKS, audit_published
-    from ..report.audit import audit as audit_source
-    from ..report.text import plain
+    from ..analysis.audit import CHECKS, audit_published
+    from ..analysis.audit import audit as audit_source
+    from ..text import plain
 
     found = audit_published() if source is None else audit_source(source)
     if as_json:

@@ -32,17 +32,17 @@ def compare(
       robustflow compare runs/a runs/b runs/c --metric rcre
       robustflow compare runs/a runs/b --format latex -o comparison.tex
     """
+    from ..analysis.labels import METRIC_LABELS
+    from ..analysis.scores import run_names
+    from ..analysis.uncertainty import compare_all
+    from ..analysis.uncertainty.sums import METRICS
     from ..atomic import write_bytes
     from ..errors import RunError, UsageError, unknown_name
+    from ..records.load import load_run
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table
-    from ..report.labels import METRIC_LABELS
-    from ..report.load import load_run
     from ..report.render import FORMATS, render
-    from ..report.runs import run_names
-    from ..report.text import plain
-    from ..report.uncertainty import compare_all
-    from ..report.uncertainty.sums import METRICS
+    from ..text import plain
     from .tables import for_stdout
 
     if metric is not None and metric not in METRICS:

@@ -35,7 +35,7 @@ def corrupt(
     from ..corruptions import load_corruption
     from ..corruptions.base import check_severity
     from ..errors import UsageError
-    from ..imageio import read_image, write_image
+    from ..images.io import read_image, write_image
 
     use_psf_dir(psf_dir)
     chosen = [load_corruption(name, variant, severity_scale) for name in names(corruption) or []]

@@ -11,7 +11,7 @@ from .options import Data, DataOptions, Limit, ModelOptions, Split, keyword_opti
 
 if TYPE_CHECKING:
     from ..benchmarks import Benchmark
-    from ..runner.result import Result
+    from ..runs.run import Result
 
 
 def displacement(
@@ -49,9 +49,9 @@ def displacement(
     from ..atomic import make_folder, write_bytes
     from ..benchmarks import load_benchmark
     from ..models import ModelSpec
-    from ..report.displacement_file import clean_digests, label_of, write_displacement
     from ..report.figures import displacement_figure, write_figures
     from ..runner.displacement import displacement_histogram
+    from ..runs.displacement_file import clean_digests, label_of, write_displacement
 
     chosen = load_benchmark(benchmark, data, split, dict(keyword_options(data_option))).narrowed(limit=limit)
     run = None if into is None else _run_of(into, chosen)
@@ -82,7 +82,7 @@ def displacement(
 
 def _run_of(folder: Path, chosen: Benchmark) -> Result:
     from ..errors import UsageError
-    from ..runner.result import Result
+    from ..runs.run import Result
 
     if folder.is_file():
         raise UsageError(f"{folder} is a file; a histogram is kept in a run's folder, and no record holds one")

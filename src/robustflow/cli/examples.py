@@ -50,11 +50,11 @@ def examples(
     from ..atomic import write_bytes
     from ..errors import UsageError
     from ..models import ModelSpec
-    from ..runner.example_record import FOLDER
     from ..runner.examples import draw_example, write_examples
-    from ..runner.result import Result
-    from ..runner.source import Source, set_up_again
-    from ..runner.store import RunFolder
+    from ..runs.example_record import FOLDER
+    from ..runs.run import Result
+    from ..runs.source import Source, set_up_again
+    from ..runs.store import RunFolder
 
     use_psf_dir(psf_dir)
     result = Result(run)

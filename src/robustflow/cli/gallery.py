@@ -33,10 +33,10 @@ def gallery(
     from ..atomic import make_folder, write_bytes
     from ..corruptions.base import SEVERITIES, check_severity
     from ..datasets import load_dataset
-    from ..imageio import read_image
-    from ..report.gallery import gallery as cells_of
-    from ..report.gallery_figure import draw_figure
-    from ..report.gallery_page import render_page
+    from ..images.io import read_image
+    from ..report.gallery.figure import draw_figure
+    from ..report.gallery.page import render_page
+    from ..report.gallery.pictures import gallery as cells_of
 
     use_psf_dir(psf_dir)
     check_severity(severity)

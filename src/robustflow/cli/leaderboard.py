@@ -33,12 +33,12 @@ def leaderboard(
       robustflow leaderboard runs/* -o site
       robustflow leaderboard mine.csv --no-published
     """
+    from ..analysis.results import read_results, results_csv
     from ..atomic import make_folder, write_bytes
     from ..errors import UsageError
-    from ..report.load import load_run
-    from ..report.results import read_results, results_csv
+    from ..records.load import load_run
     from ..report.site import render_site, whole_content
-    from ..runner.example_record import FOLDER as EXAMPLES
+    from ..runs.example_record import FOLDER as EXAMPLES
 
     if not sources and not published:
         raise UsageError("nothing to show: name a run's folder or a results file, or leave out --no-published")
@@ -58,7 +58,7 @@ def _gallery() -> Slider | None:
     from ..corruptions.base import SEVERITIES
     from ..datasets import load_dataset
     from ..errors import AssetError
-    from ..report.gallery import gallery
+    from ..report.gallery.pictures import gallery
     from ..report.site.examples import gallery_slider
 
     key = "motorcycle"

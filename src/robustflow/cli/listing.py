@@ -45,7 +45,7 @@ def _models() -> list[str]:
     from ..models import MODELS
     from ..models.catalog import checkpoints, is_installed, methods
     from ..models.provenance import training_of_entry
-    from ..models.ptlflow import BESIDES
+    from ..models.ptlflow.pairs import BESIDES
 
     seen: dict[str, list[str]] = {}
     for entry in checkpoints():

@@ -78,7 +78,7 @@ def main() -> None:
     try:
         app()
     except RobustFlowError as error:
-        from ..report.text import plain
+        from ..text import plain
 
         print(f"robustflow: {plain(str(error), None)}", file=sys.stderr)
         sys.exit(error.exit_code)

@@ -33,12 +33,12 @@ def design(
       robustflow optics design --severity 4 --seed 7 --output lens.json
     """
     from ..corruptions.base import check_severity
-    from ..optics.design import SHIPPED_SEEDS, structure_line
-    from ..optics.design import design as search_lens
-    from ..optics.prescription import write_lens
-    from ..optics.psf_field import render as render_field
-    from ..optics.shipped import lens_digest, manifest
-    from ..optics.shipped import ship as ship_lens
+    from ..lenses.design import SHIPPED_SEEDS, structure_line
+    from ..lenses.design import design as search_lens
+    from ..lenses.prescription import write_lens
+    from ..psf.psf_field import render as render_field
+    from ..psf.shipped import lens_digest, manifest
+    from ..psf.shipped import ship as ship_lens
 
     chosen = SHIPPED_SEEDS[check_severity(severity) - 1] if seed is None else seed
     lens = search_lens(severity, chosen, report=typer.echo)
@@ -68,10 +68,10 @@ def show(
       robustflow optics show --severity 4 --output figures
     """
     from ..atomic import make_folder
-    from ..optics.draw import contact_sheet, lens_figure, profile_figure, save_figure
-    from ..optics.prescription import read_lens
-    from ..optics.psf_field import render as render_field
-    from ..optics.shipped import shipped_field, shipped_lens
+    from ..lenses.draw import contact_sheet, lens_figure, profile_figure, save_figure
+    from ..lenses.prescription import read_lens
+    from ..psf.psf_field import render as render_field
+    from ..psf.shipped import shipped_field, shipped_lens
     from .options import numbers
 
     if lens is not None:
@@ -111,9 +111,9 @@ def render(
 
     from ..atomic import write_bytes
     from ..errors import DataError, UsageError
-    from ..optics.prescription import read_lens
-    from ..optics.psf_field import render as render_field
-    from ..optics.shipped import half_digest, halved, manifest, shipped_lens
+    from ..lenses.prescription import read_lens
+    from ..psf.psf_field import render as render_field
+    from ..psf.shipped import half_digest, halved, manifest, shipped_lens
     from .options import numbers
 
     if (lens is None) != (output is None):

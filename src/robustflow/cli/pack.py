@@ -32,9 +32,9 @@ def pack(
       robustflow pack runs/kitti-fc_mine_1a2b3c4d
       robustflow pack runs/mine -o mine.robustflow --author "A. Author" --link https://example.org/mine
     """
-    from ..report.record.pack import pack as pack_run
-    from ..report.text import plain
-    from ..runner.result import Result
+    from ..records.pack import pack as pack_run
+    from ..runs.run import Result
+    from ..text import plain
 
     path = pack_run(
         Result(run),

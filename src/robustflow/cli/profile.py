@@ -72,12 +72,12 @@ def _print_model(
     from ..models.catalog import methods
     from ..models.input_convention import parse_size
     from ..models.loading import PTLFLOW
-    from ..models.network import RANDOM
+    from ..models.torch.network import RANDOM
     from ..profiling.counts import count
     from ..profiling.measure import measure
     from ..profiling.network_of import network_of
-    from ..report.costs import RunCost, check_model, write_cost
-    from ..runner.result import Result
+    from ..runs.costs import RunCost, check_model, write_cost
+    from ..runs.run import Result
 
     run = None if into is None else Result(into)
     height, width = parse_size(size, 1)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from ..runner.result import Result
+    from ..runs.run import Result
 
 PAGE = "page"
 
@@ -46,8 +46,8 @@ def report(
     """
     from ..atomic import write_bytes
     from ..errors import UsageError, unknown_name
+    from ..records.load import load_run
     from ..report.assemble import figures_of, tables_of
-    from ..report.load import load_run
     from ..report.render import FORMATS, render
     from .options import names
     from .tables import for_stdout

@@ -79,8 +79,8 @@ def run(
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
+    from ..api import evaluate
     from ..models import ModelSpec
-    from ..runner.evaluate import evaluate
     from .progress import TerminalProgress
     from .tables import print_result
 

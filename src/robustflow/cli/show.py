@@ -21,7 +21,7 @@ def show(
       robustflow show runs/demo_dis_1a2b3c4d --metric rcre
       robustflow show colleague.robustflow
     """
-    from ..report.load import load_run
+    from ..records.load import load_run
     from .tables import print_result
 
     result, in_folder = load_run(run), run.expanduser().is_dir()

@@ -8,14 +8,14 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
+from ..analysis.labels import METRIC_LABELS
 from ..errors import unknown_name
 from ..metrics.summary import METRICS, Summary
 from ..report import table as report_table
-from ..report.labels import METRIC_LABELS
 from ..report.render.terminal import render as render_terminal
-from ..report.text import plain
-from ..runner.plan import left_out_sentence
-from ..runner.result import Result
+from ..runs.plan import left_out_sentence
+from ..runs.run import Result
+from ..text import plain
 
 
 def print_result(result: Result, metric: str = "all", *, report: bool = True) -> None:

@@ -10,8 +10,8 @@ import typer
 from .options import DataOptions, keyword_options
 
 if TYPE_CHECKING:
-    from ..report.record.read import Reader
-    from ..report.record.verify import Verification
+    from ..records.read import Reader
+    from ..records.verify import Verification
 
 
 def verify(
@@ -39,7 +39,7 @@ def verify(
     """
     import json
 
-    from ..report.record.verify import verify as verify_file
+    from ..records.verify import verify as verify_file
 
     def frames(reader: Reader) -> str:
         from ..runner.recheck import recheck
@@ -61,8 +61,8 @@ def verify(
 
 
 def _print(found: Verification) -> None:
-    from ..report.record.verify import CHECKS
-    from ..report.text import plain
+    from ..records.verify import CHECKS
+    from ..text import plain
 
     typer.echo(plain(found.file, 200))
     for check in found.checks:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .api import corrupt, corrupt_clip, load_corruption
 from .base import SEVERITIES, Corruption
-from .catalog import CLIP, CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
+from .registry import CLIP, CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
 
 __all__ = [
     "CLIP",

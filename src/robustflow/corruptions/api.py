@@ -7,11 +7,11 @@ from itertools import chain
 from typing import Any
 
 from ..errors import UsageError, unknown_name
+from ..random.rng import Rng
 from ..sample import Frame, Sample
 from .base import SCALES, Corruption, check_severity
-from .calibrated import calibrated_severities
-from .catalog import CORRUPTIONS
-from .rng import Rng
+from .calibration.scale import calibrated_severities
+from .registry import CORRUPTIONS
 from .stack import Stack, is_stack, parse_stack
 
 STREAM_VERSION = 1

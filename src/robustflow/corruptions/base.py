@@ -12,8 +12,8 @@ from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 from ..errors import UsageError
+from ..random.rng import Rng
 from ..sample import Frame
-from .rng import Rng
 
 VARIANTS = ("default", "reference", "paper")
 """`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the

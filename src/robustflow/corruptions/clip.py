@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, ClassVar, NoReturn
 
 from ..errors import UsageError
+from ..random.rng import Rng
 from ..sample import Frame
 from .base import Corruption
-from .rng import Rng
 
 
 class ClipCorruption(Corruption):

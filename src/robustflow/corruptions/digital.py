@@ -12,11 +12,11 @@ import numpy as np
 from numba import njit
 
 from ..errors import RobustFlowError
+from ..random.rng import Rng
 from ..sample import Frame
 from .base import Corruption
-from .box_resize import pixelated
-from .rng import Rng
-from .rounding import to_bytes
+from .kernels.box_resize import pixelated
+from .kernels.rounding import to_bytes
 
 
 class _Digital(Corruption):

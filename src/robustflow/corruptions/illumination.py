@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..random.rng import Rng
 from ..sample import Frame
 from .base import Corruption
-from .rng import Rng
-from .rounding import to_bytes
+from .kernels.rounding import to_bytes
 
 Table = npt.NDArray[np.uint8]
 

@@ -17,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ..random.rng import Rng, hash64
 from ..sample import Frame
-from .alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
 from .base import Corruption
-from .rng import Rng, hash64
-from .rounding import to_bytes
+from .kernels.alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
+from .kernels.rounding import to_bytes
 
 _BLOCK = 256
 """Hash words computed at a time: they stay in the first-level cache, and their loop vectorises."""

@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from ..errors import UsageError
+from ..random.rng import Rng
 from ..sample import Frame
 from .base import SEVERITIES, Corruption, check_severity
-from .calibrated import calibrated_levels
-from .catalog import CORRUPTIONS
-from .rng import Rng
+from .calibration.scale import calibrated_levels
+from .registry import CORRUPTIONS
 
 _PLUS, _COLON = "+", ":"
 

@@ -1,6 +1,6 @@
 """Where samples come from: one reader per dataset, in the layout it is distributed in."""
 
 from .base import Dataset, FromClips, PreCorrupted
-from .catalog import DATASETS, load_dataset
+from .registry import DATASETS, load_dataset
 
 __all__ = ["DATASETS", "Dataset", "FromClips", "PreCorrupted", "load_dataset"]

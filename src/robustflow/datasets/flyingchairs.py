@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import DataError
-from .layout import choice, locate, numbered, partner
+from ..layout import choice, locate, numbered, partner
 from .pairs import Pair, PairDataset
 
 _SPLIT_FILES = ("FlyingChairs_train_val.txt", "chairs_split.txt")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .layout import choice, consecutive, folders, locate, numbered, partner
+from ..layout import choice, consecutive, folders, locate, numbered, partner
 from .pairs import Pair, PairDataset
 
 

@@ -10,8 +10,8 @@ import re
 from pathlib import Path
 
 from ..errors import DataError
-from ..imageio import IMAGE_SUFFIXES, image_size
-from .layout import folders, positive
+from ..images.io import IMAGE_SUFFIXES, image_size
+from ..layout import folders, positive
 from .pairs import Pair, PairDataset
 from .video import VIDEO_SUFFIXES, Video
 

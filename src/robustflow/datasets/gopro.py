@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import DataError
-from .layout import choice, consecutive, folders, locate, numbered, positive
+from ..layout import choice, consecutive, folders, locate, numbered, positive
 from .pairs import Pair, PairDataset
 
 _FRAME = r"(\d{1,9})\.png"

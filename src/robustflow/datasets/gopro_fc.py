@@ -18,9 +18,9 @@ from typing import Any
 
 from ..atomic import make_folder, write_json
 from ..corruptions.api import load_corruption
-from ..corruptions.catalog import CLIP, FAMILIES
+from ..corruptions.registry import CLIP, FAMILIES
 from ..errors import UsageError
-from ..imageio import read_image
+from ..images.io import read_image
 from ..sample import Frame, Sample
 from ..video.cache import FolderCache
 from ..video.clip import ClipFile, ClipReader

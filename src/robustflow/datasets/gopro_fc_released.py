@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from .layout import folders, locate, numbered, partner
+from ..layout import folders, locate, numbered, partner
 from .pairs import Pair
 from .released import ReleasedPairs
 

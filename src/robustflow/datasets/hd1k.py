@@ -12,7 +12,7 @@ import re
 from collections import defaultdict
 from pathlib import Path
 
-from .layout import consecutive, locate, partner
+from ..layout import consecutive, locate, partner
 from .pairs import Pair, PairDataset
 
 

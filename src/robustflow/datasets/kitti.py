@@ -22,7 +22,7 @@ from typing import Any
 
 from ..errors import DataError
 from ..flowio import read_flow
-from .layout import choice, following, locate, partner
+from ..layout import choice, following, locate, partner
 from .pairs import Pair, PairDataset, Truth
 
 

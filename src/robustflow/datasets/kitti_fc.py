@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..layout import choice, locate
 from .kitti import KittiPairs, kitti_pairs
-from .layout import choice, locate
 from .released import ReleasedPairs
 
 

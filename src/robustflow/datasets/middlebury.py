@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from .layout import folders, following, locate, numbered, partner
+from ..layout import folders, following, locate, numbered, partner
 from .pairs import Pair, PairDataset
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import skimage
 
 from ..errors import AssetError, UsageError
-from ..imageio import read_image
+from ..images.io import read_image
 from ..sample import Sample
 
 

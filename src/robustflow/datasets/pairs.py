@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from ..errors import DataError, UsageError
 from ..flowio import read_flow
-from ..imageio import read_image
+from ..images.io import read_image
 from ..sample import Flow, Frame, Mask, Sample
 
 

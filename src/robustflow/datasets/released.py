@@ -7,8 +7,8 @@ from abc import abstractmethod
 from pathlib import Path
 
 from ..errors import DataError
+from ..layout import folders, partner
 from ..sample import Frame
-from .layout import folders, partner
 from .pairs import PairDataset, read_frames
 
 DISK_NAMES = {"high_light": "brightness"}

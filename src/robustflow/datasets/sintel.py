@@ -14,9 +14,9 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..flowio import read_flow
-from ..imageio import read_mask
+from ..images.io import read_mask
+from ..layout import consecutive, folders, locate, numbered, partner
 from ..sample import Mask
-from .layout import consecutive, folders, locate, numbered, partner
 from .pairs import Pair, PairDataset, Truth
 
 _MAPS = ("flow", "occlusions", "invalid", "flow_viz")

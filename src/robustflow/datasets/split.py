@@ -12,8 +12,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
-from ..corruptions.rng import key_of
 from ..errors import DataError
+from ..random.rng import key_of
 
 KITTI_SPLIT_SEED = 0
 """The seed of the project's KITTI split. It is not the run's seed: another run seed keeps the same pairs."""

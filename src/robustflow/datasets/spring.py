@@ -15,7 +15,7 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..flowio import read_flow
-from .layout import choice, consecutive, folders, locate, numbered, partner
+from ..layout import choice, consecutive, folders, locate, numbered, partner
 from .pairs import Pair, PairDataset, Truth
 
 

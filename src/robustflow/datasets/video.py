@@ -7,9 +7,9 @@ from copy import copy
 from pathlib import Path
 
 from ..errors import DataError, UsageError
+from ..layout import positive
 from ..sample import Frame, Sample
-from .layout import positive
-from .videoreader import VideoReader
+from ..video.reader import VideoReader
 
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".mpg", ".mpeg", ".ts")
 

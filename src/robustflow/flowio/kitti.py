@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ..errors import DataError
-from ..imageio import check_png
+from ..images.io import check_png
 from ..sample import Flow, Mask
 from .arrays import claimed_size
 

@@ -15,7 +15,7 @@ from typing import Any, get_args
 
 import polars as pl
 
-from ..corruptions.catalog import FAMILIES, PAPER_ORDER
+from ..corruptions.registry import FAMILIES, PAPER_ORDER
 from ..errors import RunError, UsageError
 from .regions import REGIONS
 from .robustness import cre, crer

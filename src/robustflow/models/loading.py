@@ -21,24 +21,24 @@ from .tiling import tiled
 MODELS: Registry[Callable[..., AnyModel]] = Registry("model", entry_point_group="robustflow.models")
 MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
-MODELS.add("dis_rgb", "robustflow.models.dis_rgb:DisRgb")
+MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
-MODELS.add("arflow", "robustflow.models.arflow:arflow")
-MODELS.add("upflow", "robustflow.models.upflow:upflow")
-MODELS.add("brightflow", "robustflow.models.brightflow:brightflow")
-MODELS.add("samflow_t", "robustflow.models.samflow:samflow_t")
-MODELS.add("samflow_b", "robustflow.models.samflow:samflow_b")
-MODELS.add("samflow_h", "robustflow.models.samflow:samflow_h")
-MODELS.add("flowdiffuser", "robustflow.models.flowdiffuser:flowdiffuser")
+MODELS.add("arflow", "robustflow.models.own.arflow:arflow")
+MODELS.add("upflow", "robustflow.models.own.upflow:upflow")
+MODELS.add("brightflow", "robustflow.models.own.brightflow:brightflow")
+MODELS.add("samflow_t", "robustflow.models.own.samflow:samflow_t")
+MODELS.add("samflow_b", "robustflow.models.own.samflow:samflow_b")
+MODELS.add("samflow_h", "robustflow.models.own.samflow:samflow_h")
+MODELS.add("flowdiffuser", "robustflow.models.own.flowdiffuser:flowdiffuser")
 for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
-    MODELS.add(_name, f"robustflow.models.ptlflow:{_name}")
+    MODELS.add(_name, f"robustflow.models.ptlflow.pairs:{_name}")
 for _name in ("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamflow", "memfof"):
-    MODELS.add(_name, f"robustflow.models.ptlflow_clip:{_name}")
-MODELS.add("raft_large", "robustflow.models.torchvision:raft_large")
-MODELS.add("raft_small", "robustflow.models.torchvision:raft_small")
-MODELS.add("onnx", "robustflow.models.onnx:OnnxModel")
+    MODELS.add(_name, f"robustflow.models.ptlflow.clips:{_name}")
+MODELS.add("raft_large", "robustflow.models.torch.torchvision:raft_large")
+MODELS.add("raft_small", "robustflow.models.torch.torchvision:raft_small")
+MODELS.add("onnx", "robustflow.models.exported.onnx:OnnxModel")
 for _name in ("torchscript", "torch_export"):
-    MODELS.add(_name, f"robustflow.models.torch_exported:{_name}")
+    MODELS.add(_name, f"robustflow.models.exported.torch:{_name}")
 
 PTLFLOW = "ptlflow:"
 """Before the name of any model of ptlflow."""
@@ -76,7 +76,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
         tile = options.pop("tile")
         return tiled(load_model(name, **options), tile)
     if name.startswith(PTLFLOW):
-        from .ptlflow_clip import ptlflow_factory
+        from .ptlflow.clips import ptlflow_factory
 
         return _construct(ptlflow_factory(name, name.removeprefix(PTLFLOW)), name, options)
     if ":" in name and not Path(name).exists():
@@ -86,7 +86,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
     if not registered and ("/" in name or Path(name).suffix):
         raise _no_such_path(name)
     if not registered and name.isidentifier():
-        from .ptlflow import is_of_ptlflow
+        from .ptlflow.pairs import is_of_ptlflow
 
         if is_of_ptlflow(name):
             raise UsageError(f"unknown model '{name}': the library ptlflow has one of this name, {PTLFLOW}{name}")

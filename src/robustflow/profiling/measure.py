@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from ..errors import UsageError
-from ..models.torch_model import TorchModel
+from ..models.torch.model import TorchModel
 
 
 @dataclass(frozen=True)

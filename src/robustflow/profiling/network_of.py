@@ -6,8 +6,8 @@ from typing import Any
 
 from ..errors import UsageError
 from ..models.tiling import TiledModel
-from ..models.torch_clip_model import TorchClipModel
-from ..models.torch_model import TorchModel
+from ..models.torch.clip_model import TorchClipModel
+from ..models.torch.model import TorchModel
 
 
 def network_of(model: Any) -> TorchModel:

@@ -14,11 +14,11 @@ from typing import Any
 
 from torch import Tensor, nn
 
+from ..analysis.published.tables import COUNTED_SIZE, Cost, published_costs
 from ..errors import ModelError
 from ..models import load_model
 from ..models.catalog import methods
-from ..models.network import RANDOM
-from ..report.published import COUNTED_SIZE, Cost, published_costs
+from ..models.torch.network import RANDOM
 from .counts import Counts, count
 from .network_of import network_of
 

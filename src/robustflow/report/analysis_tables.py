@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from . import anatomy
-from .effective import effective_robustness
-from .labels import METRIC_LABELS, SETTING_LABELS, long_label, metric_label
-from .observations import observations
-from .published import Cost
-from .results import AVERAGE, CLEAN
-from .runs import note_of, run_names
+from ..analysis import anatomy
+from ..analysis.effective import effective_robustness
+from ..analysis.labels import METRIC_LABELS, SETTING_LABELS, long_label, metric_label
+from ..analysis.observations import observations
+from ..analysis.published.tables import Cost
+from ..analysis.results import AVERAGE, CLEAN
+from ..analysis.scores import note_of, run_names
+from ..analysis.uncertainty import intervals
+from ..analysis.uncertainty.bootstrap import LEVEL
 from .table import Cell, Column, Line, Section, Table
-from .uncertainty import intervals
-from .uncertainty.bootstrap import LEVEL
 
 if TYPE_CHECKING:
-    from ..runner.result import Result
+    from ..runs.run import Result
 
 
 def means_table(runs: Sequence[Result], *, level: float = LEVEL, seed: int = 0) -> Table:

@@ -8,22 +8,22 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from ..analysis.labels import benchmark_label
+from ..analysis.observations.verdict import UNKNOWN
+from ..analysis.published.tables import PAPER, published_costs, published_results
+from ..analysis.scores import run_names, run_results
 from ..errors import UsageError, unknown_name
+from ..runs.costs import run_costs
+from ..runs.displacement_file import displacements_of
+from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
-from .costs import run_costs
-from .displacement_file import displacements_of
-from .labels import benchmark_label
-from .observations.verdict import UNKNOWN
-from .published import PAPER, published_costs, published_results
-from .runs import run_names, run_results
 from .table import Table
 from .tables import TABLES, build_table
-from .text import plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..runner.result import Result
+    from ..runs.run import Result
 
 ALL_TABLES = (*TABLES, "means", "effective", "anatomy", "observations")
 _MOST_NAMED = 4

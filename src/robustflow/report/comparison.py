@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from ..analysis.labels import METRIC_LABELS, long_label, metric_label
+from ..analysis.scores import run_names
+from ..analysis.uncertainty import compare as compare_rows
+from ..analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
+from ..analysis.uncertainty.paired import common_rows
+from ..analysis.uncertainty.sentences import p_text
+from ..analysis.uncertainty.sums import AVERAGE, CLEAN, METRICS
 from ..errors import unknown_name
-from .labels import METRIC_LABELS, long_label, metric_label
+from ..text import plain
 from .render import render
-from .runs import run_names
 from .table import Cell, Column, Line, Section, Table
-from .text import plain
-from .uncertainty import compare as compare_rows
-from .uncertainty.bootstrap import LEVEL, RESAMPLES
-from .uncertainty.paired import common_rows
-from .uncertainty.sentences import p_text
-from .uncertainty.sums import AVERAGE, CLEAN, METRICS
 
 if TYPE_CHECKING:
-    from ..runner.result import Result
+    from ..runs.run import Result
 
 _DIFFERENCE = ("difference", "interval", "p", "p corrected")
 _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "high", "p", "p_holm")
@@ -32,7 +32,7 @@ class Comparison:
 
     Attributes:
         names: of the two runs.
-        frame: everything, columns of `robustflow.report.uncertainty.paired.COMPARISON_SCHEMA`.
+        frame: everything, columns of `robustflow.analysis.uncertainty.paired.COMPARISON_SCHEMA`.
         remark: what was left out because only one of them measured it, "" for nothing.
     """
 
@@ -122,7 +122,7 @@ def pairs_table(frame: pl.DataFrame) -> Table:
     """Every two of many models, for `robustflow.report.render`.
 
     Args:
-        frame: from `robustflow.report.uncertainty.compare_all`, of one metric, not empty.
+        frame: from `robustflow.analysis.uncertainty.compare_all`, of one metric, not empty.
     """
     metric = frame["metric"][0]
     lines = [

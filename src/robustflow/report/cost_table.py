@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import polars as pl
 
+from ..analysis.published.tables import COUNTED_ITERATIONS, COUNTED_SIZE, PAPER, Cost
+from ..analysis.ranking import average_ranks, competition_ranks
+from ..analysis.results import AVERAGE, CLEAN
 from ..errors import UsageError
-from .costs import RunCost
-from .published import COUNTED_ITERATIONS, COUNTED_SIZE, PAPER, Cost
-from .ranking import average_ranks, competition_ranks
-from .results import AVERAGE, CLEAN
+from ..runs.costs import RunCost
 from .table import Cell, Column, Line, Section, Table, number_text
 
 _COLUMNS = (
@@ -92,7 +92,7 @@ def cost_table(
 def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
     """Ranks made from the values of `costs`: "flops", "crer_ood", "crer_id", "average_ood", "average_id" by model.
 
-    >>> from robustflow.report.published import published_costs
+    >>> from robustflow.analysis.published.tables import published_costs
     >>> cost_ranks(published_costs())["average_id"]["CSFlow"]
     4
     """

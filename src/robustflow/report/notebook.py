@@ -6,18 +6,18 @@ from base64 import b64encode
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_label, metric_label
+from ..analysis.scores import note_of, run_names, run_results, sample_set, setting_of
 from ..errors import UsageError, unknown_name
-from .displacement_file import displacements_of
-from .labels import FAMILY_LABELS, METRIC_LABELS, benchmark_label, metric_label
+from ..runs.displacement_file import displacements_of
 from .render import render
-from .runs import note_of, run_names, run_results, sample_set, setting_of
 from .table import Cell, Column, Line, Section, Table, number_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..metrics.summary import Scores
-    from ..runner.result import Result
+    from ..runs.run import Result
 
 
 def result_html(run: Result) -> str:
@@ -64,8 +64,8 @@ def plot(runs: Sequence[Result], kind: str = "severity", metric: str = "rcre") -
     Raises:
         UsageError: an unknown kind or metric, runs over other frames, or nothing to draw.
     """
+    from ..analysis.uncertainty.sums import METRICS
     from . import figures
-    from .uncertainty.sums import METRICS
 
     of_results: dict[str, Callable[..., Figure]] = {
         "classes": figures.crer_by_family,

@@ -17,12 +17,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from PIL import Image
 
-from ..flowio.colour import flow_colours, flow_radius
+from ..images.error_colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours
+from ..images.flow_colours import flow_colours, flow_radius
+from ..images.sparse import thickened
 from ..metrics.epe import epe_map
 from ..sample import Flow, Frame, Sample
-from .error_colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours
 from .figures.canvas import name_text
-from .sparse import thickened
 
 _WIDTH_IN = 14.0
 _TALLEST_IN = 7.0

@@ -9,15 +9,15 @@ from collections.abc import Mapping
 
 import polars as pl
 
-from ..corruptions.catalog import PAPER_ORDER
+from ..analysis.labels import BENCHMARK_LABELS, FAMILY_LABELS, FAMILY_OF, METRIC_LABELS, SETTING_LABELS, short_label
+from ..analysis.published.tables import Cost
+from ..analysis.results import AVERAGE, CLEAN
+from ..corruptions.registry import PAPER_ORDER
 from ..errors import UsageError, unknown_name
+from ..runs.costs import RunCost
+from ..text import plain
 from .cost_table import cost_table
-from .costs import RunCost
-from .labels import BENCHMARK_LABELS, FAMILY_LABELS, FAMILY_OF, METRIC_LABELS, SETTING_LABELS, short_label
-from .published import Cost
-from .results import AVERAGE, CLEAN
 from .table import Cell, Column, Line, Section, Table, number_text
-from .text import plain
 
 TABLES = ("epe", "cre", "rcre", "gopro-rcre", "cost")
 
@@ -39,7 +39,7 @@ def build_table(
     Raises:
         UsageError: an unknown table, or results of which nothing belongs into it.
 
-    >>> from robustflow.report.published import published_results
+    >>> from robustflow.analysis.published.tables import published_results
     >>> table = build_table("epe", published_results())
     >>> [section.title for section in table.sections]
     ['Knowledge-driven', 'Out-of-domain (OOD)', 'In-domain (ID)']

@@ -18,7 +18,7 @@ from ..sample import Flow, Mask, Sample
 from .worker import frames_digest
 
 if TYPE_CHECKING:
-    from .result import Result
+    from ..runs.run import Result
 
 GROUND_TRUTH = "ground truth"
 
@@ -100,7 +100,7 @@ def keep_displacement(result: Result, benchmark: Benchmark) -> None:
         result: of the run.
         benchmark: that it ran.
     """
-    from ..report.displacement_file import read_displacement, write_displacement
+    from ..runs.displacement_file import read_displacement, write_displacement
 
     if not benchmark.dataset.has_flow:
         return

@@ -14,18 +14,18 @@ import numpy as np
 import polars as pl
 
 from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
-from ..corruptions.rng import key_of
 from ..datasets.base import Dataset
 from ..errors import DataError, RunError, UsageError, unknown_name
-from ..imageio import jpeg_bytes, shrunk
+from ..images.io import jpeg_bytes, shrunk
 from ..metrics.rows import CLEAN
 from ..models.base import AnyModel, place
+from ..random.rng import key_of
+from ..runs.example_cells import Scores, cell_scores
+from ..runs.example_record import FOLDER, RECORD, are_current, drop_examples, examples_record
+from ..runs.plan import Cell, Settings
+from ..runs.run import Result
 from ..sample import Frame
 from .engines.serial import one_opencv_thread
-from .example_cells import Scores, cell_scores
-from .example_record import FOLDER, RECORD, are_current, drop_examples, examples_record
-from .plan import Cell, Settings
-from .result import Result
 from .worker import View, Worker
 
 WIDEST = 480

@@ -17,14 +17,14 @@ import polars as pl
 
 from ..benchmarks import load_benchmark
 from ..corruptions import load_corruption
-from ..corruptions.calibrated import calibration_digest
-from ..corruptions.rng import Rng
+from ..corruptions.calibration.scale import calibration_digest
 from ..datasets.base import Dataset, FromClips
 from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
 from ..models.base import place
+from ..random.rng import Rng
+from ..runs.plan import Settings, Unit
 from ..sample import Flow, Frame
-from .plan import Settings, Unit
 from .worker import Worker
 
 _TRUTH = ("height", "width", "n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))

@@ -11,9 +11,9 @@ from typing import Any
 from ..errors import RunError
 from ..metrics.rows import CLEAN
 from ..models import ModelSpec
+from ..runs.plan import Unit
+from ..runs.store import RunFolder
 from .engines.base import Job
-from .plan import Unit
-from .store import RunFolder
 from .worker import Worker
 
 _ANSWER = ("pred_magnitude_sum", "epe_sum", "n_invalid")

@@ -27,10 +27,10 @@ from ..models.base import (
     predict_clip_checked,
 )
 from ..models.window import place_of_pair
+from ..runs.plan import Settings, Unit
+from ..runs.store import read_clean, write_clean
 from ..sample import Flow, Frame, Sample
 from .clip import Surroundings
-from .plan import Settings, Unit
-from .store import read_clean, write_clean
 
 
 @dataclass

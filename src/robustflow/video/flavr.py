@@ -9,9 +9,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ..models.checkpoint import read_checkpoint
-from ..models.torch_model import find_device
-from ..models.weights import load_weights
+from ..models.torch.checkpoint import read_checkpoint
+from ..models.torch.model import find_device
+from ..models.torch.weights import load_weights
 
 
 class Gate(nn.Module):

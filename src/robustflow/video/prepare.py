@@ -19,7 +19,7 @@ from pathlib import Path
 
 from ..atomic import make_folder, write_json
 from ..errors import DataError, UsageError
-from ..imageio import write_image
+from ..images.io import write_image
 from .clip import ClipFile, read_pictures, write_clip
 from .codec import encoder_versions, lossless
 from .colour import I420, even_size, i420_to_rgb, rgb_to_i420

@@ -10,8 +10,8 @@ from fractions import Fraction
 from pathlib import Path
 
 from ..atomic import make_folder, write_json
-from ..datasets.layout import folders
 from ..errors import DataError, UsageError
+from ..layout import folders
 from .interpolation import load_interpolator
 from .prepare import Progress, Settings, geometry, prepare_clip
 from .prepared import CACHE_LIMIT, FOLDER_RECORD, VERSION, FolderRecord, PreparedClip, read_folder

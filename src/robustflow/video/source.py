@@ -12,7 +12,7 @@ import av
 import numpy as np
 
 from ..errors import DataError
-from ..imageio import IMAGE_SUFFIXES, image_size, read_image
+from ..images.io import IMAGE_SUFFIXES, image_size, read_image
 from ..sample import Frame
 
 CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yuv4mpegpipe,gif"

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..atomic import make_folder
 from ..errors import UsageError
-from ..imageio import read_image
+from ..images.io import read_image
 from .clip import ClipFile, read_header, read_packets, read_pictures, write_clip
 from .codec import Decoder, Encoder, Packet, abr, crf, encoder_versions, lossless
 from .colour import I420, i420_to_rgb

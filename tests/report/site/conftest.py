@@ -9,10 +9,10 @@ import numpy as np
 import polars as pl
 import pytest
 
-from robustflow.runner.evaluate import evaluate
-from robustflow.runner.result import Result
+from robustflow.api import evaluate
+from robustflow.runs.run import Result
 
-from ..simulated import Truth, rows_of
+from ...analysis.simulated import Truth, rows_of
 
 
 @pytest.fixture(scope="session")
@@ -46,7 +46,7 @@ def many_images(small_run) -> Callable[..., Result]:
 @pytest.fixture(scope="session")
 def many_models() -> pl.DataFrame:
     """Results of a hundred models: the published ones again under other names, in three settings."""
-    from robustflow.report.published import published_results
+    from robustflow.analysis.published.tables import published_results
 
     source = published_results().filter(benchmark="kitti-fc", setting="ID", model="RAFT")
     parts = []

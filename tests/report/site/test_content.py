@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from robustflow.analysis.results import parse_results
+from robustflow.api import evaluate
 from robustflow.errors import DataError, UsageError
-from robustflow.report.results import parse_results
 from robustflow.report.site.board import boards_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.models import model_pages
-from robustflow.runner.evaluate import evaluate
 
 _HEAD = "setting,model,metric,corruption,value,sample_set\n"
 

@@ -6,10 +6,10 @@ from statistics import fmean
 
 import pytest
 
-from robustflow.corruptions.catalog import FAMILIES, PAPER_ORDER
-from robustflow.report.labels import SETTING_LABELS
-from robustflow.report.published import published_costs, published_results
-from robustflow.report.results import parse_results
+from robustflow.analysis.labels import SETTING_LABELS
+from robustflow.analysis.published.tables import published_costs, published_results
+from robustflow.analysis.results import parse_results
+from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
 from robustflow.report.site.entries import default_order, entries_of
 from robustflow.report.tables import build_table
 

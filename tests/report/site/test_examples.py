@@ -12,9 +12,9 @@ import pytest
 from PIL import Image
 
 from robustflow.errors import DataError
-from robustflow.report.gallery import gallery
+from robustflow.report.gallery.pictures import gallery
 from robustflow.report.site.examples import gallery_slider, run_examples
-from robustflow.runner.result import Result
+from robustflow.runs.run import Result
 
 
 @pytest.fixture

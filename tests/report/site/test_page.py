@@ -12,8 +12,8 @@ from html.parser import HTMLParser
 import polars as pl
 import pytest
 
-from robustflow.report.published import published_results
-from robustflow.report.results import parse_results
+from robustflow.analysis.published.tables import published_results
+from robustflow.analysis.results import parse_results
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.page import json_block, render_site
 

@@ -7,9 +7,9 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
+from robustflow.analysis.published.tables import published_results
+from robustflow.analysis.results import parse_results
 from robustflow.report.figures import clean_against_cre, relations
-from robustflow.report.published import published_results
-from robustflow.report.results import parse_results
 from robustflow.report.site.svg import inline_svg
 
 _KITTI = published_results().filter(benchmark="kitti-fc")

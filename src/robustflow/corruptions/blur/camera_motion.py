@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..line_motion import LineKernel, line_kernel, move_frame
-from ..rng import Rng
+from ..kernels.line_motion import LineKernel, line_kernel, move_frame
 
 
 class CameraMotionBlur(Corruption):

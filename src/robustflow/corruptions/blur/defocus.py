@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..rng import Rng
-from .disk import convolve_disk
+from ..kernels.disk import convolve_disk
 
 
 class DefocusBlur(Corruption):

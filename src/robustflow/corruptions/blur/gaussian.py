@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..rng import Rng
-from ..separable import FLOOR, gaussian_frame
+from ..kernels.separable import FLOOR, gaussian_frame
 
 
 class GaussianBlur(Corruption):

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ...random.rng import Rng, hash64
 from ...sample import Frame
 from ..base import Corruption
-from ..rng import Rng, hash64
-from ..separable import FLOOR, gaussian_frame
+from ..kernels.separable import FLOOR, gaussian_frame
 
 SourceIndex = npt.NDArray[np.int32]
 """int32 (H, W): the flat index of the pixel that is seen at each place."""

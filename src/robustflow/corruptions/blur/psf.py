@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from ...errors import UsageError
-from ...optics.blur import blur
-from ...optics.psf_field import PsfField
-from ...optics.reference_stack import reference_field
-from ...optics.shipped import shipped_field
+from ...psf.blur import blur
+from ...psf.psf_field import PsfField
+from ...psf.reference_stack import reference_field
+from ...psf.shipped import shipped_field
+from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..rng import Rng
 
 PSF_DIR = "ROBUSTFLOW_PSF_DIR"
 """Environment variable that names the folder of the reference's stacks, for all instances made without `psf_dir`."""

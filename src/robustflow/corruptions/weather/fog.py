@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ...images.contiguous import contiguous
+from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..contiguous import contiguous
-from ..rng import Rng
-from .plasma import plasma_corner
+from ..kernels.plasma import plasma_corner
 
 FogMap = npt.NDArray[np.float32]
 """float32 (H, W) in [0, 1]."""

@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from ...images.contiguous import contiguous
+from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..contiguous import contiguous
-from ..rng import Rng
 from .frost_assets import TEXTURES
 from .frost_textures import enlarged_shape, enlarged_texture
 

@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ...images.contiguous import contiguous
+from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..contiguous import contiguous
-from ..line_motion import LineKernel, line_kernel, move_plane
-from ..normal_field import UNIT, normal_field
-from ..rng import Rng
+from ..kernels.line_motion import LineKernel, line_kernel, move_plane
+from ..kernels.normal_field import UNIT, normal_field
 
 
 class SnowState(NamedTuple):

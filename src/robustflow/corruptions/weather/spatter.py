@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from ...images.contiguous import contiguous
+from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..contiguous import contiguous
-from ..normal_field import UNIT, normal_field
-from ..rng import Rng
-from ..separable import Plane, gaussian_plane
-from .chamfer import edge_distance, mean_distance
+from ..kernels.chamfer import edge_distance, mean_distance
+from ..kernels.normal_field import UNIT, normal_field
+from ..kernels.separable import Plane, gaussian_plane
 
 WATER = (175.0, 238.0, 238.0)
 MUD = (63.0, 42.0, 20.0)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ...corruptions.contiguous import contiguous
+from ...images.contiguous import contiguous
 from ...sample import Flow, Frame
 
 Image = npt.NDArray[np.float32]

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 import polars as pl
 from matplotlib.figure import Figure
 
+from ...analysis.published.tables import PAPER
 from ...errors import UsageError
-from ..published import PAPER
 from .canvas import FILE_FORMATS, figure_bytes, write_figures
 from .clean_against_cre import clean_against_cre
 from .crer_by_family import crer_by_family

@@ -18,10 +18,10 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 
+from ...analysis.published.tables import method_of
 from ...atomic import make_folder, write_bytes
 from ...errors import unknown_name
-from ..published import method_of
-from ..text import plain
+from ...text import plain
 from .marks import MarkedFigure
 
 FILE_FORMATS = ("png", "svg", "pdf")

@@ -7,10 +7,10 @@ import math
 import polars as pl
 from matplotlib.lines import Line2D
 
+from ...analysis.labels import SETTING_LABELS
+from ...analysis.published.tables import NOT_DISCUSSED
+from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...errors import UsageError
-from ..labels import SETTING_LABELS
-from ..published import NOT_DISCUSSED
-from ..results import AVERAGE, CLEAN, values_of
 from ..tables import settings_in_order
 from .canvas import KIND_COLOURS, kind_of, name_text, panel_figure, set_heading, spread_labels
 from .marks import Mark, MarkedFigure

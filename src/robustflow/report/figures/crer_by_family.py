@@ -7,10 +7,10 @@ from statistics import fmean
 import numpy as np
 import polars as pl
 
-from ...corruptions.catalog import FAMILIES
+from ...analysis.labels import FAMILY_LABELS
+from ...analysis.results import CLEAN, SETTINGS, values_of
+from ...corruptions.registry import FAMILIES
 from ...errors import UsageError
-from ..labels import FAMILY_LABELS
-from ..results import CLEAN, SETTINGS, values_of
 from .canvas import ORANGE, SETTING_COLOURS, name_text, new_figure
 from .marks import Mark, MarkedFigure
 

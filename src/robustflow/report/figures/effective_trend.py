@@ -6,8 +6,8 @@ import numpy as np
 import polars as pl
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
-from ..effective import effective_robustness
-from ..labels import SETTING_LABELS
+from ...analysis.effective import effective_robustness
+from ...analysis.labels import SETTING_LABELS
 from .canvas import KIND_COLOURS, kind_of, name_text, panel_figure, set_heading, spread_labels
 from .marks import Mark, MarkedFigure
 

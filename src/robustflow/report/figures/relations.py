@@ -6,9 +6,9 @@ import numpy as np
 import polars as pl
 from matplotlib.lines import Line2D
 
+from ...analysis.published.tables import NOT_DISCUSSED
+from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...errors import UsageError
-from ..published import NOT_DISCUSSED
-from ..results import AVERAGE, CLEAN, values_of
 from .canvas import ORANGE, SETTING_COLOURS, name_text, new_figure
 from .marks import Mark, MarkedFigure
 

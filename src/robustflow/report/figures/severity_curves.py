@@ -8,11 +8,11 @@ from typing import Any
 import polars as pl
 from matplotlib.lines import Line2D
 
+from ...analysis.labels import METRIC_LABELS, UNITS, long_label, metric_label
+from ...analysis.uncertainty import intervals
 from ...corruptions.base import SEVERITIES
-from ...corruptions.catalog import PAPER_ORDER
+from ...corruptions.registry import PAPER_ORDER
 from ...errors import UsageError
-from ..labels import METRIC_LABELS, UNITS, long_label, metric_label
-from ..uncertainty import intervals
 from .canvas import SERIES, name_text, new_figure
 from .marks import Mark, MarkedFigure
 

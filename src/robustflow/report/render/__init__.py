@@ -1,7 +1,7 @@
 """Tables written out: one file per format.
 
 Names in a table may come from anyone's file. Every renderer first takes out what no format should receive
-(`robustflow.report.text.plain`), then escapes what its own gives a meaning.
+(`robustflow.text.plain`), then escapes what its own gives a meaning.
 """
 
 from __future__ import annotations

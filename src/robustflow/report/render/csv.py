@@ -8,8 +8,8 @@ from __future__ import annotations
 import csv
 import io
 
+from ...text import plain
 from ..table import Column, Table
-from ..text import plain
 
 
 def render(table: Table) -> str:

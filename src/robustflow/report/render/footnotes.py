@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from ...text import plain
 from ..table import Table
-from ..text import plain
 
 
 def numbered_notes(table: Table) -> dict[str, int]:

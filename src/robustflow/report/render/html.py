@@ -5,8 +5,8 @@ from __future__ import annotations
 from html import escape as escape_html
 from itertools import groupby
 
+from ...text import plain
 from ..table import Cell, Table
-from ..text import plain
 from .footnotes import note_text, numbered_notes
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import groupby
 
+from ...text import plain
 from ..table import Cell, Section, Table
-from ..text import plain
 from .footnotes import note_text, numbered_notes
 
 _PROSE = r"p{0.5\linewidth}"

@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from ...text import plain
 from ..table import Column, Section, Table
-from ..text import plain
 from .footnotes import note_text, numbered_notes
 
 _WIDTH = 120

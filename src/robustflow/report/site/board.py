@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...corruptions.catalog import FAMILIES
-from ..labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, benchmark_label, long_label, short_label
-from ..published import PAPER
-from ..results import AVERAGE, CLEAN
-from ..text import plain
+from ...analysis.labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, benchmark_label, long_label, short_label
+from ...analysis.published.tables import PAPER
+from ...analysis.results import AVERAGE, CLEAN
+from ...corruptions.registry import FAMILIES
+from ...text import plain
 from .entries import START, Entry, Key, default_order
 
 OVERVIEW = "overview"

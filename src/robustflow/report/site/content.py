@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from ...analysis.labels import benchmark_label
+from ...analysis.published.tables import PAPER, Cost, published_costs
+from ...analysis.results import RESULT_KEY
+from ...analysis.scores import note_of, run_names, sample_set, setting_of
+from ...analysis.uncertainty import intervals
 from ...errors import DataError, UsageError
+from ...runs.costs import run_costs
+from ...text import plain
 from ..assemble import results_of
-from ..costs import run_costs
-from ..labels import benchmark_label
-from ..published import PAPER, Cost, published_costs
-from ..results import RESULT_KEY
-from ..runs import note_of, run_names, sample_set, setting_of
-from ..text import plain
-from ..uncertainty import intervals
 from .entries import Entry, Interval, Key, entries_of
 
 if TYPE_CHECKING:
-    from ...runner.result import Result
+    from ...runs.run import Result
 
 
 @dataclass(frozen=True)

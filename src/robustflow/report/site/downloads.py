@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ...corruptions.catalog import FAMILIES, PAPER_ORDER
-from ..results import AVERAGE, CLEAN, METRICS
-from ..text import plain
+from ...analysis.results import AVERAGE, CLEAN, METRICS
+from ...corruptions.registry import FAMILIES, PAPER_ORDER
+from ...text import plain
 from .entries import Entry
 
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 
 import polars as pl
 
-from ...corruptions.catalog import FAMILIES
+from ...analysis.published.tables import PAPER, Cost
+from ...analysis.results import AVERAGE, CLEAN
+from ...corruptions.registry import FAMILIES
+from ...runs.costs import RunCost
+from ...text import plain
 from ..cost_table import cost_ranks, measured_crer, run_ranks
-from ..costs import RunCost
-from ..published import PAPER, Cost
-from ..results import AVERAGE, CLEAN
 from ..table import number_text
-from ..text import plain
 from .slugs import Slugs
 
 Key = tuple[str, str]

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from ...analysis.labels import long_label
 from ...errors import DataError, first_misfit
-from ...imageio import jpeg_address, read_image, shrunk
-from ...runner.example_record import FOLDER, RECORD
+from ...images.io import jpeg_address, read_image, shrunk
+from ...runs.example_record import FOLDER, RECORD
 from ...sample import Frame
-from ..labels import long_label
-from ..text import plain
+from ...text import plain
 
 if TYPE_CHECKING:
-    from ...runner.result import Result
-    from ..gallery import Cell
+    from ...runs.run import Result
+    from ..gallery.pictures import Cell
 
 _LARGEST_LIST = 1 << 20
 _LARGEST_PICTURE = 1 << 24

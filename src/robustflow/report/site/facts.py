@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ...runner.plan import left_out_sentence
-from ..costs import read_cost
-from ..published import method_of
-from ..runs import note_of
-from ..text import plain
+from ...analysis.published.tables import method_of
+from ...analysis.scores import note_of
+from ...runs.costs import read_cost
+from ...runs.plan import left_out_sentence
+from ...text import plain
 
 if TYPE_CHECKING:
-    from ...runner.result import Result
+    from ...runs.run import Result
 
 _LONGEST = 600
 Facts = list[tuple[str, str]]

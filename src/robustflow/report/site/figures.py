@@ -8,11 +8,11 @@ from itertools import islice
 from markupsafe import Markup
 
 from ...errors import UsageError
-from ..displacement_file import displacements_of
+from ...runs.displacement_file import displacements_of
+from ...text import plain
 from ..figures import displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.canvas import SERIES
 from ..figures.marks import MarkedFigure
-from ..text import plain
 from .content import Content
 from .svg import inline_svg
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import polars as pl
 
-from ..audit import CHECKS, Audit, Finding, audit_published, audit_results
-from ..observations import Observation, observations
-from ..observations.verdict import UNKNOWN
-from ..published import PAPER
-from ..text import plain
+from ...analysis.audit import CHECKS, Audit, Finding, audit_published, audit_results
+from ...analysis.observations import Observation, observations
+from ...analysis.observations.verdict import UNKNOWN
+from ...analysis.published.tables import PAPER
+from ...text import plain
 from .content import Content
 
 VERDICT_CLASSES = {"holds": "yes", "does not hold": "no", UNKNOWN: "open"}

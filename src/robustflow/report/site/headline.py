@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ...analysis.labels import METRIC_LABELS, benchmark_label
+from ...analysis.published.tables import PAPER
+from ...analysis.results import AVERAGE, CLEAN
+from ...analysis.uncertainty import compare_all
 from ...errors import RunError
-from ..labels import METRIC_LABELS, benchmark_label
-from ..published import PAPER
-from ..results import AVERAGE, CLEAN
-from ..text import plain
-from ..uncertainty import compare_all
+from ...text import plain
 from .content import Content
 from .entries import Entry, Key
 

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ...corruptions.catalog import PAPER_ORDER
+from ...analysis.anatomy import by_severity
+from ...analysis.labels import METRIC_LABELS, benchmark_label, long_label, metric_label
+from ...analysis.results import AVERAGE, CLEAN
+from ...corruptions.registry import PAPER_ORDER
+from ...text import plain
 from ..analysis_tables import anatomy_table
-from ..anatomy import by_severity
-from ..labels import METRIC_LABELS, benchmark_label, long_label, metric_label
-from ..results import AVERAGE, CLEAN
 from ..table import Line, Section, Table
-from ..text import plain
 from .content import Content
 from .entries import Entry, Key
 from .examples import Panel
@@ -20,7 +20,7 @@ from .facts import Facts, published_facts, run_facts
 from .heat import heat_class, scale_top
 
 if TYPE_CHECKING:
-    from ...runner.result import Result
+    from ...runs.run import Result
 
 _METRICS = ("cre", "rcre", "epe")
 _TILES = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))

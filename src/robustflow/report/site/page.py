@@ -10,8 +10,8 @@ from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
 from ... import __version__
-from ..labels import SETTING_LABELS, benchmark_label
-from ..text import plain
+from ...analysis.labels import SETTING_LABELS, benchmark_label
+from ...text import plain
 from . import assets
 from .board import boards_of, setting_label
 from .content import Content

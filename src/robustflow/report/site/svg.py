@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 
 from markupsafe import Markup
 
+from ...text import plain
 from ..figures import figure_bytes
 from ..figures.canvas import BLACK, BLUE, GREEN, GREY, GRID, ORANGE, PINK, RED, SKY, YELLOW
 from ..figures.marks import Mark, MarkedFigure
-from ..text import plain
 
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "{http://www.w3.org/1999/xlink}href"
 _COLOURS = {

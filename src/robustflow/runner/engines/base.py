@@ -10,8 +10,8 @@ from typing import Any, Protocol
 from ...datasets.base import Dataset
 from ...models import ModelSpec
 from ...models.base import AnyModel
-from ..plan import Settings, Unit
-from ..store import RunFolder
+from ...runs.plan import Settings, Unit
+from ...runs.store import RunFolder
 from ..worker import Worker
 
 

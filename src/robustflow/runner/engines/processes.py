@@ -20,7 +20,7 @@ from typing import Any
 from ... import errors
 from ...errors import ModelError, RobustFlowError, RunError, UsageError
 from ...models import ModelSpec
-from ..plan import Unit
+from ...runs.plan import Unit
 from .base import Done, Job, take_seconds
 from .schedule import Schedule
 

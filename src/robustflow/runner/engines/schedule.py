@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable
 
 from ...metrics.rows import CLEAN
-from ..plan import Unit
+from ...runs.plan import Unit
 
 
 class Schedule:

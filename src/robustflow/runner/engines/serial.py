@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import cv2
 
-from ..plan import Unit
+from ...runs.plan import Unit
 from .base import Done, Job, take_seconds
 
 

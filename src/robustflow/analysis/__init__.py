@@ -1,0 +1,1 @@
+"""Numbers from rows and from published tables; no model, no frame."""

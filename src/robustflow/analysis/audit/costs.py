@@ -1,0 +1,90 @@
+"""Tab. 3 against the others: CREr from EPE and from CRE, and the ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ...report.cost_table import cost_ranks
+from ..published.tables import PAPER, Cost
+from ..results import AVERAGE, CLEAN
+from .checks import Book
+from .findings import Finding
+from .rounding import Printed, misfits, ratio_range
+
+_CRER_HALF = 0.005
+_Part = tuple[str, int, list[Finding]]
+
+
+def check_costs(book: Book, costs: Mapping[str, Cost]) -> list[_Part]:
+    """CREr and ranks of a cost table against the results of the same models on KITTI-FC."""
+    from_epe: list[Finding] = []
+    from_cre: list[Finding] = []
+    corrected: dict[str, Cost] = {}
+    count = 0
+    for name, cost in costs.items():
+        corrected[name] = cost
+        for setting in ("OOD", "ID"):
+            field = f"crer_{setting.lower()}"
+            given, values = getattr(cost, field), book.values.get((PAPER, "kitti-fc", setting, name))
+            if given is None or values is None:
+                continue
+            count += 1
+            clean, epe, cre = values["epe", CLEAN], values["epe", AVERAGE], values["cre", AVERAGE]
+            top = (epe.value - clean.value, epe.half + clean.half)
+            misfit = _crer("crer", cost, setting, given, "EPE", top, clean)
+            from_epe += misfit
+            from_cre += _crer("crer_from_cre", cost, setting, given, "CRE", (cre.value, cre.half), clean)
+            if misfit:
+                # Printed values have two decimals, and equal printed values share a rank.
+                corrected[name] = corrected[name].model_copy(update={field: round(top[0] / clean.value, 2)})
+    return [
+        ("crer", count, from_epe),
+        ("crer_from_cre", count, from_cre),
+        _ranks("rank", costs, cost_ranks(costs), "from the printed values"),
+        _ranks("rank_from_epe", costs, cost_ranks(corrected), "with each CREr that does not fit made from the EPE"),
+    ]
+
+
+def _crer(
+    check: str, cost: Cost, setting: str, given: float, made_of: str, top: tuple[float, float], clean: Printed
+) -> list[Finding]:
+    ratio = top[0] / clean.value
+    low, high = ratio_range(top, (clean.value, clean.half))
+    tolerance = _CRER_HALF + max(high - ratio, ratio - low)
+    if not misfits(given, ratio, tolerance):
+        return []
+    says = f"{setting} {cost.model}: CREr {given:.2f}, but from its {made_of} and clean EPE it is {ratio:.3f}"
+    return [_finding(check, cost, setting, (given, ratio, tolerance), says)]
+
+
+def _ranks(check: str, costs: Mapping[str, Cost], ranks: Mapping[str, Mapping[str, int]], how: str) -> _Part:
+    count, findings = 0, []
+    for field in ("flops_rank", "crer_rank_ood", "crer_rank_id", "average_rank_ood", "average_rank_id"):
+        made = ranks[field.replace("_rank", "")]
+        setting = {"ood": "OOD", "id": "ID"}.get(field.rpartition("_")[2], "")
+        what = {"flops": "FLOPs rank", "crer": "CREr rank", "average": "average rank"}[field.partition("_")[0]]
+        for name, cost in costs.items():
+            given = getattr(cost, field)
+            if given is None or name not in made:
+                continue
+            count += 1
+            if given != made[name]:
+                says = f"{f'{setting} ' * bool(setting)}{name}: {what} {given}, but {how} it is {made[name]}"
+                findings.append(_finding(check, cost, setting, (given, made[name], 0.0), says))
+    return check, count, findings
+
+
+def _finding(check: str, cost: Cost, setting: str, numbers: tuple[float, float, float], says: str) -> Finding:
+    given, recomputed, tolerance = map(float, numbers)
+    return Finding(
+        check=check,
+        source=cost.source,
+        setting=setting,
+        model=cost.model,
+        metric="crer",
+        corruption=AVERAGE,
+        given=given,
+        recomputed=recomputed,
+        tolerance=tolerance,
+        says=says,
+    )

@@ -1,0 +1,132 @@
+"""A run folder: the summary against the rows, the digest against the identity, and rows that cannot be."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from ...errors import RunError
+from .findings import Audit, Finding, merged
+from .row_rules import RULES, broken_rules
+
+if TYPE_CHECKING:
+    from ...runs.run import Result
+
+_LARGEST_SUMMARY = 256 * 2**20
+_CLOSE = 1e-9
+
+
+def audit_run(run: Result, audited: str | None = None) -> Audit:
+    """Whether what a run's folder says follows from its rows.
+
+    `summary.json` is made again from the rows and compared number by number; the digest is made again from the
+    identity; rows are checked for what no measurement can be (`row_rules.RULES`).
+
+    Args:
+        run: in its folder.
+        audited: what to call it; the folder by default.
+
+    Raises:
+        RunError: a folder without a readable summary.
+    """
+    from ...runs.plan import identity_digest
+
+    digest = identity_digest(run.manifest["identity"])
+    identity = []
+    if digest != run.manifest.get("identity_digest"):
+        says = (
+            f"manifest.json: the digest is {run.manifest.get('identity_digest')}, but that of its identity is {digest}"
+        )
+        identity.append(Finding(check="identity", source="manifest.json", says=says))
+    return merged(audited or str(run.path), [_summary(run), ("identity", 1, identity), _rows(run.rows)])
+
+
+def _summary(run: Result) -> tuple[str, int, list[Finding]]:
+    made = run.document()
+    given = _read_summary(run.path / "summary.json")
+    count, findings = 0, []
+    for path, left, right in _leaves((), given, made):
+        if path == ("run",):
+            continue
+        count += 1
+        if not _same(left, right):
+            where = ".".join(path)
+            says = f"summary.json: {where} is {_shown(left)}, but from the rows it is {_shown(right)}"
+            findings.append(
+                Finding(
+                    check="summary",
+                    source="summary.json",
+                    corruption=dict(pairwise(path)).get("corruptions", ""),
+                    given=_number(left),
+                    recomputed=_number(right),
+                    tolerance=_CLOSE,
+                    says=says,
+                )
+            )
+    return "summary", count, findings
+
+
+def _read_summary(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _LARGEST_SUMMARY:
+            raise RunError(f"{path}: larger than {_LARGEST_SUMMARY >> 20} MiB; no summary is")
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise RunError(f"{path} cannot be read ({error}); write it anew with robustflow show {path.parent}") from error
+    if not isinstance(found, dict):
+        raise RunError(f"{path} is no summary; write it anew with robustflow show {path.parent}")
+    return found
+
+
+_ABSENT = object()
+
+
+def _leaves(path: tuple[str, ...], left: Any, right: Any) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
+    """Every number, text or gap of either side, with what the other side has there."""
+    if isinstance(left, dict) and isinstance(right, dict):
+        for name in dict.fromkeys((*left, *right)):
+            yield from _leaves((*path, str(name)), left.get(name, _ABSENT), right.get(name, _ABSENT))
+    elif isinstance(left, list) and isinstance(right, list) and len(left) == len(right):
+        for index, (one, two) in enumerate(zip(left, right, strict=True)):
+            yield from _leaves((*path, str(index)), one, two)
+    else:
+        yield path, left, right
+
+
+def _same(left: Any, right: Any) -> bool:
+    one, two = _number(left), _number(right)
+    if one is not None and two is not None:
+        return math.isclose(one, two, rel_tol=_CLOSE, abs_tol=_CLOSE)
+    return type(left) is type(right) and bool(left == right)
+
+
+def _number(value: Any) -> float | None:
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _shown(value: Any) -> str:
+    if value is _ABSENT:
+        return "not there"
+    return f"{value:.6g}" if _number(value) is not None else str(value)[:80]
+
+
+def _rows(rows: pl.DataFrame) -> tuple[str, int, list[Finding]]:
+    findings = []
+    for reason, broken in broken_rules(rows):
+        for row in broken.iter_rows(named=True):
+            where = f"sample '{row['sample']}', {row['corruption']} severity {row['severity']}"
+            says = f"rows: {where}: {reason}"
+            findings.append(Finding(check="rows", source="rows", corruption=str(row["corruption"]), says=says))
+    return "rows", rows.height * len(RULES), findings

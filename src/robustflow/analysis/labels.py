@@ -1,0 +1,82 @@
+"""What metrics, corruptions and settings are called in tables and figures."""
+
+from __future__ import annotations
+
+from ..corruptions.registry import FAMILIES
+from ..text import plain
+
+METRIC_LABELS = {"epe": "EPE", "cre": "CRE", "rcre": "RCRE", "crer": "CREr"}
+UNITS = {"epe": "px", "cre": "px", "rcre": "px", "crer": ""}
+BENCHMARK_LABELS = {"kitti-fc": "KITTI-FC", "gopro-fc": "GoPro-FC"}
+SETTING_LABELS = {
+    "knowledge": "Knowledge-driven",
+    "OOD": "Out-of-domain (OOD)",
+    "ID": "In-domain (ID)",
+    "LEAKED": "Trained on the evaluated pairs (LEAKED)",
+    "own": "Own models",
+    "untrained": "Random weights",
+}
+FAMILY_LABELS = {name: name.capitalize() for name in FAMILIES}
+FAMILY_OF = {name: family for family, names in FAMILIES.items() for name in names}
+
+_SHORT = {
+    "jpeg_compression": "JPEG",
+    "high_light": "HL",
+    "low_light": "LL",
+    "over_exposure": "OE",
+    "under_exposure": "UE",
+    "gaussian_noise": "Gaussian",
+    "shot_noise": "Shot",
+    "impulse_noise": "Impulse",
+    "gaussian_blur": "Gaussian",
+    "defocus_blur": "Defocus",
+    "glass_blur": "Glass",
+    "camera_motion_blur": "Camera",
+    "object_motion_blur": "Object",
+    "psf_blur": "PSF",
+    "h264_crf": "CRF",
+    "h264_abr": "ABR",
+    "bit_error": "Bit error",
+}
+
+
+def metric_label(metric: str) -> str:
+    """A metric with its unit.
+
+    >>> metric_label("cre"), metric_label("crer")
+    ('CRE (px)', 'CREr')
+    """
+    return f"{METRIC_LABELS[metric]} ({UNITS[metric]})" if UNITS[metric] else METRIC_LABELS[metric]
+
+
+def benchmark_label(benchmark: str) -> str:
+    """A benchmark as it is written; one that a file names is text.
+
+    >>> benchmark_label("kitti-fc"), benchmark_label("sintel")
+    ('KITTI-FC', 'sintel')
+    """
+    return BENCHMARK_LABELS.get(benchmark, plain(benchmark, 40))
+
+
+def short_label(corruption: str) -> str:
+    """As the paper's tables call it, below the name of its family.
+
+    >>> short_label("gaussian_noise"), short_label("fog")
+    ('Gaussian', 'Fog')
+    """
+    return _SHORT.get(corruption, corruption.replace("_", " ").capitalize())
+
+
+def long_label(corruption: str) -> str:
+    """As running text calls it.
+
+    >>> long_label("psf_blur"), long_label("h264_crf")
+    ('PSF blur', 'H.264 CRF')
+    """
+    words = corruption.replace("_", " ").capitalize()
+    return (
+        words.replace("Jpeg", "JPEG")
+        .replace("Psf", "PSF")
+        .replace("H264 crf", "H.264 CRF")
+        .replace("H264 abr", "H.264 ABR")
+    )

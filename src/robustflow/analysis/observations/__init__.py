@@ -1,0 +1,56 @@
+"""The ten observations of the paper, each as a computation on results with a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import polars as pl
+
+from ..published.tables import Cost, Method
+from .corruptions import dark_and_overexposed, local_information
+from .evidence import Evidence
+from .gopro import flowformer_is_best, foundation_model_does_not_help
+from .models import (
+    accuracy_and_robustness,
+    cost_considered,
+    fine_tuning_costs_robustness,
+    samflow_and_csflow,
+    unsupervised_are_stable,
+    weather_is_why,
+)
+from .verdict import Observation, Part, Verdict
+
+__all__ = ["Observation", "Part", "Verdict", "observations"]
+
+_OBSERVATIONS = (
+    accuracy_and_robustness,
+    samflow_and_csflow,
+    unsupervised_are_stable,
+    fine_tuning_costs_robustness,
+    weather_is_why,
+    cost_considered,
+    dark_and_overexposed,
+    local_information,
+    flowformer_is_best,
+    foundation_model_does_not_help,
+)
+
+
+def observations(
+    results: pl.DataFrame, costs: Mapping[str, Cost] | None = None, methods: Mapping[str, Method] | None = None
+) -> list[Observation]:
+    """The paper's observations checked on results.
+
+    Args:
+        results: columns of `robustflow.analysis.results.RESULT_SCHEMA`, measured on the same frames per benchmark:
+            published ones, or those of runs, not both.
+        costs: FLOPs and CREr by model, for observation 6.
+        methods: what kind of method each model is, by name; the paper's models by default.
+
+    >>> from robustflow.analysis.published.tables import published_costs, published_results
+    >>> found = observations(published_results(), published_costs())
+    >>> [observation.number for observation in found if observation.verdict == "does not hold"]
+    [1]
+    """
+    evidence = Evidence(results, costs or {}, methods)
+    return [observe(evidence) for observe in _OBSERVATIONS]

@@ -1,0 +1,99 @@
+"""Results as the observations need them.
+
+CRE is made from the EPE here, because the published CRE table does not fit the EPE table (see `robustflow audit`).
+The paper leaves the knowledge-driven methods and FlowDiffuser out of its discussion (Sec. 5.2); so is it here, but for
+sentences about all models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from statistics import fmean
+
+import polars as pl
+
+from ...corruptions.registry import FAMILIES, PAPER_ORDER
+from ..published.tables import NOT_DISCUSSED, Cost, Method, method_of
+from ..results import AVERAGE, CLEAN, values_of
+
+Entry = tuple[str, str]
+"""(setting, model)."""
+
+
+class Evidence:
+    """Results measured on the same frames, by model.
+
+    Attributes:
+        entries: models with a clean and an average EPE, in order.
+        rcre: (setting, model) -> corruption -> RCRE on GoPro-FC.
+        costs: by model.
+    """
+
+    def __init__(self, results: pl.DataFrame, costs: Mapping[str, Cost], methods: Mapping[str, Method] | None) -> None:
+        self.costs = costs
+        self._methods = methods
+        self._epe: dict[Entry, dict[str, float]] = {}
+        self.rcre: dict[Entry, dict[str, float]] = {}
+        on_gopro = pl.col("benchmark") == "gopro-fc"
+        for (setting, model, corruption), value in values_of(results.filter(~on_gopro), "epe").items():
+            self._epe.setdefault((setting, model), {})[corruption] = value
+        for (setting, model, corruption), value in values_of(results.filter(on_gopro), "rcre").items():
+            self.rcre.setdefault((setting, model), {})[corruption] = value
+        self.entries = [entry for entry, values in self._epe.items() if {CLEAN, AVERAGE} <= values.keys()]
+
+    def discussed(self, setting: str, kind: str | None = None, encoder: str | None = None) -> list[Entry]:
+        """Models of a setting, of a kind ("supervised", "unsupervised"), with an encoder (a part of its name)."""
+        chosen = []
+        for entry in self.entries:
+            method = self.method(entry[1])
+            if entry[0] != setting or entry[1] in NOT_DISCUSSED:
+                continue
+            if kind is not None and (method is None or method.type != kind):
+                continue
+            if encoder is not None and (method is None or encoder not in method.encoder.split("+")):
+                continue
+            chosen.append(entry)
+        return chosen
+
+    def settings(self) -> list[str]:
+        """Settings with models to discuss."""
+        return [name for name in dict.fromkeys(setting for setting, _ in self.entries) if name != "knowledge"]
+
+    def method(self, model: str) -> Method | None:
+        """What is known of a model."""
+        return self._methods.get(model) if self._methods is not None else method_of(model)
+
+    def epe(self, entry: Entry, corruption: str = AVERAGE) -> float:
+        """Mean EPE, pixels."""
+        return self._epe[entry][corruption]
+
+    def has(self, entry: Entry, *corruptions: str) -> bool:
+        """Whether a model was measured under all of these."""
+        return entry in self._epe and set(corruptions) <= self._epe[entry].keys()
+
+    def clean(self, entry: Entry) -> float:
+        """EPE on the clean frames, pixels."""
+        return self._epe[entry][CLEAN]
+
+    def cre(self, entry: Entry, corruption: str = AVERAGE) -> float:
+        """EPE - clean EPE, pixels."""
+        return self.epe(entry, corruption) - self.clean(entry)
+
+    def crer(self, entry: Entry, corruption: str = AVERAGE) -> float:
+        """CRE / clean EPE."""
+        return self.cre(entry, corruption) / self.clean(entry)
+
+    def family_crer(self, entry: Entry, family: str) -> float | None:
+        """Mean CREr over the corruptions of a family that were measured; None without any."""
+        names = [name for name in FAMILIES[family] if self.has(entry, name)]
+        return fmean(self.crer(entry, name) for name in names) if names else None
+
+    def corruptions(self, entry: Entry) -> list[str]:
+        """The paper's corruptions a model was measured under."""
+        return [name for name in PAPER_ORDER if name in self._epe[entry]]
+
+
+def named(entries: list[Entry], most: int = 6) -> str:
+    """Names for a sentence: "ID GMA, ID SKFlow"."""
+    shown = ", ".join(" ".join(entry) for entry in entries[:most])
+    return shown + (f" and {len(entries) - most} more" if len(entries) > most else "") if entries else "none"

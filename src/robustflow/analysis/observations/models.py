@@ -1,0 +1,238 @@
+"""Observations 1 to 6: accuracy and robustness of models."""
+
+from __future__ import annotations
+
+from statistics import fmean, median
+
+from scipy.stats import spearmanr
+
+from ...corruptions.registry import FAMILIES
+from ...report.cost_table import cost_ranks
+from ..uncertainty.sentences import p_text
+from .evidence import Entry, Evidence, named
+from .verdict import Observation, Part, part
+
+_LEAST = 5
+"""Models below which a correlation says nothing."""
+
+
+def accuracy_and_robustness(evidence: Evidence) -> Observation:
+    """1: corrupted EPE and CRE grow with the clean EPE, setting by setting (Spearman, one-sided p < 0.05)."""
+    parts = []
+    settings = [setting for setting in evidence.settings() if len(evidence.discussed(setting)) >= _LEAST]
+    for name, value in (("corrupted EPE", evidence.epe), ("CRE", evidence.cre)):
+        for setting in settings:
+            entries = evidence.discussed(setting)
+            columns = [evidence.clean(e) for e in entries], [value(e) for e in entries]
+            if any(len(set(column)) == 1 for column in columns):
+                says = f"{setting}: all models have the same clean EPE or {name}, so there is no correlation"
+                parts.append(part(f"{name} grows with clean EPE ({setting})", None, says, True))
+                continue
+            found = spearmanr(*columns, alternative="greater")
+            rho, p = float(found.statistic), float(found.pvalue)
+            says = f"{setting}: Spearman {rho:+.2f}, one-sided p {p_text(p)}, {len(entries)} models"
+            parts.append(part(f"{name} grows with clean EPE ({setting})", p < 0.05, says, True, {"rho": rho, "p": p}))
+    if not parts:
+        parts.append(part("corrupted EPE and CRE grow with clean EPE", None, f"needs {_LEAST} models", True))
+    return Observation(
+        number=1, title="Absolute robustness of the model depends heavily on estimation performance", parts=parts
+    )
+
+
+def samflow_and_csflow(evidence: Evidence) -> Observation:
+    """2: SAMFlow and CSFlow are among the three best supervised methods (best variant each) in EPE and CRE."""
+    parts = []
+    for setting in ("OOD", "ID"):
+        supervised = evidence.discussed(setting, "supervised")
+        for name, value in (("EPE", evidence.epe), ("CRE", evidence.cre)):
+            best: dict[str, float] = {}
+            for entry in supervised:
+                method = evidence.method(entry[1])
+                key = method.method if method else entry[1]
+                best[key] = min(value(entry), best.get(key, float("inf")))
+            claim = f"SAMFlow and CSFlow are among the three best in {name} ({setting})"
+            if not {"SAMFlow", "CSFlow"} <= best.keys():
+                parts.append(part(claim, None, "SAMFlow or CSFlow is not among the models", True))
+                continue
+            order = sorted(best, key=best.__getitem__)
+            says = ", ".join(f"{key} {best[key]:.2f}" for key in order[:4])
+            parts.append(part(claim, {"SAMFlow", "CSFlow"} <= set(order[:3]), says, True, {k: best[k] for k in order}))
+        parts += _larger_is_better(evidence, setting)
+    return Observation(
+        number=2,
+        title="SAMFlow and CSFlow show remarkable estimation performance and absolute robustness among supervised "
+        "models",
+        parts=parts,
+    )
+
+
+def _larger_is_better(evidence: Evidence, setting: str) -> list[Part]:
+    sizes: list[Entry] = [(setting, f"SAMFlow-{size}") for size in "TBH"]
+    claim = f"a larger foundation model gives lower EPE and CRE: T > B > H ({setting})"
+    if not set(sizes) <= set(evidence.entries):
+        return [part(claim, None, "not all three sizes of SAMFlow are among the models")]
+    epe, cre = ([value(entry) for entry in sizes] for value in (evidence.epe, evidence.cre))
+    holds = epe[0] > epe[1] > epe[2] and cre[0] > cre[1] > cre[2]
+    shown = (
+        " > ".join(f"{v:.2f}" for v in values) if holds else ", ".join(f"{v:.2f}" for v in values)
+        for values in (epe, cre)
+    )
+    return [part(claim, holds, "EPE {}; CRE {}".format(*shown))]
+
+
+def unsupervised_are_stable(evidence: Evidence) -> Observation:
+    """3: every unsupervised model has a lower CREr than every supervised one (ID)."""
+    supervised, unsupervised = (evidence.discussed("ID", kind) for kind in ("supervised", "unsupervised"))
+    title = "Unsupervised methods are more stable to corruptions"
+    if not supervised or not unsupervised:
+        claim = "every unsupervised CREr is below every supervised one"
+        return Observation(number=3, title=title, parts=[part(claim, None, "needs both kinds of models in ID", True)])
+    worst, best = max(map(evidence.crer, unsupervised)), min(map(evidence.crer, supervised))
+    middle = median(map(evidence.epe, supervised))
+    better = [entry for entry in unsupervised if evidence.epe(entry) < middle]
+    arflow: Entry = ("ID", "ARFlow")
+    first = all(min(unsupervised, key=value) == arflow for value in (evidence.cre, evidence.crer))
+    parts = [
+        part(
+            "every unsupervised CREr is below every supervised one",
+            worst < best,
+            f"highest unsupervised {worst:.2f}, lowest supervised {best:.2f}",
+            True,
+            {"highest_unsupervised": worst, "lowest_supervised": best},
+        ),
+        part(
+            "unsupervised models have a lower corrupted EPE than most supervised models",
+            len(better) == len(unsupervised),
+            f"below the supervised median of {middle:.2f} px: {named(better)} of {named(unsupervised)}",
+            numbers={"supervised_median": middle},
+        ),
+        part(
+            "ARFlow has the lowest CRE and CREr of them",
+            first if arflow in unsupervised else None,
+            ", ".join(f"{e[1]} {evidence.cre(e):.2f} px, {evidence.crer(e):.2f}" for e in unsupervised),
+        ),
+    ]
+    return Observation(number=3, title=title, parts=parts)
+
+
+def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
+    """4: the CREr of every supervised model rises from OOD to ID."""
+    pairs = _both_settings(evidence)
+    title = "The relative robustness of supervised methods drop in ID scenario"
+    if not pairs:
+        claim = "CREr rises from OOD to ID for every supervised model"
+        return Observation(number=4, title=title, parts=[part(claim, None, "needs models in both settings", True)])
+    fallen = [entry for ood, entry in pairs if evidence.crer(entry) <= evidence.crer(ood)]
+    transformers = [(o, i) for o, i in pairs if i in evidence.discussed("ID", encoder="Transformer")]
+    grown = [i for o, i in transformers if evidence.cre(i) >= evidence.cre(o)]
+    least = min(pairs, key=lambda pair: evidence.crer(pair[1]) - evidence.crer(pair[0]))
+    says = (
+        f"{len(pairs) - len(fallen)} of {len(pairs)} models; least for {least[1][1]}, {evidence.crer(least[0]):.2f} to "
+        f"{evidence.crer(least[1]):.2f}"
+    )
+    parts = [
+        part("CREr rises from OOD to ID for every supervised model", not fallen, says, True, {"models": len(pairs)}),
+        part(
+            "the CRE of Transformer-based models falls from OOD to ID",
+            not grown if transformers else None,
+            f"{len(transformers) - len(grown)} of {len(transformers)} models",
+        ),
+    ]
+    return Observation(number=4, title=title, parts=parts)
+
+
+def weather_is_why(evidence: Evidence) -> Observation:
+    """5: from OOD to ID the CREr of the Weather family rises most, for every supervised model."""
+    pairs = _both_settings(evidence)
+    title = "Relative robustness drop from OOD to ID is mainly from the instability in Weather conditions"
+    rises: dict[str, dict[str, float]] = {}
+    for ood, entry in pairs:
+        for family in FAMILIES:
+            before, after = evidence.family_crer(ood, family), evidence.family_crer(entry, family)
+            if before is not None and after is not None:
+                rises.setdefault(entry[1], {})[family] = after - before
+    rises = {model: families for model, families in rises.items() if "weather" in families and len(families) > 1}
+    if not rises:
+        claim = "Weather rises most for every supervised model"
+        return Observation(number=5, title=title, parts=[part(claim, None, "needs models in both settings", True)])
+    others = {model: max(f, key=f.__getitem__) for model, f in rises.items() if max(f, key=f.__getitem__) != "weather"}
+    mean = {family: fmean(f[family] for f in rises.values()) for family in next(iter(rises.values()))}
+    falls = [(model, family) for model, families in rises.items() for family, rise in families.items() if rise <= 0]
+    parts = [
+        part(
+            "on average over models, the CREr of Weather rises most",
+            max(mean, key=mean.__getitem__) == "weather",
+            ", ".join(f"{family} {rise:+.2f}" for family, rise in mean.items()),
+            True,
+            mean,
+        ),
+        part(
+            "Weather rises most for every supervised model",
+            not others,
+            f"{len(rises) - len(others)} of {len(rises)} models; not " + named(list(others.items()))
+            if others
+            else f"{len(rises)} models",
+        ),
+        part(
+            "CREr rises in every family for every supervised model",
+            not falls,
+            f"it falls for {named(falls)}" if falls else f"{len(rises)} models",
+        ),
+    ]
+    return Observation(number=5, title=title, parts=[*parts, *_csflow_increase(evidence)])
+
+
+def _csflow_increase(evidence: Evidence) -> list[Part]:
+    ood, entry = ("OOD", "CSFlow"), ("ID", "CSFlow")
+    if not {ood, entry} <= set(evidence.entries):
+        return []
+    increase = {}
+    for family in ("illumination", "noise"):
+        before, after = evidence.family_crer(ood, family), evidence.family_crer(entry, family)
+        if before and after is not None:
+            increase[family] = 100 * (after / before - 1)
+    if not increase:
+        return []
+    largest = max(increase.values())
+    says = "CREr grows by " + ", ".join(f"{value:.0f} % ({family})" for family, value in increase.items())
+    says += f", to {largest + 100:.0f} % of its OOD value"
+    claim = "CSFlow's CREr increases by up to 291 % in Illumination and Noise"
+    return [part(claim, abs(largest - 291) < 5, says, numbers=increase)]
+
+
+def cost_considered(evidence: Evidence) -> Observation:
+    """6: in average rank of FLOPs and CREr (ID), every unsupervised model is ahead of every supervised one."""
+    title = "After considering computing cost, unsupervised methods show the highest priority"
+    ranks = cost_ranks(evidence.costs) if evidence.costs else {}
+    kinds = {name: method.type for name in evidence.costs if (method := evidence.method(name)) is not None}
+    groups = {
+        kind: {name: rank for name, rank in ranks.get("average_id", {}).items() if kinds.get(name) == kind}
+        for kind in ("supervised", "unsupervised")
+    }
+    claim = "every unsupervised model ranks ahead of every supervised one (ID)"
+    if not all(groups.values()):
+        return Observation(number=6, title=title, parts=[part(claim, None, "needs FLOPs and CREr of both kinds", True)])
+    worst, best = max(groups["unsupervised"].values()), min(groups["supervised"].values())
+    says = ", ".join(f"{name} {rank}" for name, rank in groups["unsupervised"].items()) + f"; best supervised {best}"
+    first = groups["unsupervised"].get("ARFlow")
+    csflow = {
+        setting: {name: rank for name, rank in ranks[f"average_{setting}"].items() if kinds.get(name) == "supervised"}
+        for setting in ("ood", "id")
+    }
+    known = [ranked for ranked in csflow.values() if "CSFlow" in ranked]
+    parts = [
+        part(claim, worst < best, says, True),
+        part("ARFlow ranks first", None if first is None else first == 1, f"rank {first}"),
+        part(
+            "CSFlow ranks highest of the supervised models in both settings",
+            all(ranked["CSFlow"] == min(ranked.values()) for ranked in known) if known else None,
+            ", ".join(f"{setting.upper()} {ranked.get('CSFlow', '-')}" for setting, ranked in csflow.items()),
+        ),
+    ]
+    return Observation(number=6, title=title, parts=parts)
+
+
+def _both_settings(evidence: Evidence) -> list[tuple[Entry, Entry]]:
+    """(OOD, ID) of every supervised model that was measured in both."""
+    ood = set(evidence.discussed("OOD", "supervised"))
+    return [(("OOD", m), (s, m)) for s, m in evidence.discussed("ID", "supervised") if ("OOD", m) in ood]

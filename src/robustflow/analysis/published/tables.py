@@ -1,0 +1,117 @@
+"""The paper's published results: its tables 1 to 4, 7 and 8 as data, value by value as printed.
+
+Yi et al., "Benchmarking the Robustness of Optical Flow Estimation to Corruptions". Nothing is corrected here: what
+does not fit together in the tables is listed by `robustflow audit`.
+"""
+
+from __future__ import annotations
+
+import csv
+from functools import cache
+from importlib.resources import files
+from typing import Literal
+
+import polars as pl
+from pydantic import BaseModel, ConfigDict
+
+from ..results import parse_results
+
+PAPER = "paper"
+"""The sample set of the published values."""
+
+PAPER_PAIRS = 80
+"""Image pairs of KITTI-FC that the paper evaluates on (Sec. 4.2); it does not say how many GoPro-FC has."""
+
+NOT_DISCUSSED = ("FlowDiffuser",)
+"""Learned models that the paper leaves out of its figures and discussion (Sec. 5.2)."""
+
+COUNTED_SIZE = (432, 720)
+COUNTED_ITERATIONS = 12
+"""Height and width of the frames that Tab. 3 counts the cost of, and of iterative models the iterations (Sec. 4.2)."""
+
+_TABLES = ("kitti_fc_epe", "kitti_fc_cre", "kitti_fc_rcre", "gopro_fc_rcre")
+
+
+class Method(BaseModel):
+    """A method as the paper describes it (Tab. 1); "" where it has no such part."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    method: str
+    type: Literal["knowledge", "supervised", "unsupervised"]
+    encoder: str
+    decoder: str
+    year: int
+    source: str
+
+
+class Cost(BaseModel):
+    """Size, computing cost and relative robustness of a model (Tab. 3), with the printed ranks.
+
+    Attributes:
+        parameters_m: parameters, millions.
+        flops_g: floating-point operations of one prediction, 10^9.
+        crer_ood, crer_id: CRE / clean EPE in each setting; None where it was not evaluated.
+        flops_rank, crer_rank_ood, crer_rank_id, average_rank_ood, average_rank_id: 1 is best.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    model: str
+    parameters_m: float
+    flops_g: float
+    flops_rank: int
+    crer_ood: float | None
+    crer_rank_ood: int | None
+    crer_id: float | None
+    crer_rank_id: int | None
+    average_rank_ood: int | None
+    average_rank_id: int | None
+    source: str
+
+
+@cache
+def published_results() -> pl.DataFrame:
+    """KITTI-FC EPE, CRE and RCRE of 29 variants and GoPro-FC RCRE of 11: columns of `results.RESULT_SCHEMA`.
+
+    >>> published_results().filter(metric="epe", setting="ID", model="RAFT", corruption="snow")["value"].item()
+    35.76
+    """
+    return pl.concat([parse_results(_text(table), f"{table}.csv", PAPER) for table in _TABLES])
+
+
+@cache
+def published_costs() -> dict[str, Cost]:
+    """Tab. 3 by model, in the paper's order.
+
+    >>> published_costs()["SAMFlow-H"].flops_g
+    1026.0
+    """
+    lines = csv.DictReader(_text("cost").splitlines())
+    costs = (Cost.model_validate({name: cell or None for name, cell in line.items()}) for line in lines)
+    return {cost.model: cost for cost in costs}
+
+
+@cache
+def published_methods() -> dict[str, Method]:
+    """Tab. 1 by method, in the paper's order.
+
+    >>> published_methods()["CSFlow"].encoder
+    'CNN'
+    """
+    methods = (Method.model_validate(line) for line in csv.DictReader(_text("methods").splitlines()))
+    return {method.method: method for method in methods}
+
+
+def method_of(model: str) -> Method | None:
+    """The method a published variant belongs to (SAMFlow-T, -B and -H are SAMFlow); None for other models.
+
+    >>> method_of("SAMFlow-H").encoder, method_of("Mine")
+    ('Transformer+SAM', None)
+    """
+    methods = published_methods()
+    return methods.get(model) or methods.get(model.rpartition("-")[0])
+
+
+def _text(table: str) -> str:
+    return (files("robustflow.analysis.published") / f"{table}.csv").read_text(encoding="utf-8")

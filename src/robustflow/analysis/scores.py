@@ -1,0 +1,126 @@
+"""Runs as results: the means of run folders in the tidy shape, with what a reader must know before comparing them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from ..corruptions.base import SEVERITIES
+from ..corruptions.registry import IMAGE_PAIR, PAPER_ORDER
+from .labels import benchmark_label
+from .published.tables import PAPER_PAIRS
+from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA
+
+if TYPE_CHECKING:
+    from ..runs.run import Result
+
+OWN = "own"
+"""The setting of a run whose model does not say what it was trained on."""
+
+_OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
+"""What of a run's identity decides which frames its model saw."""
+
+_OF_BENCHMARK = {"kitti-fc": IMAGE_PAIR, "gopro-fc": PAPER_ORDER}
+
+
+def run_results(runs: Sequence[Result]) -> pl.DataFrame:
+    """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average: columns of `results.RESULT_SCHEMA`.
+
+    Runs of one `sample_set` measured the same frames under the same corruptions, so their values can be compared;
+    `note` says how they differ from the paper's. Two runs of the same name are told apart by their digests.
+    """
+    names = run_names(runs)
+    records: list[tuple[Any, ...]] = []
+    for run, name in zip(runs, names, strict=True):
+        identity, summary = run.manifest["identity"], run.summary
+        shared = (sample_set(run), note_of(run))
+        values = {("epe", CLEAN): summary.epe_clean}
+        for metric in METRICS:
+            values |= {(metric, name_): getattr(scores, metric) for name_, scores in summary.corruptions.items()}
+            values[metric, AVERAGE] = getattr(summary, metric)
+        for (metric, corruption), value in values.items():
+            if value is not None:
+                head = (str(identity["benchmark"]), setting_of(run), name, metric, corruption)
+                records.append((*head, float(value), None, None, str(run.manifest["identity_digest"]), *shared))
+    return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
+
+
+def run_names(runs: Sequence[Result]) -> list[str]:
+    """A name for each run, no two alike: the model's, with what is needed to tell it from the others of this name, the
+    benchmark, or the run's digest (and a number)."""
+    of_model = Counter(run.name for run in runs)
+    of_benchmark = Counter((run.name, str(run.manifest["identity"]["benchmark"])) for run in runs)
+    told = []
+    for run in runs:
+        benchmark = str(run.manifest["identity"]["benchmark"])
+        if of_model[run.name] == 1:
+            told.append(run.name)
+        elif of_benchmark[run.name, benchmark] == 1:
+            told.append(f"{run.name} ({benchmark_label(benchmark)})")
+        else:
+            told.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
+    seen: Counter[str] = Counter()
+    names = []
+    for name in told:
+        seen[name] += 1
+        names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
+    return names
+
+
+def setting_of(run: Result) -> str:
+    """The setting of a run, by what its model has seen; "own" where nobody said what that is."""
+    return OWN if run.setting == "undeclared" else run.setting
+
+
+def sample_set(run: Result) -> str:
+    """Names what was measured on: frames, corruptions and severities, their scale, seed and variant; not the model.
+
+    Samples of other data may have the same names; the digests of the clean frames tell them apart. A run of which
+    settings are missing is averaged over the others, and comparable with those that lack the same.
+    """
+    identity = run.manifest["identity"]
+    parts = {key: identity.get(key) for key in _OF_FRAMES}
+    parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
+    clean = run.rows.filter(corruption=CLEAN).select("sample", "frames_digest")
+    parts["frames"] = sorted(clean.iter_rows())
+    if not run.summary.complete:
+        parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
+    spelled = json.dumps(parts, sort_keys=True, default=str)
+    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
+
+
+def note_of(run: Result) -> str:
+    """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities."""
+    identity, selection = run.manifest["identity"], run.manifest["selection"]
+    benchmark, pairs = str(identity["benchmark"]), run.summary.samples
+    told = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
+    wanted = _OF_BENCHMARK.get(benchmark, IMAGE_PAIR)
+    averaged = run.summary.averaged_over
+    if set(averaged) != set(wanted):
+        plural = "s" if len(averaged) != 1 else ""
+        told.append(f"average over {len(averaged)} corruption{plural}, not the paper's {len(wanted)}")
+    if set(selection["severities"]) != set(SEVERITIES):
+        told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
+    if "severity_scale" in identity:
+        told.append("calibrated severities, not the paper's")
+    if not run.summary.complete:
+        told.append("not complete")
+    return "; ".join(part for part in told if part)
+
+
+def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:
+    count = f"{pairs} pair{'s' if pairs != 1 else ''}"
+    if benchmark == "kitti-fc":
+        return (
+            ""
+            if protocol.get("frames") == "released" and pairs == PAPER_PAIRS
+            else f"{count}, not the paper's {PAPER_PAIRS}"
+        )
+    if benchmark == "gopro-fc":
+        return "" if protocol.get("frames") == "released" else f"{count}, not the paper's"
+    return f"{count} of {benchmark}, not the paper's {PAPER_PAIRS}"

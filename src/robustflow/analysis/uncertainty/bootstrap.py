@@ -1,0 +1,152 @@
+"""The studentised bootstrap (bootstrap-t) over clusters, seeded, all resamples at once.
+
+Each resample draws G of the G clusters with replacement. With theta the statistic and se its standard error,
+t* = (theta* - theta) / se* stands for the unknown distribution of (theta - truth) / se, so that
+
+    truth in [theta - q_{1 - a/2} se, theta - q_{a/2} se]
+
+with q the quantiles of t* (Efron and Tibshirani 1993, ch. 12). The p-value inverts the same interval: it is below a
+exactly where the interval of level 1 - a leaves 0 out, up to the grain of the resamples.
+
+Errors are skewed, so the two tails of a mean are estimated apart. They are estimated together (quantiles of |t*|, a
+symmetric interval) for a difference between models, which is nearly symmetric and whose test would reject too often
+otherwise; and for fewer than `FEW` clusters, where one tail alone rests on too few distinct resamples. With so few that
+the resamples without any spread outweigh the tail there is no interval. `docs/design/uncertainty.md` has the figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from ...errors import UsageError
+from ...random.rng import Rng
+from .estimates import Array, Estimates
+
+FEW = 12
+RESAMPLES = 4999
+LEVEL = 0.95
+_BLOCK = 2**22
+"""Numbers in one block of weights: resamples are drawn in blocks, so memory stays bounded."""
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate and how sure it is.
+
+    Attributes:
+        estimate: the statistic of the data.
+        standard_error: of the estimate; None for a single cluster.
+        low, high: ends of the interval; None where there are too few clusters to give one.
+        p: two-sided p-value of the statistic being 0; None as for the ends.
+    """
+
+    estimate: float
+    standard_error: float | None
+    low: float | None
+    high: float | None
+    p: float | None
+
+
+def bootstrap(
+    statistics: Mapping[Key, Callable[[Array], Estimates]],
+    clusters: int,
+    *,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+    symmetric: bool = False,
+) -> dict[Key, Interval]:
+    """Intervals and p-values of several statistics of the same data, from the same resamples.
+
+    Args:
+        statistics: each makes its `Estimates` from weights, float64 (B, G).
+        clusters: G.
+        level: of the intervals, between 0 and 1.
+        resamples: how many; the p-value cannot be below 1 / (resamples + 1).
+        seed: the same seed, the same resamples.
+        symmetric: estimate both tails together, as for differences.
+
+    Raises:
+        UsageError: a level or number of resamples that cannot be meant.
+
+    >>> import numpy as np
+    >>> from robustflow.analysis.uncertainty.estimates import weighted_means
+    >>> errors = np.linspace(1, 3, 30)[:, None]
+    >>> one = bootstrap({"mean": lambda w: weighted_means(errors, np.ones((30, 1)), np.ones(1), w)}, 30)["mean"]
+    >>> one.low < 2 < one.high and one.p < 0.01
+    True
+    """
+    if not 0.5 <= level < 1:
+        raise UsageError(f"a level of {level:g} is no confidence level: give one from 0.5 to below 1, for example 0.95")
+    if not 99 <= resamples <= 1_000_000:
+        raise UsageError(f"{resamples} resamples: give 99 to 1000000")
+    whole = np.ones((1, clusters))
+    found = {key: statistic(whole) for key, statistic in statistics.items()}
+    if not enough_clusters(clusters, level):
+        return {key: _without_interval(estimates) for key, estimates in found.items()}
+    pivots: dict[Key, list[Array]] = {key: [] for key in statistics}
+    for weights in _resamples(clusters, resamples, seed):
+        for key, statistic in statistics.items():
+            pivots[key].append(_pivots(statistic(weights), found[key].theta[0]))
+    together = symmetric or clusters < FEW
+    return {key: _interval(found[key], np.concatenate(pivots[key]), together, level) for key in statistics}
+
+
+def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
+    """Whether resamples that draw one cluster alone, which have no spread, are rarer than the tail.
+
+    >>> enough_clusters(3), enough_clusters(4)
+    (False, True)
+    """
+    return clusters > 1 and float(clusters) ** (1 - clusters) < 1 - level
+
+
+def _resamples(clusters: int, resamples: int, seed: int) -> Iterator[Array]:
+    stream = Rng.of(seed, "bootstrap", clusters)
+    block = max(1, _BLOCK // clusters)
+    for start in range(0, resamples, block):
+        count = min(block, resamples - start)
+        drawn = (stream.uniforms(count * clusters) * clusters).astype(np.int64)
+        place = np.repeat(np.arange(count) * clusters, clusters) + drawn
+        yield np.bincount(place, minlength=count * clusters).reshape(count, clusters).astype(np.float64)
+
+
+def _pivots(estimates: Estimates, center: float) -> Array:
+    """t* of each resample: 0 where the resample repeats the data, infinite where it has no spread of its own."""
+    shift, spread = estimates.theta - center, estimates.standard_error
+    tiny = 1e-12 * max(abs(center), float(np.nanmax(np.abs(shift), initial=0.0)))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pivots = np.where(spread > tiny, shift / spread, np.sign(shift) * np.inf)
+    return np.asarray(np.where(np.abs(shift) <= tiny, 0.0, pivots)[np.isfinite(shift)])
+
+
+def _interval(found: Estimates, pivots: Array, symmetric: bool, level: float) -> Interval:
+    estimate, error = float(found.theta[0]), float(found.standard_error[0])
+    if not np.isfinite(estimate) or not np.isfinite(error):
+        return _without_interval(found)
+    count = len(pivots)
+    observed = estimate / error if error > 0 else float(np.sign(estimate)) * np.inf
+    if symmetric:
+        reach = np.quantile(np.abs(pivots), level, method="inverted_cdf")
+        below, above = -reach, reach
+        p = float(1 + np.count_nonzero(np.abs(pivots) >= abs(observed))) / (count + 1)
+    else:
+        below, above = np.quantile(pivots, [(1 - level) / 2, (1 + level) / 2], method="inverted_cdf")
+        tail = min(np.count_nonzero(pivots >= observed), np.count_nonzero(pivots <= observed))
+        p = min(1.0, 2 * (1 + tail) / (count + 1))
+    if error == 0:
+        return Interval(estimate, 0.0, estimate, estimate, 1.0 if estimate == 0 else float(p))
+    if not np.isfinite([below, above]).all():
+        return _without_interval(found)
+    return Interval(estimate, error, float(estimate - above * error), float(estimate - below * error), float(p))
+
+
+def _without_interval(found: Estimates) -> Interval:
+    error = float(found.standard_error[0])
+    return Interval(float(found.theta[0]), error if np.isfinite(error) else None, None, None, None)

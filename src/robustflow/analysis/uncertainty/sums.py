@@ -1,0 +1,148 @@
+"""Rows of a run as sums per cluster and setting, from which every mean and its resamples are made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import polars as pl
+
+from ...corruptions.registry import PAPER_ORDER
+from ...errors import UsageError, unknown_name
+from ...metrics.rows import CLEAN
+from ..results import AVERAGE
+from .estimates import Array, Estimates, weighted_means
+
+METRICS = ("epe", "cre", "crer", "rcre")
+Setting = tuple[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class ClusterSums:
+    """Per-image errors of one run, added up per cluster.
+
+    Attributes:
+        clusters: the names of the groups, in order; a group is what `Sample.group` says.
+        images: number of samples.
+        settings: (corruption, severity) of each column.
+        sums: metric ("epe", "cre", "rcre") -> sum over images, float64 (G, K), pixels.
+        counts: the same metrics -> number of images, float64 (G, K).
+        clean_sum, clean_count: of the clean EPE, float64 (G, 1).
+    """
+
+    clusters: tuple[str, ...]
+    images: int
+    settings: tuple[Setting, ...]
+    sums: dict[str, Array]
+    counts: dict[str, Array]
+    clean_sum: Array
+    clean_count: Array
+
+    @classmethod
+    def of(cls, rows: pl.DataFrame) -> ClusterSums:
+        """Sums of the rows of one run (`robustflow.metrics.rows.ROW_SCHEMA`). Images without a pixel to measure are
+        left out, as in the run's summary."""
+        values = image_errors(rows)
+        clusters = tuple(sorted(set(values["group"])))
+        dirty = values.filter(pl.col("corruption") != CLEAN)
+        settings = tuple(sorted(set(dirty.select("corruption", "severity").iter_rows())))
+        group_of = {name: index for index, name in enumerate(clusters)}
+        column_of = {setting: index for index, setting in enumerate(settings)}
+        shape = (len(clusters), len(settings))
+        at = (
+            np.array([group_of[name] for name in dirty["group"]], np.int64),
+            np.array([column_of[key] for key in dirty.select("corruption", "severity").iter_rows()], np.int64),
+        )
+        sums, counts = {}, {}
+        for metric in ("epe", "cre", "rcre"):
+            sums[metric], counts[metric] = _added(dirty[metric], at, shape)
+        clean = values.filter(corruption=CLEAN)
+        at = (np.array([group_of[name] for name in clean["group"]], np.int64), np.zeros(clean.height, np.int64))
+        clean_sum, clean_count = _added(clean["epe"], at, (len(clusters), 1))
+        return cls(clusters, values["sample"].n_unique(), settings, sums, counts, clean_sum, clean_count)
+
+    def corruptions(self) -> list[str]:
+        """The corruptions found, the paper's first and in its order."""
+        found = {name for name, _ in self.settings}
+        return [name for name in PAPER_ORDER if name in found] + sorted(found - set(PAPER_ORDER))
+
+    def estimate(self, metric: str, corruption: str, severity: int | None, weights: Array) -> Estimates:
+        """A mean of the run in every resample.
+
+        Args:
+            metric: "epe", "cre", "crer" or "rcre".
+            corruption: a corruption, "average" over the paper's, or "clean" (EPE alone).
+            severity: one of the corruption's, or None for the mean over them.
+            weights: float64 (B, G), how often each cluster is drawn.
+
+        Raises:
+            UsageError: a metric or setting that does not exist.
+        """
+        if metric not in METRICS:
+            raise unknown_name("metric", metric, METRICS)
+        clean = weighted_means(self.clean_sum, self.clean_count, np.ones(1), weights)
+        if corruption == CLEAN:
+            if metric != "epe":
+                raise UsageError(f"{metric} of the clean frames is not defined: choose epe")
+            return clean
+        stored = "cre" if metric == "crer" else metric
+        share = self._share(stored, corruption, severity)
+        columns = np.flatnonzero(share)
+        mean = weighted_means(self.sums[stored][:, columns], self.counts[stored][:, columns], share[columns], weights)
+        return mean / clean if metric == "crer" else mean
+
+    def measured(self, metric: str, corruption: str, severity: int | None = None) -> bool:
+        """Whether there is an image to average over."""
+        if corruption == CLEAN:
+            return metric == "epe" and bool(self.clean_count.any())
+        if metric == "crer":
+            return bool(self.clean_count.any()) and self.measured("cre", corruption, severity)
+        return bool(self._share(metric, corruption, severity).any())
+
+    def _share(self, metric: str, corruption: str, severity: int | None) -> Array:
+        """float64 (K,): the weight of each setting in the mean over severities, then corruptions."""
+        share = np.zeros(len(self.settings))
+        found = self.counts[metric].sum(axis=0) > 0
+        names = [name for name in PAPER_ORDER if name in dict(self.settings)] if corruption == AVERAGE else [corruption]
+        of_name = {
+            name: [
+                k
+                for k, (other, level) in enumerate(self.settings)
+                if other == name and found[k] and severity in (None, level)
+            ]
+            for name in names
+        }
+        there = [columns for columns in of_name.values() if columns]
+        for columns in there:
+            share[columns] = 1.0 / (len(there) * len(columns))
+        return share
+
+
+def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
+    """One line per row of a run: sample, group, corruption, severity, frames_digest, and the image's mean epe, cre and
+    rcre in pixels, null where nothing could be measured. RCRE is over all pixels where there is no ground truth."""
+    without_truth = pl.col("n_valid").is_null()
+    images = rows.select(
+        "sample",
+        "group",
+        "corruption",
+        "severity",
+        "frames_digest",
+        epe=pl.when(pl.col("n_valid") > 0).then(pl.col("epe_sum") / pl.col("n_valid")),
+        rcre=pl.when(pl.coalesce("n_valid", "n_all") > 0).then(
+            pl.when(without_truth)
+            .then(pl.col("rcre_all_sum") / pl.col("n_all"))
+            .otherwise(pl.col("rcre_sum") / pl.col("n_valid"))
+        ),
+    )
+    clean = images.filter(corruption=CLEAN).select("sample", _before="epe")
+    joined = images.join(clean, on="sample", how="left", maintain_order="left")
+    return joined.with_columns(cre=pl.col("epe") - pl.col("_before")).drop("_before")
+
+
+def _added(values: pl.Series, at: tuple[np.ndarray, np.ndarray], shape: tuple[int, int]) -> tuple[Array, Array]:
+    known = values.is_not_null().to_numpy()
+    sums, counts = np.zeros(shape), np.zeros(shape)
+    np.add.at(sums, at, np.where(known, values.fill_null(0.0).to_numpy(), 0.0))
+    np.add.at(counts, at, known.astype(np.float64))
+    return sums, counts

@@ -1,0 +1,132 @@
+"""One path per corruption through the space of its parameters, from hardly visible to destroyed.
+
+The calibrated scale takes its five parameters from these paths. A path is a list of segments; inside one every number
+goes linearly from start to end (whole numbers are rounded, the others kept to four digits), and between two the
+parameters may jump. Where the paper's severities lie on one path, they are the corners, extended below severity 1
+to almost nothing and above 5 as far as the corruption goes on. They do not for five corruptions:
+
+saturate            oversaturates as severities 3 to 5 do; 1 and 2 desaturate, which SSIM, on luma, hardly sees
+spatter             water (severities 1, 2 and half way to 3), then mud (4, 5 and on)
+snow                severities 1 and 2, whose flakes are alike, from clear air on; 3 to 5 are milder than 2 by SSIM
+glass_blur          one pass of the shuffle over 1, 2, 3, 4 pixels with sigma growing at each, then two passes
+psf_blur            the five lenses, and nothing between them
+
+defocus_blur takes radii between whole ones too, where the disk takes in pixels one ring at a time; up to 3 the
+rings are far apart, and its smoothing fills the gaps.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+from ..base import Corruption
+from ..registry import CORRUPTIONS
+
+
+class Segment(NamedTuple):
+    """Two parameters of one corruption, of the same types."""
+
+    start: Any
+    end: Any
+
+    def at(self, share: float) -> Any:
+        """The parameter at `share` (0 to 1) of the way.
+
+        >>> Segment((10, 3.0, True), (20, 5.0, True)).at(0.25)
+        (12, 3.5, True)
+        """
+        if isinstance(self.start, tuple):
+            return tuple(_between(a, b, share) for a, b in zip(self.start, self.end, strict=True))
+        return _between(self.start, self.end, share)
+
+
+def _between(start: Any, end: Any, share: float) -> Any:
+    if isinstance(start, bool):
+        return start
+    value = start + (end - start) * share
+    if isinstance(start, int) and isinstance(end, int):
+        return round(value)
+    return float(f"{value:.4g}")
+
+
+def path(name: str) -> list[Segment]:
+    """The path of a corruption, mildest first; empty for those that are on no such path (a clip's, a user's own).
+
+    >>> path("contrast")[0].at(0.5), path("h264_crf")
+    (0.7, [])
+    """
+    if name in _OWN:
+        return _OWN[name]
+    if name not in _ENDS:
+        return []
+    kind: type[Corruption] = CORRUPTIONS.get(name)
+    below, above = _ENDS[name]
+    corners = [below, *kind.paper_severities, *above]
+    return [Segment(a, b) for a, b in pairwise(corners)]
+
+
+_ENDS: dict[str, tuple[Any, tuple[Any, ...]]] = {
+    "jpeg_compression": (100, (1,)),
+    "pixelate": (1.0, (0.05,)),
+    "contrast": (1.0, (0.0,)),
+    "high_light": (0.0, (1.0,)),
+    "low_light": (0.0, (1.0,)),
+    "over_exposure": (0.0, (4.0,)),
+    "under_exposure": (0.0, (-6.0,)),
+    "fog": ((0.0, 2.0), ((10.0, 1.4),)),
+    "frost": ((1.0, 0.0), ((0.0, 1.0),)),
+    "gaussian_noise": (0.002, (1.0,)),
+    "shot_noise": (2000.0, (1.0,)),
+    "impulse_noise": (0.0, (0.9,)),
+    "gaussian_blur": (0.2, (30.0,)),
+    "elastic_transform": (0.05, (100.0,)),
+}
+"""What the paper's five severities are extended to: (below 1, above 5)."""
+
+_LENSES = (0.0296, 0.0832, 0.1102, 0.1588, 0.1939)
+
+_OWN: dict[str, list[Segment]] = {
+    "saturate": [
+        Segment((1.0, 0.0), (2.0, 0.0)),
+        Segment((2.0, 0.0), (5.0, 0.1)),
+        Segment((5.0, 0.1), (20.0, 0.2)),
+        Segment((20.0, 0.2), (20.0, 1.0)),
+    ],
+    "spatter": [
+        Segment((0.65, 0.3, 4.0, 0.69, 0.0, False), (0.65, 0.3, 4.0, 0.69, 0.6, False)),
+        Segment((0.65, 0.3, 4.0, 0.69, 0.6, False), (0.65, 0.3, 3.0, 0.68, 0.6, False)),
+        Segment((0.65, 0.3, 3.0, 0.68, 0.6, False), (0.65, 0.3, 2.5, 0.68, 0.55, False)),
+        Segment((0.65, 0.3, 1.0, 0.65, 1.5, True), (0.67, 0.4, 1.0, 0.65, 1.5, True)),
+        Segment((0.67, 0.4, 1.0, 0.65, 1.5, True), (0.75, 0.4, 1.0, 0.65, 1.5, True)),
+    ],
+    "snow": [
+        Segment((-0.2, 0.3, 3.0, 0.5, 10, 4.0, 1.0), (0.1, 0.3, 3.0, 0.5, 10, 4.0, 0.8)),
+        Segment((0.1, 0.3, 3.0, 0.5, 10, 4.0, 0.8), (0.2, 0.3, 2.0, 0.5, 12, 4.0, 0.7)),
+    ],
+    "defocus_blur": [
+        Segment((1.0, 0.1), (1.0, 2.0)),
+        Segment((2.0, 0.1), (2.0, 2.0)),
+        Segment((2.24, 0.1), (3.0, 0.1)),
+        Segment((3.0, 0.1), (3.0, 2.0)),
+        Segment((3.17, 0.5), (4.0, 0.5)),
+        Segment((4.0, 0.5), (6.0, 0.5)),
+        Segment((6.0, 0.5), (10.0, 0.5)),
+        Segment((10.0, 0.5), (30.0, 0.5)),
+    ],
+    "camera_motion_blur": [
+        Segment((10, 0.2), (10, 3.0)),
+        Segment((10, 3.0), (15, 5.0)),
+        Segment((15, 5.0), (15, 12.0)),
+        Segment((15, 12.0), (20, 15.0)),
+        Segment((20, 15.0), (80, 60.0)),
+    ],
+    "glass_blur": [
+        Segment((0.6, 1, 1), (1.4, 1, 1)),
+        Segment((0.9, 2, 1), (1.8, 2, 1)),
+        Segment((1.5, 3, 1), (2.4, 3, 1)),
+        Segment((2.0, 4, 1), (3.0, 4, 1)),
+        Segment((1.5, 4, 2), (1.5, 8, 2)),
+    ],
+    "psf_blur": [Segment(lens, lens) for lens in _LENSES],
+}

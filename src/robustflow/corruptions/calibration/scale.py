@@ -1,0 +1,151 @@
+"""The calibrated scale: the table that `robustflow calibrate` writes, as it ships with the package.
+
+The paper says that its severities cannot be compared from one corruption to another. On this scale they can, as far
+as SSIM can tell: severity s of any corruption leaves the same mean SSIM to the clean image. A severity that a
+corruption cannot be brought to does not exist on the scale, and nothing takes its place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from functools import lru_cache
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from ...errors import DataError, UsageError, first_misfit
+from ..base import SEVERITIES
+
+CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
+"""Environment variable that names a table to use instead of the shipped one."""
+
+Similarity = Annotated[float, Field(ge=-1.0, le=1.0)]
+_Number = bool | int | float
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Level(_Frozen):
+    """One severity of one corruption.
+
+    Attributes:
+        parameter: what the corruption's `severities` hold; None where the target cannot be reached.
+        ssim: the mean SSIM of that parameter; where there is none, of the nearest one found.
+    """
+
+    parameter: _Number | tuple[_Number, ...] | None
+    ssim: Similarity
+
+
+class CalibratedCorruption(_Frozen):
+    """One corruption: its five levels, and the lowest and highest mean SSIM met on its path."""
+
+    reachable: tuple[Similarity, Similarity]
+    levels: Annotated[tuple[Level, ...], Field(min_length=5, max_length=5)]
+
+
+class CalibrationTable(_Frozen):
+    """Everything needed to make the table again, and the table.
+
+    Attributes:
+        version: of this layout.
+        method: how the parameters were found, in words.
+        seed: of every draw.
+        draws: of a random corruption, per picture.
+        images: name of each picture of the reference set, and the SHA-256 of its pixels.
+        targets: mean SSIM of severities 1 to 5, falling.
+        tolerance: how far from its target a level may lie.
+        corruptions: by name.
+    """
+
+    version: Literal[1]
+    method: str
+    seed: int
+    draws: Annotated[int, Field(ge=1)]
+    images: dict[str, str]
+    targets: Annotated[tuple[Similarity, ...], Field(min_length=5, max_length=5)]
+    tolerance: Annotated[float, Field(gt=0)]
+    corruptions: dict[str, CalibratedCorruption]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CalibrationTable:
+        if sorted(self.targets, reverse=True) != list(self.targets):
+            raise ValueError("the targets must fall from severity 1 to 5")
+        for name, found in self.corruptions.items():
+            for level, target in zip(found.levels, self.targets, strict=True):
+                if level.parameter is not None and abs(level.ssim - target) > self.tolerance:
+                    raise ValueError(f"{name} is {level.ssim} where {target} is asked for")
+        return self
+
+
+def read_table(path: Path) -> CalibrationTable:
+    """A table from a file.
+
+    Raises:
+        DataError: no such file, or not a calibration table.
+    """
+    try:
+        return CalibrationTable.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise DataError(f"cannot read the calibration {path}: {error.strerror}; check the path") from error
+    except ValidationError as error:
+        raise DataError(
+            f"{path} is no calibration table ({first_misfit(error)}); make one with robustflow calibrate"
+        ) from error
+
+
+def merged(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
+    """`old` with the corruptions of `new` in the place of its own.
+
+    Raises:
+        UsageError: the two were made in different ways.
+    """
+    for name in ("method", "seed", "draws", "images", "targets", "tolerance"):
+        if getattr(old, name) != getattr(new, name):
+            raise UsageError(f"the two calibrations differ in their {name}; choose another --output")
+    return old.model_copy(update={"corruptions": {**old.corruptions, **new.corruptions}})
+
+
+def shipped() -> CalibrationTable:
+    """The table that ships with the package.
+
+    >>> shipped().targets
+    (0.92, 0.85, 0.78, 0.71, 0.64)
+    """
+    return _cached(Path(str(resources.files(__package__))) / "data" / "calibrated.json")
+
+
+def calibration() -> CalibrationTable:
+    """The table in use: the file that `ROBUSTFLOW_CALIBRATION` names, else the shipped one."""
+    chosen = os.environ.get(CALIBRATION_VARIABLE)
+    return _cached(Path(chosen).expanduser()) if chosen else shipped()
+
+
+@lru_cache(maxsize=2)
+def _cached(path: Path) -> CalibrationTable:
+    return read_table(path)
+
+
+def calibrated_severities(name: str) -> tuple[Any, ...]:
+    """The five parameters of a corruption, None where the severity does not exist on this scale.
+
+    >>> calibrated_severities("h264_crf")
+    (None, None, None, None, None)
+    """
+    found = calibration().corruptions.get(name)
+    return tuple(level.parameter for level in found.levels) if found else (None,) * len(SEVERITIES)
+
+
+def calibrated_levels(name: str) -> tuple[int, ...]:
+    """The severities at which a corruption exists on this scale."""
+    return tuple(s for s, value in zip(SEVERITIES, calibrated_severities(name), strict=True) if value is not None)
+
+
+def calibration_digest() -> str:
+    """16 hexadecimal digits that name the table, for the identity of a run."""
+    return hashlib.blake2b(calibration().model_dump_json().encode(), digest_size=8).hexdigest()

@@ -1,0 +1,179 @@
+"""Find the parameters at which every corruption leaves the same mean SSIM.
+
+Along a corruption's path (paths.py) the mean SSIM is measured at fixed shares of every segment; between the two
+that enclose a target, ten halvings follow. Of all parameters measured the one nearest the target is taken, if it is
+within the tolerance. Nothing else decides, and both SSIM and corruptions are the same on every machine, so the same
+seed and pictures give the same table.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import skimage
+
+from ...errors import DataError, UsageError
+from ...images.io import IMAGE_SUFFIXES, read_image
+from ...sample import Frame
+from ..api import stream_for
+from ..base import Corruption
+from ..registry import CORRUPTIONS
+from .paths import Segment, path
+from .scale import CalibratedCorruption, CalibrationTable, Level
+from .ssim import Ssim
+
+TARGETS = (0.92, 0.85, 0.78, 0.71, 0.64)
+"""Mean SSIM of severities 1 to 5: what most corruptions can be brought to."""
+TOLERANCE = 0.01
+DRAWS = 4
+PHOTOGRAPHS = (
+    "astronaut.png",
+    "chelsea.png",
+    "coffee.png",
+    "motorcycle_left.png",
+    "motorcycle_right.png",
+    "rocket.jpg",
+)
+"""The colour photographs of everyday scenes in scikit-image's wheel: the reference set."""
+METHOD = (
+    "mean over pictures and draws of the SSIM (luma, 11x11 Gaussian of sigma 1.5) of a corrupted frame to the clean "
+    "one; of over_exposure and under_exposure the exposed frame is measured, the other is untouched"
+)
+_SCAN = 8
+_HALVINGS = 10
+
+
+def reference_pictures(folder: Path | None = None) -> dict[str, Frame]:
+    """The pictures of a folder by name, or of the reference set, RGB uint8.
+
+    Raises:
+        DataError: a folder without pictures, or a picture that cannot be read.
+    """
+    if folder is None:
+        home = Path(skimage.__file__).parent / "data"
+        return {name: read_image(home / name) for name in PHOTOGRAPHS}
+    if not folder.is_dir():
+        raise DataError(f"{folder}: no such folder; give --data a folder of pictures")
+    files = sorted(file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES)
+    if not files:
+        raise DataError(f"{folder}: holds no picture ({', '.join(IMAGE_SUFFIXES)}); give --data a folder of pictures")
+    return {file.name: read_image(file) for file in files}
+
+
+def calibratable() -> list[str]:
+    """The corruptions that have a path, in the paper's order."""
+    return [name for name in CORRUPTIONS.names() if path(name)]
+
+
+def calibrate(
+    names: Sequence[str],
+    pictures: Mapping[str, Frame],
+    seed: int = 0,
+    draws: int = DRAWS,
+    targets: Sequence[float] = TARGETS,
+    report: Callable[[str, CalibratedCorruption], None] = lambda name, found: None,
+) -> CalibrationTable:
+    """The calibration of some corruptions on some pictures.
+
+    Args:
+        names: corruptions that have a path.
+        pictures: RGB uint8 by name; the name is part of each draw's stream.
+        seed, draws: of random corruptions; `draws` per picture.
+        targets: five values of mean SSIM, falling.
+        report: told each corruption when it is done.
+
+    Raises:
+        UsageError: a corruption without a path, or no draws.
+    """
+    if draws < 1:
+        raise UsageError(f"{draws} draws show nothing: give 1 or more")
+    references = {name: (picture, Ssim(picture)) for name, picture in pictures.items()}
+    corruptions = {}
+    for name in names:
+        segments = path(name)
+        if not segments:
+            CORRUPTIONS.get(name)
+            raise UsageError(f"{name} has no path to calibrate it on; leave it out of --corruptions")
+        curve = _Curve(name, references, seed, draws)
+        corruptions[name] = _levels(curve, segments, targets)
+        report(name, corruptions[name])
+    return CalibrationTable(
+        version=1,
+        method=METHOD,
+        seed=seed,
+        draws=draws,
+        images={name: hashlib.sha256(picture.tobytes()).hexdigest() for name, picture in pictures.items()},
+        targets=tuple(targets),
+        tolerance=TOLERANCE,
+        corruptions=corruptions,
+    )
+
+
+class _Curve:
+    """Mean SSIM of a corruption by parameter, each measured once."""
+
+    def __init__(self, name: str, references: Mapping[str, tuple[Frame, Ssim]], seed: int, draws: int) -> None:
+        self._kind: type[Corruption] = CORRUPTIONS.get(name)
+        self._references = references
+        self._seed = seed
+        self._draws = draws
+        self.found: dict[Any, float] = {}
+
+    def __call__(self, parameter: Any) -> float:
+        if parameter not in self.found:
+            corruption = self._kind(severities=(parameter,) * 5)
+            values = [
+                value
+                for key, (picture, ssim) in self._references.items()
+                for value in self._measure(corruption, key, picture, ssim)
+            ]
+            self.found[parameter] = round(float(np.mean(values)), 6)
+        return self.found[parameter]
+
+    def _measure(self, corruption: Corruption, key: str, picture: Frame, ssim: Ssim) -> list[float]:
+        """The same streams for every parameter, so that the curve is smooth; a draw like the first ends the matter."""
+        values: list[float] = []
+        first: Frame | None = None
+        for draw in range(self._draws):
+            rng = stream_for(corruption, 1, self._seed, f"{key}/{draw}")
+            state = corruption.draw(rng, 1, picture.shape[:2])
+            # Which frame is exposed is a toss of a coin, and says nothing about how strongly.
+            index = getattr(state, "exposed", None) or 0
+            frame = corruption.apply(picture, state, index)
+            if first is not None and np.array_equal(frame, first):
+                break
+            first = frame if first is None else first
+            values.append(ssim(frame))
+        return values
+
+
+def _levels(curve: _Curve, segments: Sequence[Segment], targets: Sequence[float]) -> CalibratedCorruption:
+    for segment in segments:
+        for step in range(_SCAN + 1):
+            curve(segment.at(step / _SCAN))
+    for target in targets:
+        for segment in segments:
+            for step in range(_SCAN):
+                low, high = step / _SCAN, (step + 1) / _SCAN
+                if curve(segment.at(low)) >= target > curve(segment.at(high)):
+                    _halve(curve, segment, low, high, target)
+    levels = []
+    for target in targets:
+        best = min(curve.found, key=lambda parameter: abs(curve.found[parameter] - target))
+        ssim = curve.found[best]
+        levels.append(Level(parameter=best if abs(ssim - target) <= TOLERANCE else None, ssim=ssim))
+    reached = curve.found.values()
+    return CalibratedCorruption(reachable=(min(reached), max(reached)), levels=tuple(levels))
+
+
+def _halve(curve: _Curve, segment: Segment, low: float, high: float, target: float) -> None:
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        if curve(segment.at(middle)) >= target:
+            low = middle
+        else:
+            high = middle

@@ -1,0 +1,1 @@
+"""Corruptions as augmentation in a training pipeline."""

@@ -1,0 +1,86 @@
+"""The corruptions as a transform of torchvision v2 (extra `torch`): tensors in, tensors out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch.utils._pytree import tree_flatten, tree_unflatten
+from torchvision import tv_tensors
+
+from ...errors import DataError
+from ..base import SEVERITIES
+from .transform import CorruptionTransform
+
+
+class TorchCorruption(torch.nn.Module):
+    """`CorruptionTransform` on tensors (C, H, W) with C = 1 or 3, or batches (B, C, H, W): uint8, or float32 in [0, 1].
+
+    As in torchvision v2 the input may be any structure of lists, tuples and dicts: every `tv_tensors.Image` in it is
+    corrupted, everything else passes through. Without one, every tensor given is an image. The images of a call
+    belong together (frame 1, frame 2, ...) and share a draw; the items of a batch are drawn apart.
+
+    Args: as for `CorruptionTransform`, whose docstring says how draws differ between the workers of a `DataLoader`.
+
+    >>> transform = TorchCorruption(["contrast"], severities=[5])
+    >>> first, second = transform(torch.zeros(3, 24, 32), torch.ones(3, 24, 32))
+    >>> first.shape, first.dtype
+    (torch.Size([3, 24, 32]), torch.float32)
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str] | None = None,
+        severities: Sequence[int] = SEVERITIES,
+        probability: float = 1.0,
+        seed: int = 0,
+        variant: str = "default",
+        scale: str = "paper",
+    ) -> None:
+        super().__init__()
+        self._transform = CorruptionTransform(names, severities, probability, seed, variant, scale)
+
+    def forward(self, *inputs: Any, key: str | int | None = None) -> Any:
+        """Corrupt the images among the inputs.
+
+        Args:
+            inputs: tensors, or a structure that holds them. Gradients do not flow through a corruption.
+            key: names the draw; items of a batch get keys of their own, made from it and their place.
+
+        Returns:
+            The same structure (one input: that input; several: a tuple), tensors of the same class, dtype and device.
+
+        Raises:
+            DataError: no image, or one that `CorruptionTransform` refuses.
+        """
+        leaves, structure = tree_flatten(inputs if len(inputs) != 1 else inputs[0])
+        kind = tv_tensors.Image if any(isinstance(leaf, tv_tensors.Image) for leaf in leaves) else torch.Tensor
+        places = [place for place, leaf in enumerate(leaves) if isinstance(leaf, kind)]
+        if not places:
+            raise DataError("there is no image among the inputs: give tensors (C, H, W) or (B, C, H, W)")
+        images = [leaves[place] for place in places]
+        for place, image, corrupted in zip(places, images, self._corrupt(images, key), strict=True):
+            fresh = torch.from_numpy(corrupted).to(image.device)
+            leaves[place] = tv_tensors.wrap(fresh, like=image) if isinstance(image, tv_tensors.TVTensor) else fresh
+        return tree_unflatten(leaves, structure)
+
+    def _corrupt(self, images: list[torch.Tensor], key: str | int | None) -> list[Any]:
+        for image in images:
+            if image.ndim not in (3, 4) or image.shape != images[0].shape:
+                shapes = ", ".join(str(tuple(image.shape)) for image in images)
+                raise DataError(f"images have shapes {shapes}: give (C, H, W) or (B, C, H, W), all alike")
+            if image.dtype not in (torch.uint8, torch.float32):
+                raise DataError(f"an image is {image.dtype}: give torch.uint8, or torch.float32 in [0, 1]")
+        arrays = [np.moveaxis(image.detach().cpu().numpy(), -3, -1) for image in images]
+        if images[0].ndim == 3:
+            return [_channels_first(out) for out in self._transform(arrays, key)]
+        items = []
+        for item, frames in enumerate(zip(*arrays, strict=True)):
+            items.append(self._transform(list(frames), None if key is None else f"{key}/{item}"))
+        return [_channels_first(np.stack(frames)) for frames in zip(*items, strict=True)]
+
+
+def _channels_first(array: Any) -> Any:
+    return np.ascontiguousarray(np.moveaxis(array, -1, -3))

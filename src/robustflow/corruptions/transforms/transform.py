@@ -1,0 +1,204 @@
+"""The corruptions as a plain transform, to train with: random name, random severity, on whatever a data loader holds.
+
+Every draw is named, so nothing depends on when it was made. With a `key` a call is a function of (seed, key, images).
+Without one the name is the number of the call, and of the process: in a worker of a torch `DataLoader` the seed that
+torch gave that worker (new in every epoch, fixed by `torch.manual_seed`), in any other child process the process's
+name. So the samples of a data loader never share a draw by accident, whatever the number of workers. Pass a key such as
+f"{epoch}/{index}" for the same bytes whatever their number, and where copies of one transform meet in one process (a
+pool that pickles it with every task): copies count on from where they were made.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import DataError, UsageError
+from ...random.rng import Rng
+from ...sample import Frame
+from ..api import STREAM_VERSION, load_corruption
+from ..base import SEVERITIES, Corruption, check_severity
+from ..registry import CLIP, IMAGE_PAIR
+from ..stack import is_stack, levels_of, parse_stack
+
+Image = npt.NDArray[Any]
+"""uint8, or float32 in [0, 1]; (H, W, 3) RGB, or grey as (H, W) or (H, W, 1)."""
+
+_COLOURED = ("saturate", "spatter", "frost", "psf_blur")
+_NEUTRAL = frozenset((*IMAGE_PAIR, "elastic_transform")) - frozenset(_COLOURED)
+
+
+class CorruptionTransform:
+    """Corrupts images, pairs and clips at random; callable, picklable, safe in the workers of a data loader.
+
+    Args:
+        names: the corruptions to choose among, each as likely; every image-pair corruption by default. Stacks such
+            as "fog+jpeg_compression" are allowed, corruptions of whole clips (h264_crf, ...) are not.
+        severities: the severities to choose among, each as likely.
+        probability: of corrupting at all.
+        seed: of every draw.
+        variant, scale: see `load_corruption`. A severity that a corruption lacks on the scale is never chosen for it.
+
+    Raises:
+        UsageError: an unknown or unfit name, severities that a corruption has none of, a probability outside [0, 1].
+
+    >>> transform = CorruptionTransform(["gaussian_noise", "contrast"], severities=[1, 2], seed=3)
+    >>> image = np.full((24, 32, 3), 0.5, np.float32)
+    >>> out = transform(image)
+    >>> out.shape, out.dtype.name, bool((transform(image, key="a") == transform(image, key="a")).all())
+    ((24, 32, 3), 'float32', True)
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str] | None = None,
+        severities: Sequence[int] = SEVERITIES,
+        probability: float = 1.0,
+        seed: int = 0,
+        variant: str = "default",
+        scale: str = "paper",
+    ) -> None:
+        if not 0.0 <= probability <= 1.0:
+            raise UsageError(f"a probability of {probability} cannot be: give 0 to 1")
+        if isinstance(names, str):
+            raise UsageError(f"names is one text, '{names}': give a list, ['{names}']")
+        levels = tuple(sorted({check_severity(severity) for severity in severities}))
+        self._choices: list[tuple[Corruption, tuple[int, ...]]] = []
+        for name in IMAGE_PAIR if names is None else names:
+            self._choices.append((load_corruption(name, variant, scale), _levels(name, levels, scale)))
+        if not self._choices or not levels:
+            raise UsageError("nothing to choose from: name at least one corruption and one severity")
+        self.probability = probability
+        self.seed = seed
+        self._calls = 0
+        self._lock = threading.Lock()
+
+    def __call__(self, images: Image | Sequence[Image], key: str | int | None = None) -> Any:
+        """Corrupt an image, or frames that belong together.
+
+        Args:
+            images: one image; a list or tuple of them (a pair, a clip: drawn once, so that what a pair shares is
+                shared); or a clip as one array (N, H, W, 3).
+            key: names the draw. The same seed, key and images give the same bytes.
+
+        Returns:
+            What was given, in kind, shape and dtype: new arrays. Pixels are corrupted in 8 bits, so float images
+            come back in steps of 1/255; when the draw is to leave them alone, they come back untouched.
+            Grey images stay grey: they are corrupted as RGB with equal channels, and one channel is taken back where
+            the corruption treats colours alike, the luma (BT.601) for saturate, spatter, frost and psf_blur.
+
+        Raises:
+            DataError: images of another dtype (16 bits, float64), other shapes or several sizes, float images with
+                NaN or values outside [0, 1].
+        """
+        single = isinstance(images, np.ndarray) and images.ndim != 4
+        frames: list[Image] = [images] if single else list(images)  # type: ignore[list-item]
+        if not frames:
+            raise DataError("there is no image to corrupt: give at least one")
+        for frame in frames:
+            check_image(frame)
+            if frame.shape != frames[0].shape:
+                raise DataError(f"images of one call differ in shape, {frames[0].shape} and {frame.shape}")
+        out = self._corrupt(frames, self._stream(key))
+        if isinstance(images, np.ndarray):
+            return out[0] if single else np.stack(out)
+        return tuple(out) if isinstance(images, tuple) else out
+
+    def _stream(self, key: str | int | None) -> Rng:
+        if key is not None:
+            return Rng.of("robustflow transform", STREAM_VERSION, self.seed, "key", key)
+        with self._lock:
+            self._calls += 1
+            return Rng.of("robustflow transform", STREAM_VERSION, self.seed, *_process(), self._calls)
+
+    def _corrupt(self, frames: list[Image], rng: Rng) -> list[Image]:
+        if rng.uniform() >= self.probability:
+            return [frame.copy() for frame in frames]
+        corruption, levels = self._choices[rng.integer(0, len(self._choices))]
+        severity = levels[rng.integer(0, len(levels))]
+        state = corruption.draw(rng.spawn("draw"), severity, frames[0].shape[:2])
+        return [
+            _like(frame, corruption.apply(_rgb(frame), state, index), corruption.name)
+            for index, frame in enumerate(frames)
+        ]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_lock"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._lock = threading.Lock()
+
+
+def check_image(image: Image) -> None:
+    """Refuse what cannot be corrupted without guessing.
+
+    Raises:
+        DataError: see `CorruptionTransform.__call__`.
+
+    >>> check_image(np.zeros((8, 8, 3), np.uint16))
+    Traceback (most recent call last):
+    robustflow.errors.DataError: an image is uint16: corruptions are defined on 8 bits; convert it to uint8 first
+    """
+    if not isinstance(image, np.ndarray):
+        raise DataError(f"an image is a {type(image).__name__}: give a numpy array (H, W, 3), (H, W) or (H, W, 1)")
+    if image.dtype not in (np.uint8, np.float32):
+        how = "corruptions are defined on 8 bits; convert it to uint8 first"
+        if np.issubdtype(image.dtype, np.floating):
+            how = "give float32 in [0, 1], or uint8"
+        raise DataError(f"an image is {image.dtype}: {how}")
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3)) or 0 in image.shape:
+        raise DataError(f"an image has shape {image.shape}: give (H, W, 3), or grey as (H, W) or (H, W, 1)")
+    if image.dtype == np.float32:
+        low, high = float(image.min()), float(image.max())
+        if not (low >= 0.0 and high <= 1.0):
+            raise DataError(f"a float image has values from {low:g} to {high:g}: they must lie in [0, 1], without NaN")
+
+
+def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
+    parts = [part for part, _ in parse_stack(name)] if is_stack(name) else [name]
+    for part in parts:
+        if part in CLIP:
+            raise UsageError(f"{part} needs a whole clip, and cannot be part of a transform; leave it out")
+    own = levels_of(name, levels, scale)
+    if levels and not own:
+        asked = ", ".join(map(str, levels))
+        raise UsageError(f"{name} has none of the severities {asked} on the {scale} scale; leave it out")
+    return own
+
+
+def _process() -> tuple[str | int, ...]:
+    """What tells this process's draws from those of its siblings."""
+    data = sys.modules.get("torch.utils.data")
+    worker = data.get_worker_info() if data is not None else None
+    if worker is not None:
+        return "worker", int(worker.seed)
+    if multiprocessing.parent_process() is not None:
+        return "process", multiprocessing.current_process().name
+    return ("main",)
+
+
+def _rgb(image: Image) -> Frame:
+    if image.dtype == np.float32:
+        image = np.rint(image * np.float32(255)).astype(np.uint8)
+    if image.ndim == 2:
+        image = image[..., None]
+    return np.ascontiguousarray(np.broadcast_to(image, (*image.shape[:2], 3)))
+
+
+def _like(image: Image, frame: Frame, name: str) -> Image:
+    """`frame` in the shape and dtype of `image`."""
+    out: Image = frame
+    if image.ndim == 2 or image.shape[2] == 1:
+        parts = {part for part, _ in parse_stack(name)} if is_stack(name) else {name}
+        # luma would weaken noise that is independent from channel to channel
+        grey = frame[..., 0] if parts <= _NEUTRAL else cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2GRAY)
+        out = np.ascontiguousarray(grey).reshape(image.shape)
+    return out.astype(np.float32) / np.float32(255) if image.dtype == np.float32 else out

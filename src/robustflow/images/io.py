@@ -1,0 +1,245 @@
+"""Read and write pictures: RGB uint8 in, RGB uint8 out, and nothing converted that would lose something.
+
+Pillow decodes, because it is strict: on every truncation of small files it raises instead of returning a partly
+filled picture. It overlooks damage in the last chunk of a PNG, so the check sums are verified here.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import struct
+import warnings
+import zlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageOps
+
+from .. import atomic
+from ..errors import DataError
+from ..sample import Frame
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
+"""File names taken for pictures when a folder is listed."""
+
+MAX_PIXELS = 2**27
+"""A picture beyond 134 megapixels is refused before its pixels are allocated."""
+
+_FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_INFLATE = 1100
+"""Deflate cannot shrink data by more than 1032:1; a PNG that claims more holds no such picture."""
+
+
+class PngHeader(NamedTuple):
+    """What a PNG says about itself: pixels, bits per channel, channels (a palette counts as one)."""
+
+    width: int
+    height: int
+    bits: int
+    channels: int
+
+
+def read_image(path: str | Path) -> Frame:
+    """Read a picture as RGB uint8 (H, W, 3): PNG, JPEG, PPM/PGM, BMP, TIFF or WebP.
+
+    Grey becomes three equal channels, a palette its colours. The orientation a camera notes in the file is
+    applied. Alpha is dropped where every pixel is opaque. Refused, for no conversion is the right one: any
+    transparency, more than 8 bits per channel, CMYK and other colour spaces.
+
+    Raises:
+        DataError: no such file, damaged or cut short, larger than `MAX_PIXELS`, or one of the refused kinds.
+    """
+    path = Path(path)
+    data = _contents(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what matters of a damaged file is raised, in one line
+            with _open(path, data) as image:
+                image.load()
+                return _rgb(path, ImageOps.exif_transpose(image))
+    except DataError:
+        raise
+    except (
+        OSError,
+        ValueError,
+        SyntaxError,
+        EOFError,
+        struct.error,
+        zlib.error,
+        Image.DecompressionBombError,
+    ) as e:
+        raise DataError(f"{path}: damaged or cut short ({_reason(e)}); copy or download it again") from e
+
+
+def image_size(path: str | Path) -> tuple[int, int]:
+    """(H, W) of the picture `read_image` would return, from the header alone.
+
+    Raises:
+        DataError: no such file, or no picture.
+    """
+    path = Path(path)
+    try:
+        with Image.open(path, formats=_FORMATS) as image:
+            width, height = image.size
+            turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise DataError(f"{path}: cannot be read as a picture ({_reason(error)}); check the file") from error
+    return (width, height) if turned else (height, width)
+
+
+def stored_size(path: str | Path) -> tuple[int, int]:
+    """(H, W) as it lies in the file, before a noted orientation is applied. Decodes no pixel, whatever is claimed.
+
+    Raises:
+        DataError: no such file, no picture, or a claim that Pillow takes for an attack.
+    """
+    path = Path(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the caller decides what is too large
+            with Image.open(path, formats=_FORMATS) as image:
+                width, height = image.size
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise DataError(f"{path}: cannot be read as a picture ({_reason(error)}); check the file") from error
+    return height, width
+
+
+def read_mask(path: str | Path) -> npt.NDArray[np.bool_]:
+    """Read a picture as bool (H, W): True where any channel is not 0."""
+    return np.asarray(read_image(path).any(axis=2))
+
+
+def write_image(path: str | Path, image: Frame) -> None:
+    """Write RGB uint8 (H, W, 3) as PNG, atomically. The name must end in .png.
+
+    Raises:
+        DataError: another type, shape or ending, or a file that cannot be written.
+
+    >>> from tempfile import mkdtemp
+    >>> path = Path(mkdtemp()) / "red.png"
+    >>> write_image(path, np.full((2, 3, 3), (255, 0, 0), np.uint8))
+    >>> read_image(path)[0, 0].tolist()
+    [255, 0, 0]
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".png":
+        raise DataError(f"{path}: pictures are written as PNG, without loss; give a name that ends in .png")
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
+        raise DataError(f"{path}: cannot write {image.dtype} {image.shape}; give RGB uint8 (H, W, 3)")
+    atomic.write_bytes(path, png_bytes(image))
+
+
+def shrunk(image: Frame, widest: int) -> Frame:
+    """RGB uint8 (H, W, 3) brought down to `widest` pixels of width by averaging; a narrower one stays as it is.
+
+    >>> shrunk(np.zeros((10, 960, 3), np.uint8), 480).shape
+    (5, 480, 3)
+    """
+    height, width = image.shape[:2]
+    if width <= widest:
+        return image
+    size = (widest, max(1, round(height * widest / width)))
+    return np.asarray(Image.fromarray(np.ascontiguousarray(image)).resize(size, Image.Resampling.BOX))
+
+
+def png_bytes(image: Frame) -> bytes:
+    """RGB uint8 (H, W, 3) as a PNG, without loss."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG", compress_level=3)
+    return buffer.getvalue()
+
+
+def jpeg_bytes(image: Frame, quality: int = 80) -> bytes:
+    """RGB uint8 (H, W, 3) as a JPEG, to be looked at, not measured: noise and fine colour are lost."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "JPEG", quality=quality)
+    return buffer.getvalue()
+
+
+def jpeg_address(image: Frame, widest: int, quality: int = 80) -> str:
+    """RGB uint8 (H, W, 3) inside a `data:` address, at most `widest` pixels wide; as `jpeg_bytes`."""
+    data = jpeg_bytes(shrunk(image, widest), quality)
+    return "data:image/jpeg;base64," + base64.b64encode(data).decode()
+
+
+def png_address(image: Frame, widest: int) -> str:
+    """RGB uint8 (H, W, 3) inside a `data:` address, at most `widest` pixels wide; without loss."""
+    return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(image, widest))).decode()
+
+
+def check_png(path: Path, data: bytes) -> PngHeader:
+    """The header of a PNG whose every chunk is there and unharmed, or DataError. Decodes nothing."""
+    if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
+        raise DataError(f"{path}: not a PNG file, or cut short; check or copy it again")
+    width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
+    header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
+    if width * height * bits * header.channels > 8 * _INFLATE * len(data):
+        raise DataError(f"{path}: {len(data)} bytes cannot hold the {width}x{height} pixels claimed; it is damaged")
+    view, start, name = memoryview(data), 8, b""
+    while name != b"IEND":
+        length = int.from_bytes(view[start : start + 4], "big")
+        end = start + 12 + length
+        if end > len(data):
+            raise DataError(f"{path}: cut short, the end of the PNG is missing; copy or download it again")
+        name = data[start + 4 : start + 8]
+        # Pillow stops reading when it has all rows, before the check sum of the last chunk.
+        if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
+            raise DataError(f"{path}: damaged, a check sum of the PNG is wrong; copy or download it again")
+        start = end
+    return header
+
+
+def _contents(path: Path) -> bytes:
+    if not path.is_file():
+        raise DataError(f"{path}: no such picture; check the path")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from error
+    if not data:
+        raise DataError(f"{path}: the file is empty; copy or download it again")
+    return data
+
+
+def _open(path: Path, data: bytes) -> Image.Image:
+    deep = data[:4] == b"\x89PNG" and check_png(path, data).bits > 8
+    try:
+        image = Image.open(io.BytesIO(data), formats=_FORMATS)
+    except Image.UnidentifiedImageError as error:
+        kinds = "PNG, JPEG, PPM, BMP, TIFF or WebP"
+        raise DataError(f"{path}: not a picture ({kinds}), or damaged at its start; check the file") from error
+    width, height = image.size
+    if width * height > MAX_PIXELS:
+        raise DataError(f"{path}: {width}x{height} pixels are more than {MAX_PIXELS}; scale the picture down")
+    if deep or _is_deep(image):
+        raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (a flow map is no picture)")
+    return image
+
+
+def _is_deep(image: Image.Image) -> bool:
+    """Whether Pillow would cut the file's channels down to 8 bits, or hold them in wider ones."""
+    if image.mode in ("I", "F") or image.mode.startswith("I;"):
+        return True
+    tiles = getattr(image, "tile", [])
+    layout = [str(part) for tile in tiles for part in (tile[3] if isinstance(tile[3], tuple) else tile[3:])]
+    if image.format == "PPM":
+        return any(part.isdigit() and int(part) > 255 for part in layout)
+    return any(";16" in part or ";32" in part for part in layout)
+
+
+def _rgb(path: Path, image: Image.Image) -> Frame:
+    if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
+        image = image.convert("RGBA")
+        if image.getchannel("A").getextrema() != (255, 255):
+            raise DataError(f"{path}: has transparent pixels; flatten it onto a background first")
+    if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
+        raise DataError(f"{path}: colours of kind {image.mode} are not supported; convert it to plain RGB, 8 bits")
+    return np.array(image.convert("RGB"))
+
+
+def _reason(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

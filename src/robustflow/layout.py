@@ -1,0 +1,129 @@
+"""Find a dataset's folders, and say what was expected where they are not."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice, pairwise
+from pathlib import Path
+
+from .errors import DataError, UsageError
+
+_LOOK_AT = 500
+"""Entries of a folder looked at for a hint; a home folder may hold very many."""
+
+
+def locate(
+    title: str, root: str | Path, markers: Sequence[str], prefixes: Sequence[str] = ("",), expected: str = ""
+) -> Path:
+    """The folder that holds one of `markers` (relative folders): `root` itself or one of its `prefixes`.
+
+    Raises:
+        DataError: no such folder, an empty one, or another layout; with the folder that was probably meant.
+    """
+    root = Path(root).expanduser()
+    wanted = expected or " and ".join(f"{marker}/" for marker in markers)
+    if not root.exists():
+        raise DataError(f"{root}: no such folder; give the folder of {title} that holds {wanted}")
+    if not root.is_dir():
+        raise DataError(f"{root}: not a folder; give the folder of {title} that holds {wanted}")
+    try:
+        for folder in (root / prefix for prefix in prefixes):
+            if _holds(folder, markers):
+                return folder
+        near = next((f for f in _neighbours(root) if any(_holds(f / p, markers) for p in prefixes)), None)
+        empty = next(root.iterdir(), None) is None
+    except OSError as error:
+        raise DataError(f"{root}: cannot be listed ({error.strerror or error}); check permissions") from error
+    hint = f"; did you mean {near}?" if near else "; check the path, or unpack the dataset there"
+    state = "the folder is empty, expected" if empty else f"not laid out as {title}, expected"
+    raise DataError(f"{root}: {state} {wanted}{hint}")
+
+
+def numbered(folder: Path, pattern: str) -> dict[int, Path]:
+    """The files of a folder whose whole name matches `pattern`, by the number in its first group, ascending.
+
+    Raises:
+        DataError: two names with the same number.
+    """
+    found: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        match = re.fullmatch(pattern, path.name)
+        if match:
+            number = int(match[1])
+            if number in found:
+                raise DataError(f"{path}: the same frame number as {found[number].name}; remove one of the two")
+            found[number] = path
+    return dict(sorted(found.items()))
+
+
+def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tuple[int, int]]:
+    """Pairs of neighbouring frame numbers.
+
+    Args:
+        stride: the distance of neighbours; None takes the smallest one found, for sets that keep every k-th frame.
+
+    Raises:
+        DataError: a frame is missing between two others.
+    """
+    numbers = sorted(frames)
+    gaps = [after - before for before, after in pairwise(numbers)]
+    stride = stride or min(gaps, default=1)
+    for before, gap in zip(numbers, gaps, strict=False):
+        if gap != stride:
+            raise DataError(
+                f"{frames[before].parent}: the frame {stride} after {frames[before].name} is missing; "
+                "restore it, or keep the parts as folders of their own"
+            )
+    return list(pairwise(numbers))
+
+
+def following(frames: Mapping[int, Path]) -> list[tuple[Path, Path]]:
+    """Frames whose numbers follow each other directly."""
+    return [(frames[number], frames[number + 1]) for number in sorted(frames) if number + 1 in frames]
+
+
+def partner(path: Path, whose: Path) -> Path:
+    """`path`, which belongs to `whose`; or a DataError that names both."""
+    if not path.is_file():
+        raise DataError(f"{path}: missing, though {whose} needs it; restore the file or remove the rest of the pair")
+    return path
+
+
+def folders(parent: Path) -> list[Path]:
+    """The folders inside `parent` by name, hidden ones left out; none where `parent` does not exist."""
+    if not parent.is_dir():
+        return []
+    return sorted(path for path in parent.iterdir() if path.is_dir() and not path.name.startswith("."))
+
+
+def choice(option: str, value: str, known: Sequence[str]) -> str:
+    """`value`, or a UsageError that lists what the option may be."""
+    if value not in known:
+        raise UsageError(f"{option} '{value}' does not exist: choose from {', '.join(known)}")
+    return value
+
+
+def positive(option: str, value: int) -> int:
+    """`value`, or a UsageError when it is no whole number of 1 or more."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise UsageError(f"{option} {value!r} is not possible: give a whole number, 1 or more")
+    return value
+
+
+def _holds(folder: Path, markers: Sequence[str]) -> bool:
+    return any((folder / marker).is_dir() for marker in markers)
+
+
+def _neighbours(root: Path) -> Iterator[Path]:
+    yield from list(root.resolve().parents)[:3]
+    for child in _inside(root):
+        yield child
+        yield from _inside(child)
+
+
+def _inside(folder: Path) -> list[Path]:
+    try:
+        return [path for path in islice(folder.iterdir(), _LOOK_AT) if path.is_dir()]
+    except OSError:  # a folder that cannot be listed offers no hint
+        return []

@@ -1,0 +1,1 @@
+"""Lenses at build time: prescriptions, ray tracing, and the search that designs them."""

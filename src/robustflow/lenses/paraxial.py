@@ -1,0 +1,68 @@
+"""First-order properties: focal length, back focal distance, entrance pupil."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from numba import njit
+
+from .prescription import Lens
+
+DESIGN_WAVELENGTH = 0.55
+"""Micrometres; the wavelength at which focal length and f-number are meant."""
+
+
+class FirstOrder(NamedTuple):
+    """All in mm.
+
+    Attributes:
+        focal_length: effective focal length.
+        back_focus: from the last surface to the paraxial focus.
+        pupil_position: entrance pupil, from the vertex of the first surface, positive towards the sensor.
+        pupil_magnification: entrance pupil radius over stop radius.
+    """
+
+    focal_length: float
+    back_focus: float
+    pupil_position: float
+    pupil_magnification: float
+
+
+@njit(cache=True, error_model="numpy")
+def first_order(curvature: Any, thickness: Any, index: Any, stop: int) -> tuple[float, float, float, float]:
+    """The fields of `FirstOrder` from arrays (K,), (K,), (K + 1,): one paraxial ray forward, two back from the stop."""
+    height, slope = 1.0, 0.0
+    surfaces = curvature.size
+    for k in range(surfaces):
+        slope = (index[k] * slope - height * curvature[k] * (index[k + 1] - index[k])) / index[k + 1]
+        if k < surfaces - 1:
+            height += thickness[k] * slope
+    focal_length, back_focus = -1.0 / slope, -height / slope
+
+    # Backwards from the centre of the stop (position) and from its edge, parallel to the axis (magnification).
+    y, u, y_edge, u_edge = 0.0, 1.0, 1.0, 0.0
+    for k in range(stop - 1, -1, -1):
+        y -= thickness[k] * u
+        y_edge -= thickness[k] * u_edge
+        power = curvature[k] * (index[k + 1] - index[k])
+        u = (index[k + 1] * u + y * power) / index[k]
+        u_edge = (index[k + 1] * u_edge + y_edge * power) / index[k]
+    # The image of the stop's centre lies where the ray (y, u) crosses the axis; its size follows from the edge ray.
+    position = -y / u
+    magnification = y_edge + u_edge * position
+    return focal_length, back_focus, position, magnification
+
+
+def first_order_of(lens: Lens, wavelength: float = DESIGN_WAVELENGTH) -> FirstOrder:
+    """The first-order properties of a lens.
+
+    >>> from robustflow.lenses.prescription import Lens, Surface
+    >>> stop = Surface(curvature=0, thickness=0, semi_diameter=1)
+    >>> front = Surface(curvature=0.05, thickness=2, glass="N-BK7", semi_diameter=5)
+    >>> lens = Lens(name="plano-convex", surfaces=(stop, front, Surface(curvature=0, thickness=36, semi_diameter=5)),
+    ...             stop=0, f_number=19, half_field=5)
+    >>> round(first_order_of(lens, 0.5875618).focal_length, 2)      # R / (n - 1)
+    38.7
+    """
+    values = first_order(lens.column("curvature"), lens.column("thickness"), lens.indices(wavelength), lens.stop)
+    return FirstOrder(*(float(value) for value in values))

@@ -1,0 +1,142 @@
+"""A lens prescription: surfaces from the object to the sensor, validated, as JSON of a few kilobytes."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from ..errors import DataError, first_misfit
+from .glass import AIR, SELLMEIER, refractive_index
+
+IMAGE_RADIUS = 14.3
+"""Half diagonal of the sensor in mm: 1154 pixels of 12.394 um, the corner of a 1920 x 1280 image."""
+
+PIXEL = 0.012394
+"""Side of an effective pixel in mm."""
+
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def tangent_of(degrees: float) -> float:
+    """The tangent of an angle to twelve digits: mathematical libraries differ in the last bit, and the search and the
+    rendered PSFs must not.
+
+    >>> tangent_of(45.0)
+    1.0
+    """
+    return round(math.tan(math.radians(degrees)), 12)
+
+
+class Surface(BaseModel):
+    """One surface of revolution, z = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)).
+
+    Attributes:
+        curvature: c in 1/mm, 0 for a plane, positive when the centre of curvature lies towards the sensor.
+        conic: the conic constant k: 0 sphere, -1 paraboloid.
+        thickness: distance along the axis to the next surface, or from the last one to the sensor, mm.
+        glass: the medium behind the surface, a catalogue name or "air".
+        semi_diameter: clear radius in mm; its rim blocks rays. The stop's is the radius of the aperture.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    curvature: _Finite
+    conic: _Finite = 0.0
+    thickness: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    glass: str = AIR
+    semi_diameter: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+    @field_validator("glass")
+    @classmethod
+    def _known_glass(cls, glass: str) -> str:
+        if glass != AIR and glass not in SELLMEIER:
+            raise ValueError(f"glass '{glass}' is not in the catalogue: {', '.join(SELLMEIER)}")
+        return glass
+
+
+class Lens(BaseModel):
+    """A lens focused at infinity.
+
+    Attributes:
+        name: what the lens is called.
+        surfaces: from the object to the sensor; one of them, plane and in air, is the aperture stop.
+        stop: index of the aperture stop in `surfaces`; its `semi_diameter` clips the rays.
+        f_number: focal length over entrance pupil diameter.
+        half_field: half of the field of view, centre to corner, degrees.
+
+    >>> from robustflow.lenses.prescription import Lens, Surface
+    >>> plane = Surface(curvature=0, thickness=2, semi_diameter=3)
+    >>> front = Surface(curvature=0.05, thickness=3, glass="N-BK7", semi_diameter=6)
+    >>> back = Surface(curvature=0, thickness=36, semi_diameter=6)
+    >>> Lens(name="singlet", surfaces=(plane, front, back), stop=0, f_number=6.5, half_field=20).elements
+    1
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    surfaces: tuple[Surface, ...] = Field(min_length=2, max_length=100)
+    stop: int
+    f_number: Annotated[float, Field(gt=0.0, le=100.0)]
+    half_field: Annotated[float, Field(gt=0.0, lt=80.0)]
+
+    @model_validator(mode="after")
+    def _stop_is_a_plane_in_air(self) -> Lens:
+        if not 0 <= self.stop < len(self.surfaces):
+            raise ValueError(f"stop {self.stop} is not one of the {len(self.surfaces)} surfaces")
+        before = self.surfaces[self.stop - 1].glass if self.stop else AIR
+        stop = self.surfaces[self.stop]
+        if stop.curvature != 0.0 or stop.glass != AIR or before != AIR:
+            raise ValueError(f"surface {self.stop}, the stop, must be a plane in air")
+        if self.surfaces[-1].glass != AIR:
+            raise ValueError("the medium behind the last surface must be air")
+        return self
+
+    @property
+    def elements(self) -> int:
+        """How many glass elements the lens has."""
+        return sum(surface.glass != AIR for surface in self.surfaces)
+
+    @property
+    def stop_radius(self) -> float:
+        """Radius of the aperture stop, mm."""
+        return self.surfaces[self.stop].semi_diameter
+
+    @property
+    def field_tangent(self) -> float:
+        """Tangent of the half field angle."""
+        return tangent_of(self.half_field)
+
+    def column(self, name: str) -> npt.NDArray[np.float64]:
+        """One attribute of all surfaces, float64 (K,): `lens.column("curvature")`."""
+        return np.array([getattr(surface, name) for surface in self.surfaces], np.float64)
+
+    def indices(self, wavelength: float) -> npt.NDArray[np.float64]:
+        """Refractive indices of the media at a wavelength in um: before surface 0, then behind each; (K + 1,)."""
+        media = [AIR, *(surface.glass for surface in self.surfaces)]
+        return np.array([refractive_index(glass, wavelength) for glass in media], np.float64)
+
+
+def read_lens(path: str | Path) -> Lens:
+    """Read a prescription.
+
+    Raises:
+        DataError: the file is missing, or is not a prescription; the message names the first fault.
+    """
+    path = Path(path)
+    try:
+        return Lens.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise DataError(f"cannot read lens prescription {path}: {error.strerror or error}") from error
+    except ValidationError as error:
+        raise DataError(f"{path} is not a lens prescription: {first_misfit(error)}") from error
+
+
+def write_lens(lens: Lens, path: str | Path) -> None:
+    """Write a prescription as JSON that `read_lens` reads back equal."""
+    Path(path).write_text(lens.model_dump_json(indent=1) + "\n", encoding="utf-8", newline="\n")

@@ -1,0 +1,219 @@
+"""The automated search for a lens: random structures, screening, damped least squares, global moves.
+
+Every choice comes from a named random stream and every stage ends after a count, never by the clock, so that a
+severity and a seed name one lens (Gao et al. 2024 and the paper call this global search of minimalist lenses).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import RobustFlowError
+from ..psf.spectrum import CHANNELS, channel_wavelengths
+from ..random.rng import Rng
+from .glass import AIR, SELLMEIER, abbe_number, refractive_index
+from .merit import AIM_TOLERANCE, FIELDS, Goal, Limits, aim
+from .paraxial import DESIGN_WAVELENGTH
+from .residuals import build, damped_least_squares, evaluate, residual_count
+
+Array = npt.NDArray[np.float64]
+_GLASSES = tuple(SELLMEIER)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What is not a number: the glasses in order, and where the stop stands among them.
+
+    `stop` counts the elements in front of the stop.
+    """
+
+    glasses: tuple[str, ...]
+    stop: int
+
+    @property
+    def media(self) -> tuple[str, ...]:
+        """The medium in front of the lens, then behind each surface, the stop's included; (K + 1,)."""
+        media = [AIR]
+        for element, glass in enumerate((*self.glasses, AIR)):
+            if element == self.stop:
+                media.append(AIR)
+            if element < len(self.glasses):
+                media += [glass, AIR]
+        return tuple(media)
+
+    @property
+    def stop_surface(self) -> int:
+        """Index of the stop among the surfaces."""
+        return 2 * self.stop
+
+    def indices(self, samples: int) -> Array:
+        """Refractive indices, (3 samples + 1, K + 1): the channels' wavelengths, then the design wavelength."""
+        wavelengths = [w for channel in CHANNELS for w in channel_wavelengths(channel, samples)]
+        return np.array(
+            [[refractive_index(glass, w) for glass in self.media] for w in (*wavelengths, DESIGN_WAVELENGTH)]
+        )
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A structure, its free numbers (see `residuals`), and its sum of squared residuals."""
+
+    structure: Structure
+    free: Array
+    cost: float
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How many of each the search does before it stops."""
+
+    structures: int = 1500
+    screened: int = 24
+    pool: int = 8
+    moves: int = 150
+    first_iterations: int = 10
+    iterations: int = 14
+    last_iterations: int = 60
+
+
+SAMPLES = 3
+"""Wavelengths per channel while searching; rendering uses five."""
+
+
+def _cost(structure: Structure, free: Array, goal: Goal, limits: Limits) -> float:
+    index = structure.indices(SAMPLES)
+    out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
+    if not evaluate(free, index, structure.stop_surface, FIELDS, goal, limits, out):
+        return float("inf")
+    return float((out * out).sum())
+
+
+def refine(candidate: Candidate, goal: Goal, limits: Limits, iterations: int) -> Candidate:
+    """The candidate after damped least squares, its numbers rounded to 1e-9."""
+    structure = candidate.structure
+    free, cost = damped_least_squares(
+        candidate.free, structure.indices(SAMPLES), structure.stop_surface, FIELDS, goal, limits, iterations
+    )
+    return Candidate(structure, np.round(free, 9), float(cost))
+
+
+def random_candidate(rng: Rng, elements: int, stop: int) -> Candidate:
+    """A structure drawn at random: glasses, powers that add up to that of the lens, bendings, thicknesses, gaps."""
+    structure = Structure(tuple(_GLASSES[rng.integer(0, len(_GLASSES))] for _ in range(elements)), stop)
+    powers = np.array([rng.uniform(-2.0, 2.5) for _ in range(elements)]) if elements > 1 else np.ones(1)
+    powers += (1.0 - powers.sum()) / elements
+    curvatures: list[float] = []
+    for power, glass in zip(powers, structure.glasses, strict=True):
+        bending = rng.uniform(-2.5, 2.5)
+        strength = power / (2.0 * (refractive_index(glass, DESIGN_WAVELENGTH) - 1.0))
+        curvatures += [strength * (bending + 1.0), strength * (bending - 1.0)]
+    media = structure.media
+    gaps = [rng.uniform(0.06, 0.2) if glass != AIR else rng.uniform(0.01, 0.25) for glass in media[1:-1]]
+    return Candidate(structure, np.array([*curvatures, *gaps, rng.uniform(-1.0, 0.5)]), float("inf"))
+
+
+def move(candidate: Candidate, rng: Rng) -> Candidate:
+    """One global move: bend an element, shift power between two, swap a glass, change the gaps, or shake it all."""
+    structure, free = candidate.structure, candidate.free.copy()
+    elements = len(structure.glasses)
+    curved = 2 * elements
+    kind, element = rng.integer(0, 5), rng.integer(0, elements)
+    first, second = 2 * element, 2 * element + 1
+    if kind == 0:
+        shift = rng.uniform(-1.0, 1.0)
+        free[first] += shift
+        free[second] += shift
+    elif kind == 1:
+        other = 2 * rng.integer(0, elements)
+        amount = rng.uniform(-0.6, 0.6)
+        free[first] += amount
+        free[other] -= amount
+    elif kind == 2:
+        old = structure.glasses[element]
+        glass = _GLASSES[rng.integer(0, len(_GLASSES))]
+        if rng.uniform() < 0.5:
+            near = sorted(_GLASSES, key=lambda g: _glass_distance(old, g))[1:7]
+            glass = near[rng.integer(0, len(near))]
+        glasses = (*structure.glasses[:element], glass, *structure.glasses[element + 1 :])
+        ratio = (refractive_index(old, DESIGN_WAVELENGTH) - 1) / (refractive_index(glass, DESIGN_WAVELENGTH) - 1)
+        free[first : second + 1] *= ratio
+        structure = replace(structure, glasses=glasses)
+    elif kind == 3:
+        free[curved:-1] *= 1.0 + 0.8 * (rng.uniforms(free.size - 1 - curved) - 0.4)
+        free[-1] += rng.uniform(-1.0, 1.0)
+    else:
+        free[:curved] += 0.3 * (rng.uniforms(curved) - 0.5)
+    return Candidate(structure, free, float("inf"))
+
+
+def _glass_distance(first: str, second: str) -> float:
+    index = refractive_index(first, DESIGN_WAVELENGTH) - refractive_index(second, DESIGN_WAVELENGTH)
+    return abs(index) * 100.0 + abs(abbe_number(first) - abbe_number(second))
+
+
+def search(
+    elements: int,
+    stop: int,
+    goal: Goal,
+    rng: Rng,
+    budget: Budget | None = None,
+    limits: Limits | None = None,
+    report: Callable[[str], None] = lambda line: None,
+) -> Candidate:
+    """The best lens found within a budget.
+
+    Raises:
+        RobustFlowError: none of the best lenses lets every field point fill the stop.
+
+    Args:
+        elements: how many glass elements.
+        stop: how many of them stand in front of the stop.
+        goal: the blur wanted.
+        rng: the stream of every choice.
+        budget: counts after which the stages end.
+        limits: what can be made.
+        report: called with a line of progress now and then.
+    """
+    budget, limits = budget or Budget(), limits or Limits()
+    drawn: list[Candidate] = []
+    for number in range(budget.structures):
+        candidate = random_candidate(rng.spawn("structure", number), elements, stop)
+        cost = _cost(candidate.structure, candidate.free, goal, limits)
+        if np.isfinite(cost):
+            drawn.append(replace(candidate, cost=cost))
+    drawn.sort(key=lambda candidate: candidate.cost)
+    screened = [refine(c, goal, limits, budget.first_iterations) for c in drawn[: budget.screened]]
+    pool = sorted(screened, key=lambda candidate: candidate.cost)[: budget.pool]
+    report(f"{len(drawn)} of {budget.structures} structures trace; best after screening {pool[0].cost:.4f}")
+    for number in range(budget.moves):
+        choices = rng.spawn("move", number)
+        share = choices.uniform()
+        place = int(share * share * len(pool))  # the better, the more often
+        tried = refine(move(pool[place], choices), goal, limits, budget.iterations)
+        if tried.cost < pool[place].cost:
+            pool[place] = tried
+            pool.sort(key=lambda candidate: candidate.cost)
+        if number % 25 == 24:
+            report(f"move {number + 1}: " + " ".join(f"{candidate.cost:.4f}" for candidate in pool))
+    for candidate in pool:
+        best = refine(candidate, goal, limits, budget.last_iterations)
+        if fills_its_stop(best, goal):
+            return best
+    raise RobustFlowError("the search found no lens whose stop is filled from every field point; try another seed")
+
+
+def fills_its_stop(candidate: Candidate, goal: Goal, fields: int = 64) -> bool:
+    """Whether rays of every field point reach the edge of the stop, not only those of the merit function's six."""
+    structure = candidate.structure
+    index, stop = structure.indices(1)[-1:], structure.stop_surface
+    curvature, thickness, radius, pupil, magnification = build(
+        candidate.free, index, stop, goal.focal_length, goal.f_number
+    )
+    tangents = np.linspace(0.0, 1.0, fields) * goal.field_tangent
+    conic = np.zeros(curvature.size)
+    _, _, miss = aim(curvature, conic, thickness, index[0], stop, radius, tangents, pupil, magnification)
+    return bool(miss < AIM_TOLERANCE)

@@ -1,0 +1,1 @@
+"""Exported networks as flow models: ONNX, torch.export, TorchScript."""

@@ -1,0 +1,243 @@
+"""Optical-flow networks in ONNX files, through onnxruntime. Needs the onnx extra when one is loaded.
+
+An ONNX file is data: a graph of known operators and their weights. Weights in files beside it are taken from its own
+folder only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ...errors import ModelError, UsageError, unknown_name
+from ...sample import Flow, Frame
+from ..input_convention import InputConvention
+from ..model_file import damaged, opened
+from ..option_checks import check_count
+from ..pairs import predict_by_size
+from ..torch.network import require
+from .base import (
+    Dim,
+    batch_and_size,
+    chosen_inputs,
+    describe_arrays,
+    exported_convention,
+    flow_layout,
+    infer_layout,
+    refuse_lost_frame,
+)
+from .onnx_file import external_files, parsed, read_inputs
+
+_DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64}
+_CUDA = "CUDAExecutionProvider"
+
+
+class OnnxModel:
+    """Satisfies `FlowModel`.
+
+    Args:
+        checkpoint: the file. Its network takes two frames as two inputs (N, 3, H, W), stacked (N, 2, 3, H, W) or
+            concatenated (N, 6, H, W), and returns the flow at their resolution, (N, 2, H, W) or (N, H, W, 2).
+        order: of its colours, "rgb" or "bgr".
+        scaling: of its values, "0-1", "-1-1", "0-255" or "imagenet".
+        multiple: of height and width it needs, reached by repeating the border, half of it on each side. Where the
+            network has a fixed size, frames are padded to that one.
+        layout: "pair", "stacked" or "concatenated"; told from the inputs' shapes by default.
+        inputs: names of the two inputs, first frame first, separated by a comma; in the file's order by default.
+        output: name of the flow among several outputs; the last by default.
+        sha256: the file's hash, or its first eight or more digits, to be checked.
+        device: "cpu", "cuda" or "cuda:1". CUDA needs onnxruntime-gpu in the place of onnxruntime.
+        threads: of the CPU. One by default: more can change the last bits of a result, and runs use more processes.
+
+    Raises:
+        UsageError: an option that cannot be meant.
+        ModelError: no onnxruntime, no such device, a file that is no ONNX network, or one that does not take two
+            frames.
+    """
+
+    def __init__(
+        self,
+        checkpoint: str | Path | None = None,
+        *,
+        order: str = "rgb",
+        scaling: str = "0-1",
+        multiple: int = 8,
+        layout: str | None = None,
+        inputs: str | None = None,
+        output: str | None = None,
+        sha256: str | None = None,
+        device: str = "cpu",
+        threads: int = 1,
+    ) -> None:
+        if checkpoint is None:
+            raise ModelError(
+                "model 'onnx' needs its file: give the path of a .onnx file as --checkpoint, or as --model"
+            )
+        check_count("threads", threads)
+        self._device = _parse_device(device)
+        exported_convention(order=order, scaling=scaling, multiple=multiple)  # an option is refused before the file
+        for library in ("onnxruntime", "onnx"):
+            require(library, "onnx", "onnx")
+        path = Path(checkpoint).expanduser()
+        with opened(path, sha256) as (file, digest):
+            model = parsed(path, file.read())
+        beside = external_files(path, model)
+        self._session = _session(path, self._device, threads)
+        nodes = self._session.get_inputs()
+        self._inputs = [nodes[i] for i in chosen_inputs([(node.name, _shape(node.shape)) for node in nodes], inputs)]
+        self._output = _chosen_output(self._session.get_outputs(), output)
+        shapes = [(node.name, _shape(node.shape)) for node in self._inputs]
+        self._layout = infer_layout(shapes, layout)
+        self._batched, size = batch_and_size(shapes)
+        self.convention = exported_convention(order=order, scaling=scaling, multiple=multiple, size=size)
+        refuse_lost_frame([node.name for node in self._inputs], read_inputs(model))
+        self._dtypes = [_dtype(node) for node in self._inputs]
+        self._settings = {
+            "name": f"onnx:{path.stem}",
+            "checkpoint": digest,
+            **({"external_data": beside} if beside else {}),
+            "layout": self._layout,
+            "inputs": [node.name for node in self._inputs],
+            "output": self._output,
+            "threads": threads,
+        }
+
+    def identity(self) -> dict[str, Any]:
+        """What changes the numbers: the files by their hashes, the network's input, and how it is executed."""
+        import onnxruntime
+
+        return {
+            **self._settings,
+            "input": self.convention.describe(),
+            "device": self._device.partition(":")[0],
+            "library": f"onnxruntime {onnxruntime.__version__}",
+        }
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`."""
+        return self.predict_batch([frame1], [frame2])[0]
+
+    def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
+        """Flows of several pairs; on a GPU those of one size go through together where the network's batch is dynamic.
+
+        On the CPU each goes by itself, so that no flow depends on the others by a bit.
+
+        Args:
+            frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
+            frames2: as many, each of its first frame's size.
+
+        Returns:
+            float32 (H, W, 2) each, (u right, v down) in pixels.
+
+        Raises:
+            UsageError: frames that are no pairs of RGB uint8 images.
+            ModelError: a frame larger than the network takes, or a network that fails or returns no flow.
+        """
+        return predict_by_size(self._predict, frames1, frames2)
+
+    def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
+        if self._batched and self._device != "cpu":
+            return self.run(frames1, frames2)
+        return [self.run([frame1], [frame2])[0] for frame1, frame2 in zip(frames1, frames2, strict=True)]
+
+    def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
+        """One call of the network for pairs of one size, returned as by `predict_batch`."""
+        flows = self._flows(*(_images(frames, self.convention) for frames in (frames1, frames2)))
+        height, width = frames1[0].shape[:2]
+        left, _, above, _ = self.convention.padding_sides(height, width)
+        return [np.ascontiguousarray(flow[above : above + height, left : left + width]) for flow in flows]
+
+    def _flows(self, image1: npt.NDArray[np.float32], image2: npt.NDArray[np.float32]) -> list[Flow]:
+        if self._layout == "pair":
+            arrays = [image1, image2]
+        elif self._layout == "stacked":
+            arrays = [np.stack([image1, image2], axis=1)]
+        else:
+            arrays = [np.concatenate([image1, image2], axis=1)]
+        given = {
+            node.name: np.ascontiguousarray(array, dtype)
+            for node, array, dtype in zip(self._inputs, arrays, self._dtypes, strict=True)
+        }
+        try:
+            (flow,) = self._session.run([self._output], given)
+        except Exception as error:  # onnxruntime has a class of its own for each kind of failure
+            what = describe_arrays([(name, array.shape) for name, array in given.items()])
+            raise ModelError(
+                f"the network failed on {what}: {_first_line(error)}; give the multiple of height and width that it "
+                "needs (-O multiple=64), or export it anew"
+            ) from None
+        flow = np.asarray(flow)
+        pairs, _, height, width = image1.shape
+        channels_last = flow_layout(flow.shape, pairs, height, width) == "nhwc"
+        return list((flow if channels_last else flow.transpose(0, 2, 3, 1)).astype(np.float32))
+
+
+def _images(frames: list[Frame], convention: InputConvention) -> npt.NDArray[np.float32]:
+    """Frames of one size as (N, 3, H, W), the way `TorchModel` makes them."""
+    values = np.stack(frames).astype(np.float32)
+    if convention.order == "bgr":
+        values = values[..., ::-1]
+    images = (values - np.asarray(convention.mean, np.float32)) * np.asarray(convention.scale, np.float32)
+    left, right, above, below = convention.padding_sides(*images.shape[1:3])
+    padded = np.pad(images, ((0, 0), (above, below), (left, right), (0, 0)), mode="edge")
+    return padded.transpose(0, 3, 1, 2)
+
+
+def _session(path: Path, device: str, threads: int) -> Any:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4  # what goes wrong comes as an exception; the rest would go to the terminal
+    provider: Any = "CPUExecutionProvider"
+    if device != "cpu":
+        provider = (_CUDA, {"device_id": device.partition(":")[2] or "0", "use_tf32": "0"})
+        if _CUDA not in onnxruntime.get_available_providers():
+            raise ModelError(
+                f"this onnxruntime has no CUDA, so device '{device}' cannot be used: install onnxruntime-gpu in its "
+                "place, or give cpu"
+            )
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
+    except Exception as error:  # onnxruntime has a class of its own for each kind of failure
+        raise damaged(path, error) from None
+    if device != "cpu" and _CUDA not in session.get_providers():
+        raise ModelError(f"onnxruntime cannot use device '{device}' here (its CUDA libraries do not load); give cpu")
+    session.disable_fallback()
+    return session
+
+
+def _parse_device(device: str) -> str:
+    kind, _, number = str(device).partition(":")
+    if kind not in ("cpu", "cuda") or (number and not (kind == "cuda" and number.isdecimal())):
+        raise UsageError(f"'{device}' is no device of onnxruntime: give cpu, cuda or cuda:0")
+    return str(device)
+
+
+def _chosen_output(nodes: list[Any], name: str | None) -> str:
+    names = [str(node.name) for node in nodes]
+    chosen = names[-1] if name is None else str(name)  # the command line makes a number of a name like 1234
+    if chosen not in names:
+        raise unknown_name("output of the network", chosen, names)
+    return chosen
+
+
+def _shape(shape: Any) -> tuple[Dim, ...] | None:
+    """onnxruntime gives a text or None for a dynamic side, and no sides where the rank is unknown."""
+    return tuple(side if isinstance(side, int) and side > 0 else None for side in shape) or None
+
+
+def _dtype(node: Any) -> Any:
+    if node.type not in _DTYPES:
+        raise ModelError(f"the network's input {node.name} is {node.type}; expected one of {', '.join(_DTYPES)}")
+    return _DTYPES[node.type]
+
+
+def _first_line(error: Exception) -> str:
+    return next(iter(str(error).splitlines()), type(error).__name__)[:200]

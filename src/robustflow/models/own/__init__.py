@@ -1,0 +1,1 @@
+"""Networks that nobody packages, written here."""

@@ -1,0 +1,1 @@
+"""Networks of the library ptlflow as flow models."""

@@ -1,0 +1,79 @@
+"""What a model of ptlflow is built with, read off its constructor. Importable without ptlflow."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from typing import Any, get_origin
+
+from ...errors import UsageError
+from ..option_checks import check_count
+
+_ITERATIONS = ("iters", "decoder_depth")
+"""What ptlflow's models call the number of their iterations."""
+
+
+def constructor_options(name: str, reference: type, iterations: int | None) -> tuple[dict[str, Any], int | None]:
+    """Whole frames, no backbone fetched, sequences as lists, and the number of iterations.
+
+    Args:
+        name: of the model, for messages.
+        reference: ptlflow's class of it.
+        iterations: as asked for; None for its default.
+
+    Returns:
+        The constructor's arguments, and the number of iterations; None where the model has no single one.
+
+    Raises:
+        UsageError: a number of iterations for a model that has no single one, or that is none.
+
+    >>> class Net:
+    ...     def __init__(self, use_tile_input=True, iters=32): ...
+    >>> constructor_options("net", Net, 12)
+    ({'use_tile_input': False, 'iters': 12}, 12)
+    """
+    parameters = constructor_parameters(reference)
+    # ptlflow's own loader gives lists too, and some constructors write into them.
+    options: dict[str, Any] = {
+        key: list(parameter.default)
+        for key, parameter in parameters.items()
+        if get_origin(parameter.annotation) is Sequence and isinstance(parameter.default, (list, tuple))
+    }
+    if "use_tile_input" in parameters:
+        options["use_tile_input"] = False
+    if "backbone_weights" in parameters:
+        options["backbone_weights"] = None  # fetched for nothing: the checkpoint replaces them
+    keyword = next((key for key in _ITERATIONS if key in parameters), None)
+    counted = keyword is not None and isinstance(parameters[keyword].default, int)
+    if iterations is not None:
+        check_count("iterations", iterations)
+        if not counted:
+            raise UsageError(f"model '{name}' has no single number of iterations; leave out iterations")
+    if keyword is None or not counted:
+        return options, None
+    rounds = int(parameters[keyword].default) if iterations is None else iterations
+    return options | {keyword: rounds}, rounds
+
+
+def constructor_parameters(reference: type) -> dict[str, inspect.Parameter]:
+    """What a class takes, with what its bases take through `**kwargs`.
+
+    >>> class Base:
+    ...     def __init__(self, depth=3, width=64): ...
+    >>> class Net(Base):
+    ...     def __init__(self, width=32, **kwargs): ...
+    >>> {key: parameter.default for key, parameter in constructor_parameters(Net).items()}
+    {'width': 32, 'depth': 3}
+    """
+    found: dict[str, inspect.Parameter] = {}
+    for base in reference.__mro__:
+        if "__init__" not in vars(base):
+            continue
+        _, *parameters = inspect.signature(vars(base)["__init__"]).parameters.values()
+        kinds = {parameter.kind for parameter in parameters}
+        for parameter in parameters:
+            if parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
+                found.setdefault(parameter.name, parameter)
+        if inspect.Parameter.VAR_KEYWORD not in kinds:
+            break
+    return found

@@ -1,0 +1,201 @@
+"""Models of the library ptlflow: the paper's eight under their names, any other as `ptlflow:NAME`.
+
+Needs the ptlflow extra when a model is built. Its import takes seconds and prints, so it is late and silenced.
+"""
+
+from __future__ import annotations
+
+import inspect
+import io
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ...errors import ModelError, unknown_name
+from ..input_convention import RAFT_SMALLEST, InputConvention
+from ..torch.network import network_model, require
+from .options import constructor_options
+
+if TYPE_CHECKING:
+    from ..torch.checkpoint import Checkpoint
+    from ..torch.model import TorchModel
+
+_SMALLEST = {
+    **dict.fromkeys(("raft", "raft_small", "gma", "csflow", "skflow", "gmflownet", "craft"), RAFT_SMALLEST),
+    "flowformer": 25,
+}
+"""Pixels a side below which a network gives no numbers: those that have RAFT's correlation, and FlowFormer."""
+
+BESIDES = {
+    "splatflow": "cupy, for CUDA",
+    "matchflow": "QuadTreeAttention, compiled for CUDA",
+    "matchflow_raft": "QuadTreeAttention, compiled for CUDA",
+    "separableflow": "GANet, compiled for CUDA",
+    "scv4": "torch_scatter and faiss",
+    "scv8": "torch_scatter and faiss",
+    "waft_dinov3_a2": "the code of DINOv3 in ./thirdparty/dinov3",
+}
+"""What some of ptlflow's models need besides ptlflow, which does not install it."""
+
+_BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
+"""Whose pairs of a batch were found not to see each other. FlowFormer's do, by 1e-4 px."""
+
+
+def ptlflow_model(
+    name: str,
+    architecture: str,
+    checkpoint: str | Path | None = None,
+    *,
+    iterations: int | None = None,
+    sha256: str | None = None,
+    device: str = "auto",
+    precision: str = "fp32",
+    compile: bool = False,
+    threads: int = 1,
+) -> TorchModel:
+    """A two-frame model of ptlflow, on whole frames; its own tiling, which a checkpoint may turn on, stays off.
+
+    Args:
+        name: of the model.
+        architecture: ptlflow's name of it.
+        checkpoint: ptlflow's name of a checkpoint (things, sintel, ...), a file of its authors or of ptlflow, or
+            "random".
+        iterations: of the recurrent update; None for ptlflow's default. The paper's evaluation takes 12.
+        sha256: the file's hash, or its first eight or more digits, to be checked.
+        device, precision, compile, threads: see `TorchModel`.
+
+    Raises:
+        ModelError: ptlflow is not installed, or the model or checkpoint cannot be loaded.
+        UsageError: no such model, checkpoint or number of iterations.
+    """
+
+    def wrap(model: Any) -> Any:
+        from .net import PtlflowNet
+
+        return PtlflowNet(model, architecture in _BATCHED)
+
+    return ptlflow_network(
+        name,
+        architecture,
+        wrap,
+        checkpoint,
+        iterations=iterations,
+        sha256=sha256,
+        device=device,
+        precision=precision,
+        compile=compile,
+        threads=threads,
+    )
+
+
+def ptlflow_network(
+    name: str,
+    architecture: str,
+    wrap: Callable[[Any], Any],
+    checkpoint: str | Path | None,
+    *,
+    iterations: int | None,
+    sha256: str | None,
+    **execution: Any,
+) -> TorchModel:
+    """A network of ptlflow as `wrap` makes it callable; arguments and errors as of `ptlflow_model`."""
+    require("ptlflow", "ptlflow", name)
+    with _silence():
+        import ptlflow
+    if architecture not in ptlflow.get_model_names():
+        raise unknown_name("ptlflow model", architecture, ptlflow.get_model_names())
+    reference = ptlflow.get_model_reference(architecture)
+    options, rounds = constructor_options(name, reference, iterations)
+
+    def build() -> Any:
+        try:
+            with _silence():
+                return wrap(reference(**options))
+        except Exception as error:
+            raise _not_built(name, architecture, reference, error) from error
+
+    if architecture in BESIDES:
+        build()  # fails before a checkpoint is asked for and fetched in vain
+    return network_model(
+        name,
+        build,
+        InputConvention(order="bgr", scale=1.0, smallest=_SMALLEST.get(architecture, 1)),
+        checkpoint,
+        source="the authors' file",
+        sha256=sha256,
+        published=getattr(reference, "pretrained_checkpoints", None) or {},
+        settings={
+            "iterations": rounds,
+            "library": f"ptlflow {ptlflow.__version__}",
+            "normalisation": "0..1, then the network's own scaling and padding",
+            **({"use_tile_input": False} if "use_tile_input" in options else {}),
+        },
+        adapt=_adapt,
+        **execution,
+    )
+
+
+def is_of_ptlflow(name: str) -> bool:
+    """Whether ptlflow is here and has a model of this name."""
+    if find_spec("ptlflow") is None:
+        return False
+    with _silence():
+        import ptlflow
+    return name in ptlflow.get_model_names()
+
+
+def _not_built(name: str, architecture: str, reference: Any, error: Exception) -> ModelError:
+    what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if architecture not in BESIDES and not isinstance(error, ImportError):
+        return ModelError(f"model '{name}' cannot be built: {what}")
+    needs = BESIDES.get(architecture, "something")
+    readme = Path(inspect.getfile(reference)).with_name("README.md")
+    return ModelError(f"model '{name}' needs {needs}, which ptlflow does not install ({what}); see {readme}")
+
+
+def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
+    """What ptlflow keeps beside the weights of some checkpoints and sets again when it loads them.
+
+    `train_size` only turns on the tiling of the others, but it is part of MatchFlow's network.
+    """
+    recorded = {}
+    model = net.model
+    for key, kind in (("train_avg_length", int), ("train_size", list)):
+        value = read.hyper_parameters.get(key)
+        if value is None or (key == "train_size" and not type(model).__name__.startswith("matchflow")):
+            continue
+        value = list(value) if isinstance(value, tuple) else value
+        if not isinstance(value, kind):
+            raise ModelError(f"{read.path}: its {key} is {value!r}; get ptlflow's own file")
+        with _silence():
+            setattr(model, key, value)
+        recorded[key] = value
+    return recorded
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Standard output belongs to the results, and what ptlflow says there helps nobody."""
+    import loguru  # noqa: F401  # it keeps the stderr it finds on its first import, which must be the real one
+
+    with warnings.catch_warnings(), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _of_the_paper(name: str) -> partial[TorchModel]:
+    return partial(ptlflow_model, name, name, iterations=12)
+
+
+raft = _of_the_paper("raft")
+gma = _of_the_paper("gma")
+csflow = _of_the_paper("csflow")
+skflow = _of_the_paper("skflow")
+gmflownet = _of_the_paper("gmflownet")
+craft = _of_the_paper("craft")
+flowformer = _of_the_paper("flowformer")
+flowformer_pp = _of_the_paper("flowformer_pp")

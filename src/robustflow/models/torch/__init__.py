@@ -1,0 +1,1 @@
+"""PyTorch networks as flow models: adapter, checkpoints, torchvision."""

@@ -1,0 +1,133 @@
+"""Read a checkpoint file as what it is: an untrusted download that should hold tensors and nothing else."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+import zipfile
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import torch
+from torch import Tensor
+
+from ...errors import ModelError
+from ..model_file import damaged, opened
+
+
+class _Unread:
+    """Stands for what training scripts keep beside the weights: built from anything, holds nothing."""
+
+    def __new__(cls, *args: Any) -> _Unread:
+        return super().__new__(cls)
+
+    def __setstate__(self, state: Any) -> None:
+        pass
+
+
+# A best error, a learning rate, the command line. Whatever their pickles say, none of them is built.
+_BESIDE_WEIGHTS = [
+    (_Unread, name)
+    for name in ("numpy.core.multiarray.scalar", "numpy._core.multiarray.scalar", "numpy.dtype", "argparse.Namespace")
+]
+
+
+HELD_AS = ("state_dict", "model_state_dict", "model")
+"""Where a file keeps its weights beside other things."""
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The weights of a file, by the names they have in it.
+
+    Attributes:
+        path: where they were read.
+        sha256: of the file, 64 hexadecimal digits.
+        weights: tensors on the CPU.
+        hyper_parameters: what Lightning keeps under this name beside them, as untrusted as the rest; empty without.
+    """
+
+    path: Path
+    sha256: str
+    weights: dict[str, Tensor]
+    hyper_parameters: dict[str, Any] = field(default_factory=dict)
+
+
+def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
+    """Read a file saved with `torch.save`: a state dict, or a dict that holds one under one of `HELD_AS`.
+
+    Nothing in the file is run: it is read with `weights_only=True`, after its declared sizes were compared with its
+    own.
+
+    Args:
+        path: the file.
+        sha256: the hash it must have, or the first eight or more digits of it.
+
+    Raises:
+        ModelError: missing, another hash, not a checkpoint, damaged, a zip bomb, or holding more than plain weights.
+        UsageError: `sha256` is no such digits.
+    """
+    path = Path(path).expanduser()
+    with opened(path, sha256) as (file, digest):
+        _check_archive(path, file)
+        content = _load(path, file)
+    beside = content.get("hyper_parameters") if isinstance(content, dict) else None
+    return Checkpoint(path, digest, _weights(path, content), beside if isinstance(beside, dict) else {})
+
+
+def _check_archive(path: Path, file: BinaryIO) -> None:
+    if file.read(2) != b"PK":
+        return  # the format of PyTorch before 1.6, whose sizes torch compares with the file as it reads
+    size = file.seek(0, 2)
+    try:
+        with zipfile.ZipFile(file) as archive:
+            declared = sum(record.file_size for record in archive.infolist())
+            changed = archive.testzip() if declared <= size else None
+    except (zipfile.BadZipFile, RuntimeError, ValueError, EOFError, zlib.error) as error:  # RuntimeError: encrypted
+        raise damaged(path, error) from None
+    if declared > size:
+        # torch.save never compresses, so what is inside cannot be larger than the file.
+        raise ModelError(
+            f"{path}: refused: its {size} bytes would unpack to {declared}; a file of torch.save is not compressed, so "
+            "this is no genuine checkpoint"
+        )
+    if changed is not None:
+        raise damaged(path, ValueError(f"the checksum of {changed[:60]} is another"))
+
+
+def _load(path: Path, file: BinaryIO) -> Any:
+    file.seek(0)
+    try:
+        with warnings.catch_warnings(), torch.serialization.safe_globals(_BESIDE_WEIGHTS):
+            warnings.simplefilter("ignore")  # about the pickle protocol; what cannot be read is an error anyway
+            return torch.load(file, weights_only=True, map_location="cpu")
+    except pickle.UnpicklingError as error:
+        lines = str(error).splitlines()
+        reason = next((line.strip() for line in lines if "GLOBAL" in line or "Unsupported" in line), "not tensors")
+        reason = reason.partition(" Please use")[0][:200]  # what torch suggests there would run the file
+        raise ModelError(
+            f"{path}: refused, and nothing in it was run: it is not a file of plain weights ({reason}); get the "
+            "authors' file, or save its state_dict alone with torch.save where you trust it"
+        ) from None
+    except Exception as error:  # torch has no error class of its own for a file that ends early or contradicts itself
+        raise damaged(path, error) from None
+
+
+def _weights(path: Path, content: Any) -> dict[str, Tensor]:
+    for name in HELD_AS:
+        if isinstance(content, dict) and isinstance(content.get(name), dict):
+            content = content[name]
+    if not isinstance(content, dict) or not content:
+        raise ModelError(
+            f"{path}: holds {type(content).__name__}, not weights by name; save the network's state_dict()"
+        )
+    for key, value in content.items():
+        if not (isinstance(key, str) and isinstance(value, Tensor)):
+            what = f"{type(value).__name__}, not a tensor" if isinstance(key, str) else "named by no text"
+            raise ModelError(
+                f"{path}: entry {str(key)[:60]!r} is {what}; expected a state dict, or a dict that holds one as "
+                f"{', '.join(HELD_AS)}"
+            )
+    return dict(content)

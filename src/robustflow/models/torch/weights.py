@@ -1,0 +1,126 @@
+"""Put the weights of a checkpoint into a network: every entry, no other, or a sentence that says what differs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import torch
+from torch import Tensor, nn
+
+from ...errors import ModelError
+from .checkpoint import Checkpoint
+
+PREFIXES = ("module.", "_model.", "model.")
+"""What wrappers put before a network's own names: data parallel training, ptlflow, Lightning and others."""
+
+
+def bare_name(key: str) -> str:
+    """A name without the prefixes of wrappers.
+
+    >>> bare_name("module.model.fnet.conv1.weight")
+    'fnet.conv1.weight'
+    """
+    while key.startswith(PREFIXES):
+        key = key.partition(".")[2]
+    return key
+
+
+def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str | None = None) -> str | None:
+    """Load a checkpoint into a network, strictly.
+
+    Args:
+        net: takes the weights.
+        checkpoint: from `read_checkpoint`.
+        model: the model's name, for messages.
+        scope: where a checkpoint keeps other things beside the network, the prefix of the network's own entries
+            (after `module.`). The rest is left out; without any entry of this prefix nothing is.
+
+    Returns:
+        The dtype of the file's weights where it is not the network's (they were cast), else None.
+
+    Raises:
+        ModelError: missing or unexpected entries, other shapes, values that are not finite.
+    """
+    own = {bare_name(key): key for key in net.state_dict()}
+    found = _by_bare_name(checkpoint, _in_scope(checkpoint.weights, scope))
+    wanted = dict(net.state_dict())
+    _refuse_other_names(checkpoint, model, found, wanted, own)
+    casts = set()
+    weights = {}
+    for name, key in own.items():
+        value, target = found[name], wanted[key]
+        _refuse_bad_value(checkpoint, name, value, target)
+        if value.dtype != target.dtype:
+            casts.add(str(value.dtype).removeprefix("torch."))
+        weights[key] = value.to(target.dtype)
+        if not torch.isfinite(weights[key]).all():
+            bad = int((~torch.isfinite(weights[key])).sum())
+            raise ModelError(
+                f"{checkpoint.path}: {bad} of {value.numel()} values of '{name}' are NaN or infinite; the training "
+                "that wrote it diverged, or the file is damaged: use another checkpoint"
+            )
+    net.load_state_dict(weights, strict=True)
+    return ", ".join(sorted(casts)) or None
+
+
+def _in_scope(weights: Mapping[str, Tensor], scope: str | None) -> Mapping[str, Tensor]:
+    if scope is None:
+        return weights
+    inside = {key: value for key, value in weights.items() if key.removeprefix("module.").startswith(scope)}
+    return inside or weights
+
+
+def _by_bare_name(checkpoint: Checkpoint, weights: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    found: dict[str, Tensor] = {}
+    for key, value in weights.items():
+        name = bare_name(key)
+        if name in found:
+            raise ModelError(f"{checkpoint.path}: '{name}' is there under two prefixes; keep one network in the file")
+        found[name] = value
+    return found
+
+
+def _refuse_other_names(
+    checkpoint: Checkpoint,
+    model: str,
+    found: Mapping[str, Tensor],
+    wanted: Mapping[str, Tensor],
+    own: Mapping[str, str],
+) -> None:
+    shapes = [
+        f"{name} {_shape(found[name])} instead of {_shape(wanted[key])}"
+        for name, key in own.items()
+        if name in found and found[name].shape != wanted[key].shape
+    ]
+    differences = [
+        _few("missing", (name for name in own if name not in found)),
+        _few("unexpected", (name for name in found if name not in own)),
+        _few("of another shape", shapes),
+    ]
+    if any(differences):
+        raise ModelError(
+            f"{checkpoint.path} is no checkpoint of {model} ({len(own)} entries): "
+            f"{'; '.join(part for part in differences if part)}; give a file trained for this model"
+        )
+
+
+def _refuse_bad_value(checkpoint: Checkpoint, name: str, value: Tensor, target: Tensor) -> None:
+    plain = value.layout is torch.strided and value.device.type == "cpu" and not value.is_quantized
+    if not plain or value.is_complex() or value.is_floating_point() != target.is_floating_point():
+        kind = str(value.dtype if value.layout is torch.strided else value.layout).removeprefix("torch.")
+        kind += "" if value.device.type == "cpu" else f" without values (on the device {value.device.type})"
+        raise ModelError(
+            f"{checkpoint.path}: '{name}' holds {kind}, expected {str(target.dtype).removeprefix('torch.')}; "
+            "save the weights as plain floating-point tensors"
+        )
+
+
+def _few(what: str, names: Iterable[str], shown: int = 3) -> str:
+    names = list(names)
+    more = f", and {len(names) - shown} more" if len(names) > shown else ""
+    few = ", ".join(name[:100] for name in names[:shown])
+    return f"{len(names)} {what} ({few}{more})" if names else ""
+
+
+def _shape(value: Tensor) -> str:
+    return "x".join(map(str, value.shape)) or "scalar"

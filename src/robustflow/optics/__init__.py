@@ -1,1 +1,0 @@
-"""Lenses: prescriptions, ray tracing, the search that found them, and the PSF fields they give."""

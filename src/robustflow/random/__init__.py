@@ -1,0 +1,1 @@
+"""Counter-based random streams, named by what they are drawn for."""

@@ -1,0 +1,130 @@
+"""The file around a record: a zip of a few named entries, none of them compressed.
+
+Stored entries make the same bytes with every version of zlib, and the sizes in the file are the sizes in memory: no
+small file can unfold into a large one. A reader takes entries by the names it expects and writes none of them to disk
+under a name from the file.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+from ..errors import DataError
+
+LIMITS = {
+    "record.json": 1 << 16,
+    "manifest.json": 1 << 24,
+    "rows.csv": 1 << 29,
+    "summary.json": 1 << 24,
+    "profile.json": 1 << 16,
+}
+"""Entries of a record in their order, and the most bytes each may have."""
+
+REQUIRED = ("record.json", "manifest.json", "rows.csv", "summary.json")
+
+_LOCAL, _CENTRAL, _END = 30, 46, 22
+"""Bytes of the zip format's headers without names."""
+_UNREADABLE = (
+    *(zipfile.BadZipFile, OSError, ValueError, EOFError, NotImplementedError, RuntimeError),
+    *(struct.error, zlib.error, OverflowError, MemoryError, IndexError, KeyError),
+)
+"""What zipfile raises on a damaged file: not only its own error."""
+_LARGEST = sum(LIMITS.values()) + len(LIMITS) * (_LOCAL + _CENTRAL + 64) + _END
+
+
+def container_bytes(entries: Mapping[str, bytes]) -> bytes:
+    """A record file of these entries: the same bytes for the same entries, whenever and wherever it is made.
+
+    Raises:
+        DataError: an entry larger than a record may hold.
+
+    >>> entries = dict.fromkeys(REQUIRED, b"{}")
+    >>> read_container(container_bytes(entries), "a.robustflow") == entries
+    True
+    """
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as file:
+        for name, limit in LIMITS.items():
+            if name not in entries:
+                continue
+            if len(entries[name]) > limit:
+                raise DataError(f"{name} of this run has {len(entries[name])} bytes; a record holds at most {limit}")
+            info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            info.create_system, info.external_attr = 3, 0o100644 << 16
+            file.writestr(info, entries[name])
+    return out.getvalue()
+
+
+def read_file(path: Path) -> bytes:
+    """The bytes of a record file.
+
+    Raises:
+        DataError: no file, or larger than any record.
+    """
+    if path.exists() and not path.is_file():  # a pipe would be waited for, for ever
+        raise DataError(f"{path} is no file; give a file that 'robustflow pack' wrote")
+    try:
+        with open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            data = b"" if size > _LARGEST else file.read(_LARGEST + 1)
+    except OSError as error:
+        raise DataError(f"{path} cannot be read: {error.strerror}; give a file that 'robustflow pack' wrote") from error
+    if max(size, len(data)) > _LARGEST:
+        raise DataError(f"{path} has more than {_LARGEST >> 20} MiB; no record is that large")
+    return data
+
+
+def read_container(data: bytes, name: str) -> dict[str, bytes]:
+    """The entries of a record file.
+
+    Args:
+        data: the whole file.
+        name: of the file, for messages.
+
+    Raises:
+        DataError: no zip, damaged, or anything in it that `container_bytes` does not write: other, absent or repeated
+            entries, folders, links, compression, encryption, comments, bytes before, between or after the entries.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as file:
+            infos = file.infolist()
+            _check(infos, file, len(data), name)
+            return {info.filename: file.read(info) for info in infos}
+    except DataError:
+        raise
+    except _UNREADABLE as error:
+        raise DataError(f"{name} is no record or is damaged ({_reason(error)}); fetch or pack it again") from error
+
+
+def _check(infos: list[zipfile.ZipInfo], file: zipfile.ZipFile, size: int, name: str) -> None:
+    found = [info.orig_filename for info in infos]
+    if found != [entry for entry in LIMITS if entry in REQUIRED or entry in found]:
+        wrong = next((entry for entry in found if entry not in LIMITS), None)
+        reason = f"it holds {wrong[:60]!r}" if wrong is not None else f"it holds {', '.join(found[:9]) or 'nothing'}"
+        raise DataError(f"{name} is no record: {reason}, where {', '.join(REQUIRED)} are expected, once each")
+    end = 0
+    for info in infos:
+        if info.file_size > LIMITS[info.filename]:
+            raise DataError(
+                f"{name}: {info.filename} claims {info.file_size} bytes; a record holds at most {LIMITS[info.filename]}"
+            )
+        if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
+            raise DataError(f"{name}: {info.filename} is compressed, but a record's entries are stored as they are")
+        if info.flag_bits or info.external_attr != 0o100644 << 16 or info.extra or info.comment:
+            raise DataError(f"{name}: {info.filename} is encrypted, a link, or otherwise no plain entry of a record")
+        if info.header_offset != end:
+            raise DataError(f"{name}: there are bytes between its entries, or two entries share some")
+        end += _LOCAL + len(info.filename) + info.file_size
+    directory = sum(_CENTRAL + len(info.filename) for info in infos)
+    if file.start_dir != end or size != end + directory + _END or file.comment:
+        raise DataError(f"{name}: there are bytes before or after what a record holds")
+
+
+def _reason(error: Exception) -> str:
+    return f"{type(error).__name__}: {str(error)[:80]}"

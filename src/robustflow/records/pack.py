@@ -1,0 +1,103 @@
+"""A run folder becomes one file."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..atomic import json_bytes, write_bytes
+from ..errors import RunError, UsageError
+from ..runs.costs import PROFILE, read_cost
+from .container import container_bytes
+from .contents import FORMAT, VERSION, Entry, Record, shareable_manifest, validated
+from .read import Reader
+from .rows_text import rows_to_text
+from .text import check_text
+from .verify import verify_read
+
+if TYPE_CHECKING:
+    from ..runs.run import Result
+
+SUFFIX = ".robustflow"
+
+
+def pack(
+    run: Result,
+    path: str | Path | None = None,
+    *,
+    author: str = "",
+    link: str = "",
+    description: str = "",
+    partial: bool = False,
+    keep_paths: bool = False,
+) -> Path:
+    """Write a run as a record: `docs/records.md` says what is in it. The same run and texts give the same bytes.
+
+    Args:
+        run: the run; neither it nor its folder is changed.
+        path: the file; the name of the run's folder with `.robustflow` in the working folder by default.
+        author, link, description: plain text, shown with the run; the link begins with https://.
+        partial: pack a run that is not finished, which is marked so.
+        keep_paths: pack texts of the manifest that name places on this machine.
+
+    Returns:
+        The path of the file, whole or not there.
+
+    Raises:
+        RunError: rows are missing, texts would publish a path, or what the run holds would not verify.
+        DataError: the file cannot be written, or a text cannot be in a record.
+    """
+    data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
+    target = Path(path).expanduser() if path is not None else Path(run.path.absolute().name + SUFFIX)
+    if target.suffix != SUFFIX:
+        raise UsageError(f"{target}: a record's name ends in {SUFFIX}")
+    found = verify_read(Reader(data, str(target)))
+    if not found.ok:
+        raise RunError(f"{run.path} cannot be packed, for it would not verify: {found.first_failure()}")
+    write_bytes(target, data)
+    return target
+
+
+def record_bytes(
+    run: Result,
+    *,
+    author: str = "",
+    link: str = "",
+    description: str = "",
+    partial: bool = False,
+    keep_paths: bool = False,
+) -> bytes:
+    """The file that `pack` writes."""
+    missing = sum(len(units.samples) for units in run.summary.missing)
+    if missing and not partial:
+        raise RunError(
+            f"{run.path} is not finished: {missing} rows are missing; give the same run command again to go on, or "
+            "pack it as it is with --partial"
+        )
+    entries = {
+        "manifest.json": json_bytes(shareable_manifest(run.manifest, keep_paths)),
+        "rows.csv": rows_to_text(run.rows),
+        "summary.json": json_bytes(run.document()),
+    }
+    cost = read_cost(run)
+    if cost is not None:
+        entries[PROFILE] = json_bytes(cost.model_dump())
+    said = {"author": author, "link": link, "description": description}
+    said = {name: " ".join(text.split()) for name, text in said.items()}
+    for name, text in said.items():
+        check_text(text, f"--{name}")
+    facts = {
+        "format": FORMAT,
+        "version": VERSION,
+        "run": run.manifest["identity_digest"],
+        "complete": not missing,
+        "entries": {
+            name: Entry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest()).model_dump()
+            for name, data in entries.items()
+        },
+        **said,
+    }
+    record = json_bytes(facts)
+    validated(Record, record, "the record")
+    return container_bytes({"record.json": record, **entries})

@@ -1,0 +1,147 @@
+"""A record file, read step by step: each step trusts only what the ones before it have checked."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from ..atomic import make_folder, write_bytes
+from ..corruptions.api import STREAM_VERSION
+from ..errors import DataError
+from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION
+from ..runs.costs import PROFILE, parse_cost
+from ..runs.plan import IDENTITY_VERSION, identity_digest
+from ..text import plain
+from .container import LIMITS, read_container
+from .contents import Manifest, Record, check_version, validated
+from .rows_text import rows_from_text
+from .text import check_text, read_json
+
+STEPS = ("container", "record", "hashes", "manifest", "rows")
+"""The methods of `Reader`, in the order they must be called."""
+
+_ALWAYS = (
+    *("sample", "group", "corruption", "severity", "frames_digest", "height", "width", "n_invalid", "n_all"),
+    *("rcre_all_sum", "pred_magnitude_sum"),
+)
+_LARGEST_INT, _LARGEST_SUM = 2**53, 1e18
+
+
+class Reader:
+    """Reads one record. Every step returns a sentence about what it found, or raises.
+
+    Args:
+        data: the file.
+        name: what to call it in messages.
+
+    Attributes:
+        name, sha256: of the file.
+        entries: the bytes of each entry, after `container`.
+        facts: `record.json`, after `record`.
+        raw_manifest, plan: `manifest.json` as it stands and validated, after `manifest`.
+        frame: the rows, after `rows`.
+
+    Raises:
+        DataError, RunError: from each step, where the file is not what the step expects.
+    """
+
+    entries: dict[str, bytes]
+    facts: Record
+    raw_manifest: dict[str, Any]
+    plan: Manifest
+    frame: pl.DataFrame
+
+    def __init__(self, data: bytes, name: str) -> None:
+        self._data = data
+        self.name = name
+        self.sha256 = hashlib.sha256(data).hexdigest()
+
+    def container(self) -> str:
+        """A zip with the entries of a record, stored plainly, and nothing else."""
+        self.entries = read_container(self._data, self.name)
+        return f"{len(self.entries)} entries, {len(self._data)} bytes"
+
+    def record(self) -> str:
+        """`record.json` is of a version that is read here."""
+        data = self.entries["record.json"]
+        check_version(read_json(data, "record.json"), "record.json")
+        self.facts = validated(Record, data, "record.json")
+        return f"version {self.facts.version}"
+
+    def hashes(self) -> str:
+        """Every entry has the size and hash that `record.json` gives."""
+        others = [name for name in LIMITS if name in self.entries and name != "record.json"]
+        if sorted(self.facts.entries) != sorted(others):
+            raise DataError(f"record.json lists {', '.join(sorted(self.facts.entries))[:200]}, not what the file holds")
+        for name in others:
+            entry, data = self.facts.entries[name], self.entries[name]
+            if (entry.bytes, entry.sha256) != (len(data), hashlib.sha256(data).hexdigest()):
+                raise DataError(f"{name} has another SHA-256 than record.json gives: it was changed or damaged")
+        return f"{len(others)} entries"
+
+    def manifest(self) -> str:
+        """`manifest.json` has the shape of one, and its digest follows from its identity."""
+        data = self.entries["manifest.json"]
+        self.raw_manifest = read_json(data, "manifest.json")
+        self.plan = validated(Manifest, data, "manifest.json")
+        identity, digest = self.plan.identity, self.plan.identity_digest
+        versions = (identity.version, identity.streams, identity.rows)
+        if versions != (IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION):
+            raise DataError(
+                f"manifest.json is of versions {versions} (identity, streams, rows), this version reads "
+                f"{(IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION)}; use the version that packed it"
+            )
+        made = identity_digest(self.raw_manifest["identity"])
+        if not made == digest == self.facts.run:
+            raise DataError(
+                f"the digest is {self.facts.run} in record.json and {digest} in manifest.json, that of the identity is "
+                f"{made}"
+            )
+        if PROFILE in self.entries:
+            read_json(self.entries[PROFILE], PROFILE)
+            if parse_cost(self.entries[PROFILE], PROFILE).run != digest:
+                raise DataError(f"{PROFILE} was counted for another run")
+        return f"run {digest}"
+
+    def rows(self) -> str:
+        """Rows of the right types, each once, with numbers in range and texts that can be shown; and a summary."""
+        frame = rows_from_text(self.entries["rows.csv"])
+        nulls = [name for name in _ALWAYS if frame[name].null_count()]
+        if nulls:
+            raise DataError(f"rows.csv: cells of '{nulls[0]}' are empty")
+        twice = frame.select(ROW_KEY).is_duplicated()
+        if twice.any():
+            sample, corruption, severity = frame.filter(twice).select(ROW_KEY).row(0)
+            raise DataError(
+                f"rows.csv: sample '{plain(sample)}', {plain(corruption)} severity {severity} is there twice"
+            )
+        for column in ("sample", "group", "corruption"):
+            for text in frame[column].unique():
+                check_text(text, f"rows.csv, {column}")
+                if not 0 < len(text) <= 500:
+                    raise DataError(f"rows.csv: a {column} of {len(text)} characters; 1 to 500 are expected")
+        if not frame["frames_digest"].str.contains("^[0-9a-f]{32}$").all():
+            raise DataError("rows.csv: a frames_digest that is not 32 hexadecimal digits")
+        for column, kind in ROW_SCHEMA.items():
+            if kind is pl.Int64 and not frame[column].drop_nulls().is_between(0, _LARGEST_INT).all():
+                raise DataError(f"rows.csv: a '{column}' below 0 or too large to be a count")
+            if kind is pl.Float64 and not frame[column].drop_nulls().is_between(0.0, _LARGEST_SUM).all():
+                raise DataError(f"rows.csv: a '{column}' that is negative, not finite, or too large")
+        self.frame = frame
+        read_json(self.entries["summary.json"], "summary.json")
+        return f"{frame.height} rows of {frame['sample'].n_unique()} samples"
+
+    def unfold(self, folder: Path) -> None:
+        """Make a run folder of what was checked: under names of ours, and with the rows written anew.
+
+        Raises:
+            DataError: the folder cannot be written.
+        """
+        make_folder(folder / "rows")
+        for name in ("manifest.json", "summary.json", PROFILE):
+            if name in self.entries:
+                write_bytes(folder / name, self.entries[name])
+        self.frame.write_parquet(folder / "rows" / "rows.parquet")

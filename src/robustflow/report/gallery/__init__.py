@@ -1,0 +1,1 @@
+"""Corruptions to look at: pictures, a figure, a page."""

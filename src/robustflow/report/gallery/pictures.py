@@ -1,0 +1,80 @@
+"""What a gallery shows: one frame of a pair under each corruption, at each severity."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...corruptions import IMAGE_PAIR, Corruption, corrupt_clip, load_corruption
+from ...corruptions.calibration.ssim import Ssim
+from ...corruptions.stack import levels_of
+from ...sample import Frame, Sample
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One picture of the gallery.
+
+    Attributes:
+        name: the corruption.
+        severity: 1 to 5.
+        frame: RGB uint8, the first frame of the pair that the corruption changes; None where the severity does not
+            exist on the scale.
+        index: which frame that is, 0 or 1.
+        ssim: its mean SSIM to the clean frame.
+    """
+
+    name: str
+    severity: int
+    frame: Frame | None = None
+    index: int = 0
+    ssim: float = 1.0
+
+
+def gallery(
+    frame1: Frame,
+    frame2: Frame,
+    severities: Sequence[int],
+    corruptions: Sequence[str] | None = None,
+    seed: int = 0,
+    key: str = "",
+    scale: str = "paper",
+) -> Iterator[Cell]:
+    """The cells, corruption by corruption.
+
+    Args:
+        frame1, frame2: RGB uint8 (H, W, 3) of one size.
+        severities: of 1 to 5.
+        corruptions: names or stacks; every image-pair corruption by default.
+        seed, key: of the draws; the frames equal those of `corrupt`.
+        scale: "paper" or "calibrated".
+
+    Raises:
+        UsageError: an unknown corruption or scale, or one that needs a clip.
+        DataError: frames that are no pair.
+
+    >>> grey = np.full((32, 48, 3), 128, np.uint8)
+    >>> [(cell.name, cell.severity, cell.index) for cell in gallery(grey, grey, [1, 2], ["contrast"])]
+    [('contrast', 1, 0), ('contrast', 2, 0)]
+    """
+    pair = Sample(key or "pair", (frame1, frame2)).frames
+    chosen = [load_corruption(name, scale=scale) for name in (IMAGE_PAIR if corruptions is None else corruptions)]
+    similarity = [Ssim(frame) for frame in pair]
+    for corruption in chosen:
+        for severity in severities:
+            if severity in levels_of(corruption.name, tuple(severities), scale):
+                frame, index = _changed(pair, corruption, severity, seed, key)
+                yield Cell(corruption.name, severity, frame, index, similarity[index](frame))
+            else:
+                yield Cell(corruption.name, severity)
+
+
+def _changed(pair: Sequence[Frame], corruption: Corruption, severity: int, seed: int, key: str) -> tuple[Frame, int]:
+    """The first frame that is not as it was (one of the two is not exposed), or the first."""
+    unchanged = pair[0]
+    for index, frame in enumerate(corrupt_clip(pair, corruption, severity, seed, key)):
+        if not np.array_equal(frame, pair[index]):
+            return frame, index
+    return unchanged, 0

@@ -1,0 +1,1 @@
+"""What a run is: its plan, identity, manifest, rows, and what is kept beside them."""

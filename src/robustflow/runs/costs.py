@@ -1,0 +1,117 @@
+"""What the model of a run costs, counted by `robustflow profile MODEL --into RUN` and kept beside the run's rows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
+
+from ..analysis.scores import run_names, sample_set
+from ..atomic import write_json
+from ..errors import UsageError
+from ..text import plain
+from .kept_file import KeptFile, parse_kept, read_kept
+
+if TYPE_CHECKING:
+    from .run import Result
+
+PROFILE = "profile.json"
+_LARGEST = 1 << 16
+_COMMAND = "profile MODEL --into RUN"
+
+_Count = Annotated[int, Field(ge=0, le=10**18)]
+
+
+class RunCost(KeptFile):
+    """The cost of one prediction of a run's model.
+
+    Attributes:
+        version, run: see `KeptFile`.
+        height, width: of the frames it was counted for; the paper's are 432 x 720.
+        iterations: of the model, None where it has none.
+        parameters: all that are learned.
+        macs: multiply-accumulates by PyTorch's counter.
+        thop_parameters, thop_macs: as the paper's table counts them.
+        seconds: of one pair, the shortest time of several; None where it was not timed.
+        peak_bytes: memory, None where it was not measured.
+        device: where it was timed, as PyTorch calls it.
+    """
+
+    height: Annotated[int, Field(ge=1, le=10**5)]
+    width: Annotated[int, Field(ge=1, le=10**5)]
+    iterations: Annotated[int, Field(ge=0, le=10**6)] | None = None
+    parameters: _Count
+    macs: _Count
+    thop_parameters: _Count
+    thop_macs: _Count
+    seconds: Annotated[float, Field(ge=0)] | None = None
+    peak_bytes: _Count | None = None
+    device: Annotated[str, Field(max_length=40)] | None = None
+
+    @property
+    def parameters_m(self) -> float:
+        """Millions, in the paper's way."""
+        return self.thop_parameters / 1e6
+
+    @property
+    def flops_g(self) -> float:
+        """What the paper calls FLOPs: thop's multiply-accumulates, 10^9."""
+        return self.thop_macs / 1e9
+
+
+def parse_cost(data: bytes, name: str) -> RunCost:
+    """A cost from its file.
+
+    Raises:
+        RunError: not in this shape.
+    """
+    return parse_kept(RunCost, data, name, _COMMAND)
+
+
+def read_cost(run: Result) -> RunCost | None:
+    """The cost kept in a run's folder; None where nobody counted it.
+
+    Raises:
+        RunError: the file is damaged, or was counted for another run.
+    """
+    return read_kept(RunCost, run, PROFILE, _LARGEST, _COMMAND)
+
+
+def run_costs(runs: Sequence[Result]) -> dict[tuple[str, str], RunCost]:
+    """Costs by (sample set, name) as `run_results` gives them; runs without one are left out."""
+    costs = {(sample_set(run), name): read_cost(run) for name, run in zip(run_names(runs), runs, strict=True)}
+    return {key: cost for key, cost in costs.items() if cost is not None}
+
+
+def check_model(run: Result, model: Mapping[str, Any]) -> None:
+    """Whether a model of this identity is the run's, but for its weights and how it is executed.
+
+    Raises:
+        UsageError: it is another one, or has other settings.
+    """
+    ran = run.manifest["identity"]["model"]
+    for key in sorted((ran.keys() | model.keys()) - _FREE):
+        before, here = (json.dumps(of.get(key), sort_keys=True, default=str) for of in (ran, model))
+        if before != here:
+            raise UsageError(
+                f"{run.path} ran another model: its {key} is {plain(before)}, here it is {plain(here)}; profile the "
+                "model of the run, with the options of the run"
+            )
+
+
+_FREE = {"checkpoint", "options", "device", "precision", "compile", "threads", "torch", "tile", "overlap", "sigma"}
+"""What a model's identity names besides, and its cost does not depend on."""
+
+
+def write_cost(run: Result, cost: RunCost) -> Path:
+    """Keep a cost in the folder of its run.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    path: Path = run.path / PROFILE
+    write_json(path, cost.model_dump())
+    return path

@@ -1,0 +1,123 @@
+"""The histogram of flow amplitudes that is kept beside a run's rows, so that its pages can draw it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import polars as pl
+from pydantic import Field, model_validator
+
+from ..analysis.labels import benchmark_label
+from ..analysis.scores import sample_set
+from ..atomic import write_json
+from ..metrics.rows import CLEAN
+from ..runner.displacement import GROUND_TRUTH
+from ..text import plain
+from .kept_file import KeptFile, read_kept
+
+if TYPE_CHECKING:
+    from .run import Result
+
+DISPLACEMENT = "displacement.json"
+_LARGEST = 1 << 20
+_MOST_BINS = 10_000
+
+
+class DisplacementFile(KeptFile):
+    """`RUN/displacement.json`.
+
+    Attributes:
+        version, run: see `KeptFile`.
+        samples: how many were measured.
+        source: "ground truth", or the model whose flow it was.
+        low: lower edges of the bins in pixels, from 0; the last bin has no end.
+        pixels: count of each bin.
+    """
+
+    samples: Annotated[int, Field(ge=1)]
+    source: Annotated[str, Field(min_length=1, max_length=500)]
+    low: Annotated[list[Annotated[float, Field(ge=0, le=1e9)]], Field(min_length=1, max_length=_MOST_BINS)]
+    pixels: Annotated[list[Annotated[int, Field(ge=0, le=10**18)]], Field(min_length=1, max_length=_MOST_BINS)]
+
+    @model_validator(mode="after")
+    def _bins_fit(self) -> DisplacementFile:
+        if len(self.low) != len(self.pixels) or self.low[0] != 0 or sorted(set(self.low)) != self.low:
+            raise ValueError("the edges ascend from 0, one to each count")
+        return self
+
+    @property
+    def table(self) -> pl.DataFrame:
+        """Columns `low`, `high` (pixels, the last infinite) and `share` (of all counted pixels)."""
+        total = max(1, sum(self.pixels))
+        share = [count / total for count in self.pixels]
+        return pl.DataFrame({"low": self.low, "high": [*self.low[1:], math.inf], "share": share})
+
+
+def read_displacement(run: Result) -> DisplacementFile | None:
+    """The histogram kept in a run's folder; None where there is none, or the run has other samples by now.
+
+    Raises:
+        RunError: the file is damaged, or was counted for another run.
+    """
+    found = read_kept(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
+    return found if found and found.samples == len(run.manifest["samples"]) else None
+
+
+def write_displacement(run: Result, table: pl.DataFrame) -> Path:
+    """Keep the table of `displacement_histogram`, measured on a run's samples, in its folder.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    path: Path = run.path / DISPLACEMENT
+    kept = DisplacementFile(
+        run=run.manifest["identity_digest"],
+        samples=len(run.manifest["samples"]),
+        source=table["source"][0],
+        low=table["low"].to_list(),
+        pixels=table["pixels"].to_list(),
+    )
+    write_json(path, kept.model_dump())
+    return path
+
+
+def clean_digests(run: Result) -> dict[str, str]:
+    """Sample -> digest of its clean frames, of every sample that a run has measured."""
+    return dict(run.rows.filter(corruption=CLEAN).select("sample", "frames_digest").iter_rows())
+
+
+def displacements_of(runs: Sequence[Result]) -> dict[str, pl.DataFrame]:
+    """What the figure draws: label -> bins, one for each sample set, of its ground truth where a run has it."""
+    found: dict[str, DisplacementFile] = {}
+    benchmarks: dict[str, str] = {}
+    for run in runs:
+        one, frames = read_displacement(run), sample_set(run)
+        if one is None or not any(one.pixels):
+            continue
+        if frames not in found or one.source == GROUND_TRUTH != found[frames].source:
+            found[frames], benchmarks[frames] = one, str(run.manifest["identity"]["benchmark"])
+    return {label: one.table for label, one in _labelled(found, benchmarks)}
+
+
+def label_of(benchmark: str, samples: int, source: str) -> str:
+    """What a histogram is called in a figure.
+
+    >>> label_of("kitti-fc", 80, "ground truth")
+    'KITTI-FC, 80 pairs (ground truth)'
+    """
+    return f"{benchmark_label(benchmark)}, {samples} pair{'s' if samples != 1 else ''} ({plain(source, 40)})"
+
+
+def _labelled(found: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:
+    """Sample sets that differ in corruptions or seed alone have one histogram; others of one label are numbered."""
+    seen: dict[str, list[DisplacementFile]] = {}
+    for frames, one in found.items():
+        label = label_of(benchmarks[frames], one.samples, one.source)
+        alike = seen.setdefault(label, [])
+        if any((other.low, other.pixels) == (one.low, one.pixels) for other in alike):
+            continue
+        alike.append(one)
+        yield (label if len(alike) == 1 else f"{label} #{len(alike)}"), one

@@ -1,0 +1,91 @@
+"""`examples.json`: which pictures a run's folder holds and what they show.
+
+RUN/examples/examples.json   with the run's own numbers
+RUN/examples/*.jpg           the folder is whole or not there
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from ..atomic import TEMPORARY
+from ..corruptions.registry import PAPER_ORDER
+from ..metrics.rows import CLEAN
+from .example_cells import example_cells
+from .run import Result
+
+FOLDER, RECORD, VERSION = "examples", "examples.json", 1
+
+
+def examples_record(rows: pl.DataFrame) -> dict[str, Any] | None:
+    """What `examples.json` says, from the rows alone; None where nothing was measured."""
+    cells = example_cells(rows)
+    if not cells:
+        return None
+    panels = [
+        {
+            "kind": cell.kind,
+            "key": cell.key,
+            "corruption": cell.corruption,
+            "severity": cell.severity,
+            **asdict(cell.scores),
+            "file": f"{cell.kind}.jpg",
+        }
+        for cell in cells
+    ]
+    shown = next(cell.key for cell in cells if cell.kind == "median")
+    of_sample = rows.filter((pl.col("sample") == shown) & (pl.col("corruption") != CLEAN))
+    settings = sorted(of_sample.select("corruption", "severity").iter_rows(), key=_paper_order)
+    names = list(dict.fromkeys(name for name, _ in settings))
+    pictures = [
+        {"corruption": name, "severity": severity, "file": f"{_plain_name(name, names.index(name))}_{severity}.jpg"}
+        for name, severity in settings
+    ]
+    return {
+        "version": VERSION,
+        "slider": {"key": shown, "clean": "clean.jpg", "pictures": pictures},
+        "panels": panels,
+    }
+
+
+def _paper_order(setting: tuple[str, int]) -> tuple[int, str, int]:
+    name, severity = setting
+    return (PAPER_ORDER.index(name) if name in PAPER_ORDER else len(PAPER_ORDER)), name, severity
+
+
+def _plain_name(corruption: str, index: int) -> str:
+    """A file name for a corruption: its own, or a number for a stack, whose name holds "+" and ":"."""
+    return corruption if re.fullmatch("[a-z0-9_]{1,40}", corruption) else f"other-{index}"
+
+
+def picture_files(record: dict[str, Any]) -> list[str]:
+    slider = record["slider"]
+    return [slider["clean"], *(picture["file"] for picture in (*slider["pictures"], *record["panels"]))]
+
+
+def are_current(result: Result) -> bool:
+    """Whether the pictures of a run's folder are those of its rows."""
+    record = examples_record(result.rows)
+    home = result.path / FOLDER
+    try:
+        found = json.loads((home / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return record is not None and found == record and all((home / name).is_file() for name in picture_files(record))
+
+
+def drop_examples(run: Path) -> None:
+    """Remove a run's pictures: they show numbers that are no longer the run's."""
+    home = run / FOLDER
+    if home.is_dir():
+        gone = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # so that no reader finds half of them
+        home.rename(gone)
+        shutil.rmtree(gone, ignore_errors=True)

@@ -1,0 +1,76 @@
+"""A small JSON file kept beside a run's rows: it belongs to that run alone, and may come from anyone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..errors import RunError, first_misfit
+
+if TYPE_CHECKING:
+    from .run import Result
+
+
+class KeptFile(BaseModel):
+    """What every such file begins with.
+
+    Attributes:
+        version: of this file.
+        run: the digest of the run's identity.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    version: Annotated[int, Field(ge=1, le=1)] = 1
+    run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
+
+
+Kept = TypeVar("Kept", bound=KeptFile)
+
+
+def parse_kept(kind: type[Kept], data: bytes, name: str, command: str) -> Kept:
+    """The contents of such a file.
+
+    Args:
+        kind: what it should hold.
+        data: the file.
+        name: of it, for messages.
+        command: of robustflow, which writes it anew.
+
+    Raises:
+        RunError: not in this shape; the first misfit is named.
+    """
+    try:
+        return kind.model_validate_json(data)
+    except ValidationError as error:
+        raise RunError(
+            f"{name}: {first_misfit(error)}; delete it, or write it anew with robustflow {command}"
+        ) from error
+
+
+def read_kept(kind: type[Kept], run: Result, file: str, largest: int, command: str) -> Kept | None:
+    """Such a file of a run; None where there is none.
+
+    Args:
+        kind: what it should hold.
+        run: whose folder.
+        file: its name.
+        largest: bytes that are read of it at most.
+        command: of robustflow, which writes it anew.
+
+    Raises:
+        RunError: it is damaged, or was counted for another run.
+    """
+    path = run.path / file
+    if not path.is_file():
+        return None  # a pipe would be waited for
+    try:
+        with open(path, "rb") as opened:
+            data = opened.read(largest)
+    except OSError:
+        return None
+    found = parse_kept(kind, data, str(path), command)
+    if found.run != run.manifest["identity_digest"]:
+        raise RunError(f"{path} was counted for another run ({found.run}); delete it, or count it anew")
+    return found

@@ -1,0 +1,138 @@
+"""What has to run: which samples, corruptions and severities, and the identity of the numbers that come out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..benchmarks.base import Benchmark
+from ..corruptions.api import STREAM_VERSION
+from ..corruptions.calibration.scale import calibration_digest
+from ..corruptions.stack import levels_of
+from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
+from ..models.window import Window
+
+IDENTITY_VERSION = 1
+
+Cell = tuple[str, str, int]
+"""(sample key, corruption, severity): what one row is about."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The least that is computed and written at once: one corruption of one sample, at the severities still missing."""
+
+    key: str
+    corruption: str
+    severities: tuple[int, ...]
+
+    @property
+    def cells(self) -> list[Cell]:
+        return [(self.key, self.corruption, severity) for severity in self.severities]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What changes the numbers besides benchmark and model; and what to do with predictions that are not numbers."""
+
+    seed: int = 0
+    variant: str = "default"
+    allow_invalid: bool = False
+    severity_scale: str = "paper"
+    psf_source: str = ""
+    window: Window | None = None
+    """The frames around each pair that a multi-frame model is given; None where a model is given pairs."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A benchmark, the settings, and the identity of the model it is for.
+
+    `provenance` is what the manifest says about the model's training. It changes no number, so it is no part of the
+    identity: a run goes on when its model's training sets are declared later.
+    """
+
+    benchmark: Benchmark
+    settings: Settings
+    model_identity: dict[str, Any]
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    def units(self) -> list[Unit]:
+        """Everything that a complete run consists of; each sample's clean unit first."""
+        units = []
+        for key in self.benchmark.keys:
+            units.append(Unit(key, CLEAN, (0,)))
+            units += [Unit(key, name, levels) for name, levels in self._levels().items() if levels]
+        return units
+
+    def left_out(self) -> dict[str, list[int]]:
+        """Severities asked for that do not exist on the severity scale, by corruption."""
+        asked = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
+        gone = {name: sorted(set(asked[name]) - set(levels)) for name, levels in self._levels().items()}
+        return {name: levels for name, levels in gone.items() if levels}
+
+    def _levels(self) -> dict[str, tuple[int, ...]]:
+        scale = self.settings.severity_scale
+        return {name: levels_of(name, self.benchmark.severities, scale) for name in self.benchmark.corruptions}
+
+    def missing(self, found: Iterable[Cell]) -> list[Unit]:
+        """Planned minus found."""
+        done = set(found)
+        left = []
+        for unit in self.units():
+            severities = tuple(s for s in unit.severities if (unit.key, unit.corruption, s) not in done)
+            if severities:
+                left.append(Unit(unit.key, unit.corruption, severities))
+        return left
+
+    def identity(self) -> dict[str, Any]:
+        """Whatever changes a row's numbers, and nothing else: not the number of workers, not which samples were
+        chosen. Two runs with the same identity may share a folder; their rows agree."""
+        calibrated = self.settings.severity_scale == "calibrated"
+        scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
+        window = {"window": self.settings.window.record()} if self.settings.window else {}
+        psf = {"psf": self.settings.psf_source} if self.settings.psf_source else {}
+        return (
+            scale
+            | psf
+            | window
+            | {
+                "version": IDENTITY_VERSION,
+                "benchmark": self.benchmark.name,
+                "dataset": self.benchmark.dataset.name,
+                "protocol": self.benchmark.protocol,
+                "model": self.model_identity,
+                "seed": self.settings.seed,
+                "variant": self.settings.variant,
+                "allow_invalid": self.settings.allow_invalid,
+                "streams": STREAM_VERSION,
+                "rows": ROW_SCHEMA_VERSION,
+            }
+        )
+
+    def digest(self) -> str:
+        """The identity as 16 hexadecimal digits."""
+        return identity_digest(self.identity())
+
+
+def identity_digest(identity: dict[str, Any]) -> str:
+    """A stable hash of an identity, the same from a plan as from the manifest it was written to.
+
+    >>> identity_digest({"a": 1, "b": 2}) == identity_digest({"b": 2, "a": 1})
+    True
+    """
+    spelled = json.dumps(identity, sort_keys=True, separators=(",", ":"), default=str)
+    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
+
+
+def left_out_sentence(left_out: dict[str, list[int]]) -> str:
+    """Which severities a run leaves out, in words.
+
+    >>> left_out_sentence({"saturate": [5], "h264_crf": [1, 2]})
+    'the calibrated scale has no saturate at severity 5, h264_crf at severity 1, 2'
+    """
+    each = ", ".join(f"{name} at severity {', '.join(map(str, levels))}" for name, levels in left_out.items())
+    return f"the calibrated scale has no {each}"

@@ -1,0 +1,174 @@
+"""`Result`: a run folder, read."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from ..atomic import write_bytes, write_json
+from ..corruptions.stack import levels_of
+from ..errors import RunError
+from ..metrics.aggregate import summarize
+from ..metrics.rows import CLEAN
+from ..metrics.summary import Averaging, Summary
+from ..models.provenance import training_of
+from .plan import Cell
+from .store import RunFolder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..report.comparison import Comparison
+    from .costs import RunCost
+
+
+class Result:
+    """What a run measured, finished or not.
+
+    Args:
+        folder: the run's folder.
+
+    Raises:
+        RunError: no run there, or one that this version cannot read.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self._folder = RunFolder(folder)
+        self.path = self._folder.path
+        manifest = self._folder.manifest()
+        if manifest is None:
+            raise RunError(
+                f"{self.path} is not a run's folder (it has no manifest.json); give the folder that 'run' wrote"
+            )
+        self.manifest: dict[str, Any] = manifest
+
+    @cached_property
+    def rows(self) -> pl.DataFrame:
+        """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
+        return self._folder.rows()
+
+    @cached_property
+    def summary(self) -> Summary:
+        """The paper's means, and where they are incomplete."""
+        return self.summarize("image")
+
+    def summarize(self, averaging: Averaging = "image") -> Summary:
+        """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
+        return summarize(self.rows, averaging, self.planned())
+
+    @property
+    def epe_clean(self) -> float | None:
+        """Mean end-point error on the clean frames, pixels; None without ground truth."""
+        return self.summary.epe_clean
+
+    @property
+    def epe(self) -> float | None:
+        """Mean end-point error over severities and corruptions, pixels; None without ground truth."""
+        return self.summary.epe
+
+    @property
+    def cre(self) -> float | None:
+        """Corruption Robustness Error, pixels (paper Eq. 1); None without ground truth."""
+        return self.summary.cre
+
+    @property
+    def crer(self) -> float | None:
+        """Corruption Robustness Error ratio, CRE / clean EPE (paper Eq. 2); None without ground truth."""
+        return self.summary.crer
+
+    @property
+    def rcre(self) -> float | None:
+        """Relative Corruption Robustness Error, pixels (paper Eq. 3)."""
+        return self.summary.rcre
+
+    @property
+    def name(self) -> str:
+        """The model's name, for headings; never blank."""
+        model = self.manifest["identity"]["model"]
+        names = (str(model[key]).strip() for key in ("spec", "name", "object") if model.get(key))
+        return next(filter(None, names), "(no name)")
+
+    @property
+    def setting(self) -> str:
+        """What the model has seen of the benchmark: "OOD", "ID", "LEAKED", ... (see `Training.setting`)."""
+        identity = self.manifest["identity"]
+        recorded = self.manifest.get("provenance") or training_of(identity["model"]).record(identity["benchmark"])
+        return str(recorded["setting"])
+
+    def table(self, metric: str = "epe") -> pl.DataFrame:
+        """One metric, corruption x severity, in the paper's order."""
+        return self.summary.table(metric)
+
+    @property
+    def left_out(self) -> dict[str, list[int]]:
+        """Severities asked for that do not exist on the run's severity scale, by corruption; they are in no mean."""
+        return dict(self.manifest.get("left_out", {}))
+
+    def document(self) -> dict[str, Any]:
+        """What `summary.json` holds: the paper's means, the pooled ones, which run, and its setting."""
+        return {
+            **self.summary.model_dump(),
+            "pooled": self.summarize("pixel").model_dump(),
+            "run": self.manifest["identity_digest"],
+            "setting": self.setting,
+        }
+
+    @property
+    def cost(self) -> RunCost | None:
+        """What one prediction of the model costs, where `robustflow profile MODEL --into RUN` counted it."""
+        from .costs import read_cost
+
+        return read_cost(self)
+
+    def compare(self, other: Result, *, level: float = 0.95, resamples: int = 4999, seed: int = 0) -> Comparison:
+        """Whether this run differs from another over the same frames; see `robustflow.compare`."""
+        from ..report.comparison import compare
+
+        return compare(self, other, level=level, resamples=resamples, seed=seed)
+
+    def plot(self, kind: str = "severity", metric: str = "rcre", others: Sequence[Result] = ()) -> Figure:
+        """A figure of this run, and of others beside it; see `robustflow.report.notebook.plot` for the kinds."""
+        from ..report.notebook import plot
+
+        return plot([self, *others], kind, metric)
+
+    def __repr__(self) -> str:
+        from ..text import plain
+
+        return f"<Result of {plain(self.name)} on {plain(str(self.manifest['identity']['benchmark']))}, {self.path}>"
+
+    def _repr_html_(self) -> str:
+        from ..report.notebook import result_html
+
+        return result_html(self)
+
+    def write_summary(self) -> None:
+        """Write `summary.json` and `report.html` into the run's folder."""
+        self.write_means()
+        self.write_report()
+
+    def write_means(self) -> None:
+        """Write `summary.json`."""
+        write_json(self.path / "summary.json", self.document())
+
+    def write_report(self) -> None:
+        """Write `report.html`, with the examples that are there."""
+        from ..report.site import render_site, run_content
+
+        write_bytes(self.path / "report.html", render_site(run_content(self)).encode())
+
+    def planned(self) -> list[Cell]:
+        """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
+        selection = self.manifest["selection"]
+        cells: list[Cell] = []
+        for key in self.manifest["samples"]:
+            cells.append((key, CLEAN, 0))
+            for name in selection["corruptions"]:
+                gone = self.left_out.get(name, [])
+                levels = levels_of(name, tuple(selection["severities"]))
+                cells += [(key, name, level) for level in levels if level not in gone]
+        return cells

@@ -1,0 +1,131 @@
+"""Where a run's model and data lay: what `robustflow examples` needs to draw a finished run again.
+
+Kept beside the manifest, not in it: paths on one machine are no part of a result, and are not passed on with it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..atomic import write_json
+from ..benchmarks import load_benchmark
+from ..datasets.base import Dataset, FromClips
+from ..errors import RobustFlowError, RunError
+from ..models import ModelSpec
+from ..models.base import AnyModel
+from ..runner.clip import window_on
+from .plan import Plan, Settings, identity_digest
+from .run import Result
+
+FILE = "source.json"
+
+
+@dataclass(frozen=True)
+class Source:
+    """How a run can be set up again.
+
+    Attributes:
+        model: by name; None for a Python object, which has none.
+        data: of the data set; None where it needs none.
+        data_options: of the data set.
+    """
+
+    model: ModelSpec | None = None
+    data: Path | None = None
+    data_options: dict[str, Any] = field(default_factory=dict)
+
+    def write(self, folder: Path) -> None:
+        """Write it into a run's folder."""
+        model = None if self.model is None else {"name": self.model.name, "options": _plain(self.model.options)}
+        data = None if self.data is None else str(self.data.expanduser().absolute())
+        options = {
+            key: value if isinstance(value, int | float) else str(value) for key, value in self.data_options.items()
+        }
+        write_json(folder / FILE, {"schema": 1, "model": model, "data": data, "data_options": options})
+
+    @classmethod
+    def read(cls, folder: Path) -> Source:
+        """What was written; an empty source where nothing was (a run of an older version).
+
+        Raises:
+            RunError: the file is damaged.
+        """
+        try:
+            found = json.loads((folder / FILE).read_text(encoding="utf-8"))
+            spec, data = found["model"], found["data"]
+            model = None if spec is None else ModelSpec(str(spec["name"]), tuple(dict(spec["options"]).items()))
+            return cls(model, None if data is None else Path(data), dict(found["data_options"]))
+        except FileNotFoundError:
+            return cls()
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise RunError(f"{folder / FILE} is damaged; delete it, and name --model and --data instead") from error
+
+
+def set_up_again(result: Result, source: Source) -> tuple[Dataset, AnyModel, Settings]:
+    """Data set, model and settings of a finished run.
+
+    Raises:
+        RunError: the model cannot be loaded any more, or what is found now is not what was run.
+        UsageError, DataError: the data set is not there.
+    """
+    identity = result.manifest["identity"]
+    chosen = load_benchmark(identity["benchmark"], source.data, None, source.data_options)
+    dataset = chosen.dataset
+    if isinstance(dataset, FromClips):
+        dataset = dataset.with_variant(identity["variant"])
+    if source.model is None:
+        raise RunError(f"{result.path} was run with a Python object, which has no name; give --model NAME")
+    try:
+        model = source.model.load()
+    except RobustFlowError as error:
+        raise RunError(f"the model of {result.path} can no longer be loaded: {error}") from error
+    scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
+    settings = Settings(
+        identity["seed"],
+        identity["variant"],
+        identity["allow_invalid"],
+        scale,
+        _psf_source(identity["variant"]),
+        window_on(model, dataset),
+    )
+    now = Plan(chosen, settings, source.model.identity(model)).identity()
+    if identity_digest(now) != result.manifest["identity_digest"]:
+        raise RunError(
+            f"what is set up now is not what {result.path} ran (it differs in: {differing(now, identity)}); "
+            "give the options that the run was given"
+        )
+    return dataset, model, settings
+
+
+def differing(now: dict[str, Any], before: dict[str, Any]) -> str:
+    """The parts in which two identities differ.
+
+    >>> differing({"seed": 1, "model": "a"}, {"seed": 0, "model": "a"})
+    'seed'
+    """
+    names = sorted(key for key in now.keys() | before.keys() if now.get(key) != before.get(key))
+    return ", ".join(names) or "identity"
+
+
+def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Options as JSON knows them; a Python object, which only `evaluate` can be given, as its text.
+
+    >>> _plain([("step", 2), ("root", Path("a")), ("limit", float("inf"))])
+    {'step': 2, 'root': 'a', 'limit': 'inf'}
+    """
+    kept = (str, int, type(None))
+    return {
+        name: value if isinstance(value, kept) or (isinstance(value, float) and math.isfinite(value)) else str(value)
+        for name, value in options
+    }
+
+
+def _psf_source(variant: str) -> str:
+    from ..corruptions import load_corruption
+
+    return load_corruption("psf_blur", variant).source

@@ -1,0 +1,109 @@
+"""Anatomy of error on rows whose parts are known."""
+
+from __future__ import annotations
+
+import polars as pl
+import pytest
+
+from robustflow.analysis.anatomy import broken_pixels, by_family, by_region, by_severity
+from robustflow.metrics.aggregate import summarize
+from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
+
+_PIXELS = 1000
+
+
+def _row(corruption: str, severity: int, epe: float, fl: float, edge_epe: float | None = None) -> dict:
+    row = dict.fromkeys(ROW_SCHEMA) | {
+        "sample": "a",
+        "group": "a",
+        "corruption": corruption,
+        "severity": severity,
+        "frames_digest": "",
+        "height": 1,
+        "width": _PIXELS,
+        "n_invalid": 0,
+        "n_all": _PIXELS,
+        "rcre_all_sum": 0.0,
+        "pred_magnitude_sum": 0.0,
+        "n_valid": _PIXELS,
+        "epe_sum": _PIXELS * epe,
+        "rcre_sum": _PIXELS * epe,
+        "magnitude_sum": 0.0,
+        "fl_count": round(_PIXELS * fl / 100),
+        "px1_count": 0,
+        "px3_count": 0,
+        "px5_count": 0,
+        "wauc_sum": 0.0,
+    }
+    if edge_epe is not None:
+        row |= {"n_d0_10": 100, "epe_sum_d0_10": 100 * edge_epe, "rcre_sum_d0_10": 0.0, "fl_count_d0_10": 50}
+    return row
+
+
+def _summary(*rows: dict):
+    return summarize(pl.DataFrame(list(rows), schema=ROW_SCHEMA))
+
+
+def test_families_share_the_error():
+    """Two weather corruptions at CRE 6, one noise at CRE 3: weather is 12 / 15 of the CRE."""
+    found = by_family(
+        _summary(_row(CLEAN, 0, 2, 5), _row("fog", 1, 8, 10), _row("snow", 1, 8, 20), _row("gaussian_noise", 1, 5, 7))
+    )
+    weather, noise = found.row(0, named=True), found.row(1, named=True)
+    assert (weather["family"], weather["corruptions"], weather["cre"], weather["crer"]) == ("weather", 2, 6, 3)
+    assert weather["contribution"] == pytest.approx(80)
+    assert noise["contribution"] == pytest.approx(20)
+    assert weather["broken"] == pytest.approx(10)
+    assert noise["broken"] == pytest.approx(2)
+
+
+def test_slopes():
+    rows = [_row(CLEAN, 0, 1, 0)]
+    rows += [_row("fog", s, 1 + 0.5 * s, 0) for s in range(1, 6)]
+    rows += [_row("snow", s, s**2, 0) for s in range(1, 6)]
+    rows += [_row("frost", s, 7 - s, 0) for s in range(1, 6)]
+    rows += [_row("spatter", 1, 7, 0)]
+    found = {row["corruption"]: row for row in by_severity(_summary(*rows)).iter_rows(named=True)}
+    assert set(found) == {"fog", "snow", "frost"}
+    assert found["fog"]["slope"] == pytest.approx(0.5)
+    assert found["fog"]["bend"] == pytest.approx(0)
+    assert found["snow"]["slope"] == pytest.approx(6)
+    # Least squares through 1, 4, 9 and through 9, 16, 25: 4 and 8.
+    assert found["snow"]["bend"] == pytest.approx(4)
+    assert found["frost"]["slope"] == pytest.approx(-1)
+    assert (found["fog"]["rises"], found["frost"]["rises"]) == (True, False)
+    assert (found["snow"]["lowest"], found["snow"]["highest"]) == (1, 25)
+
+
+def test_broken_pixels_against_mean_shift():
+    """Ten percent break by 20 px, or every pixel shifts by 2 px: the same CRE, another anatomy."""
+    summary = _summary(_row(CLEAN, 0, 1, 4), _row("fog", 2, 3, 14), _row("snow", 2, 3, 4))
+    found = {row["corruption"]: row for row in broken_pixels(summary).iter_rows(named=True)}
+    assert found["fog"] == {
+        "corruption": "fog",
+        "severity": 2,
+        "cre": 2,
+        "broken": pytest.approx(10),
+        "per_broken": pytest.approx(0.2),
+    }
+    assert found["snow"]["broken"] == pytest.approx(0)
+    assert found["snow"]["per_broken"] is None
+
+
+def test_regions():
+    summary = _summary(_row(CLEAN, 0, 2, 5, edge_epe=4.0), _row("fog", 1, 8, 10, edge_epe=20.0))
+    found = by_region(summary).row(0, named=True)
+    assert found["region"] == "d0_10"
+    assert found["label"] == "within 10 px of a motion edge"
+    assert (found["share"], found["epe_clean"], found["cre"], found["crer"]) == (10, 4, 16, 4)
+
+
+def test_without_ground_truth_nothing_is_made_up():
+    rows = pl.DataFrame([_row(CLEAN, 0, 2, 5), _row("fog", 1, 8, 10)], schema=ROW_SCHEMA)
+    blind = rows.with_columns(
+        pl.lit(None, rows.schema[c]).alias(c) for c in ("n_valid", "epe_sum", "rcre_sum", "fl_count")
+    )
+    summary = summarize(blind)
+    assert by_region(summary).is_empty()
+    assert broken_pixels(summary).is_empty()
+    assert by_family(summary)["contribution"].to_list() == [None]

@@ -1,0 +1,230 @@
+"""The audit finds what does not fit in the published tables, finds what is planted, and nothing in what fits."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter
+from decimal import Decimal
+
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.analysis.audit import CHECKS, Audit, audit, audit_published, audit_results
+from robustflow.analysis.audit.row_rules import RULES
+from robustflow.analysis.published.tables import published_results
+from robustflow.analysis.results import AVERAGE, CLEAN, parse_results
+from robustflow.api import evaluate
+from robustflow.corruptions.registry import IMAGE_PAIR
+from robustflow.errors import RunError
+
+_FOUND = audit_published()
+
+
+def _of(check: str, **where: str) -> list:
+    return [f for f in _FOUND.findings if f.check == check and all(getattr(f, k) == v for k, v in where.items())]
+
+
+def test_rows_of_brightflow_and_upflow_are_swapped():
+    assert [(f.source, f.metric) for f in _of("swapped")] == [("Tab. 7", "cre"), ("Tab. 8", "rcre")]
+    assert all("BrightFlow and UPFlow" in finding.says for finding in _of("swapped"))
+
+
+def test_samflow_t_disagrees_in_six_columns():
+    found = [f.corruption for f in _of("cre", setting="OOD", model="SAMFlow-T") if f.corruption != AVERAGE]
+    assert found == ["low_light", "snow", "gaussian_noise", "shot_noise", "impulse_noise", "psf_blur"]
+    assert "snow, gaussian_noise, shot_noise" in _of("shifted")[0].says
+
+
+def test_flowdiffuser_disagrees_in_both_settings():
+    counts = Counter(f.setting for f in _of("cre", model="FlowDiffuser") if f.corruption != AVERAGE)
+    assert counts == {"OOD": 19, "ID": 15}
+
+
+def test_both_numbers_are_given():
+    """One value of each kind, read off the paper's tables by hand."""
+    contrast = _of("cre", model="BrightFlow", corruption="contrast")[0]
+    assert (contrast.given, round(contrast.recomputed, 2), round(contrast.tolerance, 3)) == (3.70, 0.20, 0.015)
+    impossible = _of("bound", model="UPFlow", corruption="contrast")[0]
+    assert (impossible.given, round(impossible.recomputed, 2)) == (0.68, 3.70)
+    ratio = _of("crer", model="SAMFlow-T")[0]
+    assert (ratio.given, round(ratio.recomputed, 3)) == (1.17, 1.209)
+    marked = _of("best", setting="OOD", corruption="spatter", metric="cre")[0]
+    assert (marked.given, marked.recomputed) == (16.79, 16.27)
+
+
+def test_cre_against_exact_decimal_arithmetic():
+    """The same check in decimals, without a tolerance of floating point: the very same cells misfit."""
+    rows = published_results().filter(benchmark="kitti-fc")
+    number = {
+        (r["metric"], r["setting"], r["model"], r["corruption"]): Decimal(f"{r['value']:.2f}")
+        for r in rows.iter_rows(named=True)
+    }
+    expected = {
+        (setting, model, name)
+        for metric, setting, model, name in number
+        if metric == "cre"
+        and abs(
+            number["epe", setting, model, name]
+            - number["epe", setting, model, CLEAN]
+            - number[metric, setting, model, name]
+        )
+        > Decimal("0.015")
+    }
+    assert {(f.setting, f.model, f.corruption) for f in _of("cre")} == expected
+
+
+def test_what_fits_is_not_reported():
+    assert not _of("average")
+    assert not _of("rank")
+    assert {(f.setting, f.model) for f in _of("cre")} == {
+        ("OOD", "SAMFlow-T"),
+        ("OOD", "SAMFlow-B"),
+        ("OOD", "FlowDiffuser"),
+        ("ID", "FlowDiffuser"),
+        ("ID", "BrightFlow"),
+        ("ID", "UPFlow"),
+    }
+    assert not [f for f in _of("best") if f.source in ("Tab. 2", "Tab. 4")]
+    assert _FOUND.checked["cre"] == 29 * 21
+    assert set(_FOUND.checked) <= set(CHECKS)
+
+
+def _csv(values: dict[tuple[str, str, str], str], marked: set[tuple[str, str, str]] = frozenset()) -> pl.DataFrame:
+    lines = ["setting,model,metric,corruption,value,marked"]
+    lines += [
+        f"ID,{model},{metric},{name},{value},{'yes' if (model, metric, name) in marked else 'no'}"
+        for (model, metric, name), value in values.items()
+    ]
+    return parse_results("\n".join(lines), "made.csv", "made")
+
+
+def _consistent(errors: dict[str, list[float]], decimals: int) -> dict[tuple[str, str, str], str]:
+    """A table as an honest author makes it: everything computed first, then rounded."""
+    out = {}
+    for model, (clean, *epe) in errors.items():
+        table = {("epe", CLEAN): clean}
+        table |= {("epe", name): value for name, value in zip(IMAGE_PAIR, epe, strict=False)}
+        table |= {("cre", name): value - clean for name, value in zip(IMAGE_PAIR, epe, strict=False)}
+        table |= {("rcre", name): abs(value - clean) * 1.2 + 0.1 for name, value in zip(IMAGE_PAIR, epe, strict=False)}
+        table |= {("crer", name): (value - clean) / clean for name, value in zip(IMAGE_PAIR, epe, strict=False)}
+        for metric in ("epe", "cre", "rcre", "crer"):
+            parts = [value for (m, name), value in table.items() if m == metric and name != CLEAN]
+            table[metric, AVERAGE] = sum(parts) / len(parts)
+        out |= {(model, *key): f"{value:.{decimals}f}" for key, value in table.items()}
+    return out
+
+
+_ERRORS = st.lists(st.floats(0.5, 60, allow_nan=False), min_size=6, max_size=6)
+
+
+@given(errors=st.dictionaries(st.sampled_from(["A", "B", "C"]), _ERRORS, min_size=1), decimals=st.integers(1, 5))
+@settings(max_examples=60, deadline=None)
+def test_an_honest_table_fits_however_it_was_rounded(errors, decimals):
+    assert not audit_results(_csv(_consistent(errors, decimals))).findings
+
+
+@pytest.mark.parametrize("metric", ["cre", "crer", "rcre"])
+def test_a_planted_error_is_found(metric):
+    values = _consistent({"A": [2.0, 3.0, 5.0, 9.0, 4.0, 6.0]}, 2)
+    values["A", metric, "saturate"] = "0.31"
+    found = audit_results(_csv(values)).findings
+    check = {"cre": "cre", "crer": "crer", "rcre": "bound"}[metric]
+    assert ("saturate", 0.31) in [(f.corruption, f.given) for f in found if f.check == check]
+    assert (AVERAGE, metric) in [(f.corruption, f.metric) for f in found if f.check == "average"]
+
+
+def test_swapped_rows_are_found_in_any_table():
+    values = _consistent({"A": [2.0, 3, 5, 9, 4, 6], "B": [3.0, 7, 4, 5, 8, 20], "C": [1.0, 3, 2, 6, 5, 4]}, 2)
+    swapped = {
+        (m, metric, name): values[({"A": "B", "B": "A"}.get(m, m) if metric == "cre" else m), metric, name]
+        for m, metric, name in values
+    }
+    says = [f.says for f in audit_results(_csv(swapped)).findings if f.check == "swapped"]
+    assert len(says) == 1
+    assert "A and B" in says[0]
+
+
+def test_a_wrong_mark_is_found_and_a_shared_one_is_not():
+    values = {("A", "epe", "fog"): "1.00", ("B", "epe", "fog"): "1.00", ("C", "epe", "fog"): "2.00"}
+    both = {("A", "epe", "fog"), ("B", "epe", "fog")}
+    assert not audit_results(_csv(values, both)).findings
+    for marked in ({("A", "epe", "fog")}, {("C", "epe", "fog")}, both | {("C", "epe", "fog")}):
+        assert [f.check for f in audit_results(_csv(values, marked)).findings] == ["best"]
+
+
+def test_json_reads_back():
+    text = _FOUND.model_dump_json()
+    assert Audit.model_validate_json(text) == _FOUND
+    assert json.loads(text)["findings"][0]["check"] == "swapped"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("audit") / "run"
+    return evaluate("farneback", "demo", output=folder, corruptions=["contrast", "jpeg_compression"], severities=[1, 5])
+
+
+def test_a_run_folder_fits(run):
+    found = audit(run.path)
+    assert not found.findings
+    assert found.checked["summary"] > 100
+    assert found.checked["rows"] == len(RULES) * run.rows.height
+
+
+def test_a_changed_summary_is_found(run, tmp_path):
+    folder = _copy(run.path, tmp_path)
+    summary = json.loads((folder / "summary.json").read_text())
+    summary["cre"] -= 0.25
+    summary["corruptions"]["contrast"]["by_severity"]["epe"][1] += 1e-6
+    summary["extra"] = 1
+    (folder / "summary.json").write_text(json.dumps(summary))
+    says = [finding.says for finding in audit(folder).findings]
+    assert len(says) == 3
+    assert any(": cre is " in text for text in says)
+    assert any("corruptions.contrast.by_severity.epe.1" in text for text in says)
+    assert any("extra is 1, but from the rows it is not there" in text for text in says)
+
+
+def test_a_summary_without_its_parts_is_found(run, tmp_path):
+    """A whole part may be gone, or be a number that no float holds."""
+    folder = _copy(run.path, tmp_path)
+    summary = json.loads((folder / "summary.json").read_text())
+    del summary["corruptions"]
+    summary["cre"] = 10**400
+    (folder / "summary.json").write_text(json.dumps(summary))
+    says = [finding.says for finding in audit(folder).findings]
+    assert any("corruptions is not there" in one for one in says)
+    assert any("cre is 1000" in one for one in says)
+
+
+def test_impossible_rows_are_found(run, tmp_path):
+    folder = _copy(run.path, tmp_path)
+    shards = {path: pl.read_parquet(path) for path in folder.rglob("*.parquet")}
+    shard, rows = next((path, rows) for path, rows in shards.items() if "contrast" in set(rows["corruption"]))
+    rows.with_columns(epe_sum=pl.col("epe_sum") * 100, fl_count=pl.col("n_valid") + 1).write_parquet(shard)
+    says = " ".join(finding.says for finding in audit(folder).findings if finding.check == "rows")
+    assert "more outliers than pixels" in says
+    assert "changed by more than the flow moved" in says
+
+
+def test_a_changed_identity_is_found(run, tmp_path):
+    folder = _copy(run.path, tmp_path)
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["identity"]["seed"] = 99
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    assert [finding.check for finding in audit(folder).findings] == ["identity"]
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "{", "[" * 100_000])
+def test_a_summary_that_is_none(run, tmp_path, text):
+    folder = _copy(run.path, tmp_path)
+    (folder / "summary.json").write_text(text)
+    with pytest.raises(RunError, match="robustflow show"):
+        audit(folder)
+
+
+def _copy(folder, tmp_path):
+    return shutil.copytree(folder, tmp_path / "copy")

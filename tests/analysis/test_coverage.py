@@ -1,0 +1,111 @@
+"""Intervals contain the truth as often as they say, and tests reject a true hypothesis as rarely as they say.
+
+The truth is known because the images are drawn from a known population. The quick cases guard against gross errors;
+the slow ones measure, with the acceptance limits of 93 to 97 percent.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robustflow.analysis.uncertainty import compare, intervals
+
+from .simulated import Truth, coverage, rows_of
+
+LOW, HIGH = 93.0, 97.0
+
+
+def _sizes(rng: np.random.Generator, clusters: int, images: int) -> np.ndarray:
+    return np.ones(clusters, int) if images == 1 else rng.integers(images // 2, images * 3 // 2 + 1, clusters)
+
+
+def _groups(sizes: np.ndarray) -> list[str]:
+    return [f"sequence{index:03d}" for index in np.repeat(np.arange(len(sizes)), sizes)]
+
+
+def _interval_coverage(truth: Truth, clusters: int, images: int, repeats: int, seed: int) -> dict[object, float]:
+    def once(rng: np.random.Generator) -> dict[object, bool]:
+        sizes = _sizes(rng, clusters, images)
+        clean, corrupted = truth.draw(rng, sizes)
+        rows = rows_of(clean, corrupted, corrupted, _groups(sizes) if images > 1 else None)
+        found = intervals(rows, resamples=999, seed=int(rng.integers(2**31)))
+        ends = {(row["metric"], row["corruption"]): (row["low"], row["high"]) for row in found.iter_rows(named=True)}
+        return {key: ends[key][0] <= mean <= ends[key][1] for key, mean in truth.means.items()}
+
+    return coverage(once, repeats, seed)
+
+
+def _rejections(truth: Truth, clusters: int, images: int, repeats: int, seed: int) -> dict[object, float]:
+    """How often two models that are equally good in the population are called different at 5 percent."""
+
+    def once(rng: np.random.Generator) -> dict[object, bool]:
+        sizes = _sizes(rng, clusters, images)
+        hard = truth.difficulty(rng, sizes)
+        runs = []
+        for shape in (8, 3):
+            # Equal means; the second is the more erratic, so that the differences are skewed.
+            clean = 2 * hard * rng.gamma(shape, 1 / shape, len(hard))
+            corrupted = np.array([3, 5, 10]) * hard[:, None] * rng.gamma(shape, 1 / shape, (len(hard), 3))
+            runs.append(rows_of(clean, corrupted, corrupted, _groups(sizes) if images > 1 else None))
+        found = compare(*runs, resamples=999, seed=int(rng.integers(2**31)))
+        raw = {(row["metric"], row["corruption"]): row["p"] < 0.05 for row in found.iter_rows(named=True)}
+        family = (found.filter(metric="epe")["p_holm"] < 0.05).any()
+        return {key: raw[key] for key in (("epe", "average"), ("cre", "average"), ("crer", "average"))} | {
+            "family": bool(family)
+        }
+
+    return coverage(once, repeats, seed)
+
+
+def test_intervals_of_independent_images_cover_roughly():
+    found = _interval_coverage(Truth(), clusters=40, images=1, repeats=80, seed=1)
+    assert min(found.values()) >= 87, found
+
+
+def test_intervals_over_images_of_a_sequence_would_be_too_narrow():
+    """The reason why sequences are drawn as a whole: treating their pairs as independent misses the truth."""
+    truth = Truth(spread=0.5, within=0.2)
+
+    def once(rng: np.random.Generator) -> dict[object, bool]:
+        sizes = _sizes(rng, 12, 20)
+        clean, corrupted = truth.draw(rng, sizes)
+        hits: dict[object, bool] = {}
+        for name, groups in (("clustered", _groups(sizes)), ("ignored", None)):
+            found = intervals(rows_of(clean, corrupted, corrupted, groups), resamples=299)
+            row = found.filter(metric="epe", corruption="clean").row(0, named=True)
+            hits[name] = row["low"] <= 2.0 <= row["high"]
+        return hits
+
+    found = coverage(once, 50, seed=2)
+    assert found["clustered"] >= 82
+    assert found["ignored"] <= 70
+
+
+def test_the_paired_test_keeps_its_level_roughly():
+    found = _rejections(Truth(), clusters=40, images=1, repeats=80, seed=3)
+    assert max(found.values()) <= 13, found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("clusters", "seed"), [(20, 10), (50, 11), (200, 12)])
+def test_coverage_for_independent_images(clusters, seed):
+    found = _interval_coverage(Truth(), clusters, images=1, repeats=2000, seed=seed)
+    assert all(LOW <= value <= HIGH for value in found.values()), found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("clusters", "seed"), [(5, 20), (10, 21), (20, 22), (40, 23)])
+def test_coverage_for_clustered_images(clusters, seed):
+    found = _interval_coverage(Truth(spread=0.4, within=0.4), clusters, images=20, repeats=1500, seed=seed)
+    assert all(LOW <= value <= HIGH for value in found.values()), found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("clusters", "images", "seed"), [(20, 1, 30), (80, 1, 31), (200, 1, 32), (5, 20, 33), (12, 20, 34), (40, 20, 35)]
+)
+def test_level_of_the_paired_test(clusters, images, seed):
+    truth = Truth() if images == 1 else Truth(spread=0.4, within=0.4)
+    found = _rejections(truth, clusters, images, repeats=1500, seed=seed)
+    assert max(found.values()) <= 7.0, found

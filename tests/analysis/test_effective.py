@@ -1,0 +1,65 @@
+"""Effective robustness: planted trends are found, and a model does not pull its own line."""
+
+from __future__ import annotations
+
+import math
+
+import polars as pl
+import pytest
+
+from robustflow.analysis.effective import effective_robustness
+from robustflow.analysis.published.tables import published_results
+from robustflow.analysis.results import parse_results
+from robustflow.errors import UsageError
+
+
+def _results(models: dict[str, tuple[float, float]], setting: str = "OOD") -> pl.DataFrame:
+    lines = ["setting,model,metric,corruption,value"]
+    for name, (clean, average) in models.items():
+        lines += [f"{setting},{name},epe,clean,{clean!r}", f"{setting},{name},epe,average,{average!r}"]
+    return parse_results("\n".join(lines), "made.csv", "made")
+
+
+def test_a_planted_power_law_and_a_model_off_it():
+    models = {f"m{i}": (1.0 + i, 3.0 * (1.0 + i) ** 0.7) for i in range(8)}
+    on_line = effective_robustness(_results(models))
+    assert on_line["factor"].to_list() == pytest.approx([1.0] * 8)
+    assert on_line["slope"][0] == pytest.approx(0.7)
+    assert on_line["r_squared"][0] == pytest.approx(1.0)
+    models["m3"] = (4.0, 0.6 * 3.0 * 4.0**0.7)
+    found = effective_robustness(_results(models)).row(0, named=True)
+    # The others lie on their line exactly, so the factor is the planted one and not diluted by the model itself.
+    assert found["model"] == "m3"
+    assert found["factor"] == pytest.approx(0.6)
+
+
+def test_units_do_not_matter():
+    table = effective_robustness(published_results().filter(benchmark="kitti-fc"))
+    scaled = published_results().filter(benchmark="kitti-fc").with_columns(value=pl.col("value") * 7)
+    assert effective_robustness(scaled)["factor"].to_list() == pytest.approx(table["factor"].to_list())
+
+
+def test_settings_apart_or_together():
+    of_kitti = published_results().filter(benchmark="kitti-fc")
+    apart, together = effective_robustness(of_kitti), effective_robustness(of_kitti, by_setting=False)
+    assert set(apart["setting"]) == {"OOD", "ID"}
+    assert together.height == 29
+    assert len(set(together["slope"])) == 1
+    assert "FlowDiffuser" not in set(effective_robustness(of_kitti, without=("FlowDiffuser",))["model"])
+
+
+def test_too_few_models():
+    with pytest.raises(UsageError, match="needs 5 models"):
+        effective_robustness(_results({f"m{i}": (1.0 + i, 2.0) for i in range(4)}))
+    with pytest.raises(UsageError, match="needs 5 models"):
+        effective_robustness(_results({f"m{i}": (1.0, 2.0 + i) for i in range(8)}))
+
+
+def test_the_trend_of_all_against_normal_equations():
+    models = {f"m{i}": (1.0 + i, 2.0 + (i * 7) % 5) for i in range(6)}
+    xs = [math.log(clean) for clean, _ in models.values()]
+    ys = [math.log(average) for _, average in models.values()]
+    n, mean_x, mean_y = len(xs), sum(xs) / len(xs), sum(ys) / len(ys)
+    slope = sum(x * y for x, y in zip(xs, ys, strict=True)) - n * mean_x * mean_y
+    slope /= sum(x * x for x in xs) - n * mean_x**2
+    assert effective_robustness(_results(models))["slope"][0] == pytest.approx(slope)

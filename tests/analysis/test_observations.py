@@ -1,0 +1,123 @@
+"""The observations on the published data, and on made results whose verdicts are known beforehand."""
+
+from __future__ import annotations
+
+import polars as pl
+import pytest
+
+from robustflow.analysis.observations import observations
+from robustflow.analysis.observations.evidence import Evidence
+from robustflow.analysis.published.tables import Cost, Method, published_costs, published_results
+from robustflow.analysis.results import parse_results
+
+_PUBLISHED = {o.number: o for o in observations(published_results(), published_costs())}
+
+
+def _part(number: int, words: str):
+    return next(part for part in _PUBLISHED[number].parts if words in part.claim)
+
+
+def test_verdicts_on_the_published_data():
+    verdicts = {number: observation.verdict for number, observation in _PUBLISHED.items()}
+    assert verdicts == {1: "does not hold"} | dict.fromkeys(range(2, 11), "holds")
+
+
+def test_numbers_read_off_the_tables_by_hand():
+    assert "ID GMA, ID SKFlow, ID CRAFT" in _part(7, "low_light has a higher EPE than high_light, for every").says
+    stable = _part(3, "every unsupervised CREr").numbers
+    assert stable["highest_unsupervised"] == pytest.approx((7.33 - 3.52) / 3.52)
+    assert stable["lowest_supervised"] == pytest.approx((9.13 - 3.67) / 3.67)
+    noise = _part(5, "291 %").numbers["noise"]
+    ood = ((10.82 + 9.75 + 10.95) / 3 - 4.11) / 4.11
+    in_domain = ((11.31 + 8.51 + 12.96) / 3 - 1.96) / 1.96
+    assert noise == pytest.approx(100 * (in_domain / ood - 1))
+    assert _part(9, "under most corruptions").says == "under 13 of 24"
+    assert _part(10, "as bad as most CNN").numbers == {"best_samflow": 1.54, "middle_cnn": 1.53}
+
+
+def test_spearman_against_a_count_of_pairs_in_order():
+    """Rho of ranks from its definition."""
+    evidence = Evidence(published_results(), {}, None)
+    entries = evidence.discussed("ID")
+    ranks = []
+    for value in (evidence.clean, evidence.cre):
+        numbers = [value(entry) for entry in entries]
+        ranks.append([sum(b < a for b in numbers) + (sum(b == a for b in numbers) + 1) / 2 for a in numbers])
+    n = len(entries)
+    mean = (n + 1) / 2
+    top = sum((a - mean) * (b - mean) for a, b in zip(*ranks, strict=True))
+    bottom = (sum((a - mean) ** 2 for a in ranks[0]) * sum((b - mean) ** 2 for b in ranks[1])) ** 0.5
+    assert _part(1, "CRE grows with clean EPE (ID)").numbers["rho"] == pytest.approx(top / bottom)
+
+
+def _results(values: dict[tuple[str, str], dict[str, float]], metric: str = "epe", benchmark: str = "kitti-fc"):
+    lines = ["benchmark,setting,model,metric,corruption,value"]
+    for (setting, model), cells in values.items():
+        lines += [f"{benchmark},{setting},{model},{metric},{name},{value}" for name, value in cells.items()]
+    return parse_results("\n".join(lines), "made.csv", "made")
+
+
+def _verdicts(results: pl.DataFrame, costs=None, methods=None) -> dict[int, str]:
+    return {o.number: o.verdict for o in observations(results, costs, methods)}
+
+
+def test_nothing_can_be_computed_from_nothing():
+    verdicts = _verdicts(published_results().clear())
+    assert set(verdicts.values()) == {"cannot be computed"}
+    assert list(verdicts) == list(range(1, 11))
+
+
+def test_the_verdicts_turn_with_the_numbers():
+    """Accuracy and robustness go together, or against each other; dark is worse, or bright."""
+    for sign, verdict in ((1, "holds"), (-1, "does not hold")):
+        models = {
+            ("own", f"m{i}"): {
+                "clean": 2.0 + i,
+                "average": 20.0 + 3 * sign * i,
+                "low_light": 5.0 + sign,
+                "high_light": 5.0,
+                "over_exposure": 5.0 + sign,
+                "under_exposure": 5.0,
+            }
+            for i in range(6)
+        }
+        verdicts = _verdicts(_results(models))
+        assert verdicts[1] == verdict
+        assert verdicts[7] == verdict
+
+
+def test_own_models_can_be_described():
+    """A user who says what kind of method each model is gets the observations about kinds."""
+    known = {"encoder": "CNN", "decoder": "", "year": 2025, "source": "own"}
+    methods = {
+        name: Method(method=name, type=kind, **known)
+        for name, kind in (("A", "supervised"), ("B", "supervised"), ("C", "unsupervised"))
+    }
+    models = {("ID", name): {"clean": 2.0, "average": value} for name, value in (("A", 9), ("B", 8), ("C", 3))}
+    assert _verdicts(_results(models), methods=methods)[3] == "holds"
+    models["ID", "C"]["average"] = 8.5
+    assert _verdicts(_results(models), methods=methods)[3] == "does not hold"
+    ood = {("OOD", name): {"clean": 4.0, "average": 5.0} for name in "AB"}
+    assert _verdicts(_results(models | ood), methods=methods)[4] == "holds"
+
+
+def test_cost_needs_costs():
+    assert _verdicts(published_results())[6] == "cannot be computed"
+    worse = {
+        name: Cost.model_validate(cost.model_dump() | ({"flops_g": 9e4, "crer_id": 99.0} if name == "ARFlow" else {}))
+        for name, cost in published_costs().items()
+    }
+    assert _verdicts(published_results(), worse)[6] == "does not hold"
+
+
+def test_models_of_equal_error_have_no_correlation():
+    """Five models with the same numbers: nothing grows with anything, and no number is invented."""
+    lines = [
+        f"OOD,{name},epe,{corruption},{value}"
+        for name in "ABCDE"
+        for corruption, value in (("clean", 2), ("average", 5))
+    ]
+    results = parse_results("setting,model,metric,corruption,value\n" + "\n".join(lines), "made.csv", "made")
+    first = observations(results)[0]
+    assert first.verdict == "cannot be computed"
+    assert "all models have the same" in first.parts[0].says

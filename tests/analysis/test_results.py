@@ -1,0 +1,57 @@
+"""Results files: what is read, and how a wrong one is refused."""
+
+from __future__ import annotations
+
+import pytest
+
+from robustflow.analysis.results import RESULT_SCHEMA, parse_results, read_results
+from robustflow.errors import DataError
+
+_HEAD = "setting,model,metric,corruption,value\n"
+
+
+def test_a_file_is_read_with_its_decimals(tmp_path):
+    path = tmp_path / "r.csv"
+    path.write_text("\ufeffmodel,setting,metric,corruption,value,marked,extra\n" + "A,OOD,epe,fog,1.250,yes,z\n")
+    frame = read_results(path)
+    assert frame.schema == RESULT_SCHEMA
+    row = frame.row(0, named=True)
+    assert (row["value"], row["decimals"], row["marked"], row["benchmark"]) == (1.25, 3, True, "kitti-fc")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("model,value\nA,1\n", "no column 'setting'"),
+        ("", "no column"),
+        (_HEAD + "OOD,A,epe,fog,nan\n", "not a finite number"),
+        (_HEAD + "OOD,A,epe,fog,inf\n", "not a finite number"),
+        (_HEAD + "OOD,A,epe,fog,1e99\n", "not a finite number"),
+        (_HEAD + "OOD,A,cre,fog,-1\nOOD,A,epe,fog,-1\n", "line 3: EPE -1: a length"),
+        (_HEAD + "OOD,A,epe,fog,one\n", "line 2: 'one' is not a number"),
+        (_HEAD + "OOD,A,speed,fog,1\n", "unknown metric 'speed'"),
+        (_HEAD + "OOD,A,epe,fogg,1\n", "line 2: unknown corruption 'fogg': did you mean 'fog'"),
+        (_HEAD + "OOD,A,epe,fog+snoww,1\n", "line 2: unknown corruption 'snoww'"),
+        (_HEAD + "OOD,A,epe,fog,1\nOOD,A,epe,fog,2\n", "is there twice"),
+        (_HEAD + "OOD,A,epe,fog\n", "not as many cells"),
+        (_HEAD + "OOD,A,epe,fog,1,2,3\n", "not as many cells"),
+        (_HEAD + ",A,epe,fog,1\n", "'setting' must be"),
+        (_HEAD + f"OOD,{'A' * 1000},epe,fog,1\n", "'model' must be"),
+        (_HEAD + 'OOD,"A,epe,fog,1\n', "unexpected end of data"),
+        ("setting,model,metric,corruption,value,marked\nOOD,A,epe,fog,1,maybe\n", "'marked' must be"),
+    ],
+)
+def test_a_wrong_file_is_one_sentence(text, says):
+    with pytest.raises(DataError, match=says) as error:
+        parse_results(text, "r.csv", "x")
+    assert "\n" not in str(error.value)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    with pytest.raises(DataError, match="No such file"):
+        read_results(tmp_path / "none.csv")
+    (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(DataError, match="not UTF-8"):
+        read_results(tmp_path / "binary.csv")
+    with pytest.raises(DataError, match="directory"):
+        read_results(tmp_path)

@@ -1,0 +1,111 @@
+"""Rows that were measured break no rule, whatever the model says; each rule catches the change it is for."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.analysis.audit.row_rules import RULES, broken_rules
+from robustflow.metrics.regions import Regions
+from robustflow.metrics.rows import ROW_KEY, measure, rows_frame
+from robustflow.sample import Sample
+
+
+def _measured(seed: int, scale: float, *, truth: bool, occlusion: bool, holes: float) -> pl.DataFrame:
+    """Rows of one sample with random ground truth and random predictions, some of them not finite."""
+    rng = np.random.default_rng(seed)
+    height, width = rng.integers(1, 30, 2)
+    frame = np.zeros((height, width, 3), np.uint8)
+
+    def field(size: float) -> np.ndarray:
+        return rng.normal(0, size, (height, width, 2)).astype(np.float32)
+
+    def predicted(size: float) -> np.ndarray:
+        flow = field(size)
+        flow[rng.random((height, width)) < holes] = np.nan
+        return flow
+
+    flow = field(scale) if truth else None
+    valid = rng.random((height, width)) < 0.8 if truth else None
+    if valid is not None:
+        valid[0, 0] = True
+    occluded = rng.random((height, width)) < 0.3 if truth and occlusion else None
+    sample = Sample("s", (frame, frame), flow, valid, occluded)
+    regions = Regions.of(sample)
+    near = 0 if flow is None else flow
+    clean = (near + predicted(rng.choice([0.0, 0.5, 40.0]))).astype(np.float32)
+    rows = [measure(clean, clean, sample, regions)]
+    for severity in (1, 2, 3):
+        moved = clean + predicted(rng.choice([0.0, 0.1, 5.0, 200.0]))
+        rows.append(measure(moved, clean, sample, regions, corruption="fog", severity=severity))
+    return rows_frame(rows)
+
+
+@settings(max_examples=80)
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from([0.1, 3.0, 12.0, 60.0]),
+    st.booleans(),
+    st.booleans(),
+    st.sampled_from([0.0, 0.0, 0.2, 1.0]),
+)
+def test_measured_rows_break_no_rule(seed, scale, truth, occlusion, holes):
+    rows = _measured(seed, scale, truth=truth, occlusion=occlusion, holes=holes)
+    for reason, broken in broken_rules(rows):
+        assert broken.is_empty(), f"{reason}: {broken.select(ROW_KEY).rows()}"
+
+
+_ROWS = pl.concat(
+    [
+        _measured(seed, 20.0, truth=True, occlusion=True, holes=0.0).with_columns(sample=pl.lit(str(seed)))
+        for seed in range(4)
+    ]
+)
+_FOG = (pl.col("corruption") == "fog") & (pl.col("sample") == "2") & (pl.col("severity") == 2)
+_CLEAN = (pl.col("corruption") == "clean") & (pl.col("sample") == "2")
+_CHANGES = {
+    "its sums are negative or not finite": (_FOG, {"rcre_all_sum": pl.lit(float("nan"))}),
+    "it has more outliers than pixels": (_FOG, {"fl_count_occ": pl.col("n_occ") + 1}),
+    "the error changed by more than the flow moved": (
+        _FOG,
+        {"epe_sum": pl.col("epe_sum") + 2 * pl.col("rcre_sum") + 1},
+    ),
+    "the length of the flow changed by more than the flow moved": (
+        _FOG,
+        {"pred_magnitude_sum": pl.col("pred_magnitude_sum") + 3 * pl.col("rcre_all_sum") + 1},
+    ),
+    "it counts more pixels than there are": (_FOG, {"n_invalid": pl.lit(1, pl.Int64)}),
+    "numbers are there without the others that belong to them": (_FOG, {"epe_sum_occ": pl.lit(None, pl.Float64)}),
+    "its regions do not add up to all pixels": (_FOG, {"epe_sum_s40": pl.col("epe_sum_s40") * (1 + 1e-6)}),
+    "its outliers of 5, 3 and 1 px are not contained in each other": (_FOG, {"px5_count": pl.col("px3_count") + 1}),
+    "its error is below what its outliers alone add up to": (_FOG, {"epe_sum": pl.col("epe_sum") * 0.01}),
+    "its ground truth is shorter or longer than its regions say": (
+        _FOG,
+        {"magnitude_sum": 10.0 * pl.col("n_s10_40") + 40.0 * pl.col("n_s40") - 1},
+    ),
+    "its flow is too short for such a small error": (
+        _FOG,
+        {"pred_magnitude_sum": pl.lit(0.0), "epe_sum": 0.9 * pl.col("magnitude_sum")},
+    ),
+    "the flow moved more on the valid pixels than on all": (_FOG, {"rcre_sum": pl.col("rcre_all_sum") + 1e-3}),
+    "the flow on the clean frames differs from itself": (_CLEAN, {"rcre_all_sum": pl.lit(1e-300)}),
+    "its size or group is another one than that of the sample's other rows": (_FOG, {"group": pl.lit("other")}),
+    "its ground truth is another one than that of the sample's other rows": (
+        _FOG,
+        {"magnitude_sum": pl.col("magnitude_sum") * (1 + 1e-12)},
+    ),
+}
+
+
+@pytest.mark.parametrize("reason", RULES)
+def test_each_rule_catches_its_change(reason):
+    where, change = _CHANGES[reason]
+    changed = _ROWS.with_columns(
+        pl.when(where).then(value).otherwise(pl.col(name)).alias(name) for name, value in change.items()
+    )
+    broken = dict(broken_rules(changed))[reason]
+    assert changed.filter(where).select(ROW_KEY).row(0) in broken.select(ROW_KEY).rows()
+    assert dict(broken_rules(_ROWS))[reason].is_empty()

@@ -1,0 +1,173 @@
+"""Runs beside the published rows: values, names, settings, and what they are marked with."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import polars as pl
+import pytest
+
+from robustflow.analysis.scores import note_of, run_names, run_results, sample_set, setting_of
+from robustflow.api import evaluate
+from robustflow.errors import UsageError
+from robustflow.images.io import write_image
+from robustflow.report.assemble import ALL_TABLES, figures_of, results_of, tables_of
+from robustflow.report.render import FORMATS, render
+from robustflow.runs.run import Result
+
+
+class Still:
+    """A model that sees no motion."""
+
+    def __init__(self, name: str = "<img src=x onerror=alert(1)>", trained_on: str | None = None) -> None:
+        self._identity = {"name": name}
+        self.trained_on = trained_on
+
+    def identity(self):
+        return self._identity
+
+    def predict(self, frame1, frame2):
+        return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory) -> list[Result]:
+    folder = tmp_path_factory.mktemp("runs")
+    options = {"corruptions": ["contrast", "jpeg_compression"], "severities": [1, 3]}
+    models = {"dis": "dis", "still": Still(), "in_domain": Still("Trained", trained_on="M:train")}
+    return [evaluate(model, "demo", output=folder / name, **options) for name, model in models.items()]
+
+
+def test_other_severities_and_other_data_of_the_same_names_are_other_sample_sets(tmp_path):
+    options = {"corruptions": ["contrast"], "severities": [1]}
+    for folder, grey in (("a", 40), ("b", 60)):
+        (tmp_path / folder).mkdir()
+        for index in range(2):
+            write_image(tmp_path / folder / f"{index}.png", np.full((24, 24, 3), grey + 20 * index, np.uint8))
+
+    def run(data, name, **more):
+        return evaluate(Still(), "folder", tmp_path / data, tmp_path / name, **options, **more)
+
+    first, again = run("a", "first"), run("a", "again")
+    assert sample_set(first) == sample_set(again)
+    assert sample_set(run("b", "other")) != sample_set(first)
+    calibrated = run("a", "calibrated", severity_scale="calibrated")
+    assert sample_set(calibrated) != sample_set(first)
+    assert "calibrated severities" in note_of(calibrated)
+    assert "calibrated" not in note_of(first)
+
+
+def test_values_are_those_of_the_summary(runs):
+    frame = run_results(runs)
+    for run, name in zip(runs, run_names(runs), strict=True):
+        rows = frame.filter(model=name)
+        found = {(row["metric"], row["corruption"]): row["value"] for row in rows.iter_rows(named=True)}
+        assert found["epe", "clean"] == run.summary.epe_clean
+        assert found["cre", "average"] == run.summary.cre
+        assert found["rcre", "contrast"] == run.summary.corruptions["contrast"].rcre
+        assert len(found) == 1 + 4 * 3
+
+
+def test_settings_and_notes(runs):
+    assert [setting_of(run) for run in runs] == ["knowledge", "own", "ID"]
+    for run in runs:
+        note = note_of(run)
+        assert "1 pair of demo, not the paper's 80" in note
+        assert "average over 2 corruptions, not the paper's 20" in note
+        assert "severities 1, 3 alone" in note
+
+
+def test_runs_over_the_same_frames_are_one_sample_set(runs, tmp_path):
+    assert len({sample_set(run) for run in runs}) == 1
+    other = evaluate(Still(), "demo", output=tmp_path / "o", corruptions=["contrast"], severities=[1], seed=5)
+    assert sample_set(other) not in {sample_set(run) for run in runs}
+
+
+def test_what_is_averaged_over_less_is_no_rival(runs, tmp_path):
+    """The same plan, but the hardest settings are missing: its average is not that of the others."""
+    part = Result(shutil.copytree(runs[0].path, tmp_path / "part"))
+    part.rows = runs[0].rows.filter(~((pl.col("corruption") == "contrast") & (pl.col("severity") == 3)))
+    assert part.rows.height < runs[0].rows.height
+    assert sample_set(part) != sample_set(runs[0])
+    assert "not complete" in note_of(part)
+
+
+def test_equal_names_are_told_apart(runs, tmp_path):
+    copy = Result(shutil.copytree(runs[1].path, tmp_path / "copy"))
+    names = run_names([runs[1], copy])
+    assert len(set(names)) == 2
+    assert all(name.startswith("<img") for name in names)
+
+
+def test_one_model_on_several_benchmarks_is_named_by_them(runs, tmp_path):
+    other = Result(shutil.copytree(runs[1].path, tmp_path / "other"))
+    other.manifest["identity"]["benchmark"] = "kitti-fc"
+    name = runs[1].name
+    assert run_names([runs[0], runs[1], other]) == ["dis", f"{name} (demo)", f"{name} (KITTI-FC)"]
+    digest = runs[1].manifest["identity_digest"][:8]
+    assert run_names([runs[1], other, runs[1]]) == [f"{name} ({digest})", f"{name} (KITTI-FC)", f"{name} ({digest}) #2"]
+
+
+def test_a_blank_name_gives_way_to_the_next(runs, tmp_path):
+    run = Result(shutil.copytree(runs[1].path, tmp_path / "copy"))
+    for model, name in (
+        ({"spec": " ", "name": "\t", "object": "a.B"}, "a.B"),
+        ({"name": " A "}, "A"),
+        ({"name": ""}, "(no name)"),
+    ):
+        run.manifest["identity"]["model"] = model
+        assert run.name == name
+
+
+def test_published_rows_keep_their_marks_beside_runs(runs):
+    alone = {table.name: table for table in tables_of([], published=True)}
+    beside = {table.name: table for table in tables_of(runs, published=True)}
+    for name in ("epe", "cre", "rcre"):
+        lines = {(s.title, line.label): line.cells for s in beside[name].sections for line in s.lines if not line.note}
+        assert lines == {(s.title, line.label): line.cells for s in alone[name].sections for line in s.lines}
+    noted = [line.label for s in beside["epe"].sections for line in s.lines if line.note]
+    assert noted == ["dis", "Trained", "<img src=x onerror=alert(1)>"]
+
+
+@pytest.mark.parametrize("format", FORMATS)
+def test_every_table_in_every_format(runs, format):
+    tables = tables_of(runs, published=True)
+    assert {table.name for table in tables} == set(ALL_TABLES)
+    for table in tables:
+        text = render(table, format)
+        assert "<img" not in text or format in ("terminal", "csv")
+
+
+def test_runs_alone(runs):
+    names = {table.name for table in tables_of(runs, published=False)}
+    assert {"epe", "cre", "rcre", "cost", "means", "anatomy"} <= names
+    with pytest.raises(UsageError, match="gopro"):
+        tables_of(runs, published=False, wanted=["gopro-rcre"])
+    with pytest.raises(UsageError, match="name at least one"):
+        tables_of([], published=True, wanted=["means"])
+    with pytest.raises(UsageError, match="did you mean 'means'"):
+        tables_of(runs, published=True, wanted=["meanss"])
+    figures = figures_of(runs, published=False)
+    assert {"severity_rcre", "severity_epe"} <= set(figures)
+
+
+def test_results_of_both(runs):
+    both = results_of(runs, published=True)
+    assert set(both["sample_set"]) == {"paper", sample_set(runs[0])}
+    assert both.filter(pl.col("sample_set") != "paper")["decimals"].null_count() == 3 * 13
+
+
+def test_real_pairs_beside_the_published_rows(shared, tmp_path):
+    """KITTI pairs that are not the paper's: listed in the table, marked, and not compared with its rows."""
+    data = shared("data/kitti2015")
+    options = {"corruptions": ["contrast", "low_light"], "severities": [1, 5], "limit": 2}
+    found = [
+        evaluate(m, "kitti-fc", data, tmp_path / str(i), **options) for i, m in enumerate(["dis", "farneback", Still()])
+    ]
+    pairs = found[0].summary.samples
+    table = tables_of(found, published=True, wanted=["epe"])[0]
+    own = [line for section in table.sections for line in section.lines if line.note]
+    assert [line.label for line in own] == ["dis", "farneback", "<img src=x onerror=alert(1)>"]
+    assert all(f"{pairs} pair{'s' if pairs > 1 else ''}, not the paper's 80" in line.note for line in own)
+    assert sum(len(section.lines) for section in table.sections) == 29 + 3

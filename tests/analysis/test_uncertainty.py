@@ -1,0 +1,289 @@
+"""Intervals and tests against formulas, against a naive loop, and in the cases at the edge."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import false_discovery_control
+
+from robustflow.analysis.uncertainty import compare, compare_all, intervals
+from robustflow.analysis.uncertainty.bootstrap import FEW, bootstrap, enough_clusters
+from robustflow.analysis.uncertainty.estimates import weighted_means
+from robustflow.analysis.uncertainty.holm import holm
+from robustflow.analysis.uncertainty.sums import ClusterSums
+from robustflow.errors import RunError, UsageError
+from robustflow.metrics.aggregate import summarize
+
+from .simulated import Truth, rows_of
+
+
+def _rows(count: int = 30, seed: int = 0, groups: int | None = None, shift: float = 0.0, digest: str = "d"):
+    rng = np.random.default_rng(seed)
+    clean, corrupted = Truth().draw(rng, np.ones(count, int))
+    names = None if groups is None else [f"g{index % groups}" for index in range(count)]
+    return rows_of(clean, corrupted + shift, corrupted, names, digest)
+
+
+def test_estimates_are_the_means_of_the_summary():
+    """With gaps: an image without ground truth at one setting, a setting missing, a corruption outside the paper."""
+    rows = _rows(12, groups=5)
+    rows = rows.with_columns(
+        n_valid=pl.when((pl.col("sample") == "00003") & (pl.col("corruption") == "fog")).then(0).otherwise("n_valid")
+    ).filter(~((pl.col("sample") == "00007") & (pl.col("corruption") == "snow")))
+    other = rows.filter(corruption="snow").with_columns(corruption=pl.lit("elastic_transform"))
+    rows = pl.concat([rows, other])
+    summary = summarize(rows)
+    found = intervals(rows, severities=True)
+    assert found.filter(metric="epe", corruption="clean")["estimate"].item() == pytest.approx(
+        summary.epe_clean, rel=1e-12
+    )
+    for metric in ("epe", "cre", "crer", "rcre"):
+        overall = found.filter(metric=metric, corruption="average")["estimate"].item()
+        assert overall == pytest.approx(getattr(summary, metric), rel=1e-12)
+        for name, scores in summary.corruptions.items():
+            lines = found.filter(metric=metric, corruption=name)
+            assert lines.filter(pl.col("severity").is_null())["estimate"].item() == pytest.approx(
+                getattr(scores, metric)
+            )
+            by_severity = lines.drop_nulls("severity").sort("severity")["estimate"].to_list()
+            assert by_severity == pytest.approx(scores.by_severity[metric])
+
+
+@given(
+    data=st.integers(0, 2**31),
+    clusters=st.integers(2, 6),
+    settings_=st.integers(1, 3),
+)
+@settings(max_examples=40, deadline=None)
+def test_means_and_influence_against_loops(data, clusters, settings_):
+    """The mean by a loop over images, and the influence by finite differences of the weights."""
+    rng = np.random.default_rng(data)
+    count = rng.integers(0, 4, (clusters, settings_)).astype(float)
+    count[0] += 1
+    total = rng.normal(5, 1, count.shape) * count
+    share = rng.uniform(0.1, 1, settings_)
+    share /= share.sum()
+    weights = rng.integers(0, 3, clusters).astype(float)
+    weights[0] += 1
+
+    def mean(w: np.ndarray) -> float:
+        whole = 0.0
+        for k in range(settings_):
+            top = sum(w[g] * total[g, k] for g in range(clusters))
+            bottom = sum(w[g] * count[g, k] for g in range(clusters))
+            whole += share[k] * top / bottom
+        return whole
+
+    found = weighted_means(total, count, share, weights[None])
+    assert found.theta[0] == pytest.approx(mean(weights))
+    step = 1e-6
+    for g in range(clusters):
+        moved = weights.copy()
+        moved[g] += step
+        assert found.influence[0, g] == pytest.approx((mean(moved) - mean(weights)) / step, abs=1e-4)
+    assert (weights * found.influence[0]).sum() == pytest.approx(0, abs=1e-9)
+
+
+def test_the_standard_error_of_independent_images_is_the_textbook_one():
+    rows = _rows(25)
+    errors = rows.filter(corruption="clean")["epe_sum"].to_numpy() / 1000
+    found = intervals(rows).filter(metric="epe", corruption="clean")
+    assert found["standard_error"].item() == pytest.approx(errors.std(ddof=1) / math.sqrt(25))
+
+
+def test_the_standard_error_of_equal_clusters_is_that_of_their_means():
+    rows = _rows(24, groups=6)
+    errors = rows.filter(corruption="clean").sort("sample")["epe_sum"].to_numpy() / 1000
+    means = np.array([errors[g::6].mean() for g in range(6)])
+    found = intervals(rows).filter(metric="epe", corruption="clean")
+    assert found["standard_error"].item() == pytest.approx(means.std(ddof=1) / math.sqrt(6))
+    assert found["clusters"].item() == 6
+    assert found["images"].item() == 24
+
+
+def test_a_ratio_against_the_delta_method():
+    sums = ClusterSums.of(_rows(40))
+    once = np.ones((1, 40))
+    clean = sums.clean_sum[:, 0]
+    cre = sums.sums["cre"] @ [0.25, 0.25, 0.5]
+    ratio = cre.mean() / clean.mean()
+    residual = cre - ratio * clean
+    expected = residual.std(ddof=1) / math.sqrt(40) / clean.mean()
+    assert sums.estimate("crer", "average", None, once).standard_error[0] == pytest.approx(expected)
+
+
+def test_the_interval_is_nearly_students_for_normal_numbers():
+    """For many symmetric values bootstrap-t and Student's t agree."""
+    values = np.random.default_rng(5).normal(10, 2, (400, 1))
+    one = bootstrap({0: lambda w: weighted_means(values, np.ones((400, 1)), np.ones(1), w)}, 400)[0]
+    half = 1.966 * values.std(ddof=1) / 20
+    assert one.high - one.low == pytest.approx(2 * half, rel=0.05)
+    assert one.estimate == pytest.approx(values.mean())
+
+
+def test_an_interval_leans_to_where_the_tail_is():
+    """Of skewed errors the mean may be far higher, and hardly lower: percentile intervals lean the other way."""
+    found = intervals(_rows(30)).filter(metric="epe", corruption="average").row(0, named=True)
+    assert found["high"] - found["estimate"] > found["estimate"] - found["low"]
+
+
+def test_the_same_seed_gives_the_same_interval_and_another_a_near_one():
+    rows = _rows(30)
+    first, again, other = (intervals(rows, seed=seed) for seed in (1, 1, 2))
+    assert first.equals(again)
+    assert not first.equals(other)
+    np.testing.assert_allclose(first["low"], other["low"], rtol=0.05)
+
+
+def test_order_of_rows_changes_nothing():
+    rows = _rows(30, groups=9)
+    shuffled = rows.sample(fraction=1, shuffle=True, seed=1)
+    for column in ("estimate", "low", "high"):
+        np.testing.assert_allclose(intervals(shuffled)[column], intervals(rows)[column], rtol=1e-12)
+
+
+def test_blocks_of_resamples_change_nothing(monkeypatch):
+    rows = _rows(30)
+    whole = intervals(rows, resamples=500)
+    monkeypatch.setattr("robustflow.analysis.uncertainty.bootstrap._BLOCK", 30 * 37)
+    np.testing.assert_allclose(intervals(rows, resamples=500)["low"], whole["low"], rtol=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_too_few_images_give_no_interval(count):
+    found = intervals(_rows(count))
+    assert found["estimate"].null_count() == 0
+    assert found["low"].null_count() == found.height
+    assert found["high"].null_count() == found.height
+
+
+def test_no_interval_of_a_length_goes_below_zero():
+    clean = np.full(6, 1e-3)
+    corrupted = np.outer([0.01, 0.1, 0.2, 0.05, 0.3, 4.0], np.ones(3))
+    found = intervals(rows_of(clean, corrupted, corrupted)).filter(corruption="average")
+    lows = dict(found.select("metric", "low").iter_rows())
+    assert (lows["epe"], lows["rcre"]) == (0.0, 0.0)
+    assert lows["cre"] < 0
+
+
+def test_how_few_are_enough_is_the_weight_of_resamples_without_spread():
+    """G of them draw one cluster alone, of G ** G."""
+    for clusters in range(2, 9):
+        alone = clusters / clusters**clusters
+        assert enough_clusters(clusters, 0.95) == (alone < 0.05)
+
+
+@pytest.mark.parametrize("clusters", [4, FEW - 1, FEW])
+def test_few_clusters_have_an_interval(clusters):
+    found = intervals(_rows(40, groups=clusters))
+    assert found["low"].null_count() == 0
+    assert (found["low"] < found["estimate"]).all()
+    assert (found["estimate"] < found["high"]).all()
+
+
+def test_equal_images_have_an_interval_without_width():
+    rows = rows_of(np.full(10, 2.0), np.full((10, 3), 3.0), np.full((10, 3), 1.5))
+    found = intervals(rows).filter(metric="epe", corruption="average").row(0, named=True)
+    assert found["low"] == found["high"] == pytest.approx(3.0)
+
+
+def test_without_ground_truth_there_is_rcre_alone():
+    rows = _rows(10).with_columns(n_valid=pl.lit(None, pl.Int64), epe_sum=pl.lit(None, pl.Float64))
+    found = intervals(rows)
+    assert set(found["metric"]) == {"rcre"}
+    assert intervals(rows.clear()).is_empty()
+
+
+def test_a_level_and_resamples_that_cannot_be_meant():
+    for options in ({"level": 95}, {"level": 0.2}, {"level": 1.0}, {"resamples": 10}):
+        with pytest.raises(UsageError):
+            intervals(_rows(5), **options)
+
+
+def test_a_higher_level_is_wider():
+    rows = _rows(40)
+    wide, narrow = intervals(rows, level=0.99), intervals(rows, level=0.8)
+    assert (wide["low"] < narrow["low"]).all()
+    assert (wide["high"] > narrow["high"]).all()
+
+
+def test_a_model_does_not_differ_from_itself():
+    rows = _rows(20)
+    found = compare(rows, rows)
+    assert (found["difference"] == 0).all()
+    assert (found["p"] == 1).all()
+    assert all("No difference" in sentence for sentence in found["sentence"])
+
+
+def test_a_constant_shift_is_certain():
+    found = compare(_rows(20), _rows(20, shift=0.5), ("A", "B"))
+    line = found.filter(metric="epe", corruption="average").row(0, named=True)
+    assert line["difference"] == pytest.approx(-0.5)
+    assert line["low"] == pytest.approx(-0.5)
+    assert line["p_holm"] < 0.01
+    assert line["sentence"].startswith("The average EPE of A is lower than that of B by 0.50 px")
+    assert line["sentence"].endswith("A is better.")
+    clean = found.filter(metric="epe", corruption="clean").row(0, named=True)
+    assert clean["p"] == 1
+
+
+def test_pairing_is_what_makes_it_sharp():
+    """A small gain on every image is found where the two means' own intervals overlap widely."""
+    rng = np.random.default_rng(3)
+    clean, corrupted = Truth(spread=1.0).draw(rng, np.ones(60, int))
+    better = corrupted * rng.uniform(0.9, 0.98, corrupted.shape)
+    a, b = rows_of(clean, corrupted, corrupted), rows_of(clean, better, better)
+    line = compare(a, b).filter(metric="epe", corruption="average").row(0, named=True)
+    assert line["p_holm"] < 0.01
+    one, two = (intervals(rows).filter(metric="epe", corruption="average").row(0, named=True) for rows in (a, b))
+    assert two["high"] > one["low"]
+
+
+def test_p_and_interval_say_the_same():
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        clean, corrupted = Truth().draw(rng, np.ones(25, int))
+        other = corrupted * rng.lognormal(0.02, 0.2, corrupted.shape)
+        found = compare(rows_of(clean, corrupted, corrupted), rows_of(clean, other, other), resamples=999, seed=seed)
+        for row in found.iter_rows(named=True):
+            if abs(row["p"] - 0.05) > 0.01:
+                assert (row["p"] < 0.05) == (row["low"] > 0 or row["high"] < 0), row
+
+
+def test_other_frames_are_not_compared():
+    with pytest.raises(RunError, match=r"other frames under the same name \(sample '00000', clean severity 0"):
+        compare(_rows(5), _rows(5, digest="e"))
+    with pytest.raises(RunError, match="no sample, corruption and severity in common"):
+        compare(_rows(5), _rows(5).with_columns(sample=pl.lit("x") + pl.col("sample")))
+
+
+def test_only_what_both_measured_is_compared():
+    found = compare(_rows(20), _rows(15, shift=1.0).filter(pl.col("corruption") != "snow"))
+    assert set(found["corruption"]) == {"clean", "average", "fog"}
+    assert set(found["images"]) == {15}
+
+
+def test_many_models_are_corrected_over_all_pairs():
+    runs = {name: _rows(30, shift=shift) for name, shift in (("a", 0.0), ("b", 0.0), ("c", 1.0), ("d", 2.0))}
+    found = compare_all(runs, "epe")
+    assert found.height == 6
+    assert set(found["comparisons"]) == {6}
+    assert found.filter(first="a", second="b")["p_holm"].item() == 1
+    assert (found.filter(second="d")["p_holm"] < 0.05).all()
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=20))
+def test_holm_against_its_definition(p_values):
+    adjusted = holm(p_values)
+    order = np.argsort(p_values, kind="stable")
+    for rank, index in enumerate(order):
+        steps = [min(1.0, (len(p_values) - j) * p_values[order[j]]) for j in range(rank + 1)]
+        assert adjusted[index] == pytest.approx(max(steps))
+        # Never milder than the control of the false discovery rate, never harsher than Bonferroni.
+        assert adjusted[index] <= min(1.0, len(p_values) * p_values[index]) + 1e-12
+    assert (np.array(adjusted) >= false_discovery_control(p_values) - 1e-9).all()

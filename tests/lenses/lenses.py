@@ -1,0 +1,61 @@
+"""Textbook lenses for the tests, written down here and nowhere else."""
+
+from __future__ import annotations
+
+import math
+
+from robustflow.lenses.glass import AIR, refractive_index
+from robustflow.lenses.prescription import Lens, Surface
+
+
+def lens_of(rows: list[tuple[float, float, str, float]], stop: int, conics: dict[int, float] | None = None) -> Lens:
+    """A lens from rows of (radius of curvature or 0 for a plane, thickness, glass behind, semi-diameter)."""
+    surfaces = tuple(
+        Surface(
+            curvature=1.0 / radius if radius else 0.0,
+            thickness=thickness,
+            glass=glass,
+            semi_diameter=clear,
+            conic=(conics or {}).get(k, 0.0),
+        )
+        for k, (radius, thickness, glass, clear) in enumerate(rows)
+    )
+    return Lens(name="test", surfaces=surfaces, stop=stop, f_number=5.0, half_field=15.0)
+
+
+def cooke_triplet() -> Lens:
+    """A Cooke triplet of 50 mm, f/5, the stop behind the second element."""
+    return lens_of(
+        [
+            (22.01359, 3.25896, "N-SK16", 9.5),
+            (-435.76044, 6.00755, AIR, 9.0),
+            (-22.21328, 0.99997, "N-F2", 5.0),
+            (20.29192, 0.5, AIR, 5.0),
+            (0.0, 4.25, AIR, 4.0),
+            (79.68360, 2.95208, "N-SK16", 8.0),
+            (-18.39533, 42.20778, AIR, 8.0),
+        ],
+        stop=4,
+    )
+
+
+def plano_hyperbolic(wavelength: float) -> tuple[Lens, float]:
+    """A lens without spherical aberration at a wavelength: hyperboloid (k = -n^2) behind; and its focus."""
+    n = refractive_index("N-BK7", wavelength)
+    radius = -20.0
+    focus = radius / (1.0 - n)
+    rows = [(0.0, 1.0, AIR, 15.0), (0.0, 12.0, "N-BK7", 15.0), (radius, focus, AIR, 15.0)]
+    return lens_of(rows, stop=0, conics={2: -n * n}), focus
+
+
+def thin_lens(shape: float, focal_length: float, wavelength: float) -> Lens:
+    """A lens of N-BK7 of almost no thickness: shape factor q = (r2 + r1) / (r2 - r1), the stop in contact."""
+    n = refractive_index("N-BK7", wavelength)
+    strength = 1.0 / (2.0 * focal_length * (n - 1.0))
+    first, second = strength * (shape + 1.0), strength * (shape - 1.0)
+    rows = [
+        (0.0, 0.0, AIR, 1.0),
+        (math.inf if first == 0 else 1.0 / first, 1e-9, "N-BK7", 30.0),
+        (math.inf if second == 0 else 1.0 / second, focal_length, AIR, 30.0),
+    ]
+    return lens_of(rows, stop=0)

@@ -1,0 +1,54 @@
+"""Figures: they show what they should, and come out as the files asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robustflow.lenses.draw import contact_sheet, lens_figure, save_figure
+from robustflow.psf.shipped import shipped_field, shipped_lens
+
+from .lenses import cooke_triplet
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+def test_a_page_about_a_lens_is_written(tmp_path, suffix):
+    path = tmp_path / f"lens{suffix}"
+    save_figure(lens_figure(shipped_lens(4), shipped_field(4)), path)
+    starts = {".png": b"\x89PNG", ".pdf": b"%PDF", ".svg": b"<?xml"}
+    assert path.read_bytes().startswith(starts[suffix])
+    assert path.stat().st_size > 20_000
+
+
+def test_the_same_figure_is_the_same_bytes(tmp_path):
+    for name in ("a.png", "b.png"):
+        save_figure(contact_sheet([("one", shipped_field(1))]), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_the_title_says_what_the_lens_is():
+    figure = lens_figure(shipped_lens(1), shipped_field(1))
+    assert "6 elements" in figure.get_suptitle()
+    assert "f/2.6" in figure.get_suptitle()
+
+
+def test_rays_in_the_section_run_from_the_object_to_the_sensor():
+    lens = cooke_triplet()
+    section = lens_figure(lens, shipped_field(1)).subfigs[0].axes[0]
+    total = sum(surface.thickness for surface in lens.surfaces)
+    rays = [line for line in section.lines if len(line.get_xdata()) == len(lens.surfaces) + 2]
+    assert len(rays) == 21
+    for ray in rays:
+        z = np.asarray(ray.get_xdata())
+        assert z[0] < 0.0
+        assert z[-1] == pytest.approx(total)
+        assert (np.diff(z) > -1e-9).all()
+
+
+def test_the_sheet_has_a_row_of_eight_psfs_per_lens():
+    sheet = contact_sheet([(f"severity {k}", shipped_field(k)) for k in (1, 5)])
+    assert len(sheet.axes) == 16
+    centre = np.asarray(sheet.axes[8].images[0].get_array())
+    assert centre.shape == (61, 61, 3)
+    assert centre.max() == pytest.approx(1.0)
+    assert sheet.axes[8].get_ylabel() == "severity 5"

@@ -1,0 +1,121 @@
+"""The merit function's statistics against those of rendered PSFs, and its residuals against what they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.lenses.goals import goal_of
+from robustflow.lenses.merit import BASE_FREQUENCY, FIELDS, FREQUENCIES, Limits, _cos_sin_turns, aim, blur_statistics
+from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
+from robustflow.lenses.residuals import damped_least_squares, evaluate, residual_count, solve_damped
+from robustflow.lenses.search import SAMPLES, Structure
+from robustflow.lenses.transfer import modulation, moments
+from robustflow.psf.psf_field import field_rays
+from robustflow.psf.shipped import shipped_field, shipped_lens
+
+from .lenses import cooke_triplet
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(-50.0, 50.0))
+def test_polynomial_cosine_and_sine(turns):
+    cosine, sine = _cos_sin_turns(turns)
+    assert cosine == pytest.approx(np.cos(2 * np.pi * turns), abs=2e-8)
+    assert sine == pytest.approx(np.sin(2 * np.pi * turns), abs=2e-8)
+
+
+def test_frequencies_double():
+    assert np.allclose(FREQUENCIES, BASE_FREQUENCY * np.array([1, 2, 4, 8, 16]))
+
+
+@pytest.mark.parametrize("severity", [2, 4, 5])
+def test_ray_statistics_are_those_of_the_rendered_psf(severity):
+    """Rays through the formulas, and the same rays as a picture through a Fourier sum, agree."""
+    lens, field = shipped_lens(severity), shipped_field(severity)
+    tangential, sagittal = modulation(field, FREQUENCIES)
+    radius = moments(field)
+    for row in (0, 27, 63):
+        rays = field_rays(lens, np.array([row / 63]), 48, 96)[0]
+        sx, sy, weight = (np.stack([colour[part] for colour in rays]) for part in range(3))
+        t, re, s, rms, mean = np.empty((3, 5)), np.empty((3, 5)), np.empty((3, 5)), np.empty(3), np.empty(3)
+        blur_statistics(sx, sy, weight, t, re, s, rms, mean)
+        # at the highest frequency the pixels' sampling aliases, which rays know nothing of
+        for frequency, tolerance in enumerate((0.02, 0.02, 0.02, 0.03, 0.06)):
+            assert t[:, frequency] == pytest.approx(tangential[row, :, frequency], abs=tolerance)
+            assert s[:, frequency] == pytest.approx(sagittal[row, :, frequency], abs=tolerance)
+        assert rms == pytest.approx(radius.rms[row], abs=0.15)
+        assert mean - mean[1] == pytest.approx(radius.y[row] - radius.y[row, 1], abs=0.1)
+        assert (np.abs(re) <= t + 1e-12).all()
+
+
+def test_aimed_rays_go_through_the_stop_where_they_should():
+    lens = cooke_triplet()
+    order, tangents = first_order_of(lens), FIELDS * lens.field_tangent
+    x, y, miss = aim(
+        lens.column("curvature"), lens.column("conic"), lens.column("thickness"), lens.indices(DESIGN_WAVELENGTH),
+        lens.stop, lens.stop_radius, tangents, order.pupil_position, order.pupil_magnification,
+    )  # fmt: skip
+    assert miss < 1e-6
+    count = FIELDS.size
+    assert (y[count : 2 * count] > y[:count]).all()
+    assert (y[2 * count : 3 * count] < y[:count]).all()
+    assert (x[3 * count :] > 0).all()
+
+
+def _singlet(bend: float):
+    structure = Structure(("N-BK7",), 0)
+    return structure, np.array([bend, bend - 1.93, 0.1, 0.15, -0.5])
+
+
+def test_thin_glass_and_short_gaps_cost():
+    """Each limit, violated alone, adds residuals; what can be made adds none."""
+    _, goal = goal_of(2)
+    structure, free = _singlet(1.2)
+    index = structure.indices(SAMPLES)
+    out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
+
+    def mechanical(limits):
+        assert evaluate(free, index, structure.stop_surface, FIELDS, goal, limits, out)
+        return (out[FIELDS.size * 51 + 2 :] ** 2).sum()
+
+    free_of_limits = Limits(0.0, -50.0, 1e3, 0.0, -50.0, 1e3, 0.0)
+    assert mechanical(free_of_limits) == 0.0
+    for name, value in (("glass_centre", 50.0), ("glass_edge", 50.0), ("glass_most", 0.1), ("air_centre", 50.0),
+                        ("air_edge", 50.0), ("length", 0.1), ("back", 500.0)):  # fmt: skip
+        assert mechanical(free_of_limits._replace(**{name: value})) > 0.0
+
+
+def test_a_lens_that_cannot_be_built_is_reported():
+    _, goal = goal_of(2)
+    structure, free = _singlet(0.0)
+    free[:2] = 0.0  # a plane plate focuses nowhere
+    index = structure.indices(SAMPLES)
+    out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
+    assert not evaluate(free, index, structure.stop_surface, FIELDS, goal, Limits(), out)
+
+
+def test_damped_least_squares_goes_downhill_until_little_is_left_to_gain():
+    _, goal = goal_of(2)
+    structure, free = _singlet(-0.2)
+    index = structure.indices(SAMPLES)
+    out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
+    costs = []
+    for iterations in (1, 5, 60):
+        best, cost = damped_least_squares(free, index, structure.stop_surface, FIELDS, goal, Limits(), iterations)
+        assert evaluate(best, index, structure.stop_surface, FIELDS, goal, Limits(), out)
+        assert (out * out).sum() == pytest.approx(cost)
+        costs.append(cost)
+    assert costs == sorted(costs, reverse=True)
+    _, again = damped_least_squares(best, index, structure.stop_surface, FIELDS, goal, Limits(), 20)
+    assert again > 0.9 * costs[-1]
+
+
+def test_the_damped_system_is_solved():
+    rng = np.random.default_rng(0)
+    factor, gradient = rng.normal(size=(12, 7)), rng.normal(size=7)
+    normal = factor.T @ factor
+    damped = normal + 0.3 * np.diag(np.diag(normal))
+    assert solve_damped(normal, gradient, 0.3) == pytest.approx(np.linalg.solve(damped, gradient), rel=1e-8)

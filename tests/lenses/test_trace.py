@@ -1,0 +1,137 @@
+"""The tracer against closed forms, and what must hold for any rays."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.lenses.glass import refractive_index
+from robustflow.lenses.paraxial import first_order_of
+from robustflow.lenses.trace import Rays, trace, trace_path
+
+from .lenses import cooke_triplet, lens_of, plano_hyperbolic, thin_lens
+
+WAVELENGTH = 0.5875618
+
+
+def bundle(heights, tangent=0.0, across=0.0) -> Rays:
+    y = np.atleast_1d(np.asarray(heights, float))
+    x = np.zeros_like(y) + across
+    cosine = 1.0 / math.sqrt(1.0 + tangent * tangent)
+    zero, one = np.zeros_like(y), np.ones_like(y)
+    return Rays(x, y, zero, zero, one * tangent * cosine, one * cosine, one)
+
+
+def test_one_sphere_refracts_as_snell_says():
+    """A meridional ray through one sphere, by angles: sin(i) = h / R, then Snell, then a straight line."""
+    n, radius, depth, height = refractive_index("N-BK7", WAVELENGTH), 30.0, 40.0, 7.0
+    lens = lens_of([(0.0, 0.0, "air", 9.0), (radius, depth, "N-BK7", 20.0), (0.0, 10.0, "air", 20.0)], stop=0)
+    path, _ = trace_path(lens, bundle(height), WAVELENGTH)
+    incidence = math.asin(height / radius)
+    deviation = incidence - math.asin(math.sin(incidence) / n)
+    sag = radius - math.sqrt(radius**2 - height**2)
+    assert path[1, 1, 0] == pytest.approx(height, abs=1e-13)
+    assert path[1, 2, 0] == pytest.approx(sag, abs=1e-13)
+    assert path[2, 1, 0] == pytest.approx(height - (depth - sag) * math.tan(deviation), abs=1e-12)
+
+
+def test_a_plano_hyperbolic_lens_has_no_spherical_aberration():
+    lens, _ = plano_hyperbolic(WAVELENGTH)
+    end = trace(lens, bundle(np.linspace(0.0, 14.0, 15)), WAVELENGTH)
+    assert end.alive.all()
+    assert np.abs(end.y).max() < 1e-12
+
+
+@pytest.mark.parametrize("shape", [-2.0, -1.0, 0.0, 0.7, 1.0, 2.0])
+def test_spherical_aberration_of_a_thin_lens(shape):
+    """Third order, object at infinity (Jenkins & White, "Fundamentals of Optics", eq. 9m):
+
+    1/s_h - 1/s_p = h^2 / (8 f^3) / (n (n - 1)) [(n+2)/(n-1) q^2 - 4(n+1) q + (3n+2)(n-1) + n^3/(n-1)]
+    """
+    focal_length, height, n = 100.0, 0.5, refractive_index("N-BK7", WAVELENGTH)
+    lens = thin_lens(shape, focal_length, WAVELENGTH)
+    path, end = trace_path(lens, bundle(height), WAVELENGTH)
+    crossing = focal_length + end.y[0] / -(end.m[0] / end.n[0])
+    third_order = (
+        height**2 / (8 * focal_length**3) / (n * (n - 1))
+        * ((n + 2) / (n - 1) * shape**2 - 4 * (n + 1) * shape + (3 * n + 2) * (n - 1) + n**3 / (n - 1))
+    )  # fmt: skip
+    assert 1.0 / crossing - 1.0 / focal_length == pytest.approx(third_order, rel=2e-3)
+    assert path[0, 1, 0] == height
+
+
+def test_chromatic_shift_of_a_thin_lens_is_its_focal_length_over_v():
+    lens = thin_lens(0.0, 100.0, WAVELENGTH)
+    blue, red = (first_order_of(lens, w).focal_length for w in (0.4861327, 0.6562725))
+    n_f, n_c, n_d = (refractive_index("N-BK7", w) for w in (0.4861327, 0.6562725, WAVELENGTH))
+    v = (n_d - 1) / (n_f - n_c)
+    assert 1.0 / blue - 1.0 / red == pytest.approx(1.0 / (100.0 * v), rel=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    angle=st.floats(0.0, 2 * math.pi),
+    height=st.floats(-3.0, 3.0),
+    across=st.floats(-3.0, 3.0),
+    tangent=st.floats(-0.25, 0.25),
+)
+def test_turning_the_rays_turns_where_they_land(angle, height, across, tangent):
+    lens = cooke_triplet()
+    rays = bundle(height, tangent, across)
+    cosine, sine = math.cos(angle), math.sin(angle)
+
+    def turned(u, v):
+        return cosine * u - sine * v, sine * u + cosine * v
+
+    x, y = turned(rays.x, rays.y)
+    l, m = turned(rays.l, rays.m)  # noqa: E741
+    straight, other = trace(lens, rays, 0.55), trace(lens, rays._replace(x=x, y=y, l=l, m=m), 0.55)
+    assert other.alive[0] == straight.alive[0]
+    if straight.alive[0]:
+        x, y = turned(straight.x, straight.y)
+        assert other.x == pytest.approx(x, abs=1e-11)
+        assert other.y == pytest.approx(y, abs=1e-11)
+
+
+@settings(max_examples=40, deadline=None)
+@given(height=st.floats(-4.0, 4.0), across=st.floats(-4.0, 4.0), tangent=st.floats(-0.2, 0.2))
+def test_directions_stay_unit_vectors_and_meet_the_surfaces(height, across, tangent):
+    lens = cooke_triplet()
+    path, end = trace_path(lens, bundle(height, tangent, across), 0.48)
+    if end.alive[0]:
+        assert end.l**2 + end.m**2 + end.n**2 == pytest.approx(1.0, abs=1e-14)
+        for k, surface in enumerate(lens.surfaces):
+            x, y, z = path[k, :, 0]
+            c = surface.curvature
+            assert c * (x * x + y * y + z * z) == pytest.approx(2.0 * z, abs=1e-11)
+
+
+def test_rays_that_miss_or_are_totally_reflected_are_dead_and_stay_finite():
+    ball = lens_of([(0.0, 1.0, "air", 9.0), (5.0, 9.0, "N-SF66", 5.0), (-5.0, 20.0, "air", 5.0)], stop=0)
+    end = trace(ball, bundle([0.5, 6.0]), 0.55)
+    assert end.alive.tolist() == [1.0, 0.0]
+    plane = lens_of([(0.0, 1.0, "air", 9.0), (6.0, 3.0, "N-SF66", 6.0), (0.0, 20.0, "air", 9.0)], stop=0)
+    end = trace(plane, bundle([0.5, 5.5]), 0.55)
+    assert end.alive.tolist() == [1.0, 0.0]
+    assert all(np.isfinite(part).all() for part in end)
+
+
+def test_rims_block_rays_only_when_asked_to():
+    lens = cooke_triplet()
+    wide = bundle([0.0, 4.5])
+    assert trace(lens, wide, 0.55).alive.tolist() == [1.0, 1.0]
+    narrow = lens.model_copy(
+        update={"surfaces": tuple(s.model_copy(update={"semi_diameter": 3.0}) for s in lens.surfaces)}
+    )
+    assert trace(narrow, wide, 0.55, clip=True).alive.tolist() == [1.0, 0.0]
+
+
+def test_input_rays_are_left_alone():
+    rays = bundle([1.0, 2.0], tangent=0.1)
+    before = [part.copy() for part in rays]
+    trace(cooke_triplet(), rays, 0.55)
+    assert all((a == b).all() for a, b in zip(before, rays, strict=True))

@@ -1,0 +1,223 @@
+"""Multi-frame models of ptlflow: the same bits as from the library itself, anywhere in a sequence, in any order."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import pickle
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow import load_model
+from robustflow.errors import UsageError
+from robustflow.images.io import write_image
+from robustflow.models import ClipModel, FlowModel, ModelSpec
+from robustflow.models.ptlflow.clips import CLIPS
+from robustflow.models.window import place_of_pair
+
+NAMES = (
+    "videoflow_mof",
+    "memflow",
+    "streamflow",
+    *(
+        pytest.param(name, marks=pytest.mark.slow)
+        for name in ("videoflow_bof", "memflow_t", "memfof", "ptlflow:starflow")
+    ),
+)
+LENGTH = 7
+
+
+@pytest.fixture
+def library():
+    """ptlflow, imported as the adapter does it."""
+    pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    load_model("memflow", checkpoint="random", device="cpu")
+    import ptlflow
+
+    return ptlflow
+
+
+@cache
+def adapter(name):
+    options = {} if name.endswith("starflow") else {"iterations": 2}
+    if name.startswith("memflow"):
+        options["before"] = 3
+    model = load_model(name, checkpoint="random", device="cpu", **options)
+    for key, value in model.net.state_dict().items():
+        if key.endswith("aggregator.gamma"):
+            value.fill_(1)  # 0 in new networks, which leaves out what they remember
+    return model
+
+
+@cache
+def sequence(side):
+    """A textured square that moves over a textured ground."""
+    rng = np.random.default_rng(0)
+    ground, square = (
+        cv2.resize(rng.integers(0, 256, (n // 8, n // 8, 3)).astype(np.uint8), (n, n)) for n in (2 * side, side // 2)
+    )
+    frames = []
+    for time in range(LENGTH):
+        frame = ground[:side, 2 * time : side + 2 * time].copy()
+        frame[8 + time : 8 + time + side // 2, 5 * time : 5 * time + side // 2] = square
+        frames.append(np.ascontiguousarray(frame))
+    return frames
+
+
+def side_of(name):
+    return 256 if name == "memfof" else 128  # its correlation pyramid needs 16 x 16 features
+
+
+def ask(name, first):
+    """What a run asks for the pair that begins at `first` of the sequence."""
+    model, frames = adapter(name), sequence(side_of(name))
+    offsets = model.window.offsets(range(-first, LENGTH - first))
+    return model.predict_clip(tuple(frames[first + offset] for offset in offsets), place_of_pair(offsets))
+
+
+def images_of(frames):
+    import torch
+
+    stacked = np.stack([frame[..., ::-1] for frame in frames])
+    return torch.from_numpy(stacked).permute(0, 3, 1, 2)[None].float() / 255
+
+
+def fresh(ptlflow, name):
+    """The library's own model, built and set as a user of the library would, with the adapter's weights."""
+    model = adapter(name)
+    with contextlib.redirect_stdout(io.StringIO()):
+        reference = ptlflow.get_model_reference(name.removeprefix("ptlflow:"))
+        options = {"backbone_weights": None} if name == "memfof" else {}
+        if "starflow" not in name:
+            options["iters" if name in ("streamflow", "memfof") else "decoder_depth"] = 2
+        net = reference(**options)
+    net.load_state_dict(model.net.model.state_dict())
+    return net.eval()
+
+
+def from_the_library(net, name, first):
+    import torch
+
+    frames = sequence(side_of(name))
+    with torch.inference_mode():
+        if name.startswith("memflow"):
+            start = max(0, first - 3)
+            for place in range(start, first + 1):
+                meta = {"is_seq_start": place == start, "is_seq_end": place == first}
+                flows = net({"images": images_of(frames[place : place + 2]), "meta": meta})["flows"]
+            wanted = flows[0, 0]
+        elif name == "streamflow":
+            start = min(max(first - 2, 0), LENGTH - 4)
+            wanted = net({"images": images_of(frames[start : start + 4])})["flows"][0, first - start]
+        elif name == "ptlflow:starflow":
+            wanted = net({"images": images_of(frames[max(0, first - 2) : first + 2])})["flows"][0, -1]
+        elif name == "videoflow_mof":
+            wanted = videoflow(net, [frames[0], *frames], first + 1)
+        else:
+            wanted = net({"images": images_of([frames[max(0, first - 1)], *frames[first : first + 2]])})["flows"][0, 0]
+    return wanted.permute(1, 2, 0).numpy()
+
+
+def videoflow(net, sequence, first):
+    """As its authors evaluate it: five frames of the sequence that has its first frame twice, the asked one as near to
+    the middle as can be. The library answers for the middle only, so the flows are taken before it chooses."""
+    start = min(max(first - 2, 0), len(sequence) - 5)
+    upsampled = []
+    upsample = net.upsample_flow
+    net.upsample_flow = lambda flow, mask: upsampled.append(upsample(flow, mask)) or upsampled[-1]
+    try:
+        net({"images": images_of(sequence[start : start + 5])})
+    finally:
+        net.upsample_flow = upsample
+    forward, _ = upsampled[-2:]
+    return forward[first - start - 1]
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", NAMES)
+def test_bit_equal_to_the_library_anywhere_in_a_sequence(library, capsys, name):
+    net = fresh(library, name)
+    places = [2, 0, LENGTH - 2, 1, 3]
+    for first in places:
+        flow = ask(name, first)
+        assert flow.shape == (side_of(name), side_of(name), 2)
+        assert np.abs(flow).max() > 0
+        np.testing.assert_array_equal(flow, from_the_library(net, name, first), err_msg=f"pair {first}")
+    np.testing.assert_array_equal(ask(name, places[0]), from_the_library(net, name, places[0]), err_msg="asked again")
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", ["memflow", pytest.param("ptlflow:starflow", marks=pytest.mark.slow)])
+def test_models_that_begin_with_two_frames(library, name):
+    model = adapter(name)
+    assert isinstance(model, FlowModel)
+    frames = sequence(128)
+    np.testing.assert_array_equal(model.predict(frames[0], frames[1]), ask(name, 0))
+    assert (ask(name, 3) != model.predict(frames[3], frames[4])).any(), "the frames before the pair are not used"
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", ["videoflow_mof", "streamflow"])
+def test_models_that_need_more(library, name):
+    from robustflow.profiling.network_of import network_of
+
+    model = adapter(name)
+    assert isinstance(model, ClipModel)
+    assert not isinstance(model, FlowModel)
+    frames = sequence(128)
+    short = model.predict_clip(tuple(frames[:3]), 1)
+    assert np.isfinite(short).all(), "a sequence shorter than the window is given whole"
+    with pytest.raises(UsageError, match="no pair at index 2"):
+        model.predict_clip(tuple(frames[:3]), 2)
+    with pytest.raises(UsageError, match=f"'{name}' sees a clip, and networks of two frames alone are profiled"):
+        network_of(model)
+    with pytest.raises(UsageError, match=r"made for \d frames; leave out before"):
+        load_model(name, checkpoint="random", before=2)
+
+
+@pytest.mark.torch
+def test_how_many_frames_the_memory_gets(library):
+    assert load_model("memflow", checkpoint="random").window == CLIPS["memflow"].window
+    assert load_model("ptlflow:memflow", checkpoint="random", before=2).window.before == 2
+    for wrong in (0, 1.5):
+        with pytest.raises(UsageError, match="before must be a whole number"):
+            load_model("memflow", checkpoint="random", before=wrong)
+
+
+@pytest.mark.torch
+def test_the_adapter_says_how_it_ran(library):
+    identity = adapter("videoflow_mof").identity()
+    assert (identity["name"], identity["checkpoint"], identity["iterations"]) == ("videoflow_mof", "random", 2)
+    assert identity["library"] == f"ptlflow {library.__version__}"
+    assert pickle.loads(pickle.dumps(adapter("memflow").window)) == adapter("memflow").window
+
+
+@pytest.mark.torch
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["videoflow_mof", "memflow", "streamflow"])
+def test_a_run_on_a_clip_is_the_same_with_any_workers(library, tmp_path, name):
+    for number, frame in enumerate(sequence(128)[:4]):
+        write_image(tmp_path / f"{number}.png", frame)
+    options = (("checkpoint", "random"), ("iterations", 2), ("device", "cpu"))
+    chosen = {"corruptions": ["contrast", "gaussian_noise"], "severities": [3]}
+    runs = [
+        rf.evaluate(ModelSpec(name, options), "folder", tmp_path, tmp_path / f"run{workers}", workers=workers, **chosen)
+        for workers in (1, 2)
+    ]
+    assert runs[0].rows.equals(runs[1].rows)
+    assert runs[0].summary.complete
+    assert runs[0].manifest["identity"]["window"]["before"] == CLIPS[name].window.before
+    assert runs[0].setting == "untrained"
+    if name == "memflow":
+        demo = rf.evaluate(
+            ModelSpec(name, options), "demo", output=tmp_path / "demo", **{**chosen, "corruptions": ["contrast"]}
+        )
+        assert "window" not in demo.manifest["identity"]
+    else:
+        with pytest.raises(UsageError, match="'motorcycle' holds pairs only"):
+            rf.evaluate(ModelSpec(name, options), "demo", output=tmp_path / "demo", **chosen)

@@ -1,0 +1,43 @@
+"""What ptlflow's constructors are given, on classes with the shapes that its models have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from robustflow.errors import UsageError
+from robustflow.models.ptlflow.options import constructor_options
+
+WIDTHS = (64, 96)
+
+
+class Net:
+    def __init__(self, widths=WIDTHS, strides=WIDTHS, iters=32, backbone_weights="fetched", levels=3): ...
+
+    __init__.__annotations__ = {"widths": Sequence[int], "strides": tuple[int, int]}
+
+
+class Smaller(Net):
+    def __init__(self, levels=2, **kwargs):
+        super().__init__(levels=levels, **kwargs)
+
+
+class Pyramid(Net):
+    def __init__(self, iters=(4, 6)): ...
+
+
+@pytest.mark.parametrize("net", [Net, Smaller])
+def test_sequences_become_lists_through_all_bases(net):
+    options, rounds = constructor_options("net", net, None)
+    assert options == {"widths": [64, 96], "backbone_weights": None, "iters": 32}
+    assert rounds == 32
+    options["widths"][0] = 1
+    assert constructor_options("net", net, 5) == ({"widths": [64, 96], "backbone_weights": None, "iters": 5}, 5)
+    assert WIDTHS == (64, 96)
+
+
+def test_a_constructor_without_further_arguments_hides_those_of_its_base():
+    assert constructor_options("pyramid", Pyramid, None) == ({}, None)
+    with pytest.raises(UsageError, match="model 'pyramid' has no single number of iterations"):
+        constructor_options("pyramid", Pyramid, 3)

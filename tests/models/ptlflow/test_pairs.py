@@ -1,0 +1,334 @@
+"""Models of ptlflow: the same bits as from the library itself, nothing on stdout, and what is said when one fails."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import subprocess
+import sys
+from functools import cache
+from importlib import util
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow import load_model
+from robustflow.errors import ModelError, UsageError
+from robustflow.models import ModelSpec
+from robustflow.models.loading import MODELS
+from robustflow.models.ptlflow.pairs import BESIDES
+
+from ..textures import textured_pair
+
+PAPER = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp")
+
+
+@pytest.mark.parametrize("name", [*PAPER, "ptlflow:dpflow"])
+def test_without_the_extra_the_message_names_it(name, monkeypatch):
+    find = util.find_spec
+    monkeypatch.setattr(
+        "robustflow.models.torch.network.find_spec", lambda library: None if library == "ptlflow" else find(library)
+    )
+    with pytest.raises(
+        ModelError, match=rf"model '{name}' needs ptlflow.*pip install 'robustflow\[ptlflow\]'"
+    ) as error:
+        load_model(name)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_twelve_iterations_are_the_default(name):
+    assert inspect.signature(MODELS.get(name)).parameters["iterations"].default == 12
+    with pytest.raises(UsageError, match="did you mean 'iterations'"):
+        load_model(name, iteration=3)
+
+
+@pytest.fixture
+def library():
+    """ptlflow, imported as the adapter does it."""
+    pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    load_model("raft", checkpoint="random", device="cpu")
+    import ptlflow
+
+    return ptlflow
+
+
+@cache
+def adapter(name, iterations=2):
+    return load_model(name, checkpoint="random", iterations=iterations, device="cpu")
+
+
+def from_the_library(ptlflow, name, model, frames, iterations):
+    """What a user of the library alone would write; the weights are the adapter's."""
+    import torch
+    from ptlflow.utils.io_adapter import IOAdapter
+
+    net = ptlflow.get_model(name)
+    setattr(net, "decoder_depth" if name.startswith("flowformer") else "iters", iterations)
+    if name.startswith("flowformer"):
+        net.memory_decoder.depth = iterations
+    net.load_state_dict(model.net.model.state_dict())
+    net.eval()
+    images = [np.ascontiguousarray(frame[..., ::-1]) for frame in frames]
+    inputs = IOAdapter(net.output_stride, images[0].shape[:2]).prepare_inputs(images)
+    with torch.no_grad():
+        return net({"images": inputs["images"]})["flows"][0, 0].permute(1, 2, 0).numpy()
+
+
+def same_bits(ptlflow, capsys, name, frames, iterations):
+    model = adapter(name, iterations)
+    flow = model.predict(*frames)
+    assert capsys.readouterr().out == ""
+    expected = from_the_library(ptlflow, name, model, frames, iterations)
+    assert np.abs(expected).max() > 0
+    np.testing.assert_array_equal(flow, expected)
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", PAPER)
+def test_bit_equal_to_the_library(library, capsys, name):
+    same_bits(library, capsys, name, textured_pair(131, 137), 2)
+
+
+@pytest.mark.slow
+@pytest.mark.torch
+@pytest.mark.parametrize("name", PAPER)
+def test_bit_equal_to_the_library_on_kitti(library, capsys, shared, name):
+    folder = shared("data", "kitti2015", "training", "image_2")
+    first = min(folder.glob("*_10.png"))
+    frames = [cv2.imread(str(path))[..., ::-1].copy() for path in (first, first.with_name(first.name[:-6] + "11.png"))]
+    same_bits(library, capsys, name, frames, 1)
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", PAPER)
+def test_the_batch_changes_nothing(library, name):
+    """In ptlflow's FlowFormer the pairs of a batch see each other (by 1e-4 px, in float64 as well)."""
+    model = adapter(name)
+    pairs = [textured_pair(131, 137, seed) for seed in range(2)]
+    together = model.run([a for a, _ in pairs], [b for _, b in pairs])
+    for flow, pair in zip(together, pairs, strict=True):
+        assert np.abs(flow - model.predict(*pair)).max() <= 1e-4
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize(("name", "smallest"), [("raft", 121), ("gmflownet", 121), ("flowformer", 25)])
+def test_frames_too_small_for_numbers_are_refused(library, name, smallest):
+    model = adapter(name)
+    assert np.isfinite(model.predict(*textured_pair(smallest, 160))).all()
+    for size in ((smallest - 1, 160), (160, smallest - 1)):
+        with pytest.raises(ModelError, match=rf"a frame is {size[0]}x{size[1]}, and below {smallest} pixels a side"):
+            model.predict(*textured_pair(*size))
+    if smallest == 121:
+        assert np.isnan(from_the_library(library, name, model, textured_pair(120, 160), 2)).any()
+
+
+@pytest.mark.torch
+def test_the_identity_says_how_it_ran(library):
+    identity = adapter("flowformer").identity()
+    assert identity["name"] == "flowformer"
+    assert identity["checkpoint"] == "random"
+    assert identity["iterations"] == 2
+    assert identity["use_tile_input"] is False
+    assert identity["library"] == f"ptlflow {library.__version__}"
+    assert identity["input"]["order"] == "bgr"
+
+
+@pytest.mark.torch
+def test_random_weights_are_the_same_every_time_and_leave_the_generator_alone(library):
+    import torch
+
+    torch.manual_seed(5)
+    before = torch.get_rng_state()
+    one, other = (load_model("raft", checkpoint="random", device="cpu") for _ in range(2))
+    assert torch.equal(torch.get_rng_state(), before)
+    for value, same in zip(one.net.state_dict().values(), other.net.state_dict().values(), strict=True):
+        assert torch.equal(value, same)
+
+
+@pytest.mark.torch
+def test_any_other_model_by_its_name(library):
+    frames = textured_pair(128, 160)
+    model = load_model("ptlflow:raft_small", checkpoint="random", iterations=1, device="cpu")
+    assert model.predict(*frames).shape == (128, 160, 2)
+    assert load_model("ptlflow:raft", checkpoint="random").identity()["iterations"] == 32
+    with pytest.raises(UsageError, match="did you mean 'dpflow'"):
+        load_model("ptlflow:dpflo")
+    with pytest.raises(UsageError, match="no single number of iterations"):
+        load_model("ptlflow:pwcnet", checkpoint="random", iterations=3)
+    spec = ModelSpec("ptlflow:raft_small", (("checkpoint", "random"),))
+    assert "source" not in spec.identity(model), "the library is known by its version, not by a file's hash"
+
+
+LAYOUTS = {
+    "authors": lambda state: {f"module.{key}": value for key, value in state.items()},
+    "ptlflow": lambda state: {"state_dict": state, "hyper_parameters": {"train_size": [64, 64]}},
+}
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("name", ["raft", "csflow", "flowformer"])
+def test_files_of_the_authors_and_of_ptlflow(library, tmp_path, layout, name):
+    """CSFlow's keys have a prefix in ptlflow that the authors' have not; FlowFormer would tile by the second's size."""
+    import torch
+
+    model = adapter(name)
+    state = model.net.model.state_dict()
+    if layout == "authors":
+        state = {key.removeprefix("_model."): value for key, value in state.items()}
+    torch.save(LAYOUTS[layout](state), tmp_path / "weights.pth")
+    loaded = load_model(name, checkpoint=tmp_path / "weights.pth", iterations=2, device="cpu")
+    frames = textured_pair(131, 137)
+    np.testing.assert_array_equal(loaded.predict(*frames), model.predict(*frames))
+    assert len(loaded.identity()["checkpoint"]) == 64
+
+
+@pytest.mark.torch
+def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
+    """Lightning's own file of ptlflow's own model: hyper-parameters, loops, optimizer, callbacks beside the weights."""
+    import torch
+    from lightning.pytorch import Trainer
+    from lightning.pytorch.callbacks import ModelCheckpoint
+
+    quiet = {"logger": False, "enable_progress_bar": False, "enable_model_summary": False, "accelerator": "cpu"}
+    trainer = Trainer(max_steps=1, callbacks=[ModelCheckpoint(dirpath=tmp_path)], default_root_dir=tmp_path, **quiet)
+    net = library.get_model("raft")
+    net.train_size = [64, 64]
+    trainer.strategy.connect(net)
+    trainer.strategy.setup_optimizers = lambda trainer: None
+    trainer.save_checkpoint(tmp_path / "raft.ckpt")
+    content = torch.load(tmp_path / "raft.ckpt", weights_only=True)
+    assert {"state_dict", "hyper_parameters", "pytorch-lightning_version", "loops", "callbacks"} <= set(content)
+    loaded = load_model("raft", checkpoint=tmp_path / "raft.ckpt", iterations=1, device="cpu")
+    for key, value in net.state_dict().items():
+        assert torch.equal(loaded.net.model.state_dict()[key], value)
+    del content["state_dict"]["fnet.conv1.weight"]
+    torch.save(content, tmp_path / "less.ckpt")
+    with pytest.raises(ModelError, match=r"no checkpoint of raft.*fnet\.conv1\.weight"):
+        load_model("raft", checkpoint=tmp_path / "less.ckpt")
+
+
+@pytest.mark.torch
+def test_what_a_memory_network_keeps_beside_its_weights_is_set(library, tmp_path):
+    import torch
+
+    state = load_model("ptlflow:memflow", checkpoint="random").net.model.state_dict()
+    for value, says in ((4000, None), ("4000", "its train_avg_length is '4000'")):
+        torch.save({"state_dict": state, "hyper_parameters": {"train_avg_length": value}}, tmp_path / "memory.ckpt")
+        if says:
+            with pytest.raises(ModelError, match=says):
+                load_model("ptlflow:memflow", checkpoint=tmp_path / "memory.ckpt")
+        else:
+            model = load_model("ptlflow:memflow", checkpoint=tmp_path / "memory.ckpt")
+            assert model.net.model.train_avg_length == model.identity()["train_avg_length"] == value
+
+
+@pytest.mark.torch
+def test_checkpoints_by_name(library, tmp_path, monkeypatch):
+    """A name finds the file in PyTorch's cache and checks the digits in it; without one it says where to put it."""
+    import hashlib
+
+    import torch
+
+    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
+
+    def no_network(url, path, **options):
+        raise OSError("Network is unreachable")
+
+    monkeypatch.setattr(torch.hub, "download_url_to_file", no_network)
+    place = tmp_path / "checkpoints" / "raft-things-802bbcfd.ckpt"
+    with pytest.raises(
+        ModelError, match=rf"cannot fetch https://\S+ \(Network is unreachable\).*put that file at {place}"
+    ):
+        load_model("raft", checkpoint="things")
+    with pytest.raises(UsageError, match="unknown checkpoint of raft 'thing': did you mean 'things'"):
+        load_model("raft", checkpoint="thing")
+    with pytest.raises(ModelError, match="name one of chairs, things, sintel, kitti, or get the authors' file"):
+        load_model("raft")
+    with pytest.raises(ModelError, match=r"no file /nowhere/raft\.pth"):
+        load_model("raft", checkpoint="/nowhere/raft.pth")
+    torch.save(adapter("raft").net.model.state_dict(), place)
+    with pytest.raises(ModelError, match="expected 802bbcfd"):
+        load_model("raft", checkpoint="things")
+    digits = hashlib.sha256(place.read_bytes()).hexdigest()[:8]
+    place.rename(place.with_name(f"mine-{digits}.ckpt"))
+    reference = library.get_model_reference("raft")
+    monkeypatch.setitem(reference.pretrained_checkpoints, "things", f"https://example.org/mine-{digits}.ckpt")
+    assert load_model("raft", checkpoint="things").identity()["checkpoint"].startswith(digits)
+
+
+@pytest.mark.torch
+def test_random_weights_have_no_hash(library):
+    with pytest.raises(UsageError, match="random weights have no file"):
+        load_model("raft", checkpoint="random", sha256="12345678")
+
+
+@pytest.mark.torch
+def test_the_first_import_is_silent(library):
+    """In a process of its own, where the library prints as it is imported."""
+    code = "import robustflow; robustflow.load_model('raft', checkpoint='random', device='cpu')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", ["sea_raft_s", "recover_rn"])
+def test_constructors_that_write_into_their_defaults(library, capsys, name):
+    """They get lists, as from the library's own loader; recover_rn takes its own through those of its base."""
+    frames = textured_pair(128, 136)
+    model = load_model(f"ptlflow:{name}", checkpoint="random", iterations=2, device="cpu")
+    assert model.identity()["iterations"] == 2
+    expected = from_the_library(library, name, model, frames, 2)
+    np.testing.assert_array_equal(model.predict(*frames), expected)
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("checkpoint", ["random", "kitti", None])
+def test_what_ptlflow_does_not_install_is_named_before_a_checkpoint_is_sought(library, monkeypatch, checkpoint):
+    import sys
+
+    splatflow = sys.modules["ptlflow.models.splatflow.splatflow"]
+    monkeypatch.setattr(splatflow, "forward_warping", None)  # as ptlflow sets it where there is no cupy
+    with pytest.raises(ModelError, match=r"'ptlflow:splatflow' needs cupy, for CUDA, .*splatflow/README\.md") as error:
+        load_model("ptlflow:splatflow", checkpoint=checkpoint)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.torch
+def test_what_else_a_constructor_lacks_is_one_line(library, monkeypatch):
+    reference = library.get_model_reference("raft")
+    for raised, says in (
+        (ImportError("no kernel"), "needs something, which.*no kernel"),
+        (ValueError("b"), "ValueError"),
+    ):
+
+        def fails(self, iters=32, error=raised):
+            raise error
+
+        monkeypatch.setattr(reference, "__init__", fails)
+        with pytest.raises(ModelError, match=says):
+            load_model("raft", checkpoint="random")
+
+
+@pytest.mark.torch
+def test_a_name_without_its_prefix(library):
+    with pytest.raises(UsageError, match=r"unknown model 'splatflow': .* ptlflow:splatflow"):
+        load_model("splatflow")
+    with pytest.raises(UsageError, match="unknown model 'splatflov': did you mean"):
+        load_model("splatflov")
+
+
+@pytest.mark.slow
+@pytest.mark.torch
+def test_every_model_of_the_library_is_built_or_says_what_it_needs(library):
+    names = library.get_model_names()
+    assert set(BESIDES) <= set(names)
+    for name in names:
+        needs = BESIDES.get(name)
+        expected = (
+            contextlib.nullcontext() if needs is None else pytest.raises(ModelError, match=f"needs {needs}, which")
+        )
+        with expected:
+            assert load_model(f"ptlflow:{name}", checkpoint="random", device="cpu").identity()["checkpoint"] == "random"

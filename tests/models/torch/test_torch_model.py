@@ -1,0 +1,291 @@
+"""The adapter of PyTorch networks: what goes in, what comes out, and that batches change nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+import torch
+
+from robustflow import evaluate
+from robustflow.errors import ModelError, RunError, UsageError
+from robustflow.models.base import FlowModel
+from robustflow.models.input_convention import InputConvention
+from robustflow.models.own.nets.arflow import ARFlow
+from robustflow.models.own.nets.brightflow import BrightFlow
+from robustflow.models.own.nets.upflow import UPFlow
+from robustflow.models.torch.model import TorchModel, find_device
+
+pytestmark = pytest.mark.torch
+
+
+class Spy(torch.nn.Module):
+    """Remembers what it is given; its flow is the first image's first two channels."""
+
+    def forward(self, image1, image2):
+        self.given = image1, image2
+        self.precise = torch.is_autocast_enabled("cpu"), torch.get_num_threads()
+        return image1[:, :2]
+
+
+def spy(**convention):
+    model = TorchModel("spy", Spy(), InputConvention(**convention), {}, device="cpu")
+    return model, model.net
+
+
+def frames(count=2, height=5, width=7, seed=0):
+    return list(np.random.default_rng(seed).integers(0, 256, (count, height, width, 3)).astype(np.uint8))
+
+
+def test_it_is_a_flow_model():
+    assert isinstance(spy()[0], FlowModel)
+
+
+@pytest.mark.parametrize("order", ["rgb", "bgr"])
+def test_colours_are_ordered_shifted_and_scaled(order):
+    model, net = spy(order=order, mean=(10.0, 20.0, 30.0), scale=0.5)
+    frame1, frame2 = frames()
+    model.predict(frame1, frame2)
+    for frame, given in zip((frame1, frame2), net.given, strict=True):
+        channels = frame if order == "rgb" else frame[..., ::-1]
+        expected = (channels.astype(np.float64) - [10, 20, 30]) * 0.5
+        np.testing.assert_allclose(given[0].permute(1, 2, 0), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("vertical", ["both", "bottom"])
+@pytest.mark.parametrize("padding", ["replicate", "zeros"])
+@pytest.mark.parametrize("size", [(5, 7), (8, 16), (17, 9)])
+def test_padding_is_added_and_taken_off_again(vertical, padding, size):
+    mean = (10.0, 20.0, 30.0)
+    model, net = spy(fit="pad", multiple=8, vertical=vertical, padding=padding, mean=mean, scale=1.0)
+    frame1, frame2 = frames(2, *size)
+    flow = model.predict(frame1, frame2)
+    height, width = size
+    rows, columns = -height % 8, -width % 8
+    above, left = rows // 2 if vertical == "both" else 0, columns // 2
+    sides = ((above, rows - above), (left, columns - left), (0, 0))
+    values = frame1.astype(np.float32) - np.float32(mean)
+    expected = np.pad(values, sides, mode="edge" if padding == "replicate" else "constant")
+    np.testing.assert_array_equal(net.given[0][0].permute(1, 2, 0), expected)
+    np.testing.assert_array_equal(flow, values[..., :2])
+
+
+def test_stretching_scales_the_flow_back():
+    """A constant frame keeps its value through both resizes, so only the flow's factors remain."""
+    model, net = spy(fit="stretch", multiple=64, size=(64, 128), scale=1.0)
+    frame = np.full((32, 256, 3), 100, np.uint8)
+    flow = model.predict(frame, frame)
+    assert net.given[0].shape == (1, 3, 64, 128)
+    assert flow.shape == (32, 256, 2)
+    np.testing.assert_allclose(flow[..., 0], 200, rtol=1e-6)
+    np.testing.assert_allclose(flow[..., 1], 50, rtol=1e-6)
+
+
+def test_stretching_to_the_next_multiple():
+    model, net = spy(fit="stretch", multiple=64)
+    model.predict(*frames(2, 65, 64))
+    assert net.given[0].shape == (1, 3, 128, 64)
+
+
+def test_the_flow_is_float32_contiguous_and_ours():
+    model, _ = spy()
+    flow = model.predict(*frames())
+    assert flow.dtype == np.float32
+    assert flow.shape == (5, 7, 2)
+    flow[:] = 0  # neither read-only nor shared with the network
+
+
+def test_pairs_of_several_sizes_keep_their_order():
+    model, _ = spy(scale=1.0)
+    pairs = [frames(2, *size, seed=i) for i, size in enumerate([(5, 7), (8, 6), (5, 7), (6, 8)])]
+    flows = model.predict_batch([a for a, _ in pairs], [b for _, b in pairs])
+    for flow, (first, _) in zip(flows, pairs, strict=True):
+        np.testing.assert_array_equal(flow, first[..., :2].astype(np.float32))
+    assert model.predict_batch([], []) == []
+
+
+@pytest.mark.parametrize(
+    ("pair", "says"),
+    [
+        ((np.zeros((5, 7, 3), np.float32),) * 2, r"float32 \(5, 7, 3\); expected RGB uint8"),
+        ((np.zeros((5, 7), np.uint8),) * 2, r"uint8 \(5, 7\)"),
+        ((np.zeros((5, 7, 4), np.uint8),) * 2, r"uint8 \(5, 7, 4\)"),
+        (([[0]], [[0]]), "a frame is list"),
+        ((np.zeros((5, 7, 3), np.uint8), np.zeros((5, 8, 3), np.uint8)), r"\(5, 7\) and \(5, 8\)"),
+    ],
+)
+def test_what_is_no_pair(pair, says):
+    with pytest.raises(UsageError, match=says):
+        spy()[0].predict(*pair)
+
+
+def test_as_many_first_as_second_frames():
+    with pytest.raises(UsageError, match="2 first frames and 1 second frames"):
+        spy()[0].predict_batch(frames(2), frames(1))
+
+
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (RuntimeError("kernel size\ncan't be greater"), "'spy' fails on frames of 5x7 .RuntimeError: kernel.*larger"),
+        (torch.OutOfMemoryError("CUDA out of memory"), "CUDA out of memory.; predict fewer pairs at once"),
+        (ModelError("made for more frames"), "^made for more frames$"),
+    ],
+)
+def test_what_a_network_raises_names_the_size(error, says):
+    model, net = spy()
+    net.forward = lambda *images: (_ for _ in ()).throw(error)
+    with pytest.raises(ModelError, match=says) as caught:
+        model.predict(*frames())
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "says"),
+    [
+        ({"device": "gpu"}, UsageError, "'gpu' is no device"),
+        ({"device": "cuda:99"}, ModelError, "this machine has no device 'cuda:99'"),
+        ({"precision": "fp16"}, UsageError, "unknown precision 'fp16'"),
+        ({"threads": 0}, UsageError, "threads must be a whole number from 1"),
+        ({"threads": 1.5}, UsageError, "threads must be a whole number from 1"),
+        ({"compile": "no"}, UsageError, "compile must be true or false, not 'no'"),
+        ({"device": "meta"}, UsageError, "'meta' is no device"),
+        ({"device": None}, UsageError, "'None' is no device"),
+    ],
+)
+def test_execution_options_that_cannot_be(options, error, says):
+    with pytest.raises(error, match=says):
+        TorchModel("spy", Spy(), InputConvention(), {}, **options)
+
+
+def test_auto_is_a_device_this_machine_has():
+    assert find_device("auto").type == ("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def test_threads_and_precision_hold_during_a_prediction_only():
+    before = torch.get_num_threads()
+    model = TorchModel("spy", Spy(), InputConvention(), {}, device="cpu", precision="bf16", threads=3)
+    model.predict(*frames())
+    assert model.net.precise == (True, 3)
+    assert torch.get_num_threads() == before
+    assert not torch.is_autocast_enabled("cpu")
+
+
+def test_identity_names_what_changes_the_numbers():
+    convention = InputConvention(fit="pad", multiple=8)
+    options = [{}, {"precision": "bf16"}, {"threads": 2}, {"compile": True}]
+    models = [TorchModel("spy", Spy(), convention, {"iterations": 12}, device="cpu", **each) for each in options]
+    models += [TorchModel("spy", Spy(), convention, {"iterations": 24}, device="cpu")]
+    models += [TorchModel("spy", Spy(), InputConvention(), {"iterations": 12}, device="cpu")]
+    identities = [model.identity() for model in models]
+    assert all(identities[i] != identities[j] for i in range(6) for j in range(i))
+    assert identities[0] == {
+        "name": "spy",
+        "iterations": 12,
+        "input": {
+            "order": "rgb",
+            "mean": [0.0, 0.0, 0.0],
+            "scale": 1 / 255,
+            "fit": "pad",
+            "multiple": 8,
+            "padding": "replicate",
+            "vertical": "both",
+        },
+        "device": "cpu",
+        "precision": "fp32",
+        "compile": False,
+        "threads": 1,
+        "torch": torch.__version__,
+    }
+
+
+def seeded(build):
+    """A network whose flow depends on its images: PyTorch's own initial weights, from a seed, made larger."""
+    torch.manual_seed(0)
+    net = build()
+    with torch.no_grad():
+        for value in net.parameters():
+            value.mul_(1.5 if value.ndim > 1 else 1.0)
+    return net
+
+
+NETS = {
+    "arflow": (ARFlow, InputConvention(fit="stretch", multiple=64)),
+    "upflow": (UPFlow, InputConvention(mean=(105.0, 110.0, 115.0), scale=0.0039216)),
+    "brightflow": (lambda: BrightFlow(4), InputConvention(mean=(127.5,) * 3, scale=2 / 255, fit="pad", multiple=8)),
+}
+
+
+def textured_pairs(count, height, width):
+    """Smooth textures, each moved by a few pixels."""
+    rng = np.random.default_rng(0)
+    coarse = torch.from_numpy(rng.uniform(0, 255, (count, 3, height // 4, width // 4)))
+    big = torch.nn.functional.interpolate(coarse, size=(height + 8, width + 8), mode="bicubic").clamp(0, 255)
+    images = big.permute(0, 2, 3, 1).numpy().astype(np.uint8)
+    return [image[4:-4, 4:-4] for image in images], [image[2 + i : -6 + i, 3:-5] for i, image in enumerate(images)]
+
+
+@pytest.mark.parametrize("name", NETS)
+def test_the_batch_changes_nothing(name):
+    build, convention = NETS[name]
+    model = TorchModel(name, seeded(build), convention, {}, device="cpu")
+    first, second = textured_pairs(3, 100, 130)
+    together = model.run(first, second)  # as on a GPU
+    alone = [model.predict(a, b) for a, b in zip(first, second, strict=True)]
+    assert min(np.abs(alone[0] - other).mean() for other in alone[1:]) > 1e-3, "the net does not look at its images"
+    for whole, single in zip(together, alone, strict=True):
+        assert np.abs(whole - single).max() <= 1e-4
+    for whole, single in zip(model.predict_batch(first, second), alone, strict=True):
+        np.testing.assert_array_equal(whole, single)  # on the CPU not a bit depends on the batch
+
+
+@pytest.mark.parametrize("name", NETS)
+def test_bf16_is_near_fp32_and_another_number(name):
+    build, convention = NETS[name]
+    first, second = textured_pairs(1, 100, 130)
+    net = seeded(build)
+    full, half = (
+        TorchModel(name, net, convention, {}, device="cpu", precision=precision).predict(first[0], second[0])
+        for precision in ("fp32", "bf16")
+    )
+    difference = np.abs(full - half).mean()
+    # bfloat16 keeps 8 bits, a relative error of 0.4 % per operation.
+    assert 0 < difference < 0.05 * np.abs(full).mean()
+
+
+def test_the_manifest_says_how_it_was_executed(tmp_path):
+    convention = InputConvention(fit="stretch", multiple=64, size=(64, 128))
+    model = TorchModel("arflow", seeded(ARFlow), convention, {}, device="cpu", precision="bf16")
+    run = {"corruptions": ["contrast"], "severities": [1]}
+    said = evaluate(model, output=tmp_path / "run", **run).manifest["identity"]["model"]
+    assert (said["precision"], said["compile"], said["device"]) == ("bf16", False, "cpu")
+    other = TorchModel("arflow", seeded(ARFlow), convention, {}, device="cpu")
+    with pytest.raises(RunError, match="holds another run"):
+        evaluate(other, output=tmp_path / "run", **run)
+
+
+@pytest.mark.slow
+def test_a_compiled_network_gives_the_same_flow():
+    build, convention = NETS["arflow"]
+    first, second = textured_pairs(1, 100, 130)
+    plain, compiled = (
+        TorchModel("arflow", seeded(build), convention, {}, device="cpu", compile=compiled)
+        for compiled in (False, True)
+    )
+    flow = compiled.predict(first[0], second[0])
+    assert np.abs(flow - plain.predict(first[0], second[0])).max() <= 1e-3
+    assert torch._dynamo.utils.counters["stats"]["unique_graphs"] > 0, "nothing was compiled"
+    assert compiled.identity()["compile"] is True
+
+
+def test_a_frame_too_small_for_upflow_says_so():
+    model = TorchModel("upflow", UPFlow(), InputConvention(), {}, device="cpu")
+    with pytest.raises(ModelError, match="wider or higher than 64 pixels, not 64 x 40"):
+        model.predict(*frames(2, 40, 64))
+
+
+def test_the_smallest_frames_still_give_a_flow():
+    model = TorchModel("brightflow", BrightFlow(2), NETS["brightflow"][1], {}, device="cpu")
+    assert np.isfinite(model.predict(*frames(2, 16, 12))).all()

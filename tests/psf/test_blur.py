@@ -1,0 +1,146 @@
+"""The tiled blur against exact kernels per pixel, and what must hold of any blur."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import skimage.data
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.psf import blur as engine
+from robustflow.psf.blur import KernelCache, blur
+from robustflow.psf.psf_field import PsfField
+from robustflow.psf.shipped import shipped_field
+
+from .naive_blur import blurred_pixel, kernel_at
+
+
+def textured(height: int, width: int, seed: int = 0) -> np.ndarray:
+    """A picture with edges, texture and saturated points."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:height, :width]
+    base = 127 + 90 * np.sign(np.sin(x / 9.0) * np.sin(y / 7.0 + x / 31.0))
+    noise = rng.normal(0.0, 25.0, (height, width, 3))
+    image = np.clip(base[..., None] + noise, 0, 255)
+    image[rng.random((height, width)) < 0.004] = 255
+    return image.astype(np.uint8)
+
+
+def point_field(shift_rows: int = 0) -> PsfField:
+    """PSFs of a single pixel, displaced outwards."""
+    stack = np.zeros((64, 3, 61, 61))
+    stack[:, :, 30 + shift_rows, 30] = 1.0
+    return PsfField(stack)
+
+
+@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
+def test_error_against_exact_kernels_is_below_rounding(severity):
+    """On a photograph, in grey levels, at points all over it."""
+    field, frame = shipped_field(severity), skimage.data.astronaut()
+    rng = np.random.default_rng(severity)
+    got = blur(frame, field)
+    errors = []
+    for x, y in zip(rng.integers(0, 512, 200), rng.integers(0, 512, 200), strict=True):
+        errors.append(got[y, x] - blurred_pixel(frame, field.stack, int(x), int(y)))
+    error = np.array(errors)
+    assert np.sqrt((error**2).mean()) <= 0.15
+    assert np.abs(error).max() <= 3.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 150), st.integers(1, 150), st.integers(0, 255))
+def test_a_flat_image_stays_flat(height, width, grey):
+    frame = np.full((height, width, 3), grey, np.uint8)
+    assert np.abs(blur(frame, shipped_field(5)) - grey).max() < 1e-9
+
+
+@pytest.mark.parametrize("shape", [(16, 16), (17, 400), (375, 1242), (33, 64)])
+def test_every_size_keeps_its_shape_and_range(shape):
+    frame = textured(*shape)
+    got = blur(frame, shipped_field(3))
+    assert got.shape == (*shape, 3)
+    assert np.isfinite(got).all()
+    assert got.min() > frame.min() - 1e-6
+    assert got.max() < frame.max() + 1e-6
+
+
+@pytest.mark.parametrize("corner", [(20, 25), (20, 575), (380, 25), (380, 575)])
+def test_a_point_near_each_corner_lands_where_the_psf_says(corner):
+    height, width, (y, x) = 400, 600, corner
+    frame = np.zeros((height, width, 3), np.uint8)
+    frame[y, x] = 255
+    field = shipped_field(4)
+    got = blur(frame, field)
+    rng = np.random.default_rng(1)
+    for row, column in zip(y + rng.integers(-20, 21, 150), x + rng.integers(-25, 26, 150), strict=True):
+        row, column = max(row, 0), max(column, 0)
+        wanted = blurred_pixel(frame, field.stack, min(column, width - 1), min(row, height - 1))
+        assert np.abs(got[min(row, height - 1), min(column, width - 1)] - wanted).max() < 0.5
+    green = got[..., 1] / got[..., 1].sum()
+    rows, columns = np.mgrid[:height, :width]
+    assert abs((green * rows).sum() - y) < 1.0  # the part beyond the border is reflected back
+    assert abs((green * columns).sum() - x) < 1.0
+
+
+def test_a_psf_displaced_outwards_moves_light_outwards():
+    """The stack's rows point away from the image centre, in every direction."""
+    field = point_field(shift_rows=6)
+    rows, columns = np.mgrid[:401, :601]
+    for dy, dx in ((120, 0), (-120, 0), (0, 200), (0, -200), (120, 160)):
+        frame = np.zeros((401, 601, 3), np.uint8)
+        frame[200 + dy, 300 + dx] = 255
+        light = blur(frame, field).sum(2)
+        light /= light.sum()
+        moved = np.array([(light * rows).sum() - 200 - dy, (light * columns).sum() - 300 - dx])
+        assert moved == pytest.approx(6.0 * np.array([dy, dx]) / np.hypot(dy, dx), abs=0.5)
+
+
+def test_mirrored_images_blur_to_mirrored_images():
+    frame, field = textured(97, 143), shipped_field(4)
+    straight = blur(frame, field)
+    assert np.abs(blur(frame[:, ::-1], field)[:, ::-1] - straight).max() < 1e-9
+    assert np.abs(blur(frame[::-1], field)[::-1] - straight).max() < 1e-9
+
+
+def test_no_edge_shows_where_tiles_meet():
+    """On a ramp, second differences of the blur stay as small between nodes as elsewhere."""
+    ramp = np.broadcast_to((np.arange(250) // 1)[None, :, None], (180, 250, 3)).astype(np.uint8)
+    got = blur(ramp, shipped_field(5))[40:-40, 40:-40]
+    assert np.abs(np.diff(got, 2, axis=1)).max() < 0.05
+    assert np.abs(np.diff(got, 2, axis=0)).max() < 0.05
+
+
+def test_threads_and_the_cache_do_not_change_a_bit(monkeypatch):
+    frame, field = textured(150, 222), shipped_field(2)
+    monkeypatch.setattr(engine, "CACHE", KernelCache(limit=2**28))
+    first = blur(frame, field, threads=1)
+    assert engine.CACHE.nbytes > 0
+    assert (blur(frame, field, threads=1) == first).all()
+    assert (blur(frame, field, threads=3) == first).all()
+    monkeypatch.setattr(engine, "CACHE", KernelCache(limit=0))
+    assert (blur(frame, field, threads=2) == first).all()
+    assert engine.CACHE.nbytes == 0
+
+
+def test_the_cache_forgets_the_least_recently_used_and_keeps_its_bound():
+    cache = KernelCache(limit=100)
+    for name in "abc":
+        cache.put((name, 1, 1), np.zeros(6, np.complex64))
+        cache.get(("a", 1, 1))
+    assert cache.get(("a", 1, 1)) is not None
+    assert cache.get(("b", 1, 1)) is None
+    assert cache.nbytes <= 100
+    cache.put(("big", 1, 1), np.zeros(14, np.complex64))
+    assert cache.get(("big", 1, 1)) is None
+
+
+@pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])
+def test_green_is_not_moved_anywhere_in_the_field(severity):
+    """Ground truth stays valid: the centroid of the green kernel shifts by at most 0.05 px."""
+    field, (height, width) = shipped_field(severity), (375, 1242)
+    place = np.arange(-30.0, 31.0)
+    for x, y in ((621, 187), (0, 0), (1241, 374), (300, 40), (900, 370), (1241, 187), (621, 0)):
+        green = kernel_at(field.stack, x, y, height, width)[1]
+        assert abs(green.sum(0) @ place) <= 0.05
+        assert abs(green.sum(1) @ place) <= 0.05

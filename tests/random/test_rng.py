@@ -1,0 +1,177 @@
+"""The counter-based generator: the values themselves, and that nothing about them is predictable.
+
+Statistics are of fixed streams, so a test passes always or never; limits are at about five standard errors.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats as scipy_stats
+
+from robustflow.random.rng import Rng, hash64, key_of
+
+WORD = st.integers(0, 2**64 - 1)
+N = 1 << 17
+
+
+def hash_by_definition(key, counter):
+    """The generator in arbitrary-precision integers."""
+    mask = 2**64 - 1
+
+    def mix(z):
+        z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9 & mask
+        z = (z ^ (z >> 27)) * 0x94D049BB133111EB & mask
+        return z ^ (z >> 31)
+
+    return mix((mix(((counter + 1) * 0x9E3779B97F4A7C15 + key) & mask) + key) & mask)
+
+
+def hash_of(key, counter):
+    return int(hash64(np.uint64(key), np.uint64(counter)))
+
+
+@settings(deadline=None)
+@given(WORD, WORD)
+def test_hash_is_what_it_says(key, counter):
+    assert hash_of(key, counter) == hash_by_definition(key, counter)
+
+
+def test_known_answers():
+    """Golden values: a change of any of them changes every corrupted byte, and needs a new STREAM_VERSION."""
+    known = {
+        (0x0, 0): 0x48218226FF3CD4BF,
+        (0x0, 1): 0xCD73FE3DE975AC26,
+        (0x1, 0): 0xDEC1469C8D51E97B,
+        (0xFFFFFFFFFFFFFFFF, 18446744073709551615): 0x9D94E4DFFE69BA13,
+        (0x123456789ABCDEF, 12345678901): 0x3DB819CF69C0BBD2,
+    }
+    assert {place: hash_of(*place) for place in known} == known
+    stream = Rng.of(0, "fog", 3, "000010")
+    assert stream.key == 0x948EC0C23AB51787
+    assert stream.spawn("frame", 1).key == 0x93FB76922E3F115E
+    assert [int(word) for word in stream.bits(2)] == [0x327974D09CD08548, 0x2E038A576E49164F]
+    assert stream.uniform().hex() == "0x1.dbaf639f922dep-2"
+    assert stream.integer(0, 1000) == 59
+    assert [float(z).hex() for z in stream.normals(12)] == [
+        "0x1.20e5459b1e647p+0",
+        "-0x1.f22746fa05b9fp-2",
+        "-0x1.f56e4f87b1eafp-1",
+        "0x1.82ac86576c3f1p-1",
+        "-0x1.1fe2d626f1d5ep+0",
+        "0x1.0518edb4c63e8p-1",
+        "0x1.7c8de05960c1ep-1",
+        "-0x1.6713d63cd39d2p-2",
+        "-0x1.e5bd93f451957p+1",
+        "-0x1.7da3ee6d7065fp-3",
+        "0x1.8fbab4963eefep-2",
+        "0x1.9952a8119afbfp+0",
+    ]
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**40), st.integers(1, 50))
+def test_seekable(start, count):
+    """Reading on equals asking for a position, and what was read before does not matter to a spawned stream."""
+    stream = Rng.of("seek", start)
+    before = stream.spawn("child").bits(4)
+    first, second = stream.bits(count), stream.bits(count)
+    expected = [hash_of(stream.key, position) for position in range(2 * count)]
+    assert [*map(int, first), *map(int, second)] == expected
+    assert (stream.spawn("child").bits(4) == before).all()
+    assert hash_of(stream.key, start) == hash_by_definition(stream.key, start)
+
+
+def test_names_do_not_run_together():
+    names = [("a", "b"), ("ab",), ("a", "b", ""), (1, 2), (12,), ("1", 2), ("a\x1fb",), ("a\x1fstr:1:b",)]
+    assert len({key_of(*name) for name in names}) == len(names)
+
+
+@pytest.mark.parametrize("key", [0, 1, 2**63, key_of("x")])
+def test_bits_and_bytes_are_even(key):
+    words = Rng(key).bits(N)
+    ones = np.unpackbits(words.view(np.uint8).reshape(N, 8), axis=1).sum(axis=0)
+    assert np.abs(ones - N / 2).max() < 5 * np.sqrt(N) / 2
+    for lane in words.view(np.uint8).reshape(N, 8).T:
+        assert scipy_stats.chisquare(np.bincount(lane, minlength=256)).pvalue > 1e-4
+    pairs = np.bincount(words.view(np.uint16)[:-1].astype(np.int64) >> 8 << 8 | words.view(np.uint16)[1:] >> 8)
+    assert scipy_stats.chisquare(pairs[:65536]).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("what", ["key", "counter"])
+def test_avalanche(what):
+    """One flipped bit of key or counter flips each of the 64 output bits half of the time."""
+    rows = 1024
+    places = Rng.of("avalanche", what).bits(2 * rows).reshape(rows, 2)
+    flips = np.zeros((64, 64))
+    for bit in range(64):
+        for key, counter in places:
+            other = np.uint64(1 << bit)
+            changed = hash64(key ^ other, counter) if what == "key" else hash64(key, counter ^ other)
+            difference = np.array([hash64(key, counter) ^ changed], np.uint64)
+            flips[bit] += np.unpackbits(difference.view(np.uint8), bitorder="little")
+    assert np.abs(flips - rows / 2).max() < 5.5 * np.sqrt(rows) / 2
+
+
+def test_uniforms():
+    values = Rng.of("uniform").uniforms(N)
+    assert ((values >= 0) & (values < 1)).all()
+    assert (values * 2**53 % 1 == 0).all()
+    assert scipy_stats.kstest(values, "uniform").pvalue > 1e-3
+    for power in range(1, 5):
+        moment, variance = 1 / (power + 1), 1 / (2 * power + 1) - 1 / (power + 1) ** 2
+        assert abs((values**power).mean() - moment) < 5 * np.sqrt(variance / N)
+
+
+def test_normals():
+    values = Rng.of("normal").normals(N)
+    assert scipy_stats.kstest(values, "norm").pvalue > 1e-3
+    for power, moment, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
+        assert abs((values**power).mean() - moment) < 5 * np.sqrt(variance / N)
+    beyond = (np.abs(values) > 3.5).sum()
+    expected = 2 * scipy_stats.norm.sf(3.5) * N
+    assert abs(beyond - expected) < 5 * np.sqrt(expected)
+
+
+@pytest.mark.parametrize("lag", [1, 2, 3, 4, 7, 64, 1242, 3726])
+def test_no_serial_correlation(lag):
+    values = Rng.of("serial").uniforms(N)
+    assert abs(np.corrcoef(values[:-lag], values[lag:])[0, 1]) < 5 / np.sqrt(N)
+
+
+@pytest.mark.parametrize("keys", ["neighbours", "single bits", "frames", "golden ratio"])
+def test_streams_are_independent(keys):
+    """Streams whose keys are related are not: at equal places, and with one shifted against the other."""
+    base = key_of("base")
+    family = {
+        "neighbours": [base + i for i in range(8)],
+        "single bits": [1 << i for i in range(0, 64, 8)],
+        "frames": [Rng(base).spawn("frame", i).key for i in range(8)],
+        "golden ratio": [base + i * 0x9E3779B97F4A7C15 for i in range(8)],
+    }[keys]
+    streams = [Rng(key).uniforms(N // 8) for key in family]
+    limit = 5 / np.sqrt(N // 8)
+    for i, one in enumerate(streams):
+        for other in streams[:i]:
+            for lag in (0, 1, 2, 3):
+                assert abs(np.corrcoef(one[lag:], other[: other.size - lag])[0, 1]) < limit
+                assert abs(np.corrcoef(one[: one.size - lag], other[lag:])[0, 1]) < limit
+
+
+@settings(deadline=None)
+@given(st.integers(-1000, 1000), st.integers(1, 2000))
+def test_integers_stay_in_range(low, count):
+    assert low <= Rng.of("range", low, count).integer(low, low + count) < low + count
+
+
+def test_integers_are_even():
+    stream = Rng.of("dice")
+    throws = np.bincount([stream.integer(0, 6) for _ in range(6000)], minlength=6)
+    assert scipy_stats.chisquare(throws).pvalue > 1e-3
+
+
+def test_no_integer_in_an_empty_range():
+    with pytest.raises(ValueError, match="no integer"):
+        Rng(0).integer(3, 3)

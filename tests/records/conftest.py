@@ -1,0 +1,20 @@
+"""One small run, packed once."""
+
+from __future__ import annotations
+
+import pytest
+
+from robustflow.api import evaluate
+from robustflow.records.pack import record_bytes
+from robustflow.runs.run import Result
+
+
+@pytest.fixture(scope="session")
+def run(tmp_path_factory) -> Result:
+    folder = tmp_path_factory.mktemp("record") / "run"
+    return evaluate("farneback", "demo", output=folder, corruptions=["contrast", "fog"], severities=[1, 5])
+
+
+@pytest.fixture(scope="session")
+def packed(run) -> bytes:
+    return record_bytes(run, author="Ada", link="https://example.org", description="A run.")

@@ -1,0 +1,63 @@
+"""Records as a forger would make them: any entry changed, and the hashes made to fit."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+
+import polars as pl
+
+from robustflow.atomic import json_bytes
+from robustflow.records.container import container_bytes, read_container
+from robustflow.records.read import Reader
+from robustflow.records.rows_text import rows_from_text, rows_to_text
+from robustflow.records.verify import Verification, verify_read
+
+Edit = Callable[[dict], object]
+
+
+def entries_of(data: bytes) -> dict[str, bytes]:
+    return read_container(data, "test")
+
+
+def sealed(entries: dict[str, bytes]) -> bytes:
+    """The entries as a file, with the sizes and hashes of `record.json` made to fit."""
+    record = json.loads(entries["record.json"])
+    record["entries"] = {
+        name: {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+        for name, data in entries.items()
+        if name != "record.json"
+    }
+    return container_bytes(entries | {"record.json": json_bytes(record)})
+
+
+def with_json(data: bytes, name: str, edit: Edit) -> bytes:
+    """An entry of JSON edited in place."""
+    entries = entries_of(data)
+    value = json.loads(entries[name])
+    edit(value)
+    return sealed(entries | {name: json_bytes(value)})
+
+
+def with_rows(data: bytes, edit: Callable[[pl.DataFrame], pl.DataFrame]) -> bytes:
+    """The rows edited."""
+    entries = entries_of(data)
+    return sealed(entries | {"rows.csv": rows_to_text(edit(rows_from_text(entries["rows.csv"])))})
+
+
+def verified(data: bytes) -> Verification:
+    return verify_read(Reader(data, "test.robustflow"))
+
+
+def failure(data: bytes) -> tuple[str, str]:
+    """The check that fails first, and what it says; it is one line that a terminal only shows."""
+    found = verified(data)
+    assert not found.ok
+    check = next(check for check in found.checks if check.status == "failed")
+    for one in found.checks:
+        assert one.says.isprintable() or "\ufffd" in one.says
+        assert "\x1b" not in one.says
+        assert "\n" not in one.says
+        assert len(one.says) <= 600
+    return check.name, check.says

@@ -1,0 +1,183 @@
+"""The zip around a record: what is refused before anything in it is looked at."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import zipfile
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.errors import DataError
+from robustflow.records.container import LIMITS, container_bytes, read_container, read_file
+
+from .forge import entries_of, failure, verified
+
+_PLAIN = 0o100644 << 16
+
+
+def _zip(entries: list[tuple[zipfile.ZipInfo | str, bytes]], compress: int = zipfile.ZIP_STORED) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", compress) as file:
+        for info, data in entries:
+            if isinstance(info, str):
+                info = zipfile.ZipInfo(info, (1980, 1, 1, 0, 0, 0))
+                info.create_system, info.external_attr, info.compress_type = 3, _PLAIN, compress
+            file.writestr(info, data)
+    return out.getvalue()
+
+
+def _refused(data: bytes) -> str:
+    with pytest.raises(DataError) as error:
+        read_container(data, "x.robustflow")
+    name, says = failure(data)
+    assert name == "container"
+    assert "\n" not in str(error.value)
+    return says
+
+
+def test_the_same_entries_are_the_same_bytes(packed):
+    entries = entries_of(packed)
+    assert container_bytes(dict(reversed(entries.items()))) == packed
+    assert zipfile.ZipFile(io.BytesIO(packed)).testzip() is None
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "../evil.json",
+        "/etc/passwd",
+        "C:\\evil.json",
+        "rows.csv/../../evil",
+        "sub/rows.csv",
+        "rows.csv\0.txt",
+        "\x1b[2J\x1b[31mred",
+        "a" * 10_000,
+        "inner.zip",
+        "RECORD.JSON",
+    ],
+)
+def test_any_other_name_is_refused(packed, name):
+    entries = list(entries_of(packed).items())
+    for data in (_zip([*entries, (name, b"x")]), _zip([(name, b"x"), *entries]), _zip([(name, entries[0][1])])):
+        assert "it holds" in _refused(data)
+
+
+def test_a_repeated_or_missing_entry(packed):
+    entries = list(entries_of(packed).items())
+    with pytest.warns(UserWarning, match="Duplicate name"):
+        twice = _zip([*entries, entries[1]])
+    assert "once each" in _refused(twice)
+    for index in range(len(entries)):
+        assert "are expected" in _refused(_zip(entries[:index] + entries[index + 1 :]))
+    assert "holds nothing" in _refused(_zip([]))
+
+
+def test_compressed_entries_are_refused_unread(packed):
+    """A thousandfold bomb is refused by its method alone, whatever sizes it claims."""
+    entries = dict(entries_of(packed))
+    bomb = _zip(list((entries | {"rows.csv": b"0" * 50_000_000}).items()), zipfile.ZIP_DEFLATED)
+    assert len(bomb) < 100_000
+    assert "compressed" in _refused(bomb)
+
+
+def test_terabytes_are_refused_by_the_claim(packed):
+    """A central directory that claims 16 TB (in a zip64 field) or 4 GB for an entry of the small file."""
+    at = packed.rindex(b"PK\x01\x02")
+    claimed = bytearray(packed)
+    claimed[at + 20 : at + 28] = struct.pack("<II", 0xFFFFFFFE, 0xFFFFFFFE)
+    assert "claims 4294967294 bytes" in _refused(bytes(claimed))
+    huge = io.BytesIO()
+    info = zipfile.ZipInfo("rows.csv")
+    with zipfile.ZipFile(huge, "w") as file:
+        for name, data in entries_of(packed).items():
+            file.writestr(name if name != "rows.csv" else info, data)
+        info.file_size = info.compress_size = 1 << 44
+    assert _refused(huge.getvalue())
+
+
+@pytest.mark.parametrize("mode", [0o120777, 0o040755, 0o100755, 0o010644])
+def test_links_folders_and_pipes(packed, mode):
+    entries = list(entries_of(packed).items())
+    info = zipfile.ZipInfo("rows.csv", (1980, 1, 1, 0, 0, 0))
+    info.create_system, info.external_attr = 3, mode << 16
+    assert "a link" in _refused(_zip([entries[0], entries[1], (info, b"/etc/passwd"), entries[3]]))
+
+
+def test_encrypted_entries(packed):
+    at = packed.rindex(b"PK\x01\x02")
+    marked = bytearray(packed)
+    marked[at + 8] |= 1
+    assert "encrypted" in _refused(bytes(marked))
+
+
+def test_bytes_around_and_between(packed):
+    assert "before or after" in _refused(packed + b"x" * 10)
+    assert _refused(b"#!/bin/sh\n" + packed)
+    commented = io.BytesIO(packed)
+    with zipfile.ZipFile(commented, "a") as file:
+        file.comment = b"hidden"
+    assert "before or after" in _refused(commented.getvalue())
+
+
+def test_what_is_no_zip():
+    for data in (b"", b"PK", b"PK\x05\x06" + bytes(18), b"\x89PNG\r\n\x1a\n", b"[" * 100_000):
+        _refused(data)
+
+
+def test_one_bit_anywhere(packed):
+    """Every bit of the headers, and bits all over the data: none passes unnoticed."""
+    places = [packed.index(b"PK\x01\x02") + offset for offset in range(46)] + list(range(30))
+    places += list(range(0, len(packed), 311))
+    for place in places:
+        changed = bytearray(packed)
+        changed[place] ^= 1 << (place % 8)
+        found = verified(bytes(changed))
+        harmless = found.ok and entries_of(bytes(changed)) == entries_of(packed)
+        assert harmless or not found.ok
+        assert all(check.status == "ok" for check in found.checks) == found.ok
+
+
+def test_a_byte_of_each_entry(packed):
+    for name, data in entries_of(packed).items():
+        changed = bytearray(packed)
+        changed[packed.index(data) + len(data) // 2] ^= 4
+        assert failure(bytes(changed))[0] == "container", name
+
+
+@settings(max_examples=40)
+@given(st.data())
+def test_truncated_anywhere(packed, data):
+    _refused(packed[: data.draw(st.integers(0, len(packed) - 1))])
+
+
+@settings(max_examples=50)
+@given(st.binary(max_size=400), st.integers(0, 2**32))
+def test_garbage_is_refused_in_words(packed, garbage, place):
+    place %= len(packed)
+    for data in (garbage, packed[:place] + garbage, packed[:place] + garbage + packed[place + len(garbage) :]):
+        if verified(data).ok:
+            assert entries_of(data) == entries_of(packed)
+        else:
+            failure(data)
+
+
+def test_entries_and_files_that_are_too_large(tmp_path):
+    with pytest.raises(DataError, match="holds at most"):
+        container_bytes({"record.json": bytes(LIMITS["record.json"] + 1)})
+    path = tmp_path / "sparse.robustflow"
+    with open(path, "wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(DataError, match="no record is that large"):
+        read_file(path)
+    with pytest.raises(DataError, match="is no file"):
+        read_file(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(DataError, match="is no file"):
+        read_file(tmp_path / "pipe")
+    with pytest.raises(DataError, match="cannot be read"):
+        read_file(tmp_path / "nowhere")

@@ -1,0 +1,202 @@
+"""What a record says is what the run says, less what names a machine."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+import sys
+import weakref
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robustflow.analysis.audit import audit
+from robustflow.api import evaluate
+from robustflow.atomic import json_bytes
+from robustflow.errors import DataError, RunError, UsageError
+from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
+from robustflow.records.contents import shareable_manifest
+from robustflow.records.load import is_record, load_run
+from robustflow.records.pack import pack, record_bytes
+from robustflow.records.rows_text import rows_from_text, rows_to_text
+from robustflow.records.verify import verify
+from robustflow.runs.run import Result
+
+from .forge import entries_of, with_json
+
+_FLOATS = st.floats(0, 1e18, allow_nan=False) | st.sampled_from([5e-324, 0.1, 1e16, 1e-7, 123456789.12345679])
+_WORDS = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_size=20) | st.sampled_from(
+    ["null", "NaN", "1", 'a"b', "a,b", "#x", "true", "a/b c", "'", '""']
+)
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(
+        st.tuples(_WORDS, _WORDS, st.integers(1, 5), _FLOATS, st.none() | _FLOATS), max_size=6, unique_by=lambda x: x[0]
+    )
+)
+def test_rows_survive_as_text(made):
+    rows = rows_frame(
+        dict.fromkeys(ROW_SCHEMA)
+        | {"sample": s, "group": g, "corruption": "fog", "severity": level, "n_all": level, "epe_sum": x, "wauc_sum": y}
+        for s, g, level, x, y in made
+    ).with_columns(frames_digest=pl.lit("0" * 32))
+    text = rows_to_text(rows.reverse())
+    assert text == rows_to_text(rows)
+    if made:
+        assert rows_from_text(text).equals(rows.sort(ROW_KEY))
+
+
+def test_the_rows_and_means_of_the_run(run, packed):
+    entries = entries_of(packed)
+    assert rows_from_text(entries["rows.csv"]).equals(run.rows)
+    assert json.loads(entries["summary.json"]) == json.loads(json_bytes(run.document()))
+    manifest = json.loads(entries["manifest.json"])
+    assert {k: v for k, v in manifest.items() if k != "environment"} == {
+        k: v for k, v in run.manifest.items() if k != "environment"
+    }
+
+
+def test_nothing_of_this_machine(run, packed):
+    manifest = json.loads(entries_of(packed)["manifest.json"])
+    machine = run.manifest["environment"]["machine"]
+    assert manifest["environment"]["machine"] == {
+        "system": platform.platform().partition("-")[0],
+        "processor": machine["processor"],
+        "cores": machine["cores"],
+    }
+    assert "command" not in manifest["environment"]
+    words = {str(run.path), str(run.path.parent), sys.prefix, machine["system"]}
+    text = b"".join(entries_of(packed).values()).decode()
+    assert [word for word in words if word in text] == []
+
+
+def test_a_path_in_the_identity_is_not_published(run):
+    manifest = run.manifest | {"identity": run.manifest["identity"] | {"model": {"weights": "/home/ada/secret/w.pth"}}}
+    with pytest.raises(RunError, match=r"identity.model.weights.*--keep-paths"):
+        shareable_manifest(manifest)
+    assert shareable_manifest(manifest, keep_paths=True)["identity"] == manifest["identity"]
+
+
+def test_a_run_that_says_nothing_of_training_sets(run):
+    older = {name: value for name, value in run.manifest.items() if name != "provenance"}
+    assert shareable_manifest(older)["provenance"] == run.manifest["provenance"]
+
+
+def test_the_same_run_is_the_same_file_however_its_rows_lie(run, tmp_path, packed):
+    copy = Result(shutil.copytree(run.path, tmp_path / "copy"))
+    rows = copy.rows
+    for path in (copy.path / "rows").iterdir():
+        path.unlink()
+    for index in range(rows.height):
+        rows[[index]].write_parquet(copy.path / "rows" / f"{rows.height - index}.parquet")
+    texts = {"author": "Ada", "link": "https://example.org", "description": "A run."}
+    assert record_bytes(Result(copy.path), **texts) == packed
+    first, second = (pack(copy, tmp_path / f"{name}.robustflow", **texts) for name in "ab")
+    assert first.read_bytes() == second.read_bytes() == packed
+
+
+def test_a_run_of_other_workers_has_the_same_rows(run, packed, tmp_path):
+    other = evaluate(
+        "farneback", "demo", output=tmp_path / "o", corruptions=["fog", "contrast"], severities=[5, 1], workers=2
+    )
+    assert entries_of(record_bytes(other))["rows.csv"] == entries_of(packed)["rows.csv"]
+
+
+def test_a_run_that_is_not_finished(run, tmp_path):
+    folder = shutil.copytree(run.path, tmp_path / "part")
+    shard = next((folder / "rows").iterdir())
+    pl.read_parquet(shard).filter(pl.col("severity") != 5).write_parquet(shard)
+    with pytest.raises(RunError, match=r"2 rows are missing.*--partial"):
+        pack(Result(folder), tmp_path / "a.robustflow")
+    path = pack(Result(folder), tmp_path / "a.robustflow", partial=True)
+    found = verify(path)
+    assert found.ok
+    assert not found.facts.complete
+    assert not load_run(path).summary.complete
+
+
+def test_a_run_that_would_not_verify_is_not_packed(run, tmp_path):
+    folder = shutil.copytree(run.path, tmp_path / "changed")
+    shard = next((folder / "rows").iterdir())
+    pl.read_parquet(shard).with_columns(fl_count=pl.col("n_valid") + 1).write_parquet(shard)
+    with pytest.raises(RunError, match=r"measurements.*more outliers than pixels"):
+        pack(Result(folder), tmp_path / "a.robustflow")
+    assert not (tmp_path / "a.robustflow").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "says"),
+    [
+        ({"author": "\x1b[31mred"}, DataError, "--author"),
+        ({"author": "x" * 201}, DataError, "author"),
+        ({"link": "javascript:alert(1)"}, DataError, "https://"),
+        ({"description": "x" * 2001}, DataError, "2001 characters"),
+    ],
+)
+def test_texts_that_are_refused(run, tmp_path, options, error, says):
+    with pytest.raises(error, match=says):
+        pack(run, tmp_path / "a.robustflow", **options)
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_and_places(run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert pack(run).name == f"{run.path.name}.robustflow"
+    with pytest.raises(UsageError, match=r"ends in .robustflow"):
+        pack(run, tmp_path / "a.zip")
+    with pytest.raises(DataError, match="cannot write"):
+        pack(run, tmp_path / "nowhere" / "a.robustflow")
+
+
+class Strange:
+    """A model whose name is markup."""
+
+    def identity(self):
+        return {"name": "<img src=x onerror=alert(1)> [red]$x$"}
+
+    def predict(self, frame1, frame2):
+        return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+def test_a_record_is_a_run_wherever_runs_are_read(run, packed, tmp_path):
+    path = tmp_path / "a.robustflow"
+    path.write_bytes(packed)
+    loaded = load_run(path)
+    assert loaded.summary == run.summary
+    assert loaded.rows.equals(run.rows)
+    assert not audit(path).findings
+    assert audit(path).audited == str(path)
+    strange = evaluate(Strange(), "demo", output=tmp_path / "s", corruptions=["fog"], severities=[1])
+    assert load_run(pack(strange, tmp_path / "s.robustflow")).name == strange.name
+
+
+def test_the_folder_of_a_record_goes_with_it(packed, tmp_path):
+    path = tmp_path / "a.robustflow"
+    path.write_bytes(packed)
+    loaded = load_run(path)
+    folder, gone = loaded.path, weakref.ref(loaded)
+    assert folder.is_dir()
+    assert load_run(path).path != folder
+    del loaded
+    assert gone() is None
+    assert not folder.exists()
+
+
+def test_what_is_no_run(run, packed, tmp_path):
+    assert load_run(run.path).path == run.path
+    (tmp_path / "a.txt").write_text("PK")
+    with pytest.raises(RunError, match="neither a run's folder nor a record"):
+        load_run(tmp_path / "a.txt")
+    with pytest.raises(RunError, match=r"manifest\.json"):
+        load_run(tmp_path)
+    bad = tmp_path / "bad.robustflow"
+    bad.write_bytes(with_json(packed, "summary.json", lambda summary: summary.update(cre=0.0)))
+    assert is_record(bad)
+    with pytest.raises(RunError, match=r"does not verify: summary: .*cre is 0"):
+        load_run(bad)

@@ -1,0 +1,157 @@
+"""Costs kept with runs: read strictly, shown in the cost table, and ranked among runs on the same frames alone."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+from robustflow.api import evaluate
+from robustflow.errors import RunError, UsageError
+from robustflow.records.load import load_run
+from robustflow.records.pack import pack
+from robustflow.report.assemble import tables_of
+from robustflow.report.site.content import whole_content
+from robustflow.runs.costs import PROFILE, RunCost, check_model, read_cost, write_cost
+from robustflow.runs.run import Result
+
+
+class Shifted:
+    """Predicts a constant; which one decides its errors."""
+
+    def __init__(self, name: str, shift: float, trained_on: str | None = None) -> None:
+        self._name, self._shift = name, shift
+        self.trained_on = trained_on
+
+    def identity(self):
+        return {"name": self._name}
+
+    def predict(self, frame1, frame2):
+        flow = np.zeros((*frame1.shape[:2], 2), np.float32)
+        flow[..., 0] = self._shift * float(frame1.mean())
+        return flow
+
+
+def _cost(run, flops: float, parameters: float = 1.5, **values) -> RunCost:
+    counts = {"parameters": 7, "macs": 8, "thop_parameters": int(parameters * 1e6), "thop_macs": int(flops * 1e9)}
+    return RunCost(run=run.manifest["identity_digest"], **({"height": 432, "width": 720} | counts | values))
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs")
+    models = [Shifted("one", -0.1, "C"), Shifted("two", -0.5, "C"), Shifted("three", 0.4, "C"), Shifted("four", 0.2)]
+    for index, model in enumerate(models):
+        evaluate(model, "demo", output=folder / str(index), corruptions=["contrast"], severities=[5])
+    return folder
+
+
+@pytest.fixture
+def runs(measured, tmp_path):
+    """Copies, for costs are written into them."""
+    copy = shutil.copytree(measured, tmp_path / "runs")
+    return [Result(copy / str(index)) for index in range(4)]
+
+
+def _lines(runs, published=True):
+    (table,) = tables_of(runs, published=published, wanted=["cost"])
+    heads = [f"{column.group} {column.label}".strip() for column in table.columns]
+    return {
+        (section.title, line.label): (dict(zip(heads, (cell.text for cell in line.cells), strict=True)), line.note)
+        for section in table.sections
+        for line in section.lines
+    }
+
+
+def test_costs_and_average_ranks_of_runs(runs):
+    for run, flops in zip(runs, (30.0, 20.04, 20.01, 5.0), strict=True):
+        write_cost(run, _cost(run, flops))
+    found = {name: cells for (title, name), (cells, _) in _lines(runs).items() if title == "Measured on other frames"}
+    assert {name: cells["FLOPs (G)"] for name, cells in found.items()} == {
+        "one": "30.0 (4)",
+        "two": "20.0 (2)",  # equal as printed
+        "three": "20.0 (2)",
+        "four": "5.0 (1)",
+    }
+    crer = {run.name: round(run.crer, 2) for run in runs[:3]}
+    ranks = {n: 1 + sum(v < crer[n] for v in crer.values()) + {"one": 4, "two": 2, "three": 2}[n] for n in crer}
+    expected = {name: str(1 + sum(other < ranks[name] for other in ranks.values())) for name in crer}
+    assert {name: found[name]["Avg. rank OOD"] for name in crer} == expected
+    assert found["four"]["Avg. rank other"] == "-"  # the only one of its setting
+    assert {cells["Param. (M)"] for cells in found.values()} == {"1.50"}
+    board = {entry.name: entry.texts for entry in whole_content(runs, published=True).entries if entry.name in found}
+    assert {name: texts.get(("rank", ""), "-") for name, texts in board.items()} == {**expected, "four": "-"}
+    assert {name: texts["flops", ""] for name, texts in board.items()} == {
+        "one": "30.0",
+        "two": "20.0",
+        "three": "20.0",
+        "four": "5.0",
+    }
+
+
+def test_published_lines_do_not_change(runs):
+    alone = {key: cells for key, (cells, _) in _lines([]).items()}
+    for run in runs:
+        write_cost(run, _cost(run, 0.1))
+    beside = {key: cells for key, (cells, _) in _lines(runs).items() if key[0] == "Published"}
+    assert {key: {k: v for k, v in cells.items() if "other" not in k} for key, cells in beside.items()} == alone
+
+
+def test_counts_at_another_size_are_noted_and_not_ranked_together(runs):
+    write_cost(runs[0], _cost(runs[0], 30.0))
+    write_cost(runs[1], _cost(runs[1], 20.0, height=64, width=64, iterations=24))
+    found = _lines(runs, published=False)
+    cells, note = found["Measured on other frames", "two"]
+    assert cells["FLOPs (G)"] == "20.0"
+    assert note.endswith("FLOPs of 24 iterations, frames of 64x64")
+    assert found["Measured on other frames", "one"][0]["FLOPs (G)"] == "30.0"
+    assert found["Measured on other frames", "three"][0]["FLOPs (G)"] == "-"
+
+
+def test_a_cost_goes_with_the_record(runs, tmp_path):
+    cost = _cost(runs[0], 30.0, seconds=0.25, peak_bytes=10, device="cuda:0", iterations=12)
+    write_cost(runs[0], cost)
+    assert read_cost(runs[0]) == cost
+    assert read_cost(load_run(pack(runs[0], tmp_path / "a.robustflow"))) == cost
+    assert read_cost(runs[1]) is None
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"parameters": -1}, "parameters"),
+        ({"macs": "8"}, "macs"),
+        ({"seconds": float("nan")}, "finite"),
+        ({"more": 1}, "more"),
+        ({"version": 2}, "version"),
+        ({"run": "0" * 16}, "counted for another run"),
+        ({"device": "x" * 100}, "device"),
+    ],
+)
+def test_a_damaged_file(runs, change, says):
+    (runs[0].path / PROFILE).write_text(json.dumps(_cost(runs[0], 1.0).model_dump() | change))
+    with pytest.raises(RunError, match=says):
+        read_cost(runs[0])
+
+
+def test_no_json_and_too_much_of_it(runs):
+    for text in ("", "{", "[" * 10_000, " " * 100_000 + "{}"):
+        (runs[0].path / PROFILE).write_text(text)
+        with pytest.raises(RunError, match=r"profile\.json"):
+            read_cost(runs[0])
+
+
+def test_a_pipe_is_not_waited_for(runs):
+    os.mkfifo(runs[0].path / PROFILE)
+    assert read_cost(runs[0]) is None
+
+
+def test_only_the_model_of_the_run(runs):
+    check_model(runs[0], {"name": "one", "device": "cuda", "checkpoint": "abc"})
+    with pytest.raises(UsageError, match='its name is "one", here it is "two"'):
+        check_model(runs[0], {"name": "two"})
+    with pytest.raises(UsageError, match="its iterations is null, here it is 24"):
+        check_model(runs[0], {"name": "one", "iterations": 24})
