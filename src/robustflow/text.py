@@ -23,3 +23,12 @@ def plain(text: str, longest: int | None = LONGEST_NAME) -> str:
     spaced = " ".join(str(text).split())
     clean = "".join("\ufffd" if unicodedata.category(c)[0] == "C" else c for c in spaced)
     return clean if longest is None or len(clean) <= longest else clean[: longest - 1] + "…"
+
+
+def counted(number: int, singular: str, plural: str | None = None) -> str:
+    """A number with its noun.
+
+    >>> counted(1, "clip"), counted(3, "clip"), counted(2, "severity", "severities")
+    ('1 clip', '3 clips', '2 severities')
+    """
+    return f"{number} {singular if number == 1 else plural or singular + 's'}"
