@@ -101,12 +101,12 @@ def test_only_the_last_of_many_changes_counts(opened, app):
     seen = opened()
     page = seen.page
     asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.post_data or "") if "/look" in request.url else None)
+    page.on("request", lambda request: asked.append(request.post_data or "") if "/preview" in request.url else None)
     _set_severity(page, "Home")
     for _ in range(4):
         page.keyboard.press("ArrowRight")
     expect(page.locator("#status")).to_contain_text("dis, fog 5")
-    assert len(asked) < 4, "keys pressed quickly are one wish"
+    assert len(asked) < 4, "keys pressed quickly are one request"
     _clean(seen, app)
 
 
