@@ -12,11 +12,11 @@ from pathlib import Path
 
 from ..corruptions.api import corrupt_clip
 from ..corruptions.base import Corruption
-from ..datasets.base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
 from ..errors import DataError, UsageError
 from ..models.base import AnyModel, ClipModel, FlowModel
 from ..models.window import Window, window_of
 from ..sample import Frame, Sample
+from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
 
 _WITH_CLIPS = (
     "folder (frames or a video), gopro-fc prepared from recordings, sintel, spring, hd1k, flyingthings3d, gopro, "
@@ -45,7 +45,7 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
     )
 
 
-class Surroundings:
+class ContextFrames:
     """The frames of a window, on one data set.
 
     Frames travel as (frame 1, frame 2, those around them by ascending offset).
