@@ -7,7 +7,7 @@ from typing import Any
 
 from ..corruptions import IMAGE_PAIR
 from ..datasets import PreCorrupted, load_dataset
-from ..datasets.split import read_split
+from ..datasets.split import selected
 from ..errors import UsageError
 from .base import Benchmark
 
@@ -22,6 +22,6 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
     dataset = load_dataset(name, data, **options)
     if isinstance(dataset, PreCorrupted):
         raise UsageError(f"the frames of '{name}' are corrupted already: use --benchmark {name.replace('_', '-')}")
-    keys = read_split(split, dataset.keys()) if split else dataset.keys()
+    keys = selected(split, dataset.keys(), name) if split else dataset.keys()
     protocol = {"options": {key: str(value) for key, value in sorted(options.items())}} if options else {}
     return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol)

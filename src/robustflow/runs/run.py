@@ -11,6 +11,7 @@ import polars as pl
 
 from ..atomic import write_bytes, write_json
 from ..corruptions.stack import levels_of
+from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
 from ..metrics.aggregate import summarize
 from ..metrics.rows import CLEAN
@@ -49,7 +50,7 @@ class Result:
     @cached_property
     def rows(self) -> pl.DataFrame:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
-        return self._folder.rows()
+        return with_groups(self._folder.rows(), str(self.manifest["identity"]["dataset"]))
 
     @cached_property
     def summary(self) -> Summary:
