@@ -42,11 +42,11 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
 
 
 def _with_clips() -> str:
-    """The data sets whose pairs have further frames around them, in words."""
+    """The data sets whose pairs have further frames around them, in words: those that always have them first."""
     facts = {name: dataset_facts(name) for name in DATASETS.names()}
-    words = {"always": "", "never": None}
-    named = {name: words.get(each.clips, f" {each.clips}") for name, each in facts.items()}
-    return ", ".join(f"{facts[name].benchmark or name}{when}" for name, when in named.items() if when is not None)
+    with_clips = {facts.benchmark or name: facts.clips for name, facts in facts.items() if facts.clips != "never"}
+    ordered = sorted(with_clips.items(), key=lambda entry: entry[1] != "always")
+    return ", ".join(name if when == "always" else f"{name} {when}" for name, when in ordered)
 
 
 class Surroundings:
