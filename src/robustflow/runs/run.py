@@ -13,10 +13,10 @@ from ..atomic import write_bytes, write_json
 from ..corruptions.stack import levels_of
 from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
-from ..metrics.aggregate import summarize
 from ..metrics.rows import CLEAN
 from ..metrics.summary import Averaging, Summary
 from ..models.provenance import training_of
+from .aggregate import summarize
 from .plan import Cell
 from .store import RunFolder
 
