@@ -116,7 +116,7 @@ def evaluate(
         data: the data set's folder, for benchmarks that need one.
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default.
         corruptions, severities, limit: run only these; a later call with others adds to the same folder.
-        split: a file naming the samples to use, one key a line.
+        split: a file naming the samples to use, one key a line; or "drive-disjoint", of KITTI 2015.
         data_options: of a dataset, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.
         variant: of the corruptions: "default", "reference" or "paper".

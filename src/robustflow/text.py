@@ -33,3 +33,13 @@ def name_text(name: str) -> str:
     """
     text = plain(name, 40).replace("$", r"\$")
     return f"\u200a{text}" if text.startswith("_") else text
+
+
+def text_cell(text: str) -> str:
+    """A text that no spreadsheet takes for a formula: one that would be run is preceded by an apostrophe.
+
+    >>> text_cell("=HYPERLINK(1)"), text_cell("RAFT")
+    ("'=HYPERLINK(1)", 'RAFT')
+    """
+    clean = plain(text, 300)
+    return f"'{clean}" if clean[:1] in ("=", "+", "-", "@") else clean

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.displacement import displacements_of
+from robustflow.analysis.displacements import displacements_of
 from robustflow.benchmarks import load_benchmark
 from robustflow.errors import RunError, UsageError
 from robustflow.flowio import write_flow

@@ -46,7 +46,7 @@ def displacement(
     from rich.console import Console
     from rich.progress import Progress
 
-    from ..analysis.displacement import label_of
+    from ..analysis.displacements import label_of
     from ..atomic import make_folder, write_bytes
     from ..benchmarks import load_benchmark
     from ..models import ModelSpec

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from ..analysis.costs import run_costs
-from ..analysis.displacement import displacements_of
+from ..analysis.cost_ranks import run_costs
+from ..analysis.displacements import displacements_of
 from ..analysis.labels import benchmark_label
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results

@@ -70,7 +70,7 @@ def recheck(
             (made,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
             if made["frames_digest"] != row["frames_digest"]:
                 problems.append(f"{where}: other frames")
-            elif made["group"] != row["group"]:
+            elif row["group"] not in (made["group"], row["sample"]):  # older rows of KITTI have no drive
                 problems.append(f"{where}: another group")
             elif row["n_all"] == row["height"] * row["width"] and any(made[c] != row[c] for c in _TRUTH):
                 problems.append(f"{where}: another ground truth")

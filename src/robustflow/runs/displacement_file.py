@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 DISPLACEMENT = "displacement.json"
 GROUND_TRUTH = "ground truth"
-"""What a histogram was measured from where no model is named."""
+"""The source of a histogram that was not made from a model's flow."""
 _LARGEST = 1 << 20
 _MOST_BINS = 10_000
 

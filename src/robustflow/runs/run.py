@@ -10,11 +10,12 @@ import polars as pl
 
 from ..atomic import write_json
 from ..corruptions.stack import levels_of
+from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
-from ..metrics.aggregate import summarize
 from ..metrics.rows import CLEAN
 from ..metrics.summary import Averaging, Summary
 from ..models.provenance import training_of
+from .aggregate import summarize
 from .plan import Cell
 from .store import RunFolder
 
@@ -42,7 +43,7 @@ class Run:
     @cached_property
     def rows(self) -> pl.DataFrame:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
-        return self._folder.rows()
+        return with_groups(self._folder.rows(), str(self.manifest["identity"]["dataset"]))
 
     @cached_property
     def summary(self) -> Summary:

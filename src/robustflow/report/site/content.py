@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from ...analysis.costs import run_costs
+from ...analysis.cost_ranks import run_costs
 from ...analysis.labels import benchmark_label
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY

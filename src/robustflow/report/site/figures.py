@@ -7,7 +7,7 @@ from itertools import islice
 
 from markupsafe import Markup
 
-from ...analysis.displacement import displacements_of
+from ...analysis.displacements import displacements_of
 from ...errors import UsageError
 from ...text import plain
 from ..figures import displacement_figure, figures_by_sample_set, severity_curves

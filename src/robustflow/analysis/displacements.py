@@ -1,4 +1,4 @@
-"""The kept histograms of displacements of runs, each under the label that a figure gives it."""
+"""The histograms of flow amplitudes that runs keep, one for each set of samples, with what a figure calls them."""
 
 from __future__ import annotations
 
