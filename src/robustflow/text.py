@@ -32,3 +32,23 @@ def counted(number: int, singular: str, plural: str | None = None) -> str:
     ('1 clip', '3 clips', '2 severities')
     """
     return f"{number} {singular if number == 1 else plural or singular + 's'}"
+
+
+def name_text(name: str) -> str:
+    """A name for a label. A dollar sign would begin a formula, and a leading underscore hide a legend's entry.
+
+    >>> name_text("a$b$"), name_text("_x")
+    ('a\\\\$b\\\\$', '\\u200a_x')
+    """
+    text = plain(name, 40).replace("$", r"\$")
+    return f"\u200a{text}" if text.startswith("_") else text
+
+
+def text_cell(text: str) -> str:
+    """A text that no spreadsheet takes for a formula: one that would be run is preceded by an apostrophe.
+
+    >>> text_cell("=HYPERLINK(1)"), text_cell("RAFT")
+    ("'=HYPERLINK(1)", 'RAFT')
+    """
+    clean = plain(text, 300)
+    return f"'{clean}" if clean[:1] in ("=", "+", "-", "@") else clean

@@ -174,11 +174,19 @@ def test_the_page_is_served_while_a_model_works(app):
     assert done.wait(60)
 
 
+def test_a_checkpoint_for_a_model_without_weights(app):
+    status, (answer,) = app.preview(checkpoint="things")
+    assert status == 400
+    assert "dis has no weights" in answer["error"]
+
+
 def test_choices(app):
     found = json.loads(app.ask("GET", "/choices")[1])
-    assert found["models"][0] == SLOW
-    assert {"dis", "farneback"} <= set(found["models"])
-    assert "precomputed" not in found["models"]
+    models = {model["name"]: model for model in found["models"]}
+    assert next(iter(models)) == SLOW
+    assert {"dis", "farneback"} <= set(models)
+    assert "precomputed" not in models
+    assert not models["dis"]["takes_checkpoint"]
     offered = {name for names in found["families"].values() for name in names}
     assert {"fog", "elastic_transform"} <= offered
     assert not {"h264_crf", "object_motion_blur"} & offered, "a pair has no clip"

@@ -16,7 +16,7 @@ from robustflow.app.pairs import KEPT
 from robustflow.flowio.flo import flo_bytes
 
 from ..video import clips
-from .test_look import _direct
+from .test_preview import _direct
 
 MAX_BYTES = 64 * 2**20
 RNG = np.random.default_rng(0)

@@ -124,6 +124,22 @@ def test_a_slow_answer_does_not_come_after_a_newer_one(visit, tmp_path):
         _clean(seen, app)
 
 
+def test_nothing_of_the_old_model_stays_when_the_new_one_fails(visit, tmp_path):
+    with running_app(tmp_path, "--model", "models_for_app:Fails") as app:
+        seen = visit()
+        page = seen.page
+        page.goto(app.address)
+        expect(page.locator("#error")).to_be_visible()
+        expect(page.locator("#pictures figure")).to_have_count(0)
+        page.get_by_label("Model").select_option("farneback")
+        expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
+        expect(page.locator("#checkpoint-field")).to_be_hidden()
+        page.get_by_label("Model").select_option("models_for_app:Fails")
+        expect(page.locator("#status")).to_contain_text("No result")
+        expect(page.locator("#pictures figure")).to_have_count(0)
+        expect(page.locator("#numbers")).to_be_empty()
+
+
 def test_a_stack_and_the_five_severities(opened, app):
     seen = opened()
     page = seen.page

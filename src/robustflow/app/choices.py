@@ -8,8 +8,8 @@ from typing import Any
 from ..errors import ModelError, UsageError, unknown_name
 from ..models import MODELS, FlowModel, ModelSpec
 from ..models.catalog import MethodEntry, checkpoints, is_installed, methods
-from ..models.torch.network import RANDOM
 from ..models.loading import EXPORTED, needed_options
+from ..models.torch.network import RANDOM
 
 
 class Models:

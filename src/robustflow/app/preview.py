@@ -1,4 +1,4 @@
-"""One preview: corrupt a pair, predict, measure, draw. The numbers are those of `corrupt`, the model and the metrics."""
+"""One preview: corrupt a pair, predict, measure, draw; with the numbers of `corrupt`, the model and the metrics."""
 
 from __future__ import annotations
 

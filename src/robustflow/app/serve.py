@@ -14,9 +14,9 @@ import uvicorn
 from ..errors import UsageError
 from ..models import ModelSpec
 from .choices import Models
-from .prediction_queue import PredictionQueue
 from .guard import Guard
 from .pairs import SourceStore
+from .prediction_queue import PredictionQueue
 from .protocol import TimedProtocol
 from .server import build
 from .upload_folder import UploadFolder

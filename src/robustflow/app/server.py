@@ -25,9 +25,9 @@ from ..images.error_colours import HIGHEST, LOWEST, error_colours
 from ..images.flow_colours import flow_colours
 from ..images.io import png_address
 from .choices import Models
-from .prediction_queue import PredictionQueue, Job, Message
-from .preview import WIDEST, Previewer, PreviewRequest
 from .pairs import DEMO, SourceStore
+from .prediction_queue import Job, Message, PredictionQueue
+from .preview import WIDEST, Previewer, PreviewRequest
 from .upload_folder import UploadFolder
 from .uploads import MAX_BYTES, limited, source_of
 

@@ -59,8 +59,8 @@ def verify(
         raise UsageError("--checkpoint, --device and -O belong to a model: name it with --model")
     spec = None if model is None else ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device))
     rows = _Rows(data, dict(keyword_options(data_option)), 20 if check_frames is None else check_frames, seed)
-    frames = rows.frames if data is not None or check_frames is not None or spec is not None else None
-    predictions = None if spec is None else partial(rows.predictions, spec=spec)
+    frames = rows.compare if data is not None or check_frames is not None or spec is not None else None
+    predictions = None if spec is None else partial(rows.compare, model=spec)
     results = [verify_file(path, frames=frames, predictions=predictions) for path in files]
     if as_json:
         typer.echo(json.dumps([{"ok": result.ok, **result.model_dump()} for result in results], indent=2))
@@ -80,20 +80,18 @@ class _Rows:
     count: int
     seed: int | None
 
-    def frames(self, reader: Reader) -> str:
-        """Their frames, compared by digest."""
+    def compare(self, reader: Reader, model: ModelSpec | None = None) -> str:
+        """Compare them with frames made again, and with predictions where a model is given."""
         from ..runner.recheck import recheck
 
-        identity = reader.raw_manifest["identity"]
-        return recheck(identity, reader.frame, self.data, options=self.options, count=self.count, seed=self.seed)
-
-    def predictions(self, reader: Reader, spec: ModelSpec) -> str:
-        """Their predictions, compared by the sums of errors."""
-        from ..runner.recheck_predictions import recheck_predictions
-
-        identity = reader.raw_manifest["identity"]
-        return recheck_predictions(
-            identity, reader.frame, spec, self.data, options=self.options, count=self.count, seed=self.seed
+        return recheck(
+            reader.raw_manifest["identity"],
+            reader.frame,
+            self.data,
+            model=model,
+            options=self.options,
+            count=self.count,
+            seed=self.seed,
         )
 
 

@@ -19,11 +19,11 @@ _MOST_SHARED = 0.5
 """Share of one sample's rows whose digest may stand at another of its settings too."""
 
 if TYPE_CHECKING:
-    from ..runs.run import Result
+    from ..runs.run import Run
     from .read import Reader
 
 
-def cell_problems(run: Result, reader: Reader) -> tuple[list[str], str]:
+def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     """Corruptions nobody knows, rows that were not planned or are missing; and a sentence where there are none."""
     plan = reader.plan
     problems = [*_unknown(plan.selection.corruptions), *_left_out(plan)]
@@ -64,9 +64,7 @@ def _digest_problems(rows: pl.DataFrame) -> list[str]:
     of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())
     shared = of_sample.filter((pl.col("len") > 1) & (pl.col("shared") > _MOST_SHARED))
     if 2 * shared.height > of_sample.filter(pl.col("len") > 1).height:
-        return [
-            f"{shared.height} of {of_sample.height} samples have one frames_digest under different corruptions"
-        ]
+        return [f"{shared.height} of {of_sample.height} samples have one frames_digest under different corruptions"]
     return []
 
 

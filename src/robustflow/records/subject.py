@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 from ..text import counted, plain
 
 if TYPE_CHECKING:
-    from ..runs.run import Result
+    from ..runs.run import Run
     from .contents import Manifest
 
 
@@ -57,7 +57,7 @@ class Subject(BaseModel):
         return f"{self.model} on {self.benchmark} ({self.setting}), {extent}: {scores or 'nothing could be measured'}"
 
 
-def subject_of(run: Result, plan: Manifest) -> Subject:
+def subject_of(run: Run, plan: Manifest) -> Subject:
     """The subject of a record whose rows and plan were checked."""
     summary = run.summary
     return Subject(

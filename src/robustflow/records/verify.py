@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 
 from ..analysis.audit.run_folder import audit_run
 from ..errors import RobustFlowError
-from ..runs.run import Result
+from ..runs.run import Run
 from ..text import plain
 from .claims import cell_problems, training_problems
 from .container import read_file
@@ -145,7 +145,7 @@ def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
     out = {"training": _outcome(problems, reader.plan.provenance.setting)}
     with TemporaryDirectory(prefix="robustflow-") as folder:
         reader.extract(Path(folder))
-        run = Result(folder)
+        run = Run(folder)
         problems, says = cell_problems(run, reader)
         out["cells"] = _outcome(problems, says)
         if problems:
