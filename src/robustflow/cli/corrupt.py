@@ -32,13 +32,15 @@ def corrupt(
     """
     from ..atomic import make_folder
     from ..corruptions import corrupt as corrupt_pair
-    from ..corruptions import load_corruption
+    from ..corruptions import corruption_name, load_corruption
     from ..corruptions.base import check_severity
     from ..errors import UsageError
     from ..images.io import read_image, write_image
 
     use_psf_dir(psf_dir)
-    chosen = [load_corruption(name, variant, severity_scale) for name in names(corruption) or []]
+    chosen = [
+        load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruption) or []
+    ]
     levels = [check_severity(level) for level in numbers(severity) or []]
     if not chosen or not levels:
         raise UsageError("nothing to do: name at least one corruption and one severity")
