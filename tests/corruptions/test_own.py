@@ -75,14 +75,16 @@ def test_a_module_a_class_and_an_object_are_corruptions(package):
     assert all((a == b).all() for a, b in zip(from_module, again, strict=True))
     assert (from_module[0] != from_module[1]).any()
     first, second = rf.corrupt(FRAME, FRAME, Veil(), 3)
-    assert (first == second).all() and (first != FRAME).any()
+    assert (first == second).all()
+    assert (first != FRAME).any()
     assert (rf.corrupt(FRAME, FRAME, Veil, 3)[0] == first).all()
 
 
 def test_it_stands_in_stacks(package):
     assert corruption_name("fog+rain_module:Rain:2 + rain_module:Rain") == "fog+rain:2+rain"
     whole = rf.corrupt(FRAME, FRAME, "fog+rain_module:Rain", 3)
-    assert whole[0].shape == FRAME.shape and (whole[0] != rf.corrupt(FRAME, FRAME, "fog", 3)[0]).any()
+    assert whole[0].shape == FRAME.shape
+    assert (whole[0] != rf.corrupt(FRAME, FRAME, "fog", 3)[0]).any()
     assert levels_of("fog:2+rain", (1, 2)) == (1, 2)
 
 
@@ -126,7 +128,8 @@ def test_what_is_not_a_corruption_is_refused(package, spec, message):
 )
 def test_check_corruption_finds(body, message):
     space = {"np": np}
-    exec(f"class Bad:\n def draw(self, rng, severity, shape): return 0\n def apply(self, frame, state, index): {body}", space)
+    draw, apply = "def draw(self, rng, severity, shape): return 0", f"def apply(self, frame, state, index): {body}"
+    exec(f"class Bad:\n {draw}\n {apply}", space)
     with pytest.raises(UsageError, match=message):
         check_corruption(space["Bad"])
 

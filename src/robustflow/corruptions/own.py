@@ -1,4 +1,4 @@
-"""A user's own corruption: taken as an object, a class or `module:Attribute`, checked, and known by its name from then on.
+"""A user's own corruption: an object, a class or `module:Attribute`, checked, and known by its name from then on.
 
 What it returns is checked on every call, so that a mistake stops with a sentence instead of becoming a number;
 `robustflow.testing.check_corruption` looks further (determinism, draws).
@@ -18,8 +18,8 @@ import numpy as np
 from ..errors import RobustFlowError, UsageError, unknown_name
 from ..random.rng import Rng
 from ..sample import Frame
-from .base import SEVERITIES, Corruption
-from .registry import CORRUPTIONS, is_shipped
+from .base import BGR, SEVERITIES, VARIANTS, Corruption
+from .registry import CORRUPTIONS, SHIPPED
 from .source_digest import source_digest
 
 Made = Any
@@ -52,7 +52,10 @@ class OwnCorruption(Corruption):
             raise UsageError(f"corruption '{self.name}' has {len(levels)} severities: give five, mild to severe")
         self.paper_severities = tuple(levels)  # type: ignore[misc]
         self.made = made
-        super().__init__(variant)
+        if variant not in (*VARIANTS, BGR):
+            raise UsageError(f"unknown variant '{variant}': choose from {', '.join((*VARIANTS, BGR))}")
+        super().__init__()
+        self.variant = variant
 
     @property
     def source(self) -> str:
@@ -113,7 +116,7 @@ def adopt(made: Made) -> str:
     name = name_of(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
         raise UsageError(f"a corruption cannot be called '{name}': give it a name of letters, digits and '_'")
-    if is_shipped(name):
+    if name in SHIPPED:
         raise UsageError(f"{_spelled(made)} has the name of the corruption '{name}': give it another `name`")
     _own[name] = made
     return name
@@ -149,7 +152,7 @@ def own_corruption(name: str, variant: str) -> OwnCorruption | None:
         UsageError: unknown name, or a class that cannot be built.
     """
     if name not in _own:
-        if is_shipped(name):
+        if name in SHIPPED:
             return None
         made = CORRUPTIONS.get(name)
         if name_of(made) != name:
@@ -184,7 +187,7 @@ def name_of(made: Made) -> str:
 def _build(kind: type[Any], variant: str) -> Any:
     try:
         takes = inspect.signature(kind).parameters
-        return kind(variant) if "variant" in takes else kind()
+        return kind(variant=variant) if "variant" in takes and variant in VARIANTS else kind()
     except RobustFlowError:
         raise
     except Exception as error:

@@ -61,15 +61,8 @@ _CLASSES = {
     "bit_error": "clip:BitError",
     "elastic_transform": "blur.elastic:ElasticTransform",
 }
-
-def is_shipped(name: str) -> bool:
-    """Whether a corruption of this name comes with the package.
-
-    >>> is_shipped("fog"), is_shipped("rain")
-    (True, False)
-    """
-    return name in _CLASSES
-
+SHIPPED: tuple[str, ...] = tuple(_CLASSES)
+"""The corruptions of this package; installed packages add others."""
 
 for _name, _target in _CLASSES.items():
     CORRUPTIONS.add(_name, f"robustflow.corruptions.{_target}")

@@ -46,7 +46,7 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
     seen: set[str] = set()
     for base in kind.__mro__:
         top = base.__module__.partition(".")[0]
-        if top in (_SELF, "builtins", "abc", "typing") or top in sys.stdlib_module_names and top != "__main__":
+        if top in (_SELF, "builtins", "abc", "typing") or (top in sys.stdlib_module_names and top != "__main__"):
             continue
         module = sys.modules.get(base.__module__)
         path = getattr(module, "__file__", None)

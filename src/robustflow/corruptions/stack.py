@@ -14,7 +14,7 @@ from ..sample import Frame
 from .base import SEVERITIES, Corruption, check_severity
 from .calibration.scale import calibrated_levels
 from .own import adopt_target, is_known, is_target
-from .registry import CORRUPTIONS, is_shipped
+from .registry import CORRUPTIONS, SHIPPED
 
 _PLUS, _COLON = "+", ":"
 
@@ -75,7 +75,7 @@ def with_targets_adopted(name: str) -> str:
     for part in (text.strip() for text in name.split(_PLUS)):
         head, _, tail = part.rpartition(_COLON)
         target, level = (head.strip(), f"{_COLON}{tail.strip()}") if tail.strip().isdecimal() else (part, "")
-        if is_target(target) and not is_shipped(target.partition(_COLON)[0]):
+        if is_target(target) and target.partition(_COLON)[0] not in SHIPPED:
             part = adopt_target(target) + level
         parts.append(part)
     return _PLUS.join(parts)
