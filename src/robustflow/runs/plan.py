@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,6 +10,7 @@ from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
 from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.stack import levels_of
+from ..digest import digest_of_value
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
 
@@ -124,8 +123,22 @@ def identity_digest(identity: dict[str, Any]) -> str:
     >>> identity_digest({"a": 1, "b": 2}) == identity_digest({"b": 2, "a": 1})
     True
     """
-    spelled = json.dumps(identity, sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
+    return digest_of_value(identity)
+
+
+def planned_cells(manifest: dict[str, Any]) -> list[Cell]:
+    """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
+    selection, left_out = manifest["selection"], manifest.get("left_out", {})
+    settings = [(CLEAN, 0)]
+    for name in selection["corruptions"]:
+        levels = levels_of(name, tuple(selection["severities"]))
+        settings += [(name, level) for level in levels if level not in left_out.get(name, [])]
+    return [(key, name, level) for key in manifest["samples"] for name, level in settings]
+
+
+def unfinished_samples(manifest: dict[str, Any], cells: set[Cell]) -> set[str]:
+    """The samples of which a run lacks a row."""
+    return {cell[0] for cell in planned_cells(manifest) if cell not in cells}
 
 
 def left_out_sentence(left_out: dict[str, list[int]]) -> str:
