@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..benchmarks import Benchmark, load_benchmark
+from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
 from ..corruptions import load_corruption
 from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.own import is_known, own_among
 from ..corruptions.sources import OWN, recorded_sources, user_sources
+from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
 from ..errors import RobustFlowError, RunError, UsageError
@@ -24,6 +25,7 @@ from ..runs.identity import differing
 from ..runs.plan import Plan, RunOptions, left_out_sentence
 from ..runs.run import Run
 from ..runs.source import RunSource
+from ..text import plain
 from .named_model import NamedModel, name_model
 
 
@@ -93,6 +95,7 @@ def set_up_again(run: Run, source: RunSource) -> Setup:
         UsageError, DataError: the data set is not there.
     """
     identity = run.manifest["identity"]
+    _check_registered(identity["benchmark"])
     benchmark = open_benchmark(identity["benchmark"], source.data, None, source.data_options, identity["variant"])
     if source.model is None:
         raise RunError(f"{run.path} was run with a Python object, which has no name; give --model NAME")
@@ -119,6 +122,7 @@ def set_up_frames(
         RunError: these are not the data, severities or files that the run was made with.
         UsageError, DataError: the data set is not there.
     """
+    _check_registered(identity["benchmark"])
     benchmark = open_benchmark(identity["benchmark"], data, None, data_options, identity["variant"])
     protocol = json.loads(json.dumps(benchmark.protocol, default=str))  # as it comes back from a manifest
     if benchmark.dataset.name != identity["dataset"] or protocol != identity["protocol"]:
@@ -135,6 +139,15 @@ def set_up_frames(
             f"({differing(dict(options.sources), recorded)}); set ROBUSTFLOW_PSF_DIR as the run did"
         )
     return benchmark.dataset, options
+
+
+def _check_registered(benchmark: Any) -> None:
+    """Refuse a benchmark that only code named by a stranger's file could open."""
+    if benchmark not in BENCHMARKS.names() and benchmark not in DATASETS.names():
+        raise RunError(
+            f"the run's benchmark '{plain(str(benchmark))}' is not one that this package or an installed one offers; "
+            "no code is loaded because a run names it"
+        )
 
 
 def open_benchmark(

@@ -29,8 +29,8 @@ from ..models.base import (
     predict_clip_checked,
 )
 from ..models.window import place_of_pair
+from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import RunOptions, Unit
-from ..runs.store import read_clean, write_clean
 from ..sample import Flow, Frame, Sample
 
 
@@ -138,11 +138,11 @@ class Worker:
                 )
             regions = Regions.of(sample) if sample.flow is not None else None
             self.seconds["load"] += time.perf_counter() - start
-            path = self._clean_path(key)
-            clean = read_clean(path)
+            path, made_of = self._clean_path(key), f"{key} {frames_digest(sample.frames)}"
+            clean = read_clean(path, made_of)
             if clean is None:
                 (clean,) = self._predict([sample.frames], key, CLEAN, (0,))
-                write_clean(path, clean)
+                write_clean(path, clean, made_of)
             self._loaded = _Loaded(sample, regions, clean)
         return self._loaded
 

@@ -123,6 +123,21 @@ class Plan:
         return identity_digest(self.identity())
 
 
+def planned_cells(manifest: dict[str, Any]) -> list[Cell]:
+    """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
+    selection, left_out = manifest["selection"], manifest.get("left_out", {})
+    settings = [(CLEAN, 0)]
+    for name in selection["corruptions"]:
+        levels = levels_of(name, tuple(selection["severities"]))
+        settings += [(name, level) for level in levels if level not in left_out.get(name, [])]
+    return [(key, name, level) for key in manifest["samples"] for name, level in settings]
+
+
+def unfinished_samples(manifest: dict[str, Any], cells: set[Cell]) -> set[str]:
+    """The samples of which a run lacks a row."""
+    return {cell[0] for cell in planned_cells(manifest) if cell not in cells}
+
+
 def left_out_sentence(left_out: dict[str, list[int]]) -> str:
     """Which severities a run leaves out, in words.
 
