@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
 from ..corruptions.base import SEVERITIES
 from ..corruptions.registry import CORRUPTIONS
-from ..corruptions.stack import is_stack, levels_of, parse_stack
+from ..corruptions.stack import levels_of, split_stack
 from ..errors import UsageError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..models.provenance import Training, parse_training_sets, training_of
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     """Corruptions nobody knows, rows that were not planned or are missing; and a sentence where there are none."""
     plan = reader.plan
-    problems = [*_unknown(plan.selection.corruptions), *_left_out(plan)]
+    problems = [*_unknown(plan.selection.corruptions, plan.identity.corruptions or {}), *_left_out(plan)]
     if not set(plan.selection.severities) <= set(SEVERITIES):
         problems.append(f"severities {plan.selection.severities}: they are 1 to 5")
     if problems:
@@ -93,11 +94,12 @@ def _sets(names: list[str] | None) -> str:
     return "+".join(names) if names else "nothing it names"
 
 
-def _unknown(names: list[str]) -> list[str]:
-    known, out = set(CORRUPTIONS.names()), []
+def _unknown(names: list[str], own: Iterable[str] = ()) -> list[str]:
+    """Names that neither this package, nor an installed one, nor the identity's list of the user's own knows."""
+    known, out = {*CORRUPTIONS.names(), *own}, []
     for name in names:
         try:
-            fits = bool(parse_stack(name)) if is_stack(name) else name in known
+            fits = all(part in known for part, _ in split_stack(name))
         except UsageError:
             fits = False
         if not fits:
@@ -112,7 +114,7 @@ def _left_out(plan: Manifest) -> list[str]:
     scale = "calibrated" if plan.identity.severity_scale else "paper"
     severities = tuple(plan.selection.severities)
     for name in dict.fromkeys((*plan.selection.corruptions, *plan.left_out)):
-        if name not in plan.selection.corruptions or _unknown([name]):
+        if name not in plan.selection.corruptions or _unknown([name], plan.identity.corruptions or {}):
             return [f"left_out names '{plain(name, 60)}', which was not selected"]
         lacking = sorted({*levels_of(name, severities)} - {*levels_of(name, severities, scale)})
         if plan.left_out.get(name, []) != lacking:
