@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.analysis.audit import audit
 from robustflow.api import evaluate
 from robustflow.atomic import json_bytes
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
+from robustflow.records.audit import audit
 from robustflow.records.contents import shareable_manifest
 from robustflow.records.load import is_record, load_run
 from robustflow.records.pack import pack, record_bytes

@@ -46,12 +46,13 @@ def displacement(
     from rich.console import Console
     from rich.progress import Progress
 
+    from ..analysis.displacements import label_of
     from ..atomic import make_folder, write_bytes
     from ..benchmarks import load_benchmark
     from ..models import ModelSpec
     from ..report.figures import displacement_figure, write_figures
     from ..runner.displacement import displacement_histogram
-    from ..runs.displacement_file import clean_digests, label_of, write_displacement
+    from ..runs.displacement_file import clean_digests, write_displacement
 
     chosen = load_benchmark(benchmark, data, split, dict(keyword_options(data_option))).narrowed(limit=limit)
     run = None if into is None else _run_of(into, chosen)

@@ -23,6 +23,7 @@ from typing import Any
 from ..errors import DataError
 from ..flowio import read_flow
 from ..layout import choice, following, locate, partner
+from .facts import DatasetFacts
 from .pairs import Pair, PairDataset, Truth
 
 
@@ -68,6 +69,18 @@ class Kitti2015(KittiSequences):
     """
 
     name = "kitti2015"
+    facts = DatasetFacts(
+        title="KITTI flow 2015",
+        description="Driving with moving cars, about 1242x375.",
+        ground_truth="sparse",
+        pairs=200,
+        clips="with the multi-view extension",
+        licence="CC BY-NC-SA 3.0",
+        citation="Menze and Geiger, Object Scene Flow for Autonomous Vehicles, CVPR 2015",
+        layout="training/image_2, training/flow_occ, training/flow_noc",
+        training_set="kitti2015",
+        same_domain=("kitti2012", "kitti-raw"),
+    )
 
     def __init__(self, root: str | Path) -> None:
         folder = locate("KITTI 2015", root, ["image_2"], ("", "training"), "image_2/ and flow_occ/")
@@ -85,6 +98,18 @@ class Kitti2012(KittiSequences):
     """
 
     name = "kitti2012"
+    facts = DatasetFacts(
+        title="KITTI flow 2012",
+        description="Driving through a static world, about 1242x375.",
+        ground_truth="sparse",
+        pairs=194,
+        clips="with the multi-view extension",
+        licence="CC BY-NC-SA 3.0",
+        citation="Geiger, Lenz and Urtasun, Are We Ready for Autonomous Driving?, CVPR 2012",
+        layout="training/colored_0 or training/image_0, training/flow_occ, training/flow_noc",
+        training_set="kitti2012",
+        same_domain=("kitti2015", "kitti-raw"),
+    )
 
     def __init__(self, root: str | Path, images: str = "auto") -> None:
         kinds = {"auto": ["colored_0", "image_0"], "colour": ["colored_0"], "grey": ["image_0"]}

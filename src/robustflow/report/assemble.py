@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from ..analysis.cost_ranks import run_costs
+from ..analysis.displacements import displacements_of
 from ..analysis.labels import benchmark_label
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results
 from ..analysis.scores import run_names, run_results
 from ..errors import UsageError, unknown_name
-from ..runs.costs import run_costs
-from ..runs.displacement_file import displacements_of
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .table import Table

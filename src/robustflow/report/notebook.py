@@ -6,10 +6,10 @@ from base64 import b64encode
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from ..analysis.displacements import displacements_of
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_label, metric_label
 from ..analysis.scores import note_of, run_names, run_results, sample_set, setting_of
 from ..errors import UsageError, unknown_name
-from ..runs.displacement_file import displacements_of
 from .render import render
 from .table import Cell, Column, Line, Section, Table, number_text
 

@@ -14,13 +14,12 @@ import polars as pl
 from ..benchmarks import Benchmark
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..models.base import AnyModel, FlowLookup, FlowModel, place, predict_checked
+from ..runs.displacement_file import GROUND_TRUTH
 from ..sample import Flow, Mask, Sample
 from .worker import frames_digest
 
 if TYPE_CHECKING:
     from ..runs.run import Result
-
-GROUND_TRUTH = "ground truth"
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
 """Amplitudes in pixels; the last bin is everything from 100 on."""

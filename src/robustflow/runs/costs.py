@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from ..analysis.scores import run_names, sample_set
 from ..atomic import write_json
 from ..errors import UsageError
 from ..text import plain
@@ -78,12 +77,6 @@ def read_cost(run: Result) -> RunCost | None:
         RunError: the file is damaged, or was counted for another run.
     """
     return read_kept(RunCost, run, PROFILE, _LARGEST, _COMMAND)
-
-
-def run_costs(runs: Sequence[Result]) -> dict[tuple[str, str], RunCost]:
-    """Costs by (sample set, name) as `run_results` gives them; runs without one are left out."""
-    costs = {(sample_set(run), name): read_cost(run) for name, run in zip(run_names(runs), runs, strict=True)}
-    return {key: cost for key, cost in costs.items() if cost is not None}
 
 
 def check_model(run: Result, model: Mapping[str, Any]) -> None:

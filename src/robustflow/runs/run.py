@@ -12,10 +12,10 @@ import polars as pl
 from ..atomic import write_bytes, write_json
 from ..corruptions.stack import levels_of
 from ..errors import RunError
-from ..metrics.aggregate import summarize
 from ..metrics.rows import CLEAN
 from ..metrics.summary import Averaging, Summary
 from ..models.provenance import training_of
+from .aggregate import summarize
 from .plan import Cell
 from .store import RunFolder
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from ...analysis.cost_ranks import run_costs
 from ...analysis.labels import benchmark_label
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
 from ...analysis.scores import note_of, run_names, sample_set, setting_of
 from ...analysis.uncertainty import intervals
 from ...errors import DataError, UsageError
-from ...runs.costs import run_costs
 from ...text import plain
 from ..assemble import results_of
 from .entries import Entry, Interval, Key, entries_of
