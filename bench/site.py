@@ -23,12 +23,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import polars as pl
+from synthetic_runs import synthetic_runs
 
 from robustflow.analysis.published.tables import published_results
 from robustflow.api import evaluate
 from robustflow.report.site import render_site, run_content, whole_content
-
-from synthetic_runs import synthetic_runs
 
 _TIMING = """() => {
     const { navigationStart, domContentLoadedEventEnd, loadEventEnd } = performance.timing;
@@ -85,7 +84,15 @@ def leaderboard_of(count: int, pairs: int, loads: int, folder: Path) -> None:
     """Print what a leaderboard of `count` run folders over `pairs` pairs costs."""
     paths = synthetic_runs(folder / "runs", count, pairs)
     output = folder / "site"
-    command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "leaderboard", *map(str, paths), "-o", str(output)]
+    command = [
+        sys.executable,
+        "-c",
+        "from robustflow.cli.main import main; main()",
+        "leaderboard",
+        *map(str, paths),
+        "-o",
+        str(output),
+    ]
     before, start = os.times(), time.perf_counter()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     wall, after = time.perf_counter() - start, os.times()

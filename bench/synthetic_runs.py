@@ -54,7 +54,8 @@ def synthetic_runs(folder: Path, count: int, pairs: int) -> list[Path]:
 def _rows(template: pl.DataFrame, keys: list[str], cells: list[tuple[str, int]]) -> pl.DataFrame:
     (row,) = template.filter(pl.col("corruption") != CLEAN).head(1).to_dicts()
     rows = [
-        row | {"sample": key, "group": key, "corruption": name, "severity": level}
+        row
+        | {"sample": key, "group": key, "corruption": name, "severity": level}
         | {"frames_digest": f"{key}{name}{level}"}
         for key in keys
         for name, level in cells
