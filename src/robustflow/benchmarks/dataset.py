@@ -7,7 +7,7 @@ from typing import Any
 
 from ..corruptions import IMAGE_PAIR
 from ..datasets import PreCorrupted, dataset_facts, load_dataset
-from ..datasets.split import read_split
+from ..datasets.split import selected
 from ..errors import UsageError
 from .base import Benchmark
 from .facts import facts_of_dataset
@@ -24,6 +24,6 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
     if isinstance(dataset, PreCorrupted):
         instead = f": use --benchmark {facts.benchmark}" if facts.benchmark else ""
         raise UsageError(f"the frames of '{name}' are corrupted already{instead}")
-    keys = read_split(split, dataset.keys()) if split else dataset.keys()
+    keys = selected(split, dataset.keys(), name) if split else dataset.keys()
     protocol = {"options": {key: str(value) for key, value in sorted(options.items())}} if options else {}
     return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=facts_of_dataset(facts))

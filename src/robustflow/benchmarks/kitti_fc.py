@@ -15,7 +15,8 @@ class KittiFC:
     """KITTI-FC from the KITTI-2015 folder, corrupted on the fly, or from the released KITTI-FC folder as it is.
 
     The paper drew its 80 pairs without a seed and names them nowhere but in its 44 GB download; here they come from a
-    documented seed, or from `split`. A folder with fewer than 200 pairs is evaluated whole.
+    documented seed, or from `split`: a file, or "drive-disjoint", whose pairs share no drive with the others. A folder
+    with fewer than 200 pairs is evaluated whole.
     """
 
     facts = BenchmarkFacts(
@@ -33,15 +34,15 @@ class KittiFC:
     def open(data: Path | None, split: Path | None) -> Benchmark:
         """See `Definition.open`."""
         from ..datasets.kitti_fc import KittiFC as Released
-        from ..datasets.split import kitti_split, read_split
+        from ..datasets.split import kitti_split, selected
         from .released import released
 
         if data is None:
             raise UsageError("kitti-fc needs the KITTI-2015 folder: give --data PATH (the folder that holds training/)")
         if (data / "clean").is_dir():
             files = Released(data)
-            keys = read_split(split, files.keys()) if split else files.keys()
+            keys = selected(split, files.keys(), files.name) if split else files.keys()
             return released("kitti-fc", files, keys, KittiFC.facts)
         dataset = load_dataset("kitti2015", data)
-        keys = read_split(split, dataset.keys()) if split else kitti_split(dataset.keys()).evaluation
+        keys = selected(split, dataset.keys(), dataset.name) if split else kitti_split(dataset.keys()).evaluation
         return Benchmark("kitti-fc", dataset, tuple(keys), IMAGE_PAIR, facts=KittiFC.facts)

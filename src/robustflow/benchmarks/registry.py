@@ -53,7 +53,7 @@ def load_benchmark(
     Args:
         name: "demo", "kitti-fc", "gopro-fc", or any data set: "folder" (your own frames or video), "sintel", ...
         data: the folder that holds its samples (for "folder" and "gopro-fc" also a video file); "demo" needs none.
-        split: a file naming the samples to evaluate, one key a line.
+        split: a file naming the samples to evaluate, one key a line; or "drive-disjoint", of KITTI 2015.
         options: of a data set, for example {"render_pass": "final"} for Sintel.
 
     Raises:

@@ -51,7 +51,7 @@ def cost_table(
     if others:
         sections.append(Section("Measured on other frames", _measured_lines(others, run_costs or {})))
     if not sections:
-        raise UsageError("nothing to put into the table 'cost': it needs the published costs, or runs with a CREr")
+        raise UsageError("the table 'cost' would be empty: it needs the published costs, or runs with a CREr")
     shown = [index for index in range(len(_COLUMNS)) if others or index not in _OTHER]
     sections = [
         Section(s.title, tuple(replace(x, cells=tuple(x.cells[i] for i in shown)) for x in s.lines)) for s in sections
