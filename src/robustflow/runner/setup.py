@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,8 @@ from typing import Any
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
 from ..corruptions import load_corruption
 from ..corruptions.calibration.scale import calibration_digest
-from ..corruptions.sources import recorded_sources, user_sources
+from ..corruptions.own import is_known, own_among
+from ..corruptions.sources import OWN, recorded_sources, user_sources
 from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
@@ -54,13 +55,14 @@ def set_up(
     variant: str = "default",
     severity_scale: str = "paper",
     allow_invalid: bool = False,
+    common_draws: bool = False,
 ) -> Setup:
     """What is asked for, checked as a whole; the model is loaded, and nothing is computed.
 
     Args:
         model: see `robustflow.evaluate`.
         benchmark: from `open_benchmark`, narrowed to what is to run.
-        seed, variant, severity_scale, allow_invalid: see `robustflow.evaluate`.
+        seed, variant, severity_scale, allow_invalid, common_draws: see `robustflow.evaluate`.
 
     Raises:
         UsageError: parts that do not go together, or nothing to run.
@@ -75,7 +77,7 @@ def set_up(
         )
     named = name_model(model)
     window = window_on(named.model, benchmark.dataset)
-    options = _options(seed, variant, severity_scale, allow_invalid, window)
+    options = _options(seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws)
     training = training_of(named.identity, named.declared)
     plan = Plan(benchmark, options, named.identity, training.record(benchmark.name))
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
@@ -168,8 +170,22 @@ def open_benchmark(
 
 def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOptions:
     scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
-    return _options(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window)
+    own = [str(name) for name in identity.get(OWN, {})]
+    for name in own:
+        if not is_known(name):
+            raise RunError(f"the run's corruption '{name}' is not known here; install the package that brings it")
+    common_draws = bool(identity.get("common_draws", False))
+    return _options(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window, own, common_draws)
 
 
-def _options(seed: int, variant: str, scale: str, allow_invalid: bool, window: Window | None) -> RunOptions:
-    return RunOptions(seed, variant, allow_invalid, scale, user_sources(variant), window)
+def _options(
+    seed: int,
+    variant: str,
+    scale: str,
+    allow_invalid: bool,
+    window: Window | None,
+    corruptions: Sequence[str],
+    common_draws: bool,
+) -> RunOptions:
+    sources = user_sources(variant, corruptions)
+    return RunOptions(seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions))

@@ -11,6 +11,7 @@ from typing import Any
 
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
+from ..corruptions.own import adopt
 from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..errors import DataError, ModelError
@@ -87,6 +88,8 @@ class Worker:
         if options.window is not None:
             assert isinstance(dataset, Clips)
             self._context = ContextFrames(dataset, options.window)
+        for made in options.own:
+            adopt(made)
         self._corruptions: dict[str, Corruption] = {}
         self._loaded: _Loaded | None = None
         self.seconds = {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
@@ -153,11 +156,11 @@ class Worker:
             if name not in self._corruptions:
                 self._corruptions[name] = load_corruption(name, self._options.variant, self._options.severity_scale)
             corruption = self._corruptions[name]
-            seed = self._options.seed
+            seed, common = self._options.seed, self._options.common_draws
             if self._context is not None:
-                frames = self._context.corrupt(sample, corruption, severity, seed)
+                frames = self._context.corrupt(sample, corruption, severity, seed, common)
             else:
-                frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key))
+                frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common))
         self.seconds["corrupt"] += time.perf_counter() - start
         return frames
 

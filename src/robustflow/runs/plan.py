@@ -45,6 +45,10 @@ class RunOptions:
     """What names the user's files that decide bytes of corruptions (see `corruptions.sources`)."""
     window: Window | None = None
     """The frames around each pair that a multi-frame model is given; None where a model is given pairs."""
+    common_draws: bool = False
+    """One draw for the five severities of a pair, instead of one each."""
+    own: tuple[Any, ...] = ()
+    """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +98,10 @@ class Plan:
         calibrated = self.options.severity_scale == "calibrated"
         scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
         window = {"window": self.options.window.record()} if self.options.window else {}
+        draws = {"common_draws": True} if self.options.common_draws else {}
         return (
             scale
+            | draws
             | dict(self.options.sources)
             | window
             | {
