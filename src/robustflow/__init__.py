@@ -10,15 +10,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import evaluate
+    from .api import Result, evaluate, load_run
     from .corruptions import corrupt, corrupt_clip
     from .datasets import load_dataset
     from .errors import RobustFlowError
     from .flowio import read_flow, write_flow
     from .models import load_model
-    from .records.load import load_run
     from .report.comparison import Comparison, compare
-    from .runs.run import Result
     from .sample import Sample
 
 __version__ = "0.1.0"
@@ -26,7 +24,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Comparison": "report.comparison",
     "compare": "report.comparison",
-    "load_run": "records.load",
+    "load_run": "api",
     "corrupt": "corruptions",
     "corrupt_clip": "corruptions",
     "load_dataset": "datasets",
@@ -35,7 +33,7 @@ _HOMES = {
     "write_flow": "flowio",
     "load_model": "models",
     "evaluate": "api",
-    "Result": "runs.run",
+    "Result": "api",
     "Sample": "sample",
 }
 

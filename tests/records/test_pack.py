@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.api import evaluate
+from robustflow.api import Result, evaluate
 from robustflow.atomic import json_bytes
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
@@ -24,7 +24,6 @@ from robustflow.records.load import is_record, load_run
 from robustflow.records.pack import pack, record_bytes
 from robustflow.records.rows_text import rows_from_text, rows_to_text
 from robustflow.records.verify import verify
-from robustflow.runs.run import Result
 
 from .forge import entries_of, with_json
 
@@ -162,6 +161,19 @@ class Strange:
 
     def predict(self, frame1, frame2):
         return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):
+    target = tmp_path / "mine.robustflow"
+    other = with_json(packed, "record.json", lambda record: record.update(run="0" * 16))
+    for held in (b"letters", other):
+        target.write_bytes(held)
+        with pytest.raises(RunError, match="something else than this run"):
+            pack(run, target)
+        assert target.read_bytes() == held
+    assert pack(run, target, overwrite=True).stat().st_size > 1000
+    pack(run, target, author="Grace")  # the same run, said otherwise
+    assert b"Grace" in target.read_bytes()
 
 
 def test_a_record_is_a_run_wherever_runs_are_read(run, packed, tmp_path):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import polars as pl
 
 from ..runs.costs import RunCost, read_cost
-from ..runs.run import Result
+from ..runs.run import Run
 from .published.tables import Cost
 from .ranking import average_ranks, competition_ranks
 from .results import AVERAGE, CLEAN
@@ -45,7 +45,7 @@ def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
     return ranks
 
 
-def run_costs(runs: Sequence[Result]) -> dict[tuple[str, str], RunCost]:
+def run_costs(runs: Sequence[Run]) -> dict[tuple[str, str], RunCost]:
     """Costs by (sample set, name) as `run_results` gives them; runs without one are left out."""
     costs = {(sample_set(run), name): read_cost(run) for name, run in zip(run_names(runs), runs, strict=True)}
     return {key: cost for key, cost in costs.items() if cost is not None}

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 import polars as pl
 
 from ..runs.displacement_file import GROUND_TRUTH, DisplacementFile, read_displacement
-from ..runs.run import Result
+from ..runs.run import Run
 from ..text import plain
 from .labels import benchmark_label
 from .scores import sample_set
 
 
-def displacements_of(runs: Sequence[Result]) -> dict[str, pl.DataFrame]:
+def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
     """What the figure draws: label -> bins, one for each sample set, of its ground truth where a run has it."""
     found: dict[str, DisplacementFile] = {}
     benchmarks: dict[str, str] = {}

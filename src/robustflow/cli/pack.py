@@ -21,6 +21,9 @@ def pack(
     keep_paths: Annotated[
         bool, typer.Option("--keep-paths", help="Pack texts that name places on this machine.")
     ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file that is not a record of this run.")
+    ] = False,
 ) -> None:
     """Pack a run into one file that another machine can verify and add to its leaderboard.
 
@@ -33,16 +36,17 @@ def pack(
       robustflow pack runs/mine -o mine.robustflow --author "A. Author" --link https://example.org/mine
     """
     from ..records.pack import pack as pack_run
-    from ..runs.run import Result
+    from ..runs.run import Run
     from ..text import plain
 
     path = pack_run(
-        Result(run),
+        Run(run),
         output,
         author=author,
         link=link,
         description=description,
         partial=partial,
         keep_paths=keep_paths,
+        overwrite=overwrite,
     )
     typer.echo(plain(str(path), None))

@@ -77,9 +77,9 @@ def _print_model(
     from ..profiling.measure import measure
     from ..profiling.network_of import network_of
     from ..runs.costs import RunCost, check_model, write_cost
-    from ..runs.run import Result
+    from ..runs.run import Run
 
-    run = None if into is None else Result(into)
+    run = None if into is None else Run(into)
     height, width = parse_size(size, 1)
     method = methods().get(name)
     learns = name.startswith(PTLFLOW) or (method is not None and method.type != "knowledge")

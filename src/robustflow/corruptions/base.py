@@ -19,6 +19,9 @@ VARIANTS = ("default", "reference", "paper")
 """`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the
 paper's text to the letter. Where a corruption knows no difference, the three are the same."""
 
+BGR = "reference-bgr"
+"""As `reference`, with BGR frames handed to code that expects RGB, as the reference code does: see channel_order."""
+
 SEVERITIES = (1, 2, 3, 4, 5)
 
 SCALES = ("paper", "calibrated")
@@ -37,12 +40,14 @@ class Corruption(ABC):
     temporal: ClassVar[bool] = False
     """True for the paper's temporal corruptions: what changes between the two frames matters."""
     paper_severities: ClassVar[tuple[Any, ...]]
+    source_key: ClassVar[str] = ""
+    """The name of `source` in a run's identity; empty where no file of the user's decides the result."""
 
     def __init__(self, variant: str = "default", severities: tuple[Any, ...] | None = None) -> None:
         """`severities` replaces the paper's five parameters (the calibrated scale does that); a None among them is a
         severity that does not exist."""
         if variant not in VARIANTS:
-            raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join(VARIANTS)}")
+            raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join((*VARIANTS, BGR))}")
         self.variant = variant
         self.severities = tuple(severities) if severities is not None else self.severities_of(variant)
 
@@ -67,7 +72,10 @@ class Corruption(ABC):
 
     @property
     def source(self) -> str:
-        """What names files of the user's that decide the result, for a run's identity; empty where there are none."""
+        """What names files of the user's that decide the result, for a run's identity; empty where there are none.
+
+        A class that overrides this also sets `source_key`.
+        """
         return ""
 
     @abstractmethod

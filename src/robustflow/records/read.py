@@ -13,7 +13,8 @@ from ..corruptions.api import STREAM_VERSION
 from ..errors import DataError
 from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION
 from ..runs.costs import PROFILE, parse_cost
-from ..runs.plan import IDENTITY_VERSION, identity_digest
+from ..runs.identity import identity_digest
+from ..runs.plan import IDENTITY_VERSION
 from ..text import plain
 from .container import LIMITS, read_container
 from .contents import Manifest, Record, check_version, validated
@@ -134,8 +135,8 @@ class Reader:
         read_json(self.entries["summary.json"], "summary.json")
         return f"{frame.height} rows of {frame['sample'].n_unique()} samples"
 
-    def unfold(self, folder: Path) -> None:
-        """Make a run folder of what was checked: under names of ours, and with the rows written anew.
+    def extract(self, folder: Path) -> None:
+        """Make a run folder of what was checked: under names of ours, and with the rows written again.
 
         Raises:
             DataError: the folder cannot be written.

@@ -23,19 +23,19 @@ from .tables import TABLES, build_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..runs.run import Result
+    from ..runs.run import Run
 
 ALL_TABLES = (*TABLES, "means", "effective", "anatomy", "observations")
 _MOST_NAMED = 4
 
 
-def results_of(runs: Sequence[Result], published: bool) -> pl.DataFrame:
+def results_of(runs: Sequence[Run], published: bool) -> pl.DataFrame:
     """Results of runs, after the published ones where wanted: `results.RESULT_SCHEMA`."""
     return pl.concat(([published_results()] if published else []) + [run_results(runs)])
 
 
 def tables_of(
-    runs: Sequence[Result], *, published: bool, wanted: Sequence[str] | None = None, seed: int = 0
+    runs: Sequence[Run], *, published: bool, wanted: Sequence[str] | None = None, seed: int = 0
 ) -> list[Table]:
     """Tables of runs.
 
@@ -86,7 +86,7 @@ def tables_of(
     return tables
 
 
-def figures_of(runs: Sequence[Result], *, published: bool) -> dict[str, Figure]:
+def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     """Every figure that the runs, and the published results where wanted, give."""
     from .figures import all_figures, displacement_figure
     from .figures.canvas import SERIES
@@ -99,7 +99,7 @@ def figures_of(runs: Sequence[Result], *, published: bool) -> dict[str, Figure]:
     return figures
 
 
-def _some(runs: Sequence[Result], table: str) -> Sequence[Result]:
+def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
     if not runs:
         raise UsageError(f"the table '{table}' is made from runs: name at least one")
     return runs

@@ -11,7 +11,9 @@ from typing import Any
 
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
+from ..corruptions.own import adopt
 from ..datasets.base import Clips, Dataset, PreCorrupted
+from ..datasets.context_frames import ContextFrames
 from ..errors import DataError, ModelError
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN, measure
@@ -27,10 +29,9 @@ from ..models.base import (
     predict_clip_checked,
 )
 from ..models.window import place_of_pair
-from ..runs.plan import Settings, Unit
-from ..runs.store import read_clean, write_clean
+from ..runs.clean_flows import read_clean, write_clean
+from ..runs.plan import RunOptions, Unit
 from ..sample import Flow, Frame, Sample
-from .clip import Surroundings
 
 
 @dataclass
@@ -72,21 +73,23 @@ class Worker:
         self,
         dataset: Dataset,
         model: AnyModel,
-        settings: Settings,
+        options: RunOptions,
         clean_path: Callable[[str], Path],
         on_predict: Callable[[str | None], None] = lambda what: None,
         batch_size: int = 1,
     ) -> None:
         self._dataset = dataset
         self._model = model
-        self._settings = settings
+        self._options = options
         self._clean_path = clean_path
         self._on_predict = on_predict
         self._batch_size = batch_size
-        self._surroundings = None
-        if settings.window is not None:
+        self._context = None
+        if options.window is not None:
             assert isinstance(dataset, Clips)
-            self._surroundings = Surroundings(dataset, settings.window)
+            self._context = ContextFrames(dataset, options.window)
+        for made in options.own:
+            adopt(made)
         self._corruptions: dict[str, Corruption] = {}
         self._loaded: _Loaded | None = None
         self.seconds = {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
@@ -126,8 +129,8 @@ class Worker:
             self._loaded = None  # let go of the last sample before the next one is read
             start = time.perf_counter()
             sample = self._dataset.load(key)
-            if self._surroundings is not None:
-                sample = self._surroundings.add(sample)
+            if self._context is not None:
+                sample = self._context.add(sample)
             if sample.valid is not None and not sample.valid.any():
                 raise DataError(
                     f"sample '{key}': its ground truth marks no pixel as valid, so no error can be measured; "
@@ -135,29 +138,29 @@ class Worker:
                 )
             regions = Regions.of(sample) if sample.flow is not None else None
             self.seconds["load"] += time.perf_counter() - start
-            path = self._clean_path(key)
-            clean = read_clean(path)
+            path, made_of = self._clean_path(key), f"{key} {frames_digest(sample.frames)}"
+            clean = read_clean(path, made_of)
             if clean is None:
                 (clean,) = self._predict([sample.frames], key, CLEAN, (0,))
-                write_clean(path, clean)
+                write_clean(path, clean, made_of)
             self._loaded = _Loaded(sample, regions, clean)
         return self._loaded
 
     def _corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         start = time.perf_counter()
-        paper = self._settings.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
+        paper = self._options.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
         if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
-            made = self._dataset if self._surroundings is None else self._surroundings
+            made = self._dataset if self._context is None else self._context
             frames = made.corrupted(sample.key, name, severity)
         else:
             if name not in self._corruptions:
-                self._corruptions[name] = load_corruption(name, self._settings.variant, self._settings.severity_scale)
+                self._corruptions[name] = load_corruption(name, self._options.variant, self._options.severity_scale)
             corruption = self._corruptions[name]
-            seed = self._settings.seed
-            if self._surroundings is not None:
-                frames = self._surroundings.corrupt(sample, corruption, severity, seed)
+            seed, common = self._options.seed, self._options.common_draws
+            if self._context is not None:
+                frames = self._context.corrupt(sample, corruption, severity, seed, common)
             else:
-                frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key))
+                frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common))
         self.seconds["corrupt"] += time.perf_counter() - start
         return frames
 
@@ -167,9 +170,9 @@ class Worker:
         """One call of the model for a batch; a single pair goes through `predict`."""
         start = time.perf_counter()
         self._on_predict(place(key, corruption, *severities))
-        if self._surroundings is not None:
+        if self._context is not None:
             flows = [
-                self._predict_clip(self._surroundings, frames, key, corruption, severity)
+                self._predict_clip(self._context, frames, key, corruption, severity)
                 for frames, severity in zip(pairs, severities, strict=True)
             ]
         elif len(pairs) > 1 and isinstance(self._model, BatchedFlowModel):
@@ -185,10 +188,10 @@ class Worker:
         return flows
 
     def _predict_clip(
-        self, surroundings: Surroundings, frames: tuple[Frame, ...], key: str, corruption: str, severity: int
+        self, context: ContextFrames, frames: tuple[Frame, ...], key: str, corruption: str, severity: int
     ) -> Flow:
         assert isinstance(self._model, ClipModel)
-        clip, index = surroundings.in_order(key, frames), place_of_pair(surroundings.offsets(key))
+        clip, index = context.in_order(key, frames), place_of_pair(context.offsets(key))
         return predict_clip_checked(self._model, clip, index, key, corruption, severity)
 
     def _row(
@@ -205,7 +208,7 @@ class Worker:
             severity=severity,
             frames_digest=digest,
         )
-        if row["n_invalid"] and not self._settings.allow_invalid:
+        if row["n_invalid"] and not self._options.allow_invalid:
             where = place(loaded.sample.key, corruption, severity)
             raise ModelError(
                 f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {where}; repair the model, "

@@ -15,7 +15,7 @@ from ..text import plain
 from .kept_file import KeptFile, parse_kept, read_kept
 
 if TYPE_CHECKING:
-    from .run import Result
+    from .run import Run
 
 PROFILE = "profile.json"
 _LARGEST = 1 << 16
@@ -70,7 +70,7 @@ def parse_cost(data: bytes, name: str) -> RunCost:
     return parse_kept(RunCost, data, name, _COMMAND)
 
 
-def read_cost(run: Result) -> RunCost | None:
+def read_cost(run: Run) -> RunCost | None:
     """The cost kept in a run's folder; None where nobody counted it.
 
     Raises:
@@ -79,7 +79,7 @@ def read_cost(run: Result) -> RunCost | None:
     return read_kept(RunCost, run, PROFILE, _LARGEST, _COMMAND)
 
 
-def check_model(run: Result, model: Mapping[str, Any]) -> None:
+def check_model(run: Run, model: Mapping[str, Any]) -> None:
     """Whether a model of this identity is the run's, but for its weights and how it is executed.
 
     Raises:
@@ -99,7 +99,7 @@ _FREE = {"checkpoint", "options", "device", "precision", "compile", "threads", "
 """What a model's identity names besides, and its cost does not depend on."""
 
 
-def write_cost(run: Result, cost: RunCost) -> Path:
+def write_cost(run: Run, cost: RunCost) -> Path:
     """Keep a cost in the folder of its run.
 
     Raises:

@@ -14,7 +14,7 @@ from ..metrics.rows import CLEAN
 from .kept_file import KeptFile, read_kept
 
 if TYPE_CHECKING:
-    from .run import Result
+    from .run import Run
 
 DISPLACEMENT = "displacement.json"
 GROUND_TRUTH = "ground truth"
@@ -53,7 +53,7 @@ class DisplacementFile(KeptFile):
         return pl.DataFrame({"low": self.low, "high": [*self.low[1:], math.inf], "share": share})
 
 
-def read_displacement(run: Result) -> DisplacementFile | None:
+def read_displacement(run: Run) -> DisplacementFile | None:
     """The histogram kept in a run's folder; None where there is none, or the run has other samples by now.
 
     Raises:
@@ -63,7 +63,7 @@ def read_displacement(run: Result) -> DisplacementFile | None:
     return found if found and found.samples == len(run.manifest["samples"]) else None
 
 
-def write_displacement(run: Result, table: pl.DataFrame) -> Path:
+def write_displacement(run: Run, table: pl.DataFrame) -> Path:
     """Keep the table of `displacement_histogram`, measured on a run's samples, in its folder.
 
     Raises:
@@ -81,6 +81,6 @@ def write_displacement(run: Result, table: pl.DataFrame) -> Path:
     return path
 
 
-def clean_digests(run: Result) -> dict[str, str]:
+def clean_digests(run: Run) -> dict[str, str]:
     """Sample -> digest of its clean frames, of every sample that a run has measured."""
     return dict(run.rows.filter(corruption=CLEAN).select("sample", "frames_digest").iter_rows())

@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 from typing import Any
 
 from ..datasets.base import Clips
+from ..datasets.context_frames import ContextFrames
 from ..errors import RunError
-from ..runner.clip import Surroundings
 from .environment import environment
-from .plan import Plan, identity_digest
-from .source import differing
+from .identity import differing, identity_digest
+from .plan import Plan
 from .store import RunFolder
 
 
@@ -23,7 +23,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     identity = plan.identity()
     old = folder.manifest() or {}
     if old and old["identity_digest"] != identity_digest(identity) and folder.rows().is_empty():
-        folder.drop_clean()
+        folder.keep_clean(())
         old = {}
     if old and old["identity_digest"] != identity_digest(identity):
         raise RunError(
@@ -67,11 +67,11 @@ def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[st
 
 def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
     """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
-    dataset, window = plan.benchmark.dataset, plan.settings.window
+    dataset, window = plan.benchmark.dataset, plan.options.window
     files = dataset.files(key)
     if window is not None:
         assert isinstance(dataset, Clips)
-        files = list(dict.fromkeys([*files, *Surroundings(dataset, window).files(key)]))
+        files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
     try:
         return [[path.name, path.stat().st_size] for path in files]
     except OSError as error:

@@ -12,12 +12,12 @@ from pathlib import Path
 
 from ..corruptions.api import corrupt_clip
 from ..corruptions.base import Corruption
-from ..datasets import DATASETS, dataset_facts
-from ..datasets.base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
 from ..errors import DataError, UsageError
 from ..models.base import AnyModel, ClipModel, FlowModel
 from ..models.window import Window, window_of
 from ..sample import Frame, Sample
+from . import DATASETS, dataset_facts
+from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
 
 
 def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
@@ -49,7 +49,7 @@ def _with_clips() -> str:
     return ", ".join(name if when == "always" else f"{name} {when}" for name, when in ordered)
 
 
-class Surroundings:
+class ContextFrames:
     """The frames of a window, on one data set.
 
     Frames travel as (frame 1, frame 2, those around them by ascending offset).
@@ -83,12 +83,20 @@ class Surroundings:
                 )
         return replace(sample, frames=(*sample.frames[:2], *around.values()))
 
-    def corrupt(self, sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
+    def corrupt(
+        self, sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool = False
+    ) -> tuple[Frame, ...]:
         """The frames of a sample from `add`, corrupted as one clip."""
         numbers = self._numbers(sample.key)
         first, clean = min(numbers), dict(zip(numbers, sample.frames, strict=True))
         clip = corrupt_clip(
-            (clean[first + place] for place in range(len(clean))), corruption, severity, seed, sample.key, first=first
+            (clean[first + place] for place in range(len(clean))),
+            corruption,
+            severity,
+            seed,
+            sample.key,
+            first=first,
+            common_draws=common_draws,
         )
         corrupted = dict(zip(sorted(numbers), clip, strict=True))
         return tuple(corrupted[number] for number in numbers)
