@@ -7,7 +7,6 @@ import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
 
 from ..datasets.base import FromClips
 from ..metrics.rows import CLEAN
@@ -15,29 +14,12 @@ from ..models import ModelSpec
 from ..runs.manifest import now, open_manifest
 from ..runs.plan import Plan, unfinished_samples
 from ..runs.store import RunFolder
-from .engines.base import FinishedUnit, Job
+from .engines.base import Job
 from .engines.choose import Engine
 from .kept_rows import kept_clean_rows
+from .progress import Progress
 from .resume_check import check_before_resuming
 from .setup import Setup
-
-
-class Progress(Protocol):
-    """Hears of every finished unit."""
-
-    def start(self, folder: Path, total: int, found: int) -> None: ...
-
-    def advance(self, done: FinishedUnit) -> None: ...
-
-
-class Silent:
-    """A `Progress` that shows nothing."""
-
-    def start(self, folder: Path, total: int, found: int) -> None:
-        """Nothing."""
-
-    def advance(self, done: FinishedUnit) -> None:
-        """Nothing."""
 
 
 def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
