@@ -18,7 +18,7 @@ from ..analysis.published.tables import COUNTED_SIZE, Cost, published_costs
 from ..errors import ModelError
 from ..models import load_model
 from ..models.catalog import methods
-from ..models.torch.network import RANDOM
+from ..models.torch.find_checkpoint import RANDOM
 from .counts import Counts, count
 from .network_of import network_of
 
