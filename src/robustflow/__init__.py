@@ -10,16 +10,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .api import evaluate
+    from .api import Result, evaluate, load_run
     from .corruptions import corrupt, corrupt_clip
     from .datasets import load_dataset
     from .errors import RobustFlowError
     from .flowio import read_flow, write_flow
     from .models import load_model
     from .models.torch.user_model import TorchModel
-    from .records.load import load_run
     from .report.comparison import Comparison, compare
-    from .runs.run import Result
     from .sample import Sample
 
 __version__ = "0.1.0"
@@ -27,7 +25,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Comparison": "report.comparison",
     "compare": "report.comparison",
-    "load_run": "records.load",
+    "load_run": "api",
     "corrupt": "corruptions",
     "corrupt_clip": "corruptions",
     "load_dataset": "datasets",
@@ -37,7 +35,7 @@ _HOMES = {
     "load_model": "models",
     "TorchModel": "models.torch.user_model",
     "evaluate": "api",
-    "Result": "runs.run",
+    "Result": "api",
     "Sample": "sample",
 }
 

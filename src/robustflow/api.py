@@ -1,56 +1,86 @@
-"""Run a model over a benchmark: plan, compute what is missing, write rows, summarise."""
+"""What the package's root offers of runs: evaluate a model, read a run, compare runs; the one place that both runs
+and reports."""
 
 from __future__ import annotations
 
-import re
-import time
 import warnings
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from .benchmarks import Benchmark, load_benchmark
-from .corruptions import load_corruption
-from .datasets.base import Dataset, FromClips
-from .errors import RobustFlowError, UsageError, unknown_name
+from .benchmarks import Benchmark
+from .errors import RobustFlowError
 from .models import ModelSpec
-from .models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity
-from .models.loading import as_model
-from .models.provenance import DECLARED, Training, training_of
-from .models.window import Window
-from .runner.clip import window_on
-from .runner.displacement import keep_displacement
-from .runner.engines.base import Done, Job
-from .runner.engines.processes import processes, refuse_unguarded_script
-from .runner.engines.serial import serial
-from .runner.examples import write_examples
-from .runner.same_model import check_same_model
-from .runs.example_record import are_current, drop_examples
-from .runs.manifest import now, open_manifest
-from .runs.plan import Plan, Settings, Unit, left_out_sentence
-from .runs.run import Result
-from .runs.source import Source
-from .runs.store import RunFolder
+from .models.base import AnyModel
+from .records.load import load_run as load_any_run
+from .report.site.write import write_report
+from .runs.costs import RunCost, read_cost
+from .runs.run import Run
+from .text import plain
 
-ENGINES = ("serial", "processes")
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from .report.comparison import Comparison
+    from .runner.fill import Progress
+    from .runner.setup import Setup
 
 
-class Progress(Protocol):
-    """Told what happens; the command line shows it, a library user may ignore it."""
+class Result(Run):
+    """A run, with what is made of it: comparisons, figures and pages.
 
-    def start(self, folder: Path, total: int, found: int) -> None: ...
+    Args:
+        folder: the run's folder.
 
-    def advance(self, done: Done) -> None: ...
+    Raises:
+        RunError: no run there, or one that this version cannot read.
+    """
+
+    @property
+    def cost(self) -> RunCost | None:
+        """What one prediction of the model costs, where `robustflow profile MODEL --into RUN` counted it."""
+        return read_cost(self)
+
+    def compare(self, other: Run, *, level: float = 0.95, resamples: int = 4999, seed: int = 0) -> Comparison:
+        """Whether this run differs from another over the same frames; see `robustflow.compare`."""
+        from .report.comparison import compare
+
+        return compare(self, other, level=level, resamples=resamples, seed=seed)
+
+    def plot(self, kind: str = "severity", metric: str = "rcre", others: Sequence[Run] = ()) -> Figure:
+        """A figure of this run, and of others beside it; see `robustflow.report.notebook.plot` for the kinds."""
+        from .report.notebook import plot
+
+        return plot([self, *others], kind, metric)
+
+    def __repr__(self) -> str:
+        return f"<Result of {plain(self.name)} on {plain(str(self.manifest['identity']['benchmark']))}, {self.path}>"
+
+    def _repr_html_(self) -> str:
+        from .report.notebook import result_html
+
+        return result_html(self)
+
+    def write_summary(self) -> None:
+        """Write `summary.json` and `report.html` into the run's folder."""
+        self.write_means()
+        self.write_report()
+
+    def write_report(self) -> None:
+        """Write `report.html`, with the examples that are there."""
+        write_report(self)
 
 
-class _Silent:
-    def start(self, folder: Path, total: int, found: int) -> None:
-        pass
+def load_run(path: str | Path) -> Result:
+    """The run of a folder that `run` wrote, or of a record that `pack` wrote.
 
-    def advance(self, done: Done) -> None:
-        pass
+    A record is verified first; its run lies in a temporary folder that goes when the result is no longer used.
+
+    Raises:
+        RunError: no run there, one that this version cannot read, or a record that does not verify.
+        DataError: the file cannot be read.
+    """
+    return load_any_run(path, Result)
 
 
 def evaluate(
@@ -86,7 +116,7 @@ def evaluate(
         data: the data set's folder, for benchmarks that need one.
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default.
         corruptions, severities, limit: run only these; a later call with others adds to the same folder.
-        split: a file naming the samples to use, one key a line.
+        split: a file naming the samples to use, one key a line; or "drive-disjoint", of KITTI 2015.
         data_options: of a dataset, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.
         variant: of the corruptions: "default", "reference" or "paper".
@@ -114,135 +144,48 @@ def evaluate(
     ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
+    from .runner.engines.choose import choose_engine
+    from .runner.engines.processes import refuse_unguarded_script
+    from .runner.fill import Silent, default_folder, fill
+    from .runner.setup import open_benchmark, set_up
+    from .runs.source import Source
+    from .runs.store import RunFolder
+
     refuse_unguarded_script()
-    chosen = load_benchmark(benchmark, data, split, data_options) if isinstance(benchmark, str) else benchmark
-    if isinstance(chosen.dataset, FromClips):
-        chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
-    chosen = chosen.narrowed(corruptions, severities, limit)
-    for name in chosen.corruptions:
-        load_corruption(name, variant, severity_scale)
-    if chosen.closed and severity_scale != "paper":
-        raise UsageError(
-            "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
-            "or give the uncorrupted data"
-        )
-    spec, identity, training, window = _identify(model, chosen.dataset, batch_size)
-    psf_source = load_corruption("psf_blur", variant).source
-    settings = Settings(seed, variant, allow_invalid, severity_scale, psf_source, window)
-    plan = Plan(chosen, settings, identity, training.record(chosen.name))
-    if plan.left_out() and len(plan.units()) == len(chosen.keys):
-        raise UsageError(
-            f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"
-        )
-    run = _engine(engine, workers, timeout)
-    folder = RunFolder(output if output is not None else _default_output(plan, spec))
+    chosen = open_benchmark(benchmark, data, split, data_options, variant).narrowed(corruptions, severities, limit)
+    setup = set_up(
+        model, chosen, seed=seed, variant=variant, severity_scale=severity_scale, allow_invalid=allow_invalid
+    )
+    setup.model.check_batch_size(batch_size)
+    compute = choose_engine(engine, workers, timeout)
+    folder = RunFolder(output if output is not None else default_folder(setup.plan, setup.model.spec))
     folder.lock()
     try:
-        job = Job(chosen.dataset, spec, plan.settings, folder.path, batch_size)
-        _fill(folder, plan, job, run, progress or _Silent())
+        fill(folder, setup, compute, batch_size, progress or Silent())
         if isinstance(benchmark, str):
-            named = spec if isinstance(spec, ModelSpec) else None
-            Source(named, Path(data) if data is not None else None, data_options or {}).write(folder.path)
-        _draw(Result(folder.path), job, chosen, examples)
+            Source(setup.model.spec, Path(data) if data is not None else None, data_options or {}).write(folder.path)
+        _draw(Result(folder.path), setup, examples)
     finally:
         folder.unlock()
     return Result(folder.path)
 
 
-def _draw(result: Result, job: Job, benchmark: Benchmark, wanted: bool) -> None:
+def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     """The example pictures, when the numbers are safe: nothing that happens here costs a run its rows."""
+    from .runner.displacement import keep_displacement
+    from .runner.examples import write_examples
+    from .runs.example_record import are_current, drop_examples
+
     result.write_means()
     try:
         if wanted:
-            keep_displacement(result, benchmark)
+            keep_displacement(result, setup.plan.benchmark)
         if are_current(result):
             return
         drop_examples(result.path)
         if wanted:
-            model = job.model.load() if isinstance(job.model, ModelSpec) else job.model
-            write_examples(result, job.dataset, model, job.settings)
+            write_examples(result, setup)
     except RobustFlowError as error:
         warnings.warn(f"no example pictures: {error}", stacklevel=3)
     finally:
         result.write_report()
-
-
-def _fill(
-    folder: RunFolder,
-    plan: Plan,
-    job: Job,
-    run: Callable[[Job, list[Unit]], Iterator[Done]],
-    progress: Progress,
-) -> None:
-    manifest = open_manifest(folder, plan)
-    if not isinstance(job.model, ModelSpec) and "object" in plan.model_identity:
-        check_same_model(folder, job, plan.benchmark.keys)
-    folder.write_manifest(manifest)
-    units = plan.missing(folder.cells())
-    progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
-    left = Counter(unit.key for unit in units)
-    seconds: dict[str, float] = dict(manifest.get("seconds", {}))
-    start = time.perf_counter()
-    for done in run(job, units):
-        folder.write_rows(done.unit, done.rows)
-        left[done.unit.key] -= 1
-        if not left[done.unit.key]:
-            folder.clean_path(done.unit.key).unlink(missing_ok=True)
-            folder.merge(done.unit.key)
-        for kind, spent in done.seconds.items():
-            seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
-        progress.advance(done)
-    seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
-    if isinstance(job.dataset, FromClips):
-        manifest["clips"] = job.dataset.clip_records()
-    folder.write_manifest({**manifest, "seconds": seconds, "finished": now()})
-
-
-def _identify(
-    model: Any, dataset: Dataset, batch_size: int
-) -> tuple[ModelSpec | AnyModel, dict[str, Any], Training, Window | None]:
-    if isinstance(model, str | Path):
-        model = ModelSpec(str(model))
-    if isinstance(model, ModelSpec):
-        loaded = model.load()
-        identity = model.identity(loaded)
-        _check_batch_size(batch_size, loaded)
-        declared = dict(model.options).get(DECLARED, getattr(loaded, DECLARED, None))
-        return model, identity, training_of(identity, declared), window_on(loaded, dataset)
-    found = as_model(model, f"the model {model!r}")
-    _check_batch_size(batch_size, found)
-    identity = model_identity(found)
-    return found, identity, training_of(identity, getattr(found, DECLARED, None)), window_on(found, dataset)
-
-
-def _check_batch_size(batch_size: int, model: AnyModel) -> None:
-    if batch_size < 1:
-        raise UsageError(f"a batch of {batch_size} pairs cannot be predicted: give 1 or more")
-    if batch_size > 1 and isinstance(model, ClipModel):
-        raise UsageError("a multi-frame model predicts one clip at a time; leave out --batch-size")
-    if batch_size > 1 and not isinstance(model, BatchedFlowModel):
-        raise UsageError(
-            "this model predicts one pair at a time (it has no method predict_batch); leave out --batch-size"
-        )
-
-
-def _engine(name: str | None, workers: int, timeout: float | None) -> Callable[[Job, list[Unit]], Iterator[Done]]:
-    if workers < 1:
-        raise UsageError(f"{workers} workers cannot work: give 1 or more")
-    if timeout is not None and timeout <= 0:
-        raise UsageError(f"a timeout of {timeout:g} s lets no model answer: give more than 0")
-    if name is None:
-        name = "processes" if workers > 1 or timeout is not None else "serial"
-    if name not in ENGINES:
-        raise unknown_name("engine", name, ENGINES)
-    if name == "processes":
-        return lambda job, units: processes(job, units, max(1, min(workers, len(units))), timeout)
-    if workers > 1 or timeout is not None:
-        raise UsageError("the serial engine has one worker and cannot stop a model that hangs; use --engine processes")
-    return serial
-
-
-def _default_output(plan: Plan, model: Any) -> Path:
-    name = model.name if isinstance(model, ModelSpec) else plan.model_identity.get("name", "model")
-    slug = re.sub(r"[^A-Za-z0-9_.-]+", "-", str(name)).strip("-.")[-40:] or "model"
-    return Path("runs") / f"{plan.benchmark.name}_{slug}_{plan.digest()[:8]}"

@@ -23,3 +23,23 @@ def plain(text: str, longest: int | None = LONGEST_NAME) -> str:
     spaced = " ".join(str(text).split())
     clean = "".join("\ufffd" if unicodedata.category(c)[0] == "C" else c for c in spaced)
     return clean if longest is None or len(clean) <= longest else clean[: longest - 1] + "…"
+
+
+def name_text(name: str) -> str:
+    """A name for a label. A dollar sign would begin a formula, and a leading underscore hide a legend's entry.
+
+    >>> name_text("a$b$"), name_text("_x")
+    ('a\\\\$b\\\\$', '\\u200a_x')
+    """
+    text = plain(name, 40).replace("$", r"\$")
+    return f"\u200a{text}" if text.startswith("_") else text
+
+
+def text_cell(text: str) -> str:
+    """A text that no spreadsheet takes for a formula: one that would be run is preceded by an apostrophe.
+
+    >>> text_cell("=HYPERLINK(1)"), text_cell("RAFT")
+    ("'=HYPERLINK(1)", 'RAFT')
+    """
+    clean = plain(text, 300)
+    return f"'{clean}" if clean[:1] in ("=", "+", "-", "@") else clean

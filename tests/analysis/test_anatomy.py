@@ -6,8 +6,8 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.anatomy import broken_pixels, by_family, by_region, by_severity
-from robustflow.metrics.aggregate import summarize
 from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
+from robustflow.runs.aggregate import summarize
 
 _PIXELS = 1000
 

@@ -12,13 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.analysis.audit import CHECKS, Audit, audit, audit_published, audit_results
+from robustflow.analysis.audit import CHECKS, Audit, audit_published, audit_results
 from robustflow.analysis.audit.row_rules import RULES
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results import AVERAGE, CLEAN, parse_results
 from robustflow.api import evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.errors import RunError
+from robustflow.records.audit import audit
 
 _FOUND = audit_published()
 

@@ -9,12 +9,11 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.scores import note_of, run_names, run_results, sample_set, setting_of
-from robustflow.api import evaluate
+from robustflow.api import Result, evaluate
 from robustflow.errors import UsageError
 from robustflow.images.io import write_image
 from robustflow.report.assemble import ALL_TABLES, figures_of, results_of, tables_of
 from robustflow.report.render import FORMATS, render
-from robustflow.runs.run import Result
 
 
 class Still:

@@ -17,7 +17,7 @@ from robustflow.analysis.uncertainty.estimates import weighted_means
 from robustflow.analysis.uncertainty.holm import holm
 from robustflow.analysis.uncertainty.sums import ClusterSums
 from robustflow.errors import RunError, UsageError
-from robustflow.metrics.aggregate import summarize
+from robustflow.runs.aggregate import summarize
 
 from .simulated import Truth, rows_of
 

@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.api import evaluate
+from robustflow.api import Result, evaluate
 from robustflow.report.comparison import compare
 from robustflow.report.render import render
-from robustflow.runs.run import Result
 
 
 @pytest.fixture(scope="module")

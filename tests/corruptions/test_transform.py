@@ -219,3 +219,15 @@ def test_the_guides_example_runs():
     np.testing.assert_array_equal(
         names["same"], names["transform"]((names["frame1"], names["frame2"]), key="epoch 3/sample 17")
     )
+
+
+def test_psf_blur_takes_a_second_and_is_no_default():
+    assert set(IMAGE_PAIR) - set(CorruptionTransform().names) == {"psf_blur"}
+    assert CorruptionTransform(["psf_blur"]).names == ("psf_blur",)
+
+
+def test_repr_says_what_differs_from_the_defaults():
+    assert repr(CorruptionTransform(probability=0.5)) == (
+        "CorruptionTransform(names=the default, severities=[1, 2, 3, 4, 5], probability=0.5, seed=0)"
+    )
+    assert repr(CorruptionTransform(["fog"], variant="reference")).endswith("seed=0, variant='reference')")

@@ -53,7 +53,7 @@ def test_kitti(tmp_path: Path, name: str, images: str) -> None:
         assert not sample.occluded[:, 1:].any()
         assert not sample.occluded[~sample.valid].any()
         assert sample.meta == {"ground_truth": "occ"}
-        assert sample.group == "000010"
+        assert sample.group == {"kitti2015": "2011_09_26_drive_0009", "kitti2012": "2011_09_30_drive_0033"}[name]
 
 
 def test_kitti_with_one_kind_of_map(tmp_path: Path) -> None:

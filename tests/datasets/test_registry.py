@@ -1,4 +1,4 @@
-"""Every dataset has a name, metadata that fits, and options that are checked."""
+"""Every data set opens by its name, and its options are checked."""
 
 from __future__ import annotations
 
@@ -6,22 +6,8 @@ import pickle
 
 import pytest
 
-from robustflow.datasets import DATASETS, Dataset, PreCorrupted, load_dataset
-from robustflow.datasets.metadata import METADATA
+from robustflow.datasets import Dataset, PreCorrupted, load_dataset
 from robustflow.errors import AssetError, UsageError
-
-
-def test_metadata_for_every_built_in_dataset() -> None:
-    ours = [name for name in DATASETS.names() if DATASETS.get(name).__module__.startswith("robustflow.")]
-    assert set(METADATA) == set(ours)
-    for entry in METADATA.values():
-        assert "://" not in entry.model_dump_json()
-
-
-def test_ground_truth_as_the_metadata_says() -> None:
-    for name, entry in METADATA.items():
-        target = DATASETS.get(name)
-        assert getattr(target, "has_flow", False) == (entry.ground_truth != "none"), name
 
 
 def test_motorcycle_is_a_dataset() -> None:

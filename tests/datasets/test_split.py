@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.datasets.split import KITTI_SPLIT_SEED, kitti_split, read_split
-from robustflow.errors import DataError
+from robustflow.datasets.kitti_drives import drives, related
+from robustflow.datasets.split import KITTI_SPLIT_SEED, drive_disjoint_split, kitti_split, read_split, selected
+from robustflow.errors import DataError, UsageError
 
 KEYS = [f"{number:06d}" for number in range(200)]
 
@@ -37,6 +38,38 @@ def test_the_seed_matters_and_the_default_is_fixed() -> None:
 @given(count=st.integers(1, 199))
 def test_fewer_than_200_pairs_are_all_evaluated(count: int) -> None:
     assert kitti_split(KEYS[:count]) == (KEYS[:count], [])
+
+
+def test_no_drive_is_on_both_sides_of_the_drive_disjoint_split() -> None:
+    """The default split fails this: 45 of its 56 evaluated pairs with a known drive share it with a training pair."""
+    for seed in range(5):
+        evaluation, training = drive_disjoint_split(KEYS, seed)
+        assert (len(evaluation), len(training)) == (80, 120)
+        assert sorted(evaluation + training) == KEYS
+        assert not related(evaluation, training)
+    assert len(related(*kitti_split(KEYS))) == 45
+    known = drives("kitti2015")
+    assert len({known[key] for key in drive_disjoint_split(KEYS).evaluation if key in known}) >= 10
+
+
+def test_the_drive_disjoint_split_is_fixed() -> None:
+    """Golden: its first pairs."""
+    assert [int(key) for key in drive_disjoint_split(KEYS).evaluation[:8]] == [0, 1, 4, 5, 6, 22, 23, 24]
+    some = KEYS[::3]
+    assert drive_disjoint_split(some).evaluation == [k for k in some if k in drive_disjoint_split(KEYS).evaluation]
+
+
+def test_a_split_by_name(tmp_path: Path) -> None:
+    assert selected("drive-disjoint", KEYS, "kitti2015") == drive_disjoint_split(KEYS).evaluation
+    path = tmp_path / "split.txt"
+    path.write_text("000010")
+    assert selected(path, KEYS, "kitti2015") == ["000010"]
+    with pytest.raises(UsageError, match="split of KITTI 2015, not of sintel"):
+        selected("drive-disjoint", KEYS, "sintel")
+    with pytest.raises(UsageError, match="not of kitti_fc"):
+        selected("drive-disjoint", KEYS, "kitti_fc")
+    with pytest.raises(DataError, match="none of these 1 pairs"):
+        selected("drive-disjoint", drive_disjoint_split(KEYS).training[:1], "kitti2015")
 
 
 def test_keys_one_per_line(tmp_path: Path) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from robustflow.api import evaluate
+from robustflow.api import Result, evaluate
 from robustflow.records.pack import record_bytes
-from robustflow.runs.run import Result
 
 
 @pytest.fixture(scope="session")

@@ -14,17 +14,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.analysis.audit import audit
-from robustflow.api import evaluate
+from robustflow.api import Result, evaluate
 from robustflow.atomic import json_bytes
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
+from robustflow.records.audit import audit
 from robustflow.records.contents import shareable_manifest
 from robustflow.records.load import is_record, load_run
 from robustflow.records.pack import pack, record_bytes
 from robustflow.records.rows_text import rows_from_text, rows_to_text
 from robustflow.records.verify import verify
-from robustflow.runs.run import Result
 
 from .forge import entries_of, with_json
 

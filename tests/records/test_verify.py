@@ -17,7 +17,7 @@ from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.records.container import container_bytes
 from robustflow.records.pack import record_bytes
 from robustflow.records.verify import CHECKS, verify
-from robustflow.runs.plan import identity_digest
+from robustflow.runs.identity import identity_digest
 
 from .forge import entries_of, failure, sealed, verified, with_json, with_rows
 

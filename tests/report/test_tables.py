@@ -5,11 +5,11 @@ from __future__ import annotations
 import polars as pl
 import pytest
 
+from robustflow.analysis.cost_ranks import cost_ranks
 from robustflow.analysis.published.tables import published_costs, published_results
 from robustflow.analysis.ranking import average_ranks, competition_ranks
 from robustflow.analysis.results import RESULT_SCHEMA, parse_results
 from robustflow.errors import UsageError
-from robustflow.report.cost_table import cost_ranks
 from robustflow.report.tables import TABLES, build_table
 
 _SETTING = {"Knowledge-driven": "knowledge", "Out-of-domain (OOD)": "OOD", "In-domain (ID)": "ID"}

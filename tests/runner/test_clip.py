@@ -162,11 +162,12 @@ def test_video_and_folder_from_the_command_line(tmp_path, models_on_path, monkey
 
 
 def test_example_pictures_are_drawn_from_the_clip(whole, folder, tmp_path, models_on_path):
-    from robustflow.runs.source import Source, set_up_again
+    from robustflow.runner.setup import set_up_again
+    from robustflow.runs.source import Source
 
-    _, model, settings = set_up_again(whole, Source.read(whole.path))
-    assert settings.window == Window(2, 1)
-    assert model_identity(model)["object"].endswith("FiveFrames")
+    setup = set_up_again(whole, Source.read(whole.path))
+    assert setup.settings.window == Window(2, 1)
+    assert model_identity(setup.model.model)["object"].endswith("FiveFrames")
     drawn = run(MODEL, folder, tmp_path / "drawn", examples=True)
     assert list((drawn.path / "examples").iterdir())
 
@@ -193,7 +194,7 @@ def test_another_window_is_another_run(folder, tmp_path):
 def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(tmp_path):
     chosen = {"corruptions": ["contrast"], "severities": [1]}
     with pytest.raises(
-        UsageError, match="sees 5 frames, and 'motorcycle' holds pairs only; data with clips: folder"
+        UsageError, match=r"sees 5 frames, and 'motorcycle' holds pairs only; data with clips: sintel, .*folder"
     ) as e:
         rf.evaluate(Recorder(), "demo", output=tmp_path / "run", **chosen)
     assert "\n" not in str(e.value)

@@ -16,7 +16,8 @@ from robustflow.errors import RunError
 from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
 from robustflow.runner import examples as examples_module
-from robustflow.runs.source import Source, set_up_again
+from robustflow.runner.setup import set_up_again
+from robustflow.runs.source import Source
 from robustflow.runs.store import RunFolder
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))

@@ -55,7 +55,7 @@ def test_changed_rows(run, change, says):
         ({"protocol": {"frames": "released"}}, "data options of the run"),
         ({"dataset": "kitti2015"}, "data options of the run"),
         ({"severity_scale": "calibrated 0000"}, "not those of this version"),
-        ({"psf": "reference 00"}, "other PSFs"),
+        ({"psf": "reference 00"}, "other files"),
     ],
 )
 def test_changed_identities(run, change, says):

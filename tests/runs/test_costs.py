@@ -9,14 +9,13 @@ import shutil
 import numpy as np
 import pytest
 
-from robustflow.api import evaluate
+from robustflow.api import Result, evaluate
 from robustflow.errors import RunError, UsageError
 from robustflow.records.load import load_run
 from robustflow.records.pack import pack
 from robustflow.report.assemble import tables_of
 from robustflow.report.site.content import whole_content
 from robustflow.runs.costs import PROFILE, RunCost, check_model, read_cost, write_cost
-from robustflow.runs.run import Result
 
 
 class Shifted:

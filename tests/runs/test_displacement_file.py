@@ -12,6 +12,7 @@ import polars as pl
 import pytest
 
 import robustflow as rf
+from robustflow.analysis.displacements import displacements_of
 from robustflow.benchmarks import load_benchmark
 from robustflow.errors import RunError, UsageError
 from robustflow.flowio import write_flow
@@ -20,7 +21,7 @@ from robustflow.report.assemble import figures_of
 from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
 from robustflow.runner.displacement import displacement_histogram
-from robustflow.runs.displacement_file import displacements_of, read_displacement, write_displacement
+from robustflow.runs.displacement_file import read_displacement, write_displacement
 
 CELL = {"corruptions": ["contrast"], "severities": [1]}
 

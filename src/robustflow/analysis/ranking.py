@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from typing import TypeVar
 
+from scipy.stats import rankdata
+
 Name = TypeVar("Name", bound=Hashable)
 
 
@@ -19,8 +21,7 @@ def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
     >>> competition_ranks({"a": 2.0, "b": 1.0, "c": 2.0, "d": 3.0})
     {'a': 2, 'b': 1, 'c': 2, 'd': 4}
     """
-    ordered = sorted(values.values())
-    return {name: ordered.index(value) + 1 for name, value in values.items()}
+    return dict(zip(values, map(int, rankdata(list(values.values()), method="min")), strict=True))
 
 
 def average_ranks(*rankings: Mapping[Name, int]) -> dict[Name, int]:

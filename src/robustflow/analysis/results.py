@@ -20,7 +20,7 @@ import polars as pl
 from ..corruptions.stack import parse_stack
 from ..errors import DataError, UsageError
 from ..metrics.rows import CLEAN
-from ..report.render.csv import text_cell
+from ..text import text_cell
 
 AVERAGE = "average"
 METRICS = ("epe", "cre", "rcre", "crer")

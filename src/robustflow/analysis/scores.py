@@ -17,7 +17,7 @@ from .published.tables import PAPER_PAIRS
 from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA
 
 if TYPE_CHECKING:
-    from ..runs.run import Result
+    from ..runs.run import Run
 
 OWN = "own"
 """The setting of a run whose model does not say what it was trained on."""
@@ -28,7 +28,7 @@ _OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", 
 _OF_BENCHMARK = {"kitti-fc": IMAGE_PAIR, "gopro-fc": PAPER_ORDER}
 
 
-def run_results(runs: Sequence[Result]) -> pl.DataFrame:
+def run_results(runs: Sequence[Run]) -> pl.DataFrame:
     """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average: columns of `results.RESULT_SCHEMA`.
 
     Runs of one `sample_set` measured the same frames under the same corruptions, so their values can be compared;
@@ -50,7 +50,7 @@ def run_results(runs: Sequence[Result]) -> pl.DataFrame:
     return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
 
 
-def run_names(runs: Sequence[Result]) -> list[str]:
+def run_names(runs: Sequence[Run]) -> list[str]:
     """A name for each run, no two alike: the model's, with what is needed to tell it from the others of this name, the
     benchmark, or the run's digest (and a number)."""
     of_model = Counter(run.name for run in runs)
@@ -72,12 +72,12 @@ def run_names(runs: Sequence[Result]) -> list[str]:
     return names
 
 
-def setting_of(run: Result) -> str:
+def setting_of(run: Run) -> str:
     """The setting of a run, by what its model has seen; "own" where nobody said what that is."""
     return OWN if run.setting == "undeclared" else run.setting
 
 
-def sample_set(run: Result) -> str:
+def sample_set(run: Run) -> str:
     """Names what was measured on: frames, corruptions and severities, their scale, seed and variant; not the model.
 
     Samples of other data may have the same names; the digests of the clean frames tell them apart. A run of which
@@ -94,7 +94,7 @@ def sample_set(run: Result) -> str:
     return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
 
 
-def note_of(run: Result) -> str:
+def note_of(run: Run) -> str:
     """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities."""
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples

@@ -10,6 +10,7 @@ from ..corruptions import SEVERITIES, load_corruption
 from ..corruptions.base import check_severity
 from ..datasets.base import Dataset
 from ..errors import UsageError
+from .facts import NEUTRAL, BenchmarkFacts
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Benchmark:
         severities: 1 to 5 unless narrowed.
         protocol: whatever else decides the numbers (which split, which ground truth), for the run's identity.
         closed: the corrupted frames come from files, so no other corruption or severity can be asked for.
+        facts: title, whether there is ground truth, what the paper measured.
     """
 
     name: str
@@ -33,6 +35,7 @@ class Benchmark:
     severities: tuple[int, ...] = SEVERITIES
     protocol: dict[str, Any] = field(default_factory=dict)
     closed: bool = False
+    facts: BenchmarkFacts = NEUTRAL
 
     def narrowed(
         self,

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from ..corruptions import IMAGE_PAIR
-from ..datasets import PreCorrupted, load_dataset
-from ..datasets.split import read_split
+from ..datasets import PreCorrupted, dataset_facts, load_dataset
+from ..datasets.split import selected
 from ..errors import UsageError
 from .base import Benchmark
+from .facts import facts_of_dataset
 
 
 def from_dataset(name: str, data: Path | None, split: Path | None, options: dict[str, Any]) -> Benchmark:
@@ -19,9 +20,10 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
         UsageError: a dataset that is a benchmark of its own, an option it does not know, or a root missing.
         DataError: the folder is not in the dataset's layout.
     """
-    dataset = load_dataset(name, data, **options)
+    dataset, facts = load_dataset(name, data, **options), dataset_facts(name)
     if isinstance(dataset, PreCorrupted):
-        raise UsageError(f"the frames of '{name}' are corrupted already: use --benchmark {name.replace('_', '-')}")
-    keys = read_split(split, dataset.keys()) if split else dataset.keys()
+        instead = f": use --benchmark {facts.benchmark}" if facts.benchmark else ""
+        raise UsageError(f"the frames of '{name}' are corrupted already{instead}")
+    keys = selected(split, dataset.keys(), name) if split else dataset.keys()
     protocol = {"options": {key: str(value) for key, value in sorted(options.items())}} if options else {}
-    return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol)
+    return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=facts_of_dataset(facts))

@@ -8,11 +8,24 @@ from ..corruptions import IMAGE_PAIR
 from ..datasets import load_dataset
 from ..errors import UsageError
 from .base import Benchmark
+from .facts import BenchmarkFacts
 
 
-def demo(data: Path | None, split: Path | None) -> Benchmark:
+class Demo:
     """The Middlebury 2014 motorcycle pair (741 x 500); its ground truth is disparity, so all motion is horizontal."""
-    if data is not None or split is not None:
-        raise UsageError("the demo benchmark brings its own pair: leave out --data and --split, or name a --benchmark")
-    dataset = load_dataset("motorcycle", None)
-    return Benchmark("demo", dataset, tuple(dataset.keys()), IMAGE_PAIR)
+
+    facts = BenchmarkFacts(
+        title="demo",
+        description="One real pair with ground truth that comes with the installation.",
+        training_set="middlebury",
+    )
+
+    @staticmethod
+    def open(data: Path | None, split: Path | None) -> Benchmark:
+        """See `Definition.open`."""
+        if data is not None or split is not None:
+            raise UsageError(
+                "the demo benchmark brings its own pair: leave out --data and --split, or name a --benchmark"
+            )
+        dataset = load_dataset("motorcycle", None)
+        return Benchmark("demo", dataset, tuple(dataset.keys()), IMAGE_PAIR, facts=Demo.facts)

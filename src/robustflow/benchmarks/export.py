@@ -16,6 +16,7 @@ from ..atomic import make_folder, write_json
 from ..corruptions import Corruption, corrupt_clip, load_corruption
 from ..corruptions.api import STREAM_VERSION
 from ..corruptions.calibration.scale import calibration_digest
+from ..corruptions.sources import user_sources
 from ..corruptions.stack import levels_of
 from ..datasets.released import DISK_NAMES
 from ..errors import DataError, RunError
@@ -53,9 +54,8 @@ def export(
     """
     scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
     corruptions = [load_corruption(name, variant, severity_scale) for name in benchmark.corruptions]
-    psf = {"psf": source} if (source := load_corruption("psf_blur", variant).source) else {}
     settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
-    _claim(output, settings | scale | psf)
+    _claim(output, settings | scale | user_sources(variant))
     for key in benchmark.keys:
         if "/" in key or key.startswith("."):
             raise DataError(f"sample '{key}' cannot be written in the KITTI layout, whose files have no folders")

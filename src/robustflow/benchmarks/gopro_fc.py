@@ -4,45 +4,61 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..corruptions import PAPER_ORDER
-from ..datasets.gopro_fc import GoProFC, is_prepared, prepare_video, slow_blur
-from ..datasets.gopro_fc_released import GoProFCReleased
 from ..errors import DataError, UsageError
 from .base import Benchmark
-from .released import released
+from .facts import BenchmarkFacts
+
+if TYPE_CHECKING:
+    from ..datasets.gopro_fc import GoProFC as Prepared
 
 
-def gopro_fc(data: Path | None, split: Path | None) -> Benchmark:
+class GoProFC:
     """GoPro-FC from a folder that `robustflow prepare gopro-fc` made, from the released one, or from one video file.
 
     A video is taken as it is: no interpolation, key frames 1/30 s apart, prepared once in the user's cache folder.
-
-    Raises:
-        UsageError: no data, or a split (it has none).
-        DataError: none of the three.
     """
-    if data is None:
-        raise UsageError(
-            "gopro-fc needs data: give --data PATH (a folder made by robustflow prepare gopro-fc, the released "
-            "GoPro-FC, or a video file)"
-        )
-    if split is not None:
-        raise UsageError("gopro-fc has no split: leave out --split")
-    if data.is_file():
-        return _prepared(GoProFC(prepare_video(data)))
-    if is_prepared(data):
-        return _prepared(GoProFC(data))
-    if (data / "clean").is_dir():
-        dataset = GoProFCReleased(data)
-        return released("gopro-fc", dataset, dataset.keys())
-    raise DataError(
-        f"{data}: neither a prepared nor the released GoPro-FC; make it with robustflow prepare gopro-fc "
-        f"--data {data} --output PREPARED, then give --data PREPARED"
+
+    facts = BenchmarkFacts(
+        title="GoPro-FC",
+        description="Small displacements of hand-held recordings under all 24 corruptions, without ground truth.",
+        data="a folder made by robustflow prepare gopro-fc, the released GoPro-FC, or a video file",
+        has_flow=False,
+        published=True,
+        paper_corruptions=PAPER_ORDER,
+        training_set="gopro",
     )
 
+    @staticmethod
+    def open(data: Path | None, split: Path | None) -> Benchmark:
+        """See `Definition.open`."""
+        from ..datasets.gopro_fc import GoProFC as Prepared
+        from ..datasets.gopro_fc import is_prepared, prepare_video
+        from ..datasets.gopro_fc_released import GoProFCReleased
+        from .released import released
 
-def _prepared(dataset: GoProFC) -> Benchmark:
+        if data is None:
+            raise UsageError(f"gopro-fc needs data: give --data PATH ({GoProFC.facts.data})")
+        if split is not None:
+            raise UsageError("gopro-fc has no split: leave out --split")
+        if data.is_file():
+            return _prepared(Prepared(prepare_video(data)))
+        if is_prepared(data):
+            return _prepared(Prepared(data))
+        if (data / "clean").is_dir():
+            dataset = GoProFCReleased(data)
+            return released("gopro-fc", dataset, dataset.keys(), GoProFC.facts)
+        raise DataError(
+            f"{data}: neither a prepared nor the released GoPro-FC; make it with robustflow prepare gopro-fc "
+            f"--data {data} --output PREPARED, then give --data PREPARED"
+        )
+
+
+def _prepared(dataset: Prepared) -> Benchmark:
+    from ..datasets.gopro_fc import slow_blur
+
     for clip in dataset.clips:
         span = slow_blur(clip)
         if span is not None:
@@ -52,4 +68,4 @@ def _prepared(dataset: GoProFC) -> Benchmark:
                 stacklevel=2,
             )
     protocol = {"frames": "prepared", "clips": dataset.identity()}
-    return Benchmark("gopro-fc", dataset, tuple(dataset.keys()), PAPER_ORDER, protocol=protocol)
+    return Benchmark("gopro-fc", dataset, tuple(dataset.keys()), PAPER_ORDER, protocol=protocol, facts=GoProFC.facts)

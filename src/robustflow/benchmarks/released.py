@@ -6,9 +6,10 @@ from ..corruptions import PAPER_ORDER, SEVERITIES
 from ..datasets.released import ReleasedPairs
 from ..errors import DataError
 from .base import Benchmark
+from .facts import BenchmarkFacts
 
 
-def released(name: str, dataset: ReleasedPairs, keys: list[str]) -> Benchmark:
+def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: BenchmarkFacts) -> Benchmark:
     """The corruptions and severities that the folder holds, and no others: nothing is made on the fly beside them."""
     found = {corruption: dataset.severities(corruption) for corruption in PAPER_ORDER}
     found = {corruption: levels for corruption, levels in found.items() if levels}
@@ -19,4 +20,4 @@ def released(name: str, dataset: ReleasedPairs, keys: list[str]) -> Benchmark:
             "such as fog_3 beside clean"
         )
     protocol = {"frames": "released"}
-    return Benchmark(name, dataset, tuple(keys), tuple(found), severities, protocol=protocol, closed=True)
+    return Benchmark(name, dataset, tuple(keys), tuple(found), severities, protocol=protocol, closed=True, facts=facts)

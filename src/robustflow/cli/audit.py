@@ -32,7 +32,7 @@ def audit(
       robustflow audit runs/mine
     """
     from ..analysis.audit import CHECKS, audit_published
-    from ..analysis.audit import audit as audit_source
+    from ..records.audit import audit as audit_source
     from ..text import plain
 
     found = audit_published() if source is None else audit_source(source)

@@ -11,7 +11,7 @@ from .options import Data, DataOptions, Limit, ModelOptions, Split, keyword_opti
 
 if TYPE_CHECKING:
     from ..benchmarks import Benchmark
-    from ..runs.run import Result
+    from ..runs.run import Run
 
 
 def displacement(
@@ -46,12 +46,14 @@ def displacement(
     from rich.console import Console
     from rich.progress import Progress
 
+    from ..analysis.displacements import label_of
     from ..atomic import make_folder, write_bytes
     from ..benchmarks import load_benchmark
     from ..models import ModelSpec
     from ..report.figures import displacement_figure, write_figures
+    from ..report.site.write import write_report
     from ..runner.displacement import displacement_histogram
-    from ..runs.displacement_file import clean_digests, label_of, write_displacement
+    from ..runs.displacement_file import clean_digests, write_displacement
 
     chosen = load_benchmark(benchmark, data, split, dict(keyword_options(data_option))).narrowed(limit=limit)
     run = None if into is None else _run_of(into, chosen)
@@ -77,16 +79,16 @@ def displacement(
             typer.echo(str(path))
     if run is not None:
         typer.echo(str(write_displacement(run, table)))
-        run.write_report()
+        write_report(run)
 
 
-def _run_of(folder: Path, chosen: Benchmark) -> Result:
+def _run_of(folder: Path, chosen: Benchmark) -> Run:
     from ..errors import UsageError
-    from ..runs.run import Result
+    from ..runs.run import Run
 
     if folder.is_file():
         raise UsageError(f"{folder} is a file; a histogram is kept in a run's folder, and no record holds one")
-    run = Result(folder)
+    run = Run(folder)
     if run.manifest["identity"]["benchmark"] != chosen.name or set(run.manifest["samples"]) != set(chosen.keys):
         raise UsageError(
             f"{run.path} ran {_pairs(len(run.manifest['samples']))} of {run.manifest['identity']['benchmark']}, these "

@@ -50,14 +50,16 @@ def examples(
     from ..atomic import write_bytes
     from ..errors import UsageError
     from ..models import ModelSpec
+    from ..report.site.write import write_report
     from ..runner.examples import draw_example, write_examples
+    from ..runner.setup import set_up_again
     from ..runs.example_record import FOLDER
-    from ..runs.run import Result
-    from ..runs.source import Source, set_up_again
+    from ..runs.run import Run
+    from ..runs.source import Source
     from ..runs.store import RunFolder
 
     use_psf_dir(psf_dir)
-    result = Result(run)
+    result = Run(run)
     cell = (sample, corruption, severity)
     if any(part is not None for part in cell) and None in cell:
         raise UsageError("one picture needs all three: --sample KEY, --corruption NAME and --severity N")
@@ -72,14 +74,14 @@ def examples(
     setup = set_up_again(result, source)
     if sample is not None and corruption is not None and severity is not None:
         target = output or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")
-        write_bytes(target, draw_example(result, *setup, sample, corruption, severity))
+        write_bytes(target, draw_example(result, setup, sample, corruption, severity))
         typer.echo(str(target))
         return
     folder = RunFolder(result.path)
     folder.lock()
     try:
-        if write_examples(result, *setup):
-            result.write_report()
+        if write_examples(result, setup):
+            write_report(result)
     finally:
         folder.unlock()
     typer.echo(str(result.path / FOLDER))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ..errors import unknown_name
+
+if TYPE_CHECKING:
+    from ..datasets import DatasetFacts
 
 _MODEL_LINE = "{:14s} {:13s} {!s:5s} {:13s} {:12s} {:13s} {:16s} {}"
 _OF_FILES = {
@@ -102,20 +105,33 @@ def _corruptions() -> list[str]:
 
 
 def _benchmarks() -> list[str]:
-    from ..benchmarks import BENCHMARKS
+    from ..benchmarks import BENCHMARKS, benchmark_facts
 
-    lines = [f"{name:10s} {_first_line(BENCHMARKS.get(name))}" for name in BENCHMARKS.names()]
-    return [*lines, f"{'DATASET':10s} Any data set by its name, under every image-pair corruption."]
+    lines = []
+    for name in BENCHMARKS.names():
+        facts = benchmark_facts(name)
+        truth = "EPE, CRE, CREr, RCRE" if facts.has_flow else "RCRE (no ground truth)"
+        lines += [f"{name}: {facts.description}", f"    metrics: {truth}"]
+        lines += [f"    --data: {facts.data}"] if facts.data else []
+    return [*lines, "DATASET: any data set by its name, under every image-pair corruption."]
 
 
 def _datasets() -> list[str]:
-    from ..datasets import DATASETS
+    from ..datasets import DATASETS, dataset_facts
 
-    return [f"{name:16s} {_first_line(DATASETS.get(name))}" for name in DATASETS.names()]
+    lines = []
+    for name in DATASETS.names():
+        facts = dataset_facts(name)
+        count = f"{facts.pairs:,} pairs, " if facts.pairs else ""
+        lines.append(f"{name}: {facts.title}. {facts.description}".rstrip())
+        lines.append(f"    {count}ground truth: {facts.ground_truth}, further frames: {facts.clips}")
+        lines += [f"    {what}: {text}" for what, text in _stated(facts)]
+    return lines
 
 
-def _first_line(thing: object) -> str:
-    return (thing.__doc__ or "").strip().partition("\n")[0]
+def _stated(facts: DatasetFacts) -> list[tuple[str, str]]:
+    stated = {"layout": facts.layout, "licence": facts.licence, "citation": facts.citation}
+    return [(what, text) for what, text in stated.items() if text]
 
 
 _LISTERS = {"models": _models, "corruptions": _corruptions, "benchmarks": _benchmarks, "datasets": _datasets}

@@ -34,7 +34,10 @@ DataOptions = Annotated[
     typer.Option("--data-option", "-D", metavar="KEY=VALUE", help="Of a data set, e.g. render_pass=final. Repeatable."),
 ]
 Split = Annotated[
-    Path | None, typer.Option(help="File naming the pairs to use, one a line, instead of the built-in split.")
+    Path | None,
+    typer.Option(
+        help="File naming the pairs to use, one a line, instead of the built-in split; or drive-disjoint (KITTI 2015)."
+    ),
 ]
 Corruptions = Annotated[
     str | None,

@@ -33,11 +33,11 @@ def pack(
       robustflow pack runs/mine -o mine.robustflow --author "A. Author" --link https://example.org/mine
     """
     from ..records.pack import pack as pack_run
-    from ..runs.run import Result
+    from ..runs.run import Run
     from ..text import plain
 
     path = pack_run(
-        Result(run),
+        Run(run),
         output,
         author=author,
         link=link,

@@ -77,9 +77,9 @@ def _print_model(
     from ..profiling.measure import measure
     from ..profiling.network_of import network_of
     from ..runs.costs import RunCost, check_model, write_cost
-    from ..runs.run import Result
+    from ..runs.run import Run
 
-    run = None if into is None else Result(into)
+    run = None if into is None else Run(into)
     height, width = parse_size(size, 1)
     method = methods().get(name)
     learns = name.startswith(PTLFLOW) or (method is not None and method.type != "knowledge")
@@ -120,17 +120,21 @@ _LINE = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"
 
 
 def _print_paper() -> None:
-    from ..profiling.paper import compare_with_paper
+    from ..analysis.published.tables import COUNTED_SIZE, published_costs
+    from ..profiling.paper import count_as_the_paper
 
     groups = ("", "", "params", "(M)", "", "", "MACs", "(G)", "", "")
     typer.echo(_LINE.format(*groups).rstrip())
     typer.echo(_LINE.format("model", "input", "paper", "as thop", "diff", "true", "paper", "as thop", "diff", "true"))
-    for line in compare_with_paper():
-        head = (line.cost.model, "x".join(map(str, line.size)))
+    costs = published_costs()
+    for line in count_as_the_paper(costs, COUNTED_SIZE):
+        head = (line.method, "x".join(map(str, line.size)))
         if line.counts is None:
             typer.echo(f"{head[0]:13s} {line.missing}")
         else:
-            typer.echo(_LINE.format(*head, *_cells(line.counts, line.cost.parameters_m, line.cost.flops_g)))
+            typer.echo(
+                _LINE.format(*head, *_cells(line.counts, costs[line.method].parameters_m, costs[line.method].flops_g))
+            )
     typer.echo("12 iterations. The paper cuts its numbers off; its FLOPs are thop's MACs.")
     typer.echo(
         "BrightFlow and SAMFlow: a flow after every iteration, as published; predicting the last alone saves 23.6 G."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from ..runs.run import Result
+    from ..runs.run import Run
 
 PAGE = "page"
 
@@ -75,7 +75,7 @@ def report(
             typer.echo(str(path), err=output is None)
 
 
-def _page(runs: list[Result], published: bool, table: str | None) -> str:
+def _page(runs: list[Run], published: bool, table: str | None) -> str:
     from ..errors import UsageError
     from ..report.site import render_site, whole_content
 

@@ -22,9 +22,11 @@ def show(
       robustflow show colleague.robustflow
     """
     from ..records.load import load_run
+    from ..report.site.write import write_report
     from .tables import print_result
 
     result, in_folder = load_run(run), run.expanduser().is_dir()
     if in_folder:
-        result.write_summary()
+        result.write_means()
+        write_report(result)
     print_result(result, metric, report=in_folder)

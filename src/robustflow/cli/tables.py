@@ -14,11 +14,11 @@ from ..metrics.summary import METRICS, Summary
 from ..report import table as report_table
 from ..report.render.terminal import render as render_terminal
 from ..runs.plan import left_out_sentence
-from ..runs.run import Result
+from ..runs.run import Run
 from ..text import plain
 
 
-def print_result(result: Result, metric: str = "all", *, report: bool = True) -> None:
+def print_result(result: Run, metric: str = "all", *, report: bool = True) -> None:
     """Print the overall scores and one line per corruption to stdout; `report`: where its page lies, too."""
     if metric != "all" and metric not in METRICS:
         raise unknown_name("metric", metric, (*METRICS, "all"))
@@ -80,7 +80,7 @@ def _overview(name: str, summary: Summary) -> Table:
     return table
 
 
-def _by_severity(result: Result, metric: str) -> Table:
+def _by_severity(result: Run, metric: str) -> Table:
     frame = result.table(metric)
     table = Table(title=f"{plain(result.name)} ({result.setting}), {metric}", title_justify="left")
     for column in frame.columns:

@@ -37,6 +37,8 @@ class Corruption(ABC):
     temporal: ClassVar[bool] = False
     """True for the paper's temporal corruptions: what changes between the two frames matters."""
     paper_severities: ClassVar[tuple[Any, ...]]
+    source_key: ClassVar[str] = ""
+    """The name of `source` in a run's identity; empty where no file of the user's decides the result."""
 
     def __init__(self, variant: str = "default", severities: tuple[Any, ...] | None = None) -> None:
         """`severities` replaces the paper's five parameters (the calibrated scale does that); a None among them is a
@@ -67,7 +69,10 @@ class Corruption(ABC):
 
     @property
     def source(self) -> str:
-        """What names files of the user's that decide the result, for a run's identity; empty where there are none."""
+        """What names files of the user's that decide the result, for a run's identity; empty where there are none.
+
+        A class that overrides this also sets `source_key`.
+        """
         return ""
 
     @abstractmethod

@@ -61,5 +61,8 @@ _CLASSES = {
     "bit_error": "clip:BitError",
     "elastic_transform": "blur.elastic:ElasticTransform",
 }
+SHIPPED: tuple[str, ...] = tuple(_CLASSES)
+"""The corruptions of this package; installed packages add others."""
+
 for _name, _target in _CLASSES.items():
     CORRUPTIONS.add(_name, f"robustflow.corruptions.{_target}")

@@ -1,6 +1,7 @@
-"""Where samples come from: one reader per dataset, in the layout it is distributed in."""
+"""Where samples come from: one reader per data set, in the layout it is distributed in."""
 
 from .base import Dataset, FromClips, PreCorrupted
-from .registry import DATASETS, load_dataset
+from .facts import DatasetFacts
+from .registry import DATASETS, dataset_facts, load_dataset
 
-__all__ = ["DATASETS", "Dataset", "FromClips", "PreCorrupted", "load_dataset"]
+__all__ = ["DATASETS", "Dataset", "DatasetFacts", "FromClips", "PreCorrupted", "dataset_facts", "load_dataset"]

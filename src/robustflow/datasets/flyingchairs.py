@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..layout import choice, locate, numbered, partner
+from .facts import NON_COMMERCIAL, DatasetFacts
 from .pairs import Pair, PairDataset
 
 _SPLIT_FILES = ("FlyingChairs_train_val.txt", "chairs_split.txt")
@@ -28,6 +29,15 @@ class FlyingChairs(PairDataset):
     """
 
     name = "flyingchairs"
+    facts = DatasetFacts(
+        title="FlyingChairs",
+        description="Synthetic pairs of chairs moving over photographs, 512x384.",
+        pairs=22872,
+        licence=NON_COMMERCIAL,
+        citation="Dosovitskiy et al., FlowNet: Learning Optical Flow with Convolutional Networks, ICCV 2015",
+        layout="data/00001_img1.ppm, data/00001_img2.ppm, data/00001_flow.flo",
+        training_set="flyingchairs",
+    )
 
     def __init__(self, root: str | Path, split: str = "all") -> None:
         choice("split", split, ("all", "train", "val"))

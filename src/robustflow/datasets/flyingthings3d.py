@@ -1,4 +1,4 @@
-"""FlyingThings3D: 2,247 training and 436 test scenes of ten frames, dense ground truth in .pfm.
+"""FlyingThings3D: 2,239 training and 437 test scenes of ten frames, dense ground truth in .pfm.
 
     frames_cleanpass/TRAIN/A/0000/left/0006.png ...     (frames_finalpass; .webp in the smaller download)
     optical_flow/TRAIN/A/0000/into_future/left/OpticalFlowIntoFuture_0006_L.pfm ...
@@ -11,6 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..layout import choice, consecutive, folders, locate, numbered, partner
+from .facts import NON_COMMERCIAL, DatasetFacts
 from .pairs import Pair, PairDataset
 
 
@@ -28,6 +29,17 @@ class FlyingThings3D(PairDataset):
     """
 
     name = "flyingthings3d"
+    facts = DatasetFacts(
+        title="FlyingThings3D",
+        description="2,239 training and 437 test scenes of ten synthetic frames, 960x540.",
+        pairs=20151,
+        clips="always",
+        licence=NON_COMMERCIAL,
+        citation="Mayer et al., A Large Dataset to Train Convolutional Networks for Disparity, Optical Flow, and Scene "
+        "Flow Estimation, CVPR 2016",
+        layout="frames_cleanpass/TRAIN, optical_flow/TRAIN",
+        training_set="flyingthings3d",
+    )
 
     def __init__(
         self,

@@ -12,8 +12,19 @@ from pathlib import Path
 from ..errors import DataError
 from ..images.io import IMAGE_SUFFIXES, image_size
 from ..layout import folders, positive
+from .facts import DatasetFacts, described
 from .pairs import Pair, PairDataset
 from .video import VIDEO_SUFFIXES, Video
+
+FACTS = DatasetFacts(
+    title="Your own frames",
+    description="Consecutive frames of a folder, of the folders in it, or of a video.",
+    ground_truth="none",
+    clips="always",
+    licence="yours",
+    citation="none",
+    layout="pictures, folders of pictures, or a video file",
+)
 
 ALONE = "frames"
 """The group of pictures that lie directly in the folder, whose own name does not count: it may be anywhere."""
@@ -33,6 +44,7 @@ class FrameFolder(PairDataset):
 
     name = "folder"
     has_flow = False
+    facts = FACTS
 
     def __init__(self, root: Path, step: int = 1) -> None:
         positive("step", step)
@@ -54,6 +66,7 @@ class FrameFolder(PairDataset):
         self._pairs = {key: pairs[key] for key in order}
 
 
+@described(FACTS)
 def open_folder(root: str | Path, step: int = 1) -> FrameFolder | Video:
     """The dataset `folder`: a video file, or a folder of frames or of folders of frames.
 

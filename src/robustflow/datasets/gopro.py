@@ -12,6 +12,7 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..layout import choice, consecutive, folders, locate, numbered, positive
+from .facts import DatasetFacts
 from .pairs import Pair, PairDataset
 
 _FRAME = r"(\d{1,9})\.png"
@@ -32,6 +33,16 @@ class GoPro(PairDataset):
 
     name = "gopro"
     has_flow = False
+    facts = DatasetFacts(
+        title="GoPro",
+        description="33 hand-held sequences, 1280x720, recorded at 240 frames per second.",
+        ground_truth="none",
+        clips="always",
+        licence="CC BY 4.0",
+        citation="Nah, Kim and Lee, Deep Multi-scale CNN for Dynamic Scene Deblurring, CVPR 2017",
+        layout="train/GOPR0372_07_00/sharp, test/..., or folders of frames",
+        training_set="gopro",
+    )
 
     def __init__(self, root: str | Path, split: str = "all", images: str = "sharp", step: int = 1) -> None:
         choice("split", split, ("all", "train", "test"))

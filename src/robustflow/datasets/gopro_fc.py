@@ -29,6 +29,7 @@ from ..video.object_motion import ObjectMotion
 from ..video.prepare_folder import cache_folder
 from ..video.prepared import FOLDER_RECORD, PreparedClip, read_folder
 from ..video.variants import FRAMES_FILE, make_variant
+from .facts import FC_PAPER, DatasetFacts
 
 VARIANTS = "variants"
 RECORDS = ".records"
@@ -50,6 +51,17 @@ class GoProFC:
 
     name = "gopro_fc"
     has_flow = False
+    facts = DatasetFacts(
+        title="GoPro-FC, prepared",
+        description="Pairs of key frames of clips at 960 frames per second, made by robustflow prepare gopro-fc.",
+        ground_truth="none",
+        clips="always",
+        licence="CC BY 4.0 (derived from GoPro)",
+        citation=f"{FC_PAPER}; Nah, Kim and Lee, CVPR 2017",
+        layout="gopro_fc.json, GOPR0374_11_02/clip.json, GOPR0374_11_02/master.mp4, GOPR0374_11_02/keyframes",
+        training_set="gopro",
+        benchmark="gopro-fc",
+    )
 
     def __init__(self, root: str | Path, variant: str = "default", cache: Path | None = None) -> None:
         self.root = Path(root).expanduser()

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..layout import folders, locate, numbered, partner
+from .facts import FC_PAPER, DatasetFacts
 from .pairs import Pair
 from .released import ReleasedPairs
 
@@ -24,6 +25,16 @@ class GoProFCReleased(ReleasedPairs):
 
     name = "gopro_fc_released"
     has_flow = False
+    facts = DatasetFacts(
+        title="GoPro-FC, released files",
+        description="Pairs of key frames of five GoPro sequences as released with every corruption applied.",
+        ground_truth="none",
+        licence="CC BY 4.0 (derived from GoPro)",
+        citation=f"{FC_PAPER}; Nah, Kim and Lee, CVPR 2017",
+        layout="clean/GOPR0374_11_02, fog_3/GOPR0374_11_02",
+        training_set="gopro",
+        benchmark="gopro-fc",
+    )
 
     def __init__(self, root: str | Path) -> None:
         self.root = locate(

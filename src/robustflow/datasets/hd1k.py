@@ -13,6 +13,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from ..layout import consecutive, locate, partner
+from .facts import NON_COMMERCIAL, DatasetFacts
 from .pairs import Pair, PairDataset
 
 
@@ -24,6 +25,17 @@ class HD1K(PairDataset):
     """
 
     name = "hd1k"
+    facts = DatasetFacts(
+        title="HD1K",
+        description="36 sequences of driving, 2560x1080.",
+        ground_truth="sparse",
+        pairs=1047,
+        clips="always",
+        licence=NON_COMMERCIAL,
+        citation="Kondermann et al., The HCI Benchmark Suite, CVPR Workshops 2016",
+        layout="hd1k_input/image_2, hd1k_flow_gt/flow_occ",
+        training_set="hd1k",
+    )
 
     def __init__(self, root: str | Path) -> None:
         expected = "hd1k_input/image_2/ and hd1k_flow_gt/flow_occ/"

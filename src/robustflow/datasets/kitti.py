@@ -8,6 +8,7 @@
 only `flow_noc` is read with that as ground truth and without occlusion maps; the two are never mixed within a run.
 (In 2015 both maps hold the same vectors. In 2012 they differ by up to some pixels, as they were filled in separately.)
 
+The group of a pair is the drive it was taken from (`kitti_drives.py`).
 The multi-view extension adds 000010_00.png to 000010_20.png of each pair; where they lie in the same folder, samples
 have clips around them, for multi-frame models.
 Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
@@ -23,6 +24,8 @@ from typing import Any
 from ..errors import DataError
 from ..flowio import read_flow
 from ..layout import choice, following, locate, partner
+from .facts import DatasetFacts
+from .kitti_drives import drive_groups
 from .pairs import Pair, PairDataset, Truth
 
 
@@ -68,10 +71,22 @@ class Kitti2015(KittiSequences):
     """
 
     name = "kitti2015"
+    facts = DatasetFacts(
+        title="KITTI flow 2015",
+        description="Driving with moving cars, about 1242x375.",
+        ground_truth="sparse",
+        pairs=200,
+        clips="with the multi-view extension",
+        licence="CC BY-NC-SA 3.0",
+        citation="Menze and Geiger, Object Scene Flow for Autonomous Vehicles, CVPR 2015",
+        layout="training/image_2, training/flow_occ, training/flow_noc",
+        training_set="kitti2015",
+        same_domain=("kitti2012", "kitti-raw"),
+    )
 
     def __init__(self, root: str | Path) -> None:
         folder = locate("KITTI 2015", root, ["image_2"], ("", "training"), "image_2/ and flow_occ/")
-        super().__init__(kitti_pairs(folder, "image_2"), folder)
+        super().__init__(kitti_pairs(folder, "image_2", self.name), folder)
 
 
 class Kitti2012(KittiSequences):
@@ -85,6 +100,18 @@ class Kitti2012(KittiSequences):
     """
 
     name = "kitti2012"
+    facts = DatasetFacts(
+        title="KITTI flow 2012",
+        description="Driving through a static world, about 1242x375.",
+        ground_truth="sparse",
+        pairs=194,
+        clips="with the multi-view extension",
+        licence="CC BY-NC-SA 3.0",
+        citation="Geiger, Lenz and Urtasun, Are We Ready for Autonomous Driving?, CVPR 2012",
+        layout="training/colored_0 or training/image_0, training/flow_occ, training/flow_noc",
+        training_set="kitti2012",
+        same_domain=("kitti2015", "kitti-raw"),
+    )
 
     def __init__(self, root: str | Path, images: str = "auto") -> None:
         kinds = {"auto": ["colored_0", "image_0"], "colour": ["colored_0"], "grey": ["image_0"]}
@@ -92,11 +119,13 @@ class Kitti2012(KittiSequences):
         expected = f"{' or '.join(f'{marker}/' for marker in markers)} and flow_occ/"
         folder = locate("KITTI 2012", root, markers, ("", "training"), expected)
         frames = next(marker for marker in markers if (folder / marker).is_dir())
-        super().__init__(kitti_pairs(folder, frames), folder)
+        super().__init__(kitti_pairs(folder, frames, self.name), folder)
 
 
-def kitti_pairs(folder: Path, images: str) -> dict[str, Pair]:
+def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, Pair]:
     """The pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc.
+
+    Their groups are the drives of `dataset` ("kitti2015", "kitti2012" or "kitti_fc").
 
     Raises:
         DataError: no ground truth folder, or a file of a pair is missing.
@@ -109,14 +138,14 @@ def kitti_pairs(folder: Path, images: str) -> dict[str, Pair]:
             "ground truth can be measured as dataset 'folder'"
         )
     keys = {key for source in (folder / images, truth) for key in _firsts(source)}
-    pairs = {}
+    groups, pairs = drive_groups(dataset), {}
     for key in keys:
         first, flow = folder / images / f"{key}_10.png", truth / f"{key}_10.png"
         partner(first, flow)
         second = partner(folder / images / f"{key}_11.png", first)
         partner(flow, first)
         hidden = partner(noc / flow.name, flow) if occ and noc else None
-        pairs[key] = Pair((first, second), flow, hidden)
+        pairs[key] = Pair((first, second), flow, hidden, group=groups.get(key, ""))
     return pairs
 
 

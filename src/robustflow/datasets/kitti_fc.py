@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..layout import choice, locate
+from .facts import FC_PAPER, DatasetFacts
 from .kitti import KittiPairs, kitti_pairs
 from .released import ReleasedPairs
 
@@ -25,13 +26,25 @@ class KittiFC(KittiPairs, ReleasedPairs):
     """
 
     name = "kitti_fc"
+    facts = DatasetFacts(
+        title="KITTI-FC, released files",
+        description="KITTI 2015 as released with every corruption applied: 80 pairs in val, 120 in training.",
+        ground_truth="sparse",
+        pairs=80,
+        licence="CC BY-NC-SA 3.0 (derived from KITTI)",
+        citation=f"{FC_PAPER}; Menze and Geiger, CVPR 2015",
+        layout="clean/val/image_2, clean/val/flow_occ, fog_3/val/image_2",
+        training_set="kitti2015",
+        same_domain=("kitti2012", "kitti-raw"),
+        benchmark="kitti-fc",
+    )
 
     def __init__(self, root: str | Path, split: str = "val") -> None:
         choice("split", split, ("val", "training"))
         marker = f"clean/{split}/image_2"
         self.root = locate("KITTI-FC", root, [marker], expected=f"{marker}/ and <corruption>_<severity>/{split}/")
         self._split = split
-        super().__init__(kitti_pairs(self.root / "clean" / split, "image_2"), self.root)
+        super().__init__(kitti_pairs(self.root / "clean" / split, "image_2", self.name), self.root)
 
     def place(self, key: str) -> Path:
         """See `ReleasedPairs.place`."""

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..layout import folders, following, locate, numbered, partner
+from .facts import NON_COMMERCIAL, DatasetFacts
 from .pairs import Pair, PairDataset
 
 
@@ -24,6 +25,16 @@ class Middlebury(PairDataset):
     """
 
     name = "middlebury"
+    facts = DatasetFacts(
+        title="Middlebury optical flow",
+        description="Small scenes, real and rendered.",
+        pairs=8,
+        clips="with all frames of a scene",
+        licence=NON_COMMERCIAL,
+        citation="Baker et al., A Database and Evaluation Methodology for Optical Flow, IJCV 2011",
+        layout="other-data/SCENE/frame10.png, other-gt-flow/SCENE/flow10.flo",
+        training_set="middlebury",
+    )
 
     def __init__(self, root: str | Path) -> None:
         folder = locate("Middlebury", root, ["other-gt-flow"], expected="other-data/ and other-gt-flow/")

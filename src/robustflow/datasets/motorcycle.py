@@ -14,6 +14,7 @@ import skimage
 from ..errors import AssetError, UsageError
 from ..images.io import read_image
 from ..sample import Sample
+from .facts import DatasetFacts
 
 
 class Motorcycle:
@@ -29,6 +30,15 @@ class Motorcycle:
 
     name = "motorcycle"
     has_flow = True
+    facts = DatasetFacts(
+        title="Middlebury 2014 Motorcycle",
+        description="One real stereo pair, 741x500, which scikit-image ships; flow is minus its disparity.",
+        pairs=1,
+        licence="distributed with scikit-image; see its notice on the Middlebury stereo data",
+        citation="Scharstein et al., High-Resolution Stereo Datasets with Subpixel-Accurate Ground Truth, GCPR 2014",
+        layout="no root needed",
+        training_set="middlebury",
+    )
 
     def __init__(self) -> None:
         folder = Path(skimage.__file__).parent / "data"

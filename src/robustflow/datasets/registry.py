@@ -10,6 +10,7 @@ from typing import Any
 from ..errors import UsageError, unknown_name
 from ..registry import Registry
 from .base import Dataset
+from .facts import DatasetFacts, facts_of
 
 DATASETS: Registry[Callable[..., Dataset]] = Registry("dataset", entry_point_group="robustflow.datasets")
 """Targets take the root (where they have one) and keyword options, and return a `Dataset`."""
@@ -63,3 +64,15 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
         if option == "root" or option not in parameters:
             raise unknown_name(f"option of dataset '{name}'", option, [p for p in parameters if p != "root"])
     return factory(root, **options) if takes_root else factory(**options)
+
+
+def dataset_facts(name: str) -> DatasetFacts:
+    """What is known of a data set by its name alone: title, licence, citation, counts, layout.
+
+    A name that nobody registered, as manifests of other machines may hold, gives its title and nothing else; no code
+    is loaded for it.
+
+    >>> dataset_facts("kitti2015").pairs, dataset_facts("someone:Else").title
+    (200, 'someone:Else')
+    """
+    return facts_of(DATASETS.get(name) if name in DATASETS.names() else None, name)

@@ -17,6 +17,7 @@ from ..flowio import read_flow
 from ..images.io import read_mask
 from ..layout import consecutive, folders, locate, numbered, partner
 from ..sample import Mask
+from .facts import DatasetFacts
 from .pairs import Pair, PairDataset, Truth
 
 _MAPS = ("flow", "occlusions", "invalid", "flow_viz")
@@ -33,6 +34,16 @@ class Sintel(PairDataset):
     """
 
     name = "sintel"
+    facts = DatasetFacts(
+        title="MPI-Sintel",
+        description="23 scenes of an animated film, 1024x436, in a clean and a final rendering.",
+        pairs=1041,
+        clips="always",
+        licence="film CC BY 3.0; data for research, see the distributor's terms",
+        citation="Butler et al., A Naturalistic Open Source Movie for Optical Flow Evaluation, ECCV 2012",
+        layout="training/clean, training/final, training/flow, training/occlusions, training/invalid",
+        training_set="sintel",
+    )
 
     def __init__(self, root: str | Path, render_pass: str = "clean") -> None:
         folder = locate("MPI-Sintel", root, ["flow"], ("training", ""), "a pass (clean/ or final/) and flow/")

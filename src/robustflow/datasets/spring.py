@@ -16,6 +16,7 @@ from pathlib import Path
 from ..errors import DataError
 from ..flowio import read_flow
 from ..layout import choice, consecutive, folders, locate, numbered, partner
+from .facts import DatasetFacts
 from .pairs import Pair, PairDataset, Truth
 
 
@@ -31,6 +32,16 @@ class Spring(PairDataset):
     """
 
     name = "spring"
+    facts = DatasetFacts(
+        title="Spring",
+        description="37 sequences of an animated film, 1920x1080, with detailed ground truth.",
+        pairs=4963,
+        clips="always",
+        licence="CC BY 4.0",
+        citation="Mehl et al., Spring: A High-Resolution High-Detail Dataset and Benchmark, CVPR 2023",
+        layout="train/0001/frame_left, train/0001/flow_FW_left",
+        training_set="spring",
+    )
 
     def __init__(self, root: str | Path, side: str = "left", direction: str = "FW") -> None:
         choice("side", side, ("left", "right"))

@@ -1,6 +1,5 @@
-"""Metrics: from flows to sums, from sums to rows, from rows to means."""
+"""Metrics: from flows to sums, and from sums to rows; `robustflow.runs.aggregate` makes means of rows."""
 
-from .aggregate import summarize
 from .epe import epe_map, mean_epe
 from .regions import REGIONS, Regions
 from .robustness import cre, crer, rcre
@@ -27,5 +26,4 @@ __all__ = [
     "measure",
     "rcre",
     "rows_frame",
-    "summarize",
 ]

@@ -8,13 +8,12 @@ last alone when they predict, which saves eleven masks of upsampling weights.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor, nn
 
-from ..analysis.published.tables import COUNTED_SIZE, Cost, published_costs
 from ..errors import ModelError
 from ..models import load_model
 from ..models.catalog import methods
@@ -39,35 +38,40 @@ class EveryFlow(nn.Module):
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """A line of the paper's table beside ours.
+class Counted:
+    """A method of the paper's table, counted the way the paper counted it.
 
     Attributes:
+        method: what its paper calls it.
         model: the name it is loaded by.
-        cost: as published.
         size: (height, width) it was counted at.
         counts: ours; None where the model is not available here, and `missing` says why.
     """
 
+    method: str
     model: str
-    cost: Cost
     size: tuple[int, int]
     counts: Counts | None
     missing: str = ""
 
 
-def compare_with_paper() -> Iterator[Comparison]:
-    """One line after the other, in the paper's order."""
+def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Iterator[Counted]:
+    """One method after the other.
+
+    Args:
+        published: methods of the catalog, as their papers call them.
+        frames: height and width.
+    """
     names = {entry.method: name for name, entry in reversed(methods().items())}
-    for method, cost in published_costs().items():
+    for method in published:
         name = names[method]
         try:
             model = network_of(load_model(name, checkpoint=RANDOM, device="cpu"))
         except ModelError as error:
-            yield Comparison(name, cost, COUNTED_SIZE, None, str(error))
+            yield Counted(method, name, frames, None, str(error))
             continue
         if name in _UNPADDED:
             model.net.model.output_stride = 8
-        size = model.convention.fitted_size(*COUNTED_SIZE)
+        size = model.convention.fitted_size(*frames)
         net = EveryFlow(model.net) if name in _EVERY_FLOW else model.net
-        yield Comparison(name, cost, size, count(net, *size))
+        yield Counted(method, name, size, count(net, *size))

@@ -14,13 +14,13 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
 from ..sample import Frame
 from .psf_field import PsfField
+from .threads import allowed_threads
 from .tiles import SUPPORT, Axis, grid_of, kernels_at
 
 CHUNK = 4
@@ -91,7 +91,7 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
     Args:
         frame: RGB uint8 (H, W, 3), any size.
         field: the PSFs.
-        threads: how many threads; `numba.get_num_threads()` when None. The result does not depend on it.
+        threads: how many threads; when None one, or what `blur_threads` allows. The result does not depend on it.
 
     Returns:
         float64 (H, W, 3) in grey levels, not rounded.
@@ -143,7 +143,7 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
         return out
 
     total = np.zeros(padded.shape)
-    for row, strips in enumerate(_in_order(strip, nodes[0], threads or numba.get_num_threads())):
+    for row, strips in enumerate(_in_order(strip, nodes[0], threads or allowed_threads())):
         top = rows.starts[row] + margin_y
         for mirror, part in zip(_MIRRORS, strips, strict=True):
             total[mirror][:, top : top + window] += part

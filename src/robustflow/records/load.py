@@ -6,27 +6,37 @@ import shutil
 import weakref
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING
+from typing import TypeVar, overload
 
 from ..errors import RunError
+from ..runs.run import Run
 
-if TYPE_CHECKING:
-    from ..runs.run import Result
+AnyRun = TypeVar("AnyRun", bound=Run)
 
 
-def load_run(path: str | Path) -> Result:
+@overload
+def load_run(path: str | Path) -> Run: ...
+
+
+@overload
+def load_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
+
+
+def load_run(path: str | Path, kind: type[Run] = Run) -> Run:
     """The run of a folder that `run` wrote, or of a record that `pack` wrote.
 
-    A record is verified first; its run lies in a temporary folder that goes when the result is no longer used.
+    A record is verified first; its run lies in a temporary folder that goes when the run is no longer used.
+
+    Args:
+        path: of the folder or record.
+        kind: the class that reads the folder.
 
     Raises:
         RunError: no run there, one that this version cannot read, or a record that does not verify.
         DataError: the file cannot be read.
     """
-    from ..runs.run import Result
-
     path = Path(path).expanduser()
-    return _open_record(path) if path.is_file() else Result(path)
+    return _open_record(path, kind) if path.is_file() else kind(path)
 
 
 def is_record(path: str | Path) -> bool:
@@ -39,8 +49,7 @@ def is_record(path: str | Path) -> bool:
     return head.startswith(b"PK\x03\x04") and head[30:].startswith(b"record.json")
 
 
-def _open_record(path: Path) -> Result:
-    from ..runs.run import Result
+def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
     from .container import read_file
     from .read import Reader
     from .verify import verify_read
@@ -54,9 +63,9 @@ def _open_record(path: Path) -> Result:
     folder = Path(mkdtemp(prefix="robustflow-"))
     try:
         reader.unfold(folder)
-        result = Result(folder)
+        run = kind(folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
-    weakref.finalize(result, shutil.rmtree, folder, True)
-    return result
+    weakref.finalize(run, shutil.rmtree, folder, True)
+    return run

@@ -17,13 +17,13 @@ from .text import check_text
 from .verify import verify_read
 
 if TYPE_CHECKING:
-    from ..runs.run import Result
+    from ..runs.run import Run
 
 SUFFIX = ".robustflow"
 
 
 def pack(
-    run: Result,
+    run: Run,
     path: str | Path | None = None,
     *,
     author: str = "",
@@ -60,7 +60,7 @@ def pack(
 
 
 def record_bytes(
-    run: Result,
+    run: Run,
     *,
     author: str = "",
     link: str = "",

@@ -13,7 +13,8 @@ from ..corruptions.api import STREAM_VERSION
 from ..errors import DataError
 from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION
 from ..runs.costs import PROFILE, parse_cost
-from ..runs.plan import IDENTITY_VERSION, identity_digest
+from ..runs.identity import identity_digest
+from ..runs.plan import IDENTITY_VERSION
 from ..text import plain
 from .container import LIMITS, read_container
 from .contents import Manifest, Record, check_version, validated

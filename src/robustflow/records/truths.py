@@ -14,11 +14,11 @@ from ..text import plain
 from .contents import Manifest
 
 if TYPE_CHECKING:
-    from ..runs.run import Result
+    from ..runs.run import Run
     from .read import Reader
 
 
-def cell_problems(run: Result, reader: Reader) -> tuple[list[str], str]:
+def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     """Corruptions nobody knows, rows that were not planned or are missing; and a sentence where there are none."""
     plan = reader.plan
     problems = [*_unknown(plan.selection.corruptions), *_left_out(plan)]

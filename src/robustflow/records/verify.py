@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 
 from ..analysis.audit.run_folder import audit_run
 from ..errors import RobustFlowError
-from ..runs.run import Result
+from ..runs.run import Run
 from ..text import plain
 from .container import read_file
 from .contents import Record
@@ -119,7 +119,7 @@ def _truths(reader: Reader) -> dict[str, tuple[list[str], str]]:
     out: dict[str, tuple[list[str], str]] = {"training": (problems, reader.plan.provenance.setting)}
     with TemporaryDirectory(prefix="robustflow-") as folder:
         reader.unfold(Path(folder))
-        run = Result(folder)
+        run = Run(folder)
         problems, says = cell_problems(run, reader)
         out["cells"] = (problems, says)
         if problems:

@@ -19,10 +19,10 @@ from ..analysis.uncertainty.bootstrap import LEVEL
 from .table import Cell, Column, Line, Section, Table
 
 if TYPE_CHECKING:
-    from ..runs.run import Result
+    from ..runs.run import Run
 
 
-def means_table(runs: Sequence[Result], *, level: float = LEVEL, seed: int = 0) -> Table:
+def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0) -> Table:
     """Overall means of runs with confidence intervals: "3.21 [2.50, 4.10]", without brackets where there are too few
     images to give one."""
     keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
@@ -60,7 +60,7 @@ def effective_table(results: pl.DataFrame) -> Table:
     return Table("effective", "Effective robustness", columns, tuple(sections), (remark,))
 
 
-def anatomy_table(runs: Sequence[Result]) -> Table:
+def anatomy_table(runs: Sequence[Run]) -> Table:
     """Errors by region, by family, and by severity slope, of each run."""
     columns = tuple(map(Column, ("share %", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")))
     sections = []

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from ..analysis.cost_ranks import run_costs
+from ..analysis.displacements import displacements_of
 from ..analysis.labels import benchmark_label
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results
 from ..analysis.scores import run_names, run_results
 from ..errors import UsageError, unknown_name
-from ..runs.costs import run_costs
-from ..runs.displacement_file import displacements_of
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .table import Table
@@ -23,19 +23,19 @@ from .tables import TABLES, build_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..runs.run import Result
+    from ..runs.run import Run
 
 ALL_TABLES = (*TABLES, "means", "effective", "anatomy", "observations")
 _MOST_NAMED = 4
 
 
-def results_of(runs: Sequence[Result], published: bool) -> pl.DataFrame:
+def results_of(runs: Sequence[Run], published: bool) -> pl.DataFrame:
     """Results of runs, after the published ones where wanted: `results.RESULT_SCHEMA`."""
     return pl.concat(([published_results()] if published else []) + [run_results(runs)])
 
 
 def tables_of(
-    runs: Sequence[Result], *, published: bool, wanted: Sequence[str] | None = None, seed: int = 0
+    runs: Sequence[Run], *, published: bool, wanted: Sequence[str] | None = None, seed: int = 0
 ) -> list[Table]:
     """Tables of runs.
 
@@ -86,7 +86,7 @@ def tables_of(
     return tables
 
 
-def figures_of(runs: Sequence[Result], *, published: bool) -> dict[str, Figure]:
+def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     """Every figure that the runs, and the published results where wanted, give."""
     from .figures import all_figures, displacement_figure
     from .figures.canvas import SERIES
@@ -99,7 +99,7 @@ def figures_of(runs: Sequence[Result], *, published: bool) -> dict[str, Figure]:
     return figures
 
 
-def _some(runs: Sequence[Result], table: str) -> Sequence[Result]:
+def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
     if not runs:
         raise UsageError(f"the table '{table}' is made from runs: name at least one")
     return runs

@@ -20,7 +20,7 @@ from .render import render
 from .table import Cell, Column, Line, Section, Table
 
 if TYPE_CHECKING:
-    from ..runs.run import Result
+    from ..runs.run import Run
 
 _DIFFERENCE = ("difference", "interval", "p", "p corrected")
 _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "high", "p", "p_holm")
@@ -152,9 +152,7 @@ def _cells(row: dict[str, Any], level: float) -> tuple[Cell, ...]:
     )
 
 
-def compare(
-    first: Result, second: Result, *, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0
-) -> Comparison:
+def compare(first: Run, second: Run, *, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0) -> Comparison:
     """Whether two runs over the same frames differ, image by image, with intervals and corrected p-values.
 
     Args:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import polars as pl
 
+from ..analysis.cost_ranks import Measured, cost_ranks, counted_size, measured_crer, run_ranks
 from ..analysis.published.tables import COUNTED_ITERATIONS, COUNTED_SIZE, PAPER, Cost
-from ..analysis.ranking import average_ranks, competition_ranks
-from ..analysis.results import AVERAGE, CLEAN
 from ..errors import UsageError
 from ..runs.costs import RunCost
 from .table import Cell, Column, Line, Section, Table, number_text
@@ -26,18 +24,6 @@ _COLUMNS = (
 )
 _PLACE = {"OOD": (2, 5), "ID": (3, 6)}
 _OTHER = (4, 7)
-_Measured = tuple[str, str, str]
-"""(sample set, setting, model)."""
-
-
-@dataclass(frozen=True)
-class RunRanks:
-    """Ranks of a run, None where there is nothing to compare with: by CREr in its setting, by FLOPs among those counted
-    at the same input size, and by both (see `ranking`)."""
-
-    crer: int | None
-    flops: int | None
-    average: int | None
 
 
 def cost_table(
@@ -89,41 +75,6 @@ def cost_table(
     )
 
 
-def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
-    """Ranks made from the values of `costs`: "flops", "crer_ood", "crer_id", "average_ood", "average_id" by model.
-
-    >>> from robustflow.analysis.published.tables import published_costs
-    >>> cost_ranks(published_costs())["average_id"]["CSFlow"]
-    4
-    """
-    ranks = {"flops": competition_ranks({name: cost.flops_g for name, cost in costs.items()})}
-    for setting in ("ood", "id"):
-        known = {name: getattr(cost, f"crer_{setting}") for name, cost in costs.items()}
-        ranks[f"crer_{setting}"] = competition_ranks(
-            {name: value for name, value in known.items() if value is not None}
-        )
-        ranks[f"average_{setting}"] = average_ranks(ranks[f"crer_{setting}"], ranks["flops"])
-    return ranks
-
-
-def measured_crer(results: pl.DataFrame) -> dict[_Measured, tuple[float, str]]:
-    """(sample set, setting, model) -> (CREr, note): as given, or made from the average and the clean EPE."""
-    found: dict[tuple[str, str, str], dict[tuple[str, str], float]] = {}
-    notes = {}
-    for row in results.iter_rows(named=True):
-        key = (row["sample_set"], row["setting"], row["model"])
-        found.setdefault(key, {})[row["metric"], row["corruption"]] = row["value"]
-        notes[key] = row["note"]
-    out = {}
-    for key, values in found.items():
-        given, clean, epe = (values.get(k) for k in (("crer", AVERAGE), ("epe", CLEAN), ("epe", AVERAGE)))
-        if given is None and epe is not None and clean:
-            given = (epe - clean) / clean
-        if given is not None:
-            out[key] = (given, notes[key])
-    return out
-
-
 def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
     ranks = cost_ranks(costs)
     lines = []
@@ -140,33 +91,8 @@ def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def run_ranks(
-    found: Mapping[_Measured, tuple[float, str]], run_costs: Mapping[tuple[str, str], RunCost]
-) -> dict[_Measured, RunRanks]:
-    """Ranks of models measured elsewhere than in the paper, among those of their setting on the same frames.
-
-    Args:
-        found: what `measured_crer` gives.
-        run_costs: of runs, by (sample set, name).
-    """
-    known = {key: run_costs[key[0], key[2]] for key in found if (key[0], key[2]) in run_costs}
-    ranks = {}
-    for key in found:
-        crer = _ranks({k: round(value, 2) for k, (value, _) in found.items() if k[:2] == key[:2]})
-        flops = _ranks(
-            {
-                k: round(other.flops_g, 1)
-                for k, other in known.items()
-                if key in known and k[0] == key[0] and _counted(other) == _counted(known[key])
-            }
-        )
-        average = average_ranks(crer, flops)
-        ranks[key] = RunRanks(crer.get(key), flops.get(key), average.get(key) if len(average) > 1 else None)
-    return ranks
-
-
 def _measured_lines(
-    found: Mapping[_Measured, tuple[float, str]], run_costs: Mapping[tuple[str, str], RunCost]
+    found: Mapping[Measured, tuple[float, str]], run_costs: Mapping[tuple[str, str], RunCost]
 ) -> tuple[Line, ...]:
     ranks, lines = run_ranks(found, run_costs), []
     for key, (value, note) in found.items():
@@ -185,21 +111,12 @@ def _measured_lines(
     return tuple(lines)
 
 
-def _ranks(values: Mapping[_Measured, float]) -> dict[_Measured, int]:
-    """Ranks, none for a model that is alone."""
-    return competition_ranks(values) if len(values) > 1 else {}
-
-
 def _shown(rank: int | None) -> str:
     return "" if rank is None else f" ({rank})"
 
 
-def _counted(cost: RunCost) -> tuple[int, int]:
-    return cost.height, cost.width
-
-
 def _counted_note(cost: RunCost) -> str:
     told = [f"{cost.iterations} iterations"] if cost.iterations not in (None, COUNTED_ITERATIONS) else []
-    if _counted(cost) != COUNTED_SIZE:
+    if counted_size(cost) != COUNTED_SIZE:
         told.append(f"frames of {cost.height}x{cost.width}")
     return f"FLOPs of {', '.join(told)}" if told else ""

@@ -6,10 +6,10 @@ from base64 import b64encode
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from ..analysis.displacements import displacements_of
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_label, metric_label
 from ..analysis.scores import note_of, run_names, run_results, sample_set, setting_of
 from ..errors import UsageError, unknown_name
-from ..runs.displacement_file import displacements_of
 from .render import render
 from .table import Cell, Column, Line, Section, Table, number_text
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..metrics.summary import Scores
-    from ..runs.run import Result
+    from ..runs.run import Run
 
 
-def result_html(run: Result) -> str:
+def result_html(run: Run) -> str:
     """Means by class of corruption, with the figure of CREr where there is ground truth. Every text is escaped, and the
     figure is part of it: nothing is loaded from elsewhere."""
     from .figures import figure_bytes
@@ -35,7 +35,7 @@ def result_html(run: Result) -> str:
     return f'{fragment}<img {about} src="data:image/png;base64,{picture}">'
 
 
-def result_table(run: Result) -> Table:
+def result_table(run: Run) -> Table:
     """The means of a run, overall and by class of corruption."""
     summary = run.summary
     shown = [metric for metric in METRIC_LABELS if getattr(summary, metric) is not None]
@@ -48,7 +48,7 @@ def result_table(run: Result) -> Table:
     return Table("result", title, tuple(columns), (Section("Means", tuple(lines)),), tuple(remarks), "Corruptions")
 
 
-def plot(runs: Sequence[Result], kind: str = "severity", metric: str = "rcre") -> Figure:
+def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> Figure:
     """A figure of runs.
 
     Args:

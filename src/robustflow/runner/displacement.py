@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import polars as pl
@@ -14,13 +13,10 @@ import polars as pl
 from ..benchmarks import Benchmark
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..models.base import AnyModel, FlowLookup, FlowModel, place, predict_checked
+from ..runs.displacement_file import GROUND_TRUTH, read_displacement, write_displacement
+from ..runs.run import Run
 from ..sample import Flow, Mask, Sample
 from .worker import frames_digest
-
-if TYPE_CHECKING:
-    from ..runs.run import Result
-
-GROUND_TRUTH = "ground truth"
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
 """Amplitudes in pixels; the last bin is everything from 100 on."""
@@ -91,7 +87,7 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
     )
 
 
-def keep_displacement(result: Result, benchmark: Benchmark) -> None:
+def keep_displacement(result: Run, benchmark: Benchmark) -> None:
     """Keep the histogram of a run's ground truth in its folder, for its pages, unless it is there or there is none.
 
     One more pass over the clean pairs, of the hundred that a run has.
@@ -100,8 +96,6 @@ def keep_displacement(result: Result, benchmark: Benchmark) -> None:
         result: of the run.
         benchmark: that it ran.
     """
-    from ..runs.displacement_file import read_displacement, write_displacement
-
     if not benchmark.dataset.has_flow:
         return
     try:

@@ -14,18 +14,18 @@ import numpy as np
 import polars as pl
 
 from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
-from ..datasets.base import Dataset
 from ..errors import DataError, RunError, UsageError, unknown_name
 from ..images.io import jpeg_bytes, shrunk
 from ..metrics.rows import CLEAN
-from ..models.base import AnyModel, place
+from ..models.base import place
 from ..random.rng import key_of
 from ..runs.example_cells import Scores, cell_scores
 from ..runs.example_record import FOLDER, RECORD, are_current, drop_examples, examples_record
-from ..runs.plan import Cell, Settings
-from ..runs.run import Result
+from ..runs.plan import Cell
+from ..runs.run import Run
 from ..sample import Frame
 from .engines.serial import one_opencv_thread
+from .setup import Setup
 from .worker import View, Worker
 
 WIDEST = 480
@@ -35,12 +35,12 @@ _SAME_PX, _SAME_SHARE = 0.01, 0.01
 """A prediction made again may differ by this much: batches and devices round differently."""
 
 
-def write_examples(result: Result, dataset: Dataset, model: AnyModel, settings: Settings) -> bool:
+def write_examples(run: Run, setup: Setup) -> bool:
     """Draw the examples of a complete run into its folder, unless they are there already.
 
     Args:
-        result: of a run whose folder this process holds.
-        dataset, model, settings: of that run.
+        run: whose folder this process holds.
+        setup: of that run.
 
     Returns:
         Whether they were drawn.
@@ -49,24 +49,24 @@ def write_examples(result: Result, dataset: Dataset, model: AnyModel, settings: 
         RunError: an incomplete run, one without anything measured, or frames or flows that are not those of the run.
         DataError: the pictures cannot be written.
     """
-    if result.summary.missing:
-        raise RunError(f"{result.path} is not complete, so its worst sample is not known; give its command again first")
-    record = examples_record(result.rows)
+    if run.summary.missing:
+        raise RunError(f"{run.path} is not complete, so its worst sample is not known; give its command again first")
+    record = examples_record(run.rows)
     if record is None:
-        raise RunError(f"{result.path} has no pixel to measure, so no sample is the worst")
-    if are_current(result):
+        raise RunError(f"{run.path} has no pixel to measure, so no sample is the worst")
+    if are_current(run):
         return False
-    home = result.path / FOLDER
+    home = run.path / FOLDER
     making = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{FOLDER}")
     make_folder(making)
     try:
-        with _worker(dataset, model, settings) as worker:
+        with _worker(setup) as worker:
             for panel in record["panels"]:
                 cell = (panel["key"], panel["corruption"], panel["severity"])
-                write_bytes(making / panel["file"], _picture(result.rows, worker, cell, panel["kind"], "jpeg"))
+                write_bytes(making / panel["file"], _picture(run.rows, worker, cell, panel["kind"], "jpeg"))
             _write_slider(making, record["slider"], worker)
         write_json(making / RECORD, record)
-        drop_examples(result.path)
+        drop_examples(run.path)
         try:
             making.rename(home)
         except OSError as error:
@@ -76,30 +76,24 @@ def write_examples(result: Result, dataset: Dataset, model: AnyModel, settings: 
     return True
 
 
-def draw_example(
-    result: Result,
-    dataset: Dataset,
-    model: AnyModel,
-    settings: Settings,
-    key: str,
-    corruption: str,
-    severity: int,
-) -> bytes:
+def draw_example(run: Run, setup: Setup, key: str, corruption: str, severity: int) -> bytes:
     """Any cell of a run as a PNG, with the run's numbers.
 
     Raises:
         UsageError: a cell that the run does not have.
         RunError: frames or flows that are not those of the run.
     """
-    with _worker(dataset, model, settings) as worker:
-        return _picture(result.rows, worker, (key, corruption, severity), "", "png")
+    with _worker(setup) as worker:
+        return _picture(run.rows, worker, (key, corruption, severity), "", "png")
 
 
 @contextmanager
-def _worker(dataset: Dataset, model: AnyModel, settings: Settings) -> Iterator[Worker]:
+def _worker(setup: Setup) -> Iterator[Worker]:
     """A worker that keeps its clean flows outside of the run's folder."""
     with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
-        yield Worker(dataset, model, settings, lambda key: Path(scratch) / f"{key_of(key):x}.npy")
+        yield Worker(
+            setup.dataset, setup.model.model, setup.settings, lambda key: Path(scratch) / f"{key_of(key):x}.npy"
+        )
 
 
 def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker) -> None:
@@ -114,7 +108,7 @@ def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker) -> None:
 
 
 def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Literal["png", "jpeg"]) -> bytes:
-    from ..report.panel import Panel, draw_panel, numbers_line, panel_title  # matplotlib, and only here
+    from .panel import Panel, draw_panel, numbers_line, panel_title  # matplotlib, and only here
 
     key, corruption, severity = cell
     row, clean = _row(rows, cell), _row(rows, (key, CLEAN, 0))

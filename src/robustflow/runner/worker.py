@@ -12,6 +12,7 @@ from typing import Any
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
 from ..datasets.base import Clips, Dataset, PreCorrupted
+from ..datasets.context_frames import ContextFrames
 from ..errors import DataError, ModelError
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN, measure
@@ -30,7 +31,6 @@ from ..models.window import place_of_pair
 from ..runs.plan import Settings, Unit
 from ..runs.store import read_clean, write_clean
 from ..sample import Flow, Frame, Sample
-from .clip import Surroundings
 
 
 @dataclass
@@ -83,10 +83,10 @@ class Worker:
         self._clean_path = clean_path
         self._on_predict = on_predict
         self._batch_size = batch_size
-        self._surroundings = None
+        self._context = None
         if settings.window is not None:
             assert isinstance(dataset, Clips)
-            self._surroundings = Surroundings(dataset, settings.window)
+            self._context = ContextFrames(dataset, settings.window)
         self._corruptions: dict[str, Corruption] = {}
         self._loaded: _Loaded | None = None
         self.seconds = {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
@@ -126,8 +126,8 @@ class Worker:
             self._loaded = None  # let go of the last sample before the next one is read
             start = time.perf_counter()
             sample = self._dataset.load(key)
-            if self._surroundings is not None:
-                sample = self._surroundings.add(sample)
+            if self._context is not None:
+                sample = self._context.add(sample)
             if sample.valid is not None and not sample.valid.any():
                 raise DataError(
                     f"sample '{key}': its ground truth marks no pixel as valid, so no error can be measured; "
@@ -147,15 +147,15 @@ class Worker:
         start = time.perf_counter()
         paper = self._settings.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
         if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
-            made = self._dataset if self._surroundings is None else self._surroundings
+            made = self._dataset if self._context is None else self._context
             frames = made.corrupted(sample.key, name, severity)
         else:
             if name not in self._corruptions:
                 self._corruptions[name] = load_corruption(name, self._settings.variant, self._settings.severity_scale)
             corruption = self._corruptions[name]
             seed = self._settings.seed
-            if self._surroundings is not None:
-                frames = self._surroundings.corrupt(sample, corruption, severity, seed)
+            if self._context is not None:
+                frames = self._context.corrupt(sample, corruption, severity, seed)
             else:
                 frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key))
         self.seconds["corrupt"] += time.perf_counter() - start
@@ -167,9 +167,9 @@ class Worker:
         """One call of the model for a batch; a single pair goes through `predict`."""
         start = time.perf_counter()
         self._on_predict(place(key, corruption, *severities))
-        if self._surroundings is not None:
+        if self._context is not None:
             flows = [
-                self._predict_clip(self._surroundings, frames, key, corruption, severity)
+                self._predict_clip(self._context, frames, key, corruption, severity)
                 for frames, severity in zip(pairs, severities, strict=True)
             ]
         elif len(pairs) > 1 and isinstance(self._model, BatchedFlowModel):
@@ -185,10 +185,10 @@ class Worker:
         return flows
 
     def _predict_clip(
-        self, surroundings: Surroundings, frames: tuple[Frame, ...], key: str, corruption: str, severity: int
+        self, context: ContextFrames, frames: tuple[Frame, ...], key: str, corruption: str, severity: int
     ) -> Flow:
         assert isinstance(self._model, ClipModel)
-        clip, index = surroundings.in_order(key, frames), place_of_pair(surroundings.offsets(key))
+        clip, index = context.in_order(key, frames), place_of_pair(context.offsets(key))
         return predict_clip_checked(self._model, clip, index, key, corruption, severity)
 
     def _row(

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from ..analysis.scores import run_names, sample_set
 from ..atomic import write_json
 from ..errors import UsageError
 from ..text import plain
 from .kept_file import KeptFile, parse_kept, read_kept
 
 if TYPE_CHECKING:
-    from .run import Result
+    from .run import Run
 
 PROFILE = "profile.json"
 _LARGEST = 1 << 16
@@ -71,7 +70,7 @@ def parse_cost(data: bytes, name: str) -> RunCost:
     return parse_kept(RunCost, data, name, _COMMAND)
 
 
-def read_cost(run: Result) -> RunCost | None:
+def read_cost(run: Run) -> RunCost | None:
     """The cost kept in a run's folder; None where nobody counted it.
 
     Raises:
@@ -80,13 +79,7 @@ def read_cost(run: Result) -> RunCost | None:
     return read_kept(RunCost, run, PROFILE, _LARGEST, _COMMAND)
 
 
-def run_costs(runs: Sequence[Result]) -> dict[tuple[str, str], RunCost]:
-    """Costs by (sample set, name) as `run_results` gives them; runs without one are left out."""
-    costs = {(sample_set(run), name): read_cost(run) for name, run in zip(run_names(runs), runs, strict=True)}
-    return {key: cost for key, cost in costs.items() if cost is not None}
-
-
-def check_model(run: Result, model: Mapping[str, Any]) -> None:
+def check_model(run: Run, model: Mapping[str, Any]) -> None:
     """Whether a model of this identity is the run's, but for its weights and how it is executed.
 
     Raises:
@@ -106,7 +99,7 @@ _FREE = {"checkpoint", "options", "device", "precision", "compile", "threads", "
 """What a model's identity names besides, and its cost does not depend on."""
 
 
-def write_cost(run: Result, cost: RunCost) -> Path:
+def write_cost(run: Run, cost: RunCost) -> Path:
     """Keep a cost in the folder of its run.
 
     Raises:

@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import polars as pl
 from pydantic import Field, model_validator
 
-from ..analysis.labels import benchmark_label
-from ..analysis.scores import sample_set
 from ..atomic import write_json
 from ..metrics.rows import CLEAN
-from ..runner.displacement import GROUND_TRUTH
-from ..text import plain
 from .kept_file import KeptFile, read_kept
 
 if TYPE_CHECKING:
-    from .run import Result
+    from .run import Run
 
 DISPLACEMENT = "displacement.json"
+GROUND_TRUTH = "ground truth"
+"""The source of a histogram that was not made from a model's flow."""
 _LARGEST = 1 << 20
 _MOST_BINS = 10_000
 
@@ -56,7 +53,7 @@ class DisplacementFile(KeptFile):
         return pl.DataFrame({"low": self.low, "high": [*self.low[1:], math.inf], "share": share})
 
 
-def read_displacement(run: Result) -> DisplacementFile | None:
+def read_displacement(run: Run) -> DisplacementFile | None:
     """The histogram kept in a run's folder; None where there is none, or the run has other samples by now.
 
     Raises:
@@ -66,7 +63,7 @@ def read_displacement(run: Result) -> DisplacementFile | None:
     return found if found and found.samples == len(run.manifest["samples"]) else None
 
 
-def write_displacement(run: Result, table: pl.DataFrame) -> Path:
+def write_displacement(run: Run, table: pl.DataFrame) -> Path:
     """Keep the table of `displacement_histogram`, measured on a run's samples, in its folder.
 
     Raises:
@@ -84,40 +81,6 @@ def write_displacement(run: Result, table: pl.DataFrame) -> Path:
     return path
 
 
-def clean_digests(run: Result) -> dict[str, str]:
+def clean_digests(run: Run) -> dict[str, str]:
     """Sample -> digest of its clean frames, of every sample that a run has measured."""
     return dict(run.rows.filter(corruption=CLEAN).select("sample", "frames_digest").iter_rows())
-
-
-def displacements_of(runs: Sequence[Result]) -> dict[str, pl.DataFrame]:
-    """What the figure draws: label -> bins, one for each sample set, of its ground truth where a run has it."""
-    found: dict[str, DisplacementFile] = {}
-    benchmarks: dict[str, str] = {}
-    for run in runs:
-        one, frames = read_displacement(run), sample_set(run)
-        if one is None or not any(one.pixels):
-            continue
-        if frames not in found or one.source == GROUND_TRUTH != found[frames].source:
-            found[frames], benchmarks[frames] = one, str(run.manifest["identity"]["benchmark"])
-    return {label: one.table for label, one in _labelled(found, benchmarks)}
-
-
-def label_of(benchmark: str, samples: int, source: str) -> str:
-    """What a histogram is called in a figure.
-
-    >>> label_of("kitti-fc", 80, "ground truth")
-    'KITTI-FC, 80 pairs (ground truth)'
-    """
-    return f"{benchmark_label(benchmark)}, {samples} pair{'s' if samples != 1 else ''} ({plain(source, 40)})"
-
-
-def _labelled(found: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:
-    """Sample sets that differ in corruptions or seed alone have one histogram; others of one label are numbered."""
-    seen: dict[str, list[DisplacementFile]] = {}
-    for frames, one in found.items():
-        label = label_of(benchmarks[frames], one.samples, one.source)
-        alike = seen.setdefault(label, [])
-        if any((other.low, other.pixels) == (one.low, one.pixels) for other in alike):
-            continue
-        alike.append(one)
-        yield (label if len(alike) == 1 else f"{label} #{len(alike)}"), one

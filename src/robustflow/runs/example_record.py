@@ -20,7 +20,7 @@ from ..atomic import TEMPORARY
 from ..corruptions.registry import PAPER_ORDER
 from ..metrics.rows import CLEAN
 from .example_cells import example_cells
-from .run import Result
+from .run import Run
 
 FOLDER, RECORD, VERSION = "examples", "examples.json", 1
 
@@ -71,7 +71,7 @@ def picture_files(record: dict[str, Any]) -> list[str]:
     return [slider["clean"], *(picture["file"] for picture in (*slider["pictures"], *record["panels"]))]
 
 
-def are_current(result: Result) -> bool:
+def are_current(result: Run) -> bool:
     """Whether the pictures of a run's folder are those of its rows."""
     record = examples_record(result.rows)
     home = result.path / FOLDER

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ..errors import RunError, first_misfit
 
 if TYPE_CHECKING:
-    from .run import Result
+    from .run import Run
 
 
 class KeptFile(BaseModel):
@@ -49,7 +49,7 @@ def parse_kept(kind: type[Kept], data: bytes, name: str, command: str) -> Kept:
         ) from error
 
 
-def read_kept(kind: type[Kept], run: Result, file: str, largest: int, command: str) -> Kept | None:
+def read_kept(kind: type[Kept], run: Run, file: str, largest: int, command: str) -> Kept | None:
     """Such a file of a run; None where there is none.
 
     Args:

@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 from typing import Any
 
 from ..datasets.base import Clips
+from ..datasets.context_frames import ContextFrames
 from ..errors import RunError
-from ..runner.clip import Surroundings
 from .environment import environment
-from .plan import Plan, identity_digest
-from .source import differing
+from .identity import differing, identity_digest
+from .plan import Plan
 from .store import RunFolder
 
 
@@ -71,7 +71,7 @@ def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
     files = dataset.files(key)
     if window is not None:
         assert isinstance(dataset, Clips)
-        files = list(dict.fromkeys([*files, *Surroundings(dataset, window).files(key)]))
+        files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
     try:
         return [[path.name, path.stat().st_size] for path in files]
     except OSError as error:

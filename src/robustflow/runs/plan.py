@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +12,7 @@ from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.stack import levels_of
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
+from .identity import identity_digest
 
 IDENTITY_VERSION = 1
 
@@ -42,7 +41,8 @@ class Settings:
     variant: str = "default"
     allow_invalid: bool = False
     severity_scale: str = "paper"
-    psf_source: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    """What names the user's files that decide bytes of corruptions (see `corruptions.sources`)."""
     window: Window | None = None
     """The frames around each pair that a multi-frame model is given; None where a model is given pairs."""
 
@@ -94,10 +94,9 @@ class Plan:
         calibrated = self.settings.severity_scale == "calibrated"
         scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
         window = {"window": self.settings.window.record()} if self.settings.window else {}
-        psf = {"psf": self.settings.psf_source} if self.settings.psf_source else {}
         return (
             scale
-            | psf
+            | dict(self.settings.sources)
             | window
             | {
                 "version": IDENTITY_VERSION,
@@ -116,16 +115,6 @@ class Plan:
     def digest(self) -> str:
         """The identity as 16 hexadecimal digits."""
         return identity_digest(self.identity())
-
-
-def identity_digest(identity: dict[str, Any]) -> str:
-    """A stable hash of an identity, the same from a plan as from the manifest it was written to.
-
-    >>> identity_digest({"a": 1, "b": 2}) == identity_digest({"b": 2, "a": 1})
-    True
-    """
-    spelled = json.dumps(identity, sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
 
 
 def left_out_sentence(left_out: dict[str, list[int]]) -> str:

@@ -1,32 +1,26 @@
-"""`Result`: a run folder, read."""
+"""`Run`: a run folder, read."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import polars as pl
 
-from ..atomic import write_bytes, write_json
+from ..atomic import write_json
 from ..corruptions.stack import levels_of
+from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
-from ..metrics.aggregate import summarize
 from ..metrics.rows import CLEAN
 from ..metrics.summary import Averaging, Summary
 from ..models.provenance import training_of
+from .aggregate import summarize
 from .plan import Cell
 from .store import RunFolder
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-    from ..report.comparison import Comparison
-    from .costs import RunCost
-
-
-class Result:
+class Run:
     """What a run measured, finished or not.
 
     Args:
@@ -49,7 +43,7 @@ class Result:
     @cached_property
     def rows(self) -> pl.DataFrame:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
-        return self._folder.rows()
+        return with_groups(self._folder.rows(), str(self.manifest["identity"]["dataset"]))
 
     @cached_property
     def summary(self) -> Summary:
@@ -117,49 +111,9 @@ class Result:
             "setting": self.setting,
         }
 
-    @property
-    def cost(self) -> RunCost | None:
-        """What one prediction of the model costs, where `robustflow profile MODEL --into RUN` counted it."""
-        from .costs import read_cost
-
-        return read_cost(self)
-
-    def compare(self, other: Result, *, level: float = 0.95, resamples: int = 4999, seed: int = 0) -> Comparison:
-        """Whether this run differs from another over the same frames; see `robustflow.compare`."""
-        from ..report.comparison import compare
-
-        return compare(self, other, level=level, resamples=resamples, seed=seed)
-
-    def plot(self, kind: str = "severity", metric: str = "rcre", others: Sequence[Result] = ()) -> Figure:
-        """A figure of this run, and of others beside it; see `robustflow.report.notebook.plot` for the kinds."""
-        from ..report.notebook import plot
-
-        return plot([self, *others], kind, metric)
-
-    def __repr__(self) -> str:
-        from ..text import plain
-
-        return f"<Result of {plain(self.name)} on {plain(str(self.manifest['identity']['benchmark']))}, {self.path}>"
-
-    def _repr_html_(self) -> str:
-        from ..report.notebook import result_html
-
-        return result_html(self)
-
-    def write_summary(self) -> None:
-        """Write `summary.json` and `report.html` into the run's folder."""
-        self.write_means()
-        self.write_report()
-
     def write_means(self) -> None:
         """Write `summary.json`."""
         write_json(self.path / "summary.json", self.document())
-
-    def write_report(self) -> None:
-        """Write `report.html`, with the examples that are there."""
-        from ..report.site import render_site, run_content
-
-        write_bytes(self.path / "report.html", render_site(run_content(self)).encode())
 
     def planned(self) -> list[Cell]:
         """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""

@@ -13,14 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from ..atomic import write_json
-from ..benchmarks import load_benchmark
-from ..datasets.base import Dataset, FromClips
-from ..errors import RobustFlowError, RunError
+from ..errors import RunError
 from ..models import ModelSpec
-from ..models.base import AnyModel
-from ..runner.clip import window_on
-from .plan import Plan, Settings, identity_digest
-from .run import Result
 
 FILE = "source.json"
 
@@ -66,52 +60,6 @@ class Source:
             raise RunError(f"{folder / FILE} is damaged; delete it, and name --model and --data instead") from error
 
 
-def set_up_again(result: Result, source: Source) -> tuple[Dataset, AnyModel, Settings]:
-    """Data set, model and settings of a finished run.
-
-    Raises:
-        RunError: the model cannot be loaded any more, or what is found now is not what was run.
-        UsageError, DataError: the data set is not there.
-    """
-    identity = result.manifest["identity"]
-    chosen = load_benchmark(identity["benchmark"], source.data, None, source.data_options)
-    dataset = chosen.dataset
-    if isinstance(dataset, FromClips):
-        dataset = dataset.with_variant(identity["variant"])
-    if source.model is None:
-        raise RunError(f"{result.path} was run with a Python object, which has no name; give --model NAME")
-    try:
-        model = source.model.load()
-    except RobustFlowError as error:
-        raise RunError(f"the model of {result.path} can no longer be loaded: {error}") from error
-    scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
-    settings = Settings(
-        identity["seed"],
-        identity["variant"],
-        identity["allow_invalid"],
-        scale,
-        _psf_source(identity["variant"]),
-        window_on(model, dataset),
-    )
-    now = Plan(chosen, settings, source.model.identity(model)).identity()
-    if identity_digest(now) != result.manifest["identity_digest"]:
-        raise RunError(
-            f"what is set up now is not what {result.path} ran (it differs in: {differing(now, identity)}); "
-            "give the options that the run was given"
-        )
-    return dataset, model, settings
-
-
-def differing(now: dict[str, Any], before: dict[str, Any]) -> str:
-    """The parts in which two identities differ.
-
-    >>> differing({"seed": 1, "model": "a"}, {"seed": 0, "model": "a"})
-    'seed'
-    """
-    names = sorted(key for key in now.keys() | before.keys() if now.get(key) != before.get(key))
-    return ", ".join(names) or "identity"
-
-
 def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:
     """Options as JSON knows them; a Python object, which only `evaluate` can be given, as its text.
 
@@ -123,9 +71,3 @@ def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:
         name: value if isinstance(value, kept) or (isinstance(value, float) and math.isfinite(value)) else str(value)
         for name, value in options
     }
-
-
-def _psf_source(variant: str) -> str:
-    from ..corruptions import load_corruption
-
-    return load_corruption("psf_blur", variant).source

@@ -9,8 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from robustflow.api import evaluate
-from robustflow.runs.run import Result
+from robustflow.api import Result, evaluate
 
 from ...analysis.simulated import Truth, rows_of
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robustflow.api import Result
 from robustflow.errors import DataError
 from robustflow.report.gallery.pictures import gallery
 from robustflow.report.site.examples import gallery_slider, run_examples
-from robustflow.runs.run import Result
 
 
 @pytest.fixture

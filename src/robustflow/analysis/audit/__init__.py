@@ -3,32 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import polars as pl
 
-from ...records.load import is_record, load_run
 from ..published.tables import Cost, published_costs, published_results
-from ..results import read_results
 from .checks import Book, check_averages, check_bound, check_cre, check_crer, check_marks
 from .costs import check_costs
 from .findings import CHECKS, Audit, Finding, merged
 from .patterns import check_shifted, check_swapped
 from .run_folder import audit_run
 
-__all__ = ["CHECKS", "Audit", "Finding", "audit", "audit_published", "audit_results", "audit_run"]
-
-
-def audit(path: str | Path) -> Audit:
-    """A results file (CSV, see `robustflow.analysis.results.read_results`) or a run: its folder, or a record of it.
-
-    Raises:
-        DataError, RunError: it is none of these, or cannot be read.
-    """
-    path = Path(path).expanduser()
-    if path.is_dir() or is_record(path):
-        return audit_run(load_run(path), str(path))
-    return audit_results(read_results(path), audited=str(path))
+__all__ = ["CHECKS", "Audit", "Finding", "audit_published", "audit_results", "audit_run"]
 
 
 def audit_published() -> Audit:

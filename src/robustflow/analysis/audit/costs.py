@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...report.cost_table import cost_ranks
+from ..cost_ranks import cost_ranks
 from ..published.tables import PAPER, Cost
 from ..results import AVERAGE, CLEAN
 from .checks import Book

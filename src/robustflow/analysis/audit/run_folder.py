@@ -16,13 +16,13 @@ from .findings import Audit, Finding, merged
 from .row_rules import RULES, broken_rules
 
 if TYPE_CHECKING:
-    from ...runs.run import Result
+    from ...runs.run import Run
 
 _LARGEST_SUMMARY = 256 * 2**20
 _CLOSE = 1e-9
 
 
-def audit_run(run: Result, audited: str | None = None) -> Audit:
+def audit_run(run: Run, audited: str | None = None) -> Audit:
     """Whether what a run's folder says follows from its rows.
 
     `summary.json` is made again from the rows and compared number by number; the digest is made again from the
@@ -35,7 +35,7 @@ def audit_run(run: Result, audited: str | None = None) -> Audit:
     Raises:
         RunError: a folder without a readable summary.
     """
-    from ...runs.plan import identity_digest
+    from ...runs.identity import identity_digest
 
     digest = identity_digest(run.manifest["identity"])
     identity = []
@@ -47,7 +47,7 @@ def audit_run(run: Result, audited: str | None = None) -> Audit:
     return merged(audited or str(run.path), [_summary(run), ("identity", 1, identity), _rows(run.rows)])
 
 
-def _summary(run: Result) -> tuple[str, int, list[Finding]]:
+def _summary(run: Run) -> tuple[str, int, list[Finding]]:
     made = run.document()
     given = _read_summary(run.path / "summary.json")
     count, findings = 0, []

@@ -7,7 +7,7 @@ from statistics import fmean, median
 from scipy.stats import spearmanr
 
 from ...corruptions.registry import FAMILIES
-from ...report.cost_table import cost_ranks
+from ..cost_ranks import cost_ranks
 from ..uncertainty.sentences import p_text
 from .evidence import Entry, Evidence, named
 from .verdict import Observation, Part, part

@@ -28,6 +28,8 @@ class TorchCorruption(torch.nn.Module):
     >>> first, second = transform(torch.zeros(3, 24, 32), torch.ones(3, 24, 32))
     >>> first.shape, first.dtype
     (torch.Size([3, 24, 32]), torch.float32)
+    >>> transform
+    TorchCorruption(names=['contrast'], severities=[5], probability=1.0, seed=0)
     """
 
     def __init__(
@@ -65,6 +67,10 @@ class TorchCorruption(torch.nn.Module):
             fresh = torch.from_numpy(corrupted).to(image.device)
             leaves[place] = tv_tensors.wrap(fresh, like=image) if isinstance(image, tv_tensors.TVTensor) else fresh
         return tree_unflatten(leaves, structure)
+
+    def extra_repr(self) -> str:
+        """What `print` shows between the brackets."""
+        return repr(self._transform).partition("(")[2].removesuffix(")")
 
     def _corrupt(self, images: list[torch.Tensor], key: str | int | None) -> list[Any]:
         for image in images:

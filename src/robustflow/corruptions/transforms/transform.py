@@ -31,6 +31,10 @@ from ..stack import is_stack, levels_of, parse_stack
 Image = npt.NDArray[Any]
 """uint8, or float32 in [0, 1]; (H, W, 3) RGB, or grey as (H, W) or (H, W, 1)."""
 
+DEFAULT_NAMES: tuple[str, ...] = tuple(name for name in IMAGE_PAIR if name != "psf_blur")
+"""What is chosen among where nothing is named: a training step cannot wait for psf_blur, the only one of more than
+some milliseconds a pair."""
+
 _COLOURED = ("saturate", "spatter", "frost", "psf_blur")
 _NEUTRAL = frozenset((*IMAGE_PAIR, "elastic_transform")) - frozenset(_COLOURED)
 
@@ -39,7 +43,8 @@ class CorruptionTransform:
     """Corrupts images, pairs and clips at random; callable, picklable, safe in the workers of a data loader.
 
     Args:
-        names: the corruptions to choose among, each as likely; every image-pair corruption by default. Stacks such
+        names: the corruptions to choose among, each as likely. By default every image-pair corruption but psf_blur,
+            which takes about a second a pair where the others take milliseconds: name it to have it. Stacks such
             as "fog+jpeg_compression" are allowed, corruptions of whole clips (h264_crf, ...) are not.
         severities: the severities to choose among, each as likely.
         probability: of corrupting at all.
@@ -54,6 +59,8 @@ class CorruptionTransform:
     >>> out = transform(image)
     >>> out.shape, out.dtype.name, bool((transform(image, key="a") == transform(image, key="a")).all())
     ((24, 32, 3), 'float32', True)
+    >>> transform
+    CorruptionTransform(names=['gaussian_noise', 'contrast'], severities=[1, 2], probability=1.0, seed=3)
     """
 
     def __init__(
@@ -66,17 +73,22 @@ class CorruptionTransform:
         scale: str = "paper",
     ) -> None:
         if not 0.0 <= probability <= 1.0:
-            raise UsageError(f"a probability of {probability} cannot be: give 0 to 1")
+            raise UsageError(f"probability {probability} is out of range: give 0 to 1")
         if isinstance(names, str):
-            raise UsageError(f"names is one text, '{names}': give a list, ['{names}']")
+            raise UsageError(f"names is a string, '{names}': give a list, ['{names}']")
         levels = tuple(sorted({check_severity(severity) for severity in severities}))
         self._choices: list[tuple[Corruption, tuple[int, ...]]] = []
-        for name in IMAGE_PAIR if names is None else names:
+        names = DEFAULT_NAMES if names is None else tuple(names)
+        for name in names:
             self._choices.append((load_corruption(name, variant, scale), _levels(name, levels, scale)))
         if not self._choices or not levels:
             raise UsageError("nothing to choose from: name at least one corruption and one severity")
+        self.names: tuple[str, ...] = names
+        self.severities = levels
         self.probability = probability
         self.seed = seed
+        self.variant = variant
+        self.scale = scale
         self._calls = 0
         self._lock = threading.Lock()
 
@@ -128,6 +140,13 @@ class CorruptionTransform:
             _like(frame, corruption.apply(_rgb(frame), state, index), corruption.name)
             for index, frame in enumerate(frames)
         ]
+
+    def __repr__(self) -> str:
+        names = "the default" if self.names == DEFAULT_NAMES else list(self.names)
+        parts = f"names={names}, severities={list(self.severities)}, probability={self.probability}, seed={self.seed}"
+        parts += "" if self.variant == "default" else f", variant='{self.variant}'"
+        parts += "" if self.scale == "paper" else f", scale='{self.scale}'"
+        return f"{type(self).__name__}({parts})"
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_lock"}

@@ -89,13 +89,10 @@ class TorchModel(NetworkModel):
     ) -> None:
         if not isinstance(net, nn.Module):
             raise UsageError(f"TorchModel takes a torch.nn.Module, not {type(net).__name__}")
-        for what, value, known in (
-            ("scaling", scaling, SCALINGS),
-            ("order", order, ORDERS),
-            ("layout", layout, LAYOUTS),
-        ):
-            if value is not None and value not in known:
-                raise unknown_name(what, str(value), known)
+        choices = {"scaling": (scaling, SCALINGS), "order": (order, ORDERS), "layout": (layout, LAYOUTS)}
+        for option, (value, choice) in choices.items():
+            if value is not None and value not in choice:
+                raise unknown_name(option, str(value), choice)
         check_count("multiple", MULTIPLE if multiple is None else multiple)
         check_switch("batched", batched)
         execution = Execution(device, precision, compile, threads)

@@ -21,7 +21,7 @@ from matplotlib.transforms import Bbox
 from ...analysis.published.tables import method_of
 from ...atomic import make_folder, write_bytes
 from ...errors import unknown_name
-from ...text import plain
+from ...text import name_text
 from .marks import MarkedFigure
 
 FILE_FORMATS = ("png", "svg", "pdf")
@@ -100,16 +100,6 @@ def panel_figure(count: int) -> tuple[MarkedFigure, list[Axes]]:
 def set_heading(figure: MarkedFigure, text: str) -> None:
     """A heading over all panels, on as many lines as the figure's width needs."""
     figure.suptitle(textwrap.fill(text, int(12.5 * figure.get_figwidth())), fontsize=10)
-
-
-def name_text(name: str) -> str:
-    """A name for a label. A dollar sign would begin a formula, and a leading underscore hide a legend's entry.
-
-    >>> name_text("a$b$"), name_text("_x")
-    ('a\\\\$b\\\\$', '\\u200a_x')
-    """
-    text = plain(name, 40).replace("$", r"\$")
-    return f"\u200a{text}" if text.startswith("_") else text
 
 
 def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Annotation]:

@@ -11,8 +11,9 @@ from ...analysis.labels import SETTING_LABELS
 from ...analysis.published.tables import NOT_DISCUSSED
 from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...errors import UsageError
+from ...text import name_text
 from ..tables import settings_in_order
-from .canvas import KIND_COLOURS, kind_of, name_text, panel_figure, set_heading, spread_labels
+from .canvas import KIND_COLOURS, kind_of, panel_figure, set_heading, spread_labels
 from .marks import Mark, MarkedFigure
 
 _AREA = 260.0

@@ -11,7 +11,8 @@ from ...analysis.labels import FAMILY_LABELS
 from ...analysis.results import CLEAN, SETTINGS, values_of
 from ...corruptions.registry import FAMILIES
 from ...errors import UsageError
-from .canvas import ORANGE, SETTING_COLOURS, name_text, new_figure
+from ...text import name_text
+from .canvas import ORANGE, SETTING_COLOURS, new_figure
 from .marks import Mark, MarkedFigure
 
 REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")

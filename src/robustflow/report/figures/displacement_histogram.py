@@ -9,7 +9,8 @@ import polars as pl
 from matplotlib.ticker import FuncFormatter
 
 from ...errors import UsageError
-from .canvas import SERIES, name_text, new_figure
+from ...text import name_text
+from .canvas import SERIES, new_figure
 from .marks import Mark, MarkedFigure
 
 

@@ -8,7 +8,8 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from ...analysis.effective import effective_robustness
 from ...analysis.labels import SETTING_LABELS
-from .canvas import KIND_COLOURS, kind_of, name_text, panel_figure, set_heading, spread_labels
+from ...text import name_text
+from .canvas import KIND_COLOURS, kind_of, panel_figure, set_heading, spread_labels
 from .marks import Mark, MarkedFigure
 
 

@@ -9,7 +9,8 @@ from matplotlib.lines import Line2D
 from ...analysis.published.tables import NOT_DISCUSSED
 from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...errors import UsageError
-from .canvas import ORANGE, SETTING_COLOURS, name_text, new_figure
+from ...text import name_text
+from .canvas import ORANGE, SETTING_COLOURS, new_figure
 from .marks import Mark, MarkedFigure
 
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))

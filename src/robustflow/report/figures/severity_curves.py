@@ -13,7 +13,8 @@ from ...analysis.uncertainty import intervals
 from ...corruptions.base import SEVERITIES
 from ...corruptions.registry import PAPER_ORDER
 from ...errors import UsageError
-from .canvas import SERIES, name_text, new_figure
+from ...text import name_text
+from .canvas import SERIES, new_figure
 from .marks import Mark, MarkedFigure
 
 _COLUMNS = 5

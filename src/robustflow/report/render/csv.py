@@ -1,14 +1,11 @@
-"""CSV: one line per model, for spreadsheets; marks and notes in columns of their own.
-
-A text that a spreadsheet would run as a formula is preceded by an apostrophe, which shows it as text.
-"""
+"""CSV: one line per model, for spreadsheets; marks and notes in columns of their own."""
 
 from __future__ import annotations
 
 import csv
 import io
 
-from ...text import plain
+from ...text import text_cell
 from ..table import Column, Table
 
 
@@ -24,16 +21,6 @@ def render(table: Table) -> str:
             cells = ["" if cell.text == "-" else _value(cell.text) for cell in line.cells]
             writer.writerow([text_cell(section.title), text_cell(line.label), *cells, best, text_cell(line.note)])
     return out.getvalue()
-
-
-def text_cell(text: str) -> str:
-    """A text that no spreadsheet takes for a formula.
-
-    >>> text_cell("=HYPERLINK(1)"), text_cell("RAFT")
-    ("'=HYPERLINK(1)", 'RAFT')
-    """
-    clean = plain(text, 300)
-    return f"'{clean}" if clean[:1] in ("=", "+", "-", "@") else clean
 
 
 def _value(text: str) -> str:

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from ...analysis.cost_ranks import run_costs
 from ...analysis.labels import benchmark_label
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
 from ...analysis.scores import note_of, run_names, sample_set, setting_of
 from ...analysis.uncertainty import intervals
 from ...errors import DataError, UsageError
-from ...runs.costs import run_costs
 from ...text import plain
 from ..assemble import results_of
 from .entries import Entry, Interval, Key, entries_of
 
 if TYPE_CHECKING:
-    from ...runs.run import Result
+    from ...runs.run import Run
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Content:
     """
 
     title: str
-    runs: Mapping[tuple[str, str], Result]
+    runs: Mapping[tuple[str, str], Run]
     results: pl.DataFrame
     costs: Mapping[str, Cost]
     entries: Sequence[Entry]
@@ -52,14 +52,14 @@ class Content:
         return self.results.filter(pl.col("sample_set") != PAPER) if self.alone else self.results
 
 
-def run_content(run: Result) -> Content:
+def run_content(run: Run) -> Content:
     """Of a run's own report: the run first, the paper's lines below."""
     title = f"{run.name} on {benchmark_label(str(run.manifest['identity']['benchmark']))}"
     return _content(plain(title, 160), [run], [], published=True, alone=True)
 
 
 def whole_content(
-    runs: Sequence[Result], files: Sequence[tuple[str, pl.DataFrame]] = (), *, published: bool = True
+    runs: Sequence[Run], files: Sequence[tuple[str, pl.DataFrame]] = (), *, published: bool = True
 ) -> Content:
     """Of a leaderboard.
 
@@ -76,7 +76,7 @@ def whole_content(
 
 
 def _content(
-    title: str, runs: Sequence[Result], files: Sequence[tuple[str, pl.DataFrame]], published: bool, alone: bool
+    title: str, runs: Sequence[Run], files: Sequence[tuple[str, pl.DataFrame]], published: bool, alone: bool
 ) -> Content:
     own, paper = results_of(runs, published=False), results_of([], published=published)
     parts, titles = [own], {PAPER: "Published values"}
@@ -113,7 +113,7 @@ def _content(
     return Content(title, by_name, results, costs, entries, titles, alone)
 
 
-def _intervals(run: Result) -> dict[Key, Interval]:
+def _intervals(run: Run) -> dict[Key, Interval]:
     known = intervals(run.rows).drop_nulls(["low", "high"])
     return {
         (metric, corruption): (low, high)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import polars as pl
 
+from ...analysis.cost_ranks import cost_ranks, measured_crer, run_ranks
 from ...analysis.published.tables import PAPER, Cost
 from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.registry import FAMILIES
 from ...runs.costs import RunCost
 from ...text import plain
-from ..cost_table import cost_ranks, measured_crer, run_ranks
 from ..table import number_text
 from .slugs import Slugs
 

@@ -21,7 +21,7 @@ from ...sample import Frame
 from ...text import plain
 
 if TYPE_CHECKING:
-    from ...runs.run import Result
+    from ...runs.run import Run
     from ..gallery.pictures import Cell
 
 _LARGEST_LIST = 1 << 20
@@ -97,7 +97,7 @@ class Panel:
     height: int
 
 
-def run_examples(run: Result) -> tuple[Slider, list[Panel]] | None:
+def run_examples(run: Run) -> tuple[Slider, list[Panel]] | None:
     """The pictures of a run's folder; None where it has none.
 
     Raises:
@@ -117,7 +117,7 @@ def run_examples(run: Result) -> tuple[Slider, list[Panel]] | None:
     return slider, [_panel(folder, panel) for panel in found.panels]
 
 
-def examples_of(runs: Mapping[tuple[str, str], Result]) -> Examples | None:
+def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
     """The slider of the first run with examples, and the panels of the first `MOST_RUNS` of them."""
     slider: Slider | None = None
     panels: dict[tuple[str, str], list[Panel]] = {}

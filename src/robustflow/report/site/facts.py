@@ -11,13 +11,13 @@ from ...runs.plan import left_out_sentence
 from ...text import plain
 
 if TYPE_CHECKING:
-    from ...runs.run import Result
+    from ...runs.run import Run
 
 _LONGEST = 600
 Facts = list[tuple[str, str]]
 
 
-def run_facts(run: Result) -> Facts:
+def run_facts(run: Run) -> Facts:
     """Of a run, from its manifest: model, data, seed, versions, and what is left out or not as in the paper."""
     manifest = run.manifest
     identity, environment = manifest["identity"], manifest.get("environment") or {}
@@ -60,7 +60,7 @@ def _spelled(values: dict[str, Any]) -> str:
     return ", ".join(f"{key}: {value}" for key, value in values.items() if value not in ({}, None, ""))
 
 
-def _cost(run: Result) -> str:
+def _cost(run: Run) -> str:
     cost = read_cost(run)
     if cost is None:
         return ""

@@ -7,8 +7,8 @@ from itertools import islice
 
 from markupsafe import Markup
 
+from ...analysis.displacements import displacements_of
 from ...errors import UsageError
-from ...runs.displacement_file import displacements_of
 from ...text import plain
 from ..figures import displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.canvas import SERIES

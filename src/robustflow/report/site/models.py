@@ -20,7 +20,7 @@ from .facts import Facts, published_facts, run_facts
 from .heat import heat_class, scale_top
 
 if TYPE_CHECKING:
-    from ...runs.run import Result
+    from ...runs.run import Run
 
 _METRICS = ("cre", "rcre", "epe")
 _TILES = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
@@ -81,7 +81,7 @@ def model_pages(content: Content, panels: Mapping[tuple[str, str], Sequence[Pane
     return pages
 
 
-def _of_run(page: str, entry: Entry, run: Result, panels: tuple[Panel, ...]) -> ModelPage:
+def _of_run(page: str, entry: Entry, run: Run, panels: tuple[Panel, ...]) -> ModelPage:
     return ModelPage(
         id=page,
         name=entry.model,
@@ -142,7 +142,7 @@ def _sentences(entry: Entry) -> tuple[str, ...]:
     return ()
 
 
-def _severity_table(entry: Entry, run: Result, metric: str) -> HeatTable:
+def _severity_table(entry: Entry, run: Run, metric: str) -> HeatTable:
     table = run.table(metric)
     levels = [column for column in table.columns if column.isdigit()]
     top = scale_top(value for level in levels for value in table[level])
@@ -176,7 +176,7 @@ def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
     return HeatTable(f"{title} (px)", columns, tuple(lines))
 
 
-def _anatomy(run: Result) -> Table | None:
+def _anatomy(run: Run) -> Table | None:
     """Regions and families of the anatomy table; the slopes stand in the tables of severities."""
     whole = anatomy_table([run])
     lines = [line for section in whole.sections for line in section.lines if line.cells[0].text != "-"]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from ...datasets.base import Dataset
 from ...models import ModelSpec
@@ -24,13 +24,22 @@ class Job:
     settings: Settings
     folder: Path
     batch_size: int = 1
+    loaded: AnyModel | None = field(default=None, compare=False)
+    """The model, where this process has it already; it does not travel to another process."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "loaded": None}
+
+    def load_model(self) -> AnyModel:
+        """The model that is loaded, or one that is loaded now."""
+        if self.loaded is not None:
+            return self.loaded
+        return self.model.load() if isinstance(self.model, ModelSpec) else self.model
 
     def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
-        """A worker with its own model where the model is given by name."""
-        model = self.model.load() if isinstance(self.model, ModelSpec) else self.model
-        return Worker(
-            self.dataset, model, self.settings, RunFolder(self.folder).clean_path, on_predict, self.batch_size
-        )
+        """A worker with the model of `load_model`."""
+        clean_path = RunFolder(self.folder).clean_path
+        return Worker(self.dataset, self.load_model(), self.settings, clean_path, on_predict, self.batch_size)
 
 
 @dataclass(frozen=True)
@@ -40,12 +49,6 @@ class Done:
     unit: Unit
     rows: list[dict[str, Any]]
     seconds: dict[str, float]
-
-
-class Engine(Protocol):
-    """Computes units, each once, in any order that puts a sample's clean unit first."""
-
-    def __call__(self, job: Job, units: Iterable[Unit]) -> Iterator[Done]: ...
 
 
 def take_seconds(worker: Worker) -> dict[str, float]:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 import cv2
 
+from ...psf.threads import blur_threads
 from ...runs.plan import Unit
 from .base import Done, Job, take_seconds
 
@@ -14,7 +15,7 @@ from .base import Done, Job, take_seconds
 def serial(job: Job, units: Iterable[Unit]) -> Iterator[Done]:
     """Compute the units one after the other."""
     worker = job.worker()
-    with one_opencv_thread():
+    with one_opencv_thread(), blur_threads():
         for unit in units:
             rows = worker.run(unit)
             yield Done(unit, rows, take_seconds(worker))

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions.registry import FAMILIES
 from robustflow.errors import RunError, UsageError
-from robustflow.metrics.aggregate import summarize
 from robustflow.metrics.rows import ROW_SCHEMA, rows_frame
 from robustflow.metrics.summary import METRICS
+from robustflow.runs.aggregate import summarize
 
 COUNTS = ("fl_count", "px1_count", "px3_count", "px5_count")
 

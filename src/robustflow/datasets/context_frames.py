@@ -12,16 +12,12 @@ from pathlib import Path
 
 from ..corruptions.api import corrupt_clip
 from ..corruptions.base import Corruption
-from ..datasets.base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
 from ..errors import DataError, UsageError
 from ..models.base import AnyModel, ClipModel, FlowModel
 from ..models.window import Window, window_of
 from ..sample import Frame, Sample
-
-_WITH_CLIPS = (
-    "folder (frames or a video), gopro-fc prepared from recordings, sintel, spring, hd1k, flyingthings3d, gopro, "
-    "middlebury with all its frames, and KITTI with its multi-view extension"
-)
+from . import DATASETS, dataset_facts
+from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
 
 
 def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
@@ -41,11 +37,19 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
         return None
     raise UsageError(
         f"this model sees {window.before + 2 + window.after} frames, and '{dataset.name}' holds pairs only; "
-        f"data with clips: {_WITH_CLIPS}"
+        f"data with clips: {_with_clips()}"
     )
 
 
-class Surroundings:
+def _with_clips() -> str:
+    """The data sets whose pairs have further frames around them, in words: those that always have them first."""
+    facts = {name: dataset_facts(name) for name in DATASETS.names()}
+    with_clips = {facts.benchmark or name: facts.clips for name, facts in facts.items() if facts.clips != "never"}
+    ordered = sorted(with_clips.items(), key=lambda entry: entry[1] != "always")
+    return ", ".join(name if when == "always" else f"{name} {when}" for name, when in ordered)
+
+
+class ContextFrames:
     """The frames of a window, on one data set.
 
     Frames travel as (frame 1, frame 2, those around them by ascending offset).

@@ -17,10 +17,10 @@ import polars as pl
 
 from ..corruptions.registry import FAMILIES, PAPER_ORDER
 from ..errors import RunError, UsageError
-from .regions import REGIONS
-from .robustness import cre, crer
-from .rows import CLEAN, ROW_KEY, ROW_SCHEMA
-from .summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
+from ..metrics.regions import REGIONS
+from ..metrics.robustness import cre, crer
+from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA
+from ..metrics.summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
 
 Unit = tuple[str, str, int]
 """(sample, corruption, severity)."""

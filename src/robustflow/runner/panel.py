@@ -22,7 +22,7 @@ from ..images.flow_colours import flow_colours, flow_radius
 from ..images.sparse import thickened
 from ..metrics.epe import epe_map
 from ..sample import Flow, Frame, Sample
-from .figures.canvas import name_text
+from ..text import name_text
 
 _WIDTH_IN = 14.0
 _TALLEST_IN = 7.0

@@ -13,7 +13,7 @@ from PIL import Image
 
 from robustflow.images.error_colours import HIGHEST, LOWEST, UNKNOWN, error_colours
 from robustflow.images.sparse import REACH, SPARSE, thickened
-from robustflow.report.panel import Panel, draw_panel, panel_title
+from robustflow.runner.panel import Panel, draw_panel, panel_title
 from robustflow.sample import Sample
 
 

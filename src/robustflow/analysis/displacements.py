@@ -1,0 +1,47 @@
+"""The histograms of flow amplitudes that runs keep, one for each set of samples, with what a figure calls them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import polars as pl
+
+from ..runs.displacement_file import GROUND_TRUTH, DisplacementFile, read_displacement
+from ..runs.run import Run
+from ..text import plain
+from .labels import benchmark_label
+from .scores import sample_set
+
+
+def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
+    """What the figure draws: label -> bins, one for each sample set, of its ground truth where a run has it."""
+    found: dict[str, DisplacementFile] = {}
+    benchmarks: dict[str, str] = {}
+    for run in runs:
+        one, frames = read_displacement(run), sample_set(run)
+        if one is None or not any(one.pixels):
+            continue
+        if frames not in found or one.source == GROUND_TRUTH != found[frames].source:
+            found[frames], benchmarks[frames] = one, str(run.manifest["identity"]["benchmark"])
+    return {label: one.table for label, one in _labelled(found, benchmarks)}
+
+
+def label_of(benchmark: str, samples: int, source: str) -> str:
+    """What a histogram is called in a figure.
+
+    >>> label_of("kitti-fc", 80, "ground truth")
+    'KITTI-FC, 80 pairs (ground truth)'
+    """
+    return f"{benchmark_label(benchmark)}, {samples} pair{'s' if samples != 1 else ''} ({plain(source, 40)})"
+
+
+def _labelled(found: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:
+    """Sample sets that differ in corruptions or seed alone have one histogram; others of one label are numbered."""
+    seen: dict[str, list[DisplacementFile]] = {}
+    for frames, one in found.items():
+        label = label_of(benchmarks[frames], one.samples, one.source)
+        alike = seen.setdefault(label, [])
+        if any((other.low, other.pixels) == (one.low, one.pixels) for other in alike):
+            continue
+        alike.append(one)
+        yield (label if len(alike) == 1 else f"{label} #{len(alike)}"), one

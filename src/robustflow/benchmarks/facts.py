@@ -1,0 +1,57 @@
+"""What a reader of a result needs to know about a benchmark: fields of its class, as validated data."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..corruptions import IMAGE_PAIR
+from ..datasets.facts import DatasetFacts
+
+
+class BenchmarkFacts(BaseModel):
+    """A benchmark in words.
+
+    Attributes:
+        title: as it is written in tables and figures.
+        description: one sentence.
+        data: what `--data` names; "" where it needs none.
+        has_flow: its samples have ground truth; without, RCRE is all that is measured.
+        published: the paper prints results on it.
+        paper_corruptions: what the paper's mean on it is over; for a benchmark that is not in the paper, the
+            corruptions of image pairs.
+        paper_pairs: on how many pairs the paper measured it; None where it does not say, or has no such benchmark.
+        training_set: the training set that its frames come from, as `robustflow.models.provenance` calls it; "" where
+            no model can say whether it saw them.
+        same_domain: training sets of the same domain, which hold other frames.
+
+    >>> BenchmarkFacts(title="Night drives").has_flow
+    True
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    title: str = Field(min_length=1, max_length=80)
+    description: str = Field(default="", max_length=400)
+    data: str = Field(default="", max_length=200)
+    has_flow: bool = True
+    published: bool = False
+    paper_corruptions: tuple[str, ...] = IMAGE_PAIR
+    paper_pairs: int | None = Field(default=None, ge=1)
+    training_set: str = Field(default="", max_length=80)
+    same_domain: tuple[str, ...] = ()
+
+
+NEUTRAL = BenchmarkFacts(title="own benchmark")
+"""Of a benchmark that states none."""
+
+
+def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:
+    """Any data set as a benchmark: every sample under every corruption of image pairs."""
+    return BenchmarkFacts(
+        title=dataset.title,
+        description=dataset.description,
+        data=dataset.layout,
+        has_flow=dataset.ground_truth != "none",
+        training_set=dataset.training_set,
+        same_domain=dataset.same_domain,
+    )

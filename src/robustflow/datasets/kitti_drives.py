@@ -1,0 +1,92 @@
+"""Which drive each pair of KITTI's training sets was taken from: pairs of one drive are not independent.
+
+    data/kitti2015_drives.csv   pair, drive, frame of the raw data: 142 of the 200 pairs, 29 drives
+    data/kitti2012_drives.csv   89 of the 194 pairs, 16 drives
+
+The numbers of 2015 are those of `mapping/train_mapping.txt` in the benchmark's development kit (Menze and Geiger, CVPR
+2015), whose lines are empty where the drive is not in the public raw data. For 2012 there is no official table; ours
+holds the pairs that Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data to keep them out of training.
+
+**Pairs without a drive.** The pairs of 2015 are numbered in the order of drives, and a drive is in the raw data whole
+or not at all. So a run of numbers without a drive lies between two drives and shares none with them; how many drives it
+is made of is not known. All pairs of such a run are one group: more of the pairs are then taken for related than are,
+never fewer. The pairs of 2012 are numbered at random and neighbours say nothing, so all without a drive are one group;
+intervals on 2012 are still too narrow (`docs/design/uncertainty.md`).
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib.resources import files
+from itertools import groupby
+
+import polars as pl
+
+_TABLES = {"kitti2015": ("kitti2015", 200), "kitti_fc": ("kitti2015", 200), "kitti2012": ("kitti2012", 194)}
+"""Dataset -> the table of its pairs, and how many pairs there are. The released KITTI-FC keeps the numbers of 2015."""
+
+_NUMBERED_BY_DRIVE = ("kitti2015",)
+
+
+@cache
+def drives(dataset: str) -> Mapping[str, str]:
+    """Pair -> drive, of the pairs whose drive is known; empty for a dataset other than KITTI's.
+
+    >>> drives("kitti2015")["000010"], len(drives("kitti2015")), len(set(drives("kitti2015").values()))
+    ('2011_09_26_drive_0009', 142, 29)
+    """
+    if dataset not in _TABLES:
+        return {}
+    table = files("robustflow.datasets") / "data" / f"{_TABLES[dataset][0]}_drives.csv"
+    return {line["pair"]: line["drive"] for line in csv.DictReader(table.read_text(encoding="utf-8").splitlines())}
+
+
+@cache
+def drive_groups(dataset: str) -> Mapping[str, str]:
+    """Pair -> group: its drive, or what stands for it; empty for a dataset other than KITTI's.
+
+    >>> groups = drive_groups("kitti2015")
+    >>> groups["000007"], groups["000004"], groups["000156"]
+    ('2011_09_26_drive_0009', 'unmapped_000004_000006', 'unmapped_000156')
+    """
+    if dataset not in _TABLES:
+        return {}
+    table, count = _TABLES[dataset]
+    known, pairs = drives(dataset), [f"{number:06d}" for number in range(count)]
+    groups: dict[str, str] = {}
+    for has_drive, run in groupby(pairs, key=known.__contains__):
+        members = list(run)
+        if has_drive:
+            groups |= {pair: known[pair] for pair in members}
+        elif table in _NUMBERED_BY_DRIVE:
+            groups |= dict.fromkeys(members, "_".join(("unmapped", *dict.fromkeys((members[0], members[-1])))))
+        else:
+            groups |= dict.fromkeys(members, "unmapped")
+    return groups
+
+
+def related(first: Iterable[str], second: Iterable[str], dataset: str = "kitti2015") -> list[str]:
+    """The pairs of `first` whose drive is known and has a pair in `second`, in the order of `first`.
+
+    >>> related(["000007", "000002", "000000"], ["000012", "000001"])
+    ['000007']
+    """
+    known = drives(dataset)
+    others = {known[pair] for pair in second if pair in known}
+    return [pair for pair in first if known.get(pair) in others]
+
+
+def with_groups(rows: pl.DataFrame, dataset: str) -> pl.DataFrame:
+    """Rows of a run with the groups of its dataset where they were written before there was a table.
+
+    Args:
+        rows: columns `sample` and `group`, strings, among others.
+        dataset: its name. The rows of any but KITTI's come back as they are.
+    """
+    groups = drive_groups(dataset)
+    if not groups:
+        return rows
+    alone = pl.col("group") == pl.col("sample")
+    return rows.with_columns(group=pl.when(alone).then(pl.col("sample").replace(dict(groups))).otherwise("group"))

@@ -1,0 +1,21 @@
+"""An audit of whatever lies at a path: a results file, a run's folder, or a record of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..analysis.audit import Audit, audit_results, audit_run
+from ..analysis.results import read_results
+from .load import is_record, load_run
+
+
+def audit(path: str | Path) -> Audit:
+    """A results file (CSV, see `robustflow.analysis.results.read_results`) or a run: its folder, or a record of it.
+
+    Raises:
+        DataError, RunError: it is none of these, or cannot be read.
+    """
+    path = Path(path).expanduser()
+    if path.is_dir() or is_record(path):
+        return audit_run(load_run(path), str(path))
+    return audit_results(read_results(path), audited=str(path))

@@ -1,0 +1,37 @@
+"""Which engine computes a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from ...errors import UsageError, unknown_name
+from ...runs.plan import Unit
+from .base import Done, Job
+from .processes import processes
+from .serial import serial
+
+ENGINES = ("serial", "processes")
+
+Engine = Callable[[Job, list[Unit]], Iterator[Done]]
+"""Computes units, each once, in any order that puts a sample's clean unit first."""
+
+
+def choose_engine(name: str | None, workers: int, timeout: float | None) -> Engine:
+    """The engine of a name, or the one that the number of workers and the timeout ask for.
+
+    Raises:
+        UsageError: an unknown name, or workers or a timeout that the engine cannot have.
+    """
+    if workers < 1:
+        raise UsageError(f"{workers} workers cannot work: give 1 or more")
+    if timeout is not None and timeout <= 0:
+        raise UsageError(f"a timeout of {timeout:g} s lets no model answer: give more than 0")
+    if name is None:
+        name = "processes" if workers > 1 or timeout is not None else "serial"
+    if name not in ENGINES:
+        raise unknown_name("engine", name, ENGINES)
+    if name == "processes":
+        return lambda job, units: processes(job, units, max(1, min(workers, len(units))), timeout)
+    if workers > 1 or timeout is not None:
+        raise UsageError("the serial engine has one worker and cannot stop a model that hangs; use --engine processes")
+    return serial

@@ -1,0 +1,84 @@
+"""Compute what a run's folder still lacks, and write every finished unit at once."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Protocol
+
+from ..datasets.base import FromClips
+from ..models import ModelSpec
+from ..runs.manifest import now, open_manifest
+from ..runs.plan import Plan
+from ..runs.store import RunFolder
+from .engines.base import Done, Job
+from .engines.choose import Engine
+from .same_model import check_same_model
+from .setup import Setup
+
+
+class Progress(Protocol):
+    """Hears of every finished unit."""
+
+    def start(self, folder: Path, total: int, found: int) -> None: ...
+
+    def advance(self, done: Done) -> None: ...
+
+
+class Silent:
+    """A `Progress` that shows nothing."""
+
+    def start(self, folder: Path, total: int, found: int) -> None:
+        """Nothing."""
+
+    def advance(self, done: Done) -> None:
+        """Nothing."""
+
+
+def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
+    """Compute and write the units that are planned and not there.
+
+    Args:
+        folder: locked by this process.
+        setup: of the run.
+        engine: that computes.
+        batch_size: severities that are predicted in one call.
+        progress: is told of the run's size and of every unit that is on disk.
+
+    Raises:
+        RunError: the folder holds another run.
+        DataError, ModelError: see each class; finished work is kept.
+    """
+    plan, named = setup.plan, setup.model
+    job = Job(setup.dataset, named.spec or named.model, plan.settings, folder.path, batch_size, named.model)
+    manifest = open_manifest(folder, plan)
+    if not isinstance(job.model, ModelSpec) and "object" in plan.model_identity:
+        check_same_model(folder, job, plan.benchmark.keys)
+    folder.write_manifest(manifest)
+    units = plan.missing(folder.cells())
+    progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
+    left = Counter(unit.key for unit in units)
+    seconds: dict[str, float] = dict(manifest.get("seconds", {}))
+    start = time.perf_counter()
+    for done in engine(job, units):
+        folder.write_rows(done.unit, done.rows)
+        left[done.unit.key] -= 1
+        if not left[done.unit.key]:
+            folder.clean_path(done.unit.key).unlink(missing_ok=True)
+            folder.merge(done.unit.key)
+        for kind, spent in done.seconds.items():
+            seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
+        progress.advance(done)
+    seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
+    if isinstance(job.dataset, FromClips):
+        manifest["clips"] = job.dataset.clip_records()
+    folder.write_manifest({**manifest, "seconds": seconds, "finished": now()})
+
+
+def default_folder(plan: Plan, spec: ModelSpec | None) -> Path:
+    """Where a run goes that is given no folder: `runs/<benchmark>_<model>_<identity>`."""
+    name = spec.name if spec is not None else plan.model_identity.get("name", "model")
+    slug = re.sub(r"[^A-Za-z0-9_.-]+", "-", str(name)).strip("-.")[-40:] or "model"
+    return Path("runs") / f"{plan.benchmark.name}_{slug}_{plan.digest()[:8]}"

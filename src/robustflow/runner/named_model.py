@@ -1,0 +1,63 @@
+"""The model of a run: loaded once, with what names it and how a worker process loads its own copy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import UsageError
+from ..models import ModelSpec
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity
+from ..models.loading import as_model
+from ..models.provenance import DECLARED
+
+
+@dataclass(frozen=True)
+class NamedModel:
+    """A loaded model.
+
+    Attributes:
+        spec: name and options; None for a Python object, which has none.
+        model: loaded.
+        identity: of a run that it makes.
+        declared: its training sets in the words of the user; None where nothing is declared.
+    """
+
+    spec: ModelSpec | None
+    model: AnyModel
+    identity: dict[str, Any]
+    declared: str | None
+
+    def check_batch_size(self, size: int) -> None:
+        """Refuse a batch size that the model does not take.
+
+        Raises:
+            UsageError: below 1, or above 1 for a model that predicts one pair or clip at a time.
+        """
+        if size < 1:
+            raise UsageError(f"a batch of {size} pairs cannot be predicted: give 1 or more")
+        if size > 1 and isinstance(self.model, ClipModel):
+            raise UsageError("a multi-frame model predicts one clip at a time; leave out --batch-size")
+        if size > 1 and not isinstance(self.model, BatchedFlowModel):
+            raise UsageError(
+                "this model predicts one pair at a time (it has no method predict_batch); leave out --batch-size"
+            )
+
+
+def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) -> NamedModel:
+    """Load a model by name, path or spec, or take an object as it is.
+
+    Raises:
+        UsageError: an unknown name or option.
+        ModelError: it cannot be loaded, or is not a model.
+    """
+    if isinstance(model, str | Path):
+        model = ModelSpec(str(model))
+    if isinstance(model, ModelSpec):
+        loaded = model.load()
+        declared = dict(model.options).get(DECLARED, getattr(loaded, DECLARED, None))
+        return NamedModel(model, loaded, model.identity(loaded), declared)
+    given = as_model(model, f"the model {model!r}")
+    return NamedModel(None, given, model_identity(given), getattr(given, DECLARED, None))

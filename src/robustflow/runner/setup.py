@@ -1,0 +1,162 @@
+"""One run, set up: benchmark, model and settings, from what is asked for or from what a finished run recorded."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..benchmarks import Benchmark, load_benchmark
+from ..corruptions import load_corruption
+from ..corruptions.calibration.scale import calibration_digest
+from ..corruptions.sources import recorded_sources, user_sources
+from ..datasets.base import Dataset, FromClips
+from ..datasets.context_frames import window_on
+from ..errors import RobustFlowError, RunError, UsageError
+from ..models import ModelSpec
+from ..models.base import AnyModel
+from ..models.provenance import training_of
+from ..models.window import Window
+from ..runs.identity import differing
+from ..runs.plan import Plan, Settings, left_out_sentence
+from ..runs.run import Run
+from ..runs.source import Source
+from .named_model import NamedModel, name_model
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A plan and the model that carries it out."""
+
+    plan: Plan
+    model: NamedModel
+
+    @property
+    def dataset(self) -> Dataset:
+        """The data set of the plan's benchmark."""
+        return self.plan.benchmark.dataset
+
+    @property
+    def settings(self) -> Settings:
+        """The plan's settings."""
+        return self.plan.settings
+
+
+def set_up(
+    model: str | Path | ModelSpec | AnyModel | Callable[..., Any],
+    benchmark: Benchmark,
+    *,
+    seed: int = 0,
+    variant: str = "default",
+    severity_scale: str = "paper",
+    allow_invalid: bool = False,
+) -> Setup:
+    """What is asked for, checked as a whole; the model is loaded, and nothing is computed.
+
+    Args:
+        model: see `robustflow.evaluate`.
+        benchmark: from `open_benchmark`, narrowed to what is to run.
+        seed, variant, severity_scale, allow_invalid: see `robustflow.evaluate`.
+
+    Raises:
+        UsageError: parts that do not go together, or nothing to run.
+        ModelError: the model cannot be loaded.
+    """
+    for name in benchmark.corruptions:
+        load_corruption(name, variant, severity_scale)
+    if benchmark.closed and severity_scale != "paper":
+        raise UsageError(
+            "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
+            "or give the uncorrupted data"
+        )
+    named = name_model(model)
+    window = window_on(named.model, benchmark.dataset)
+    settings = _settings(seed, variant, severity_scale, allow_invalid, window)
+    training = training_of(named.identity, named.declared)
+    plan = Plan(benchmark, settings, named.identity, training.record(benchmark.name))
+    if plan.left_out() and len(plan.units()) == len(benchmark.keys):
+        raise UsageError(
+            f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"
+        )
+    return Setup(plan, named)
+
+
+def set_up_again(run: Run, source: Source) -> Setup:
+    """A finished run from its manifest, with the model and the data that `source` names.
+
+    Raises:
+        RunError: the model cannot be loaded any more, or what is set up now is not what was run.
+        UsageError, DataError: the data set is not there.
+    """
+    identity = run.manifest["identity"]
+    benchmark = open_benchmark(identity["benchmark"], source.data, None, source.data_options, identity["variant"])
+    if source.model is None:
+        raise RunError(f"{run.path} was run with a Python object, which has no name; give --model NAME")
+    try:
+        named = name_model(source.model)
+    except RobustFlowError as error:
+        raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
+    settings = _settings_of(identity, window_on(named.model, benchmark.dataset))
+    plan = Plan(benchmark, settings, named.identity)
+    if plan.digest() != run.manifest["identity_digest"]:
+        raise RunError(
+            f"what is set up now is not what {run.path} ran (it differs in: {differing(plan.identity(), identity)}); "
+            "give the options that the run was given"
+        )
+    return Setup(plan, named)
+
+
+def set_up_frames(
+    identity: dict[str, Any], data: str | Path | None, options: dict[str, Any]
+) -> tuple[Dataset, Settings]:
+    """Data set and settings that make the frames of a run again, without its model.
+
+    Raises:
+        RunError: these are not the data, severities or files that the run was made with.
+        UsageError, DataError: the data set is not there.
+    """
+    benchmark = open_benchmark(identity["benchmark"], data, None, options, identity["variant"])
+    protocol = json.loads(json.dumps(benchmark.protocol, default=str))  # as it comes back from a manifest
+    if benchmark.dataset.name != identity["dataset"] or protocol != identity["protocol"]:
+        raise RunError(
+            f"the run's data are {identity['dataset']} {identity['protocol']}, these are {benchmark.dataset.name} "
+            f"{protocol}; give the data and data options of the run"
+        )
+    settings = _settings_of({**identity, "allow_invalid": True})  # invalid pixels are a model's, which is not here
+    if "severity_scale" in identity and identity["severity_scale"] != f"calibrated {calibration_digest()}":
+        raise RunError("the run's calibrated severities are not those of this version; use the version that ran it")
+    if dict(settings.sources) != (recorded := recorded_sources(identity)):
+        raise RunError(
+            "the corruptions of the run read other files than are set up here "
+            f"({differing(dict(settings.sources), recorded)}); set ROBUSTFLOW_PSF_DIR as the run did"
+        )
+    return benchmark.dataset, settings
+
+
+def open_benchmark(
+    benchmark: str | Benchmark,
+    data: str | Path | None = None,
+    split: str | Path | None = None,
+    options: dict[str, Any] | None = None,
+    variant: str = "default",
+) -> Benchmark:
+    """A benchmark by name or as it is, its clips under a variant of the corruptions.
+
+    Raises:
+        UsageError, DataError: see `load_benchmark`.
+    """
+    chosen = load_benchmark(benchmark, data, split, options) if isinstance(benchmark, str) else benchmark
+    if isinstance(chosen.dataset, FromClips):
+        chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
+    return chosen
+
+
+def _settings_of(identity: dict[str, Any], window: Window | None = None) -> Settings:
+    scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
+    return _settings(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window)
+
+
+def _settings(seed: int, variant: str, scale: str, allow_invalid: bool, window: Window | None) -> Settings:
+    return Settings(seed, variant, allow_invalid, scale, user_sources(variant), window)

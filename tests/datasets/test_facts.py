@@ -1,0 +1,95 @@
+"""Facts as data: each built-in data set and benchmark states them once, and unknown names give neutral ones."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from robustflow.benchmarks import BENCHMARKS, BenchmarkFacts, benchmark_facts, load_benchmark
+from robustflow.cli.main import app
+from robustflow.corruptions import IMAGE_PAIR, PAPER_ORDER
+from robustflow.datasets import DATASETS, dataset_facts
+from robustflow.models.provenance import TRAINING_SETS, Training
+
+OURS = [name for name in DATASETS.names() if DATASETS.get(name).__module__.startswith("robustflow.")]
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_each_data_set_states_licence_citation_and_layout(name):
+    facts = dataset_facts(name)
+    assert all((facts.description, facts.layout, facts.citation))
+    assert facts.licence != "not stated"
+    assert "://" not in facts.model_dump_json()
+    assert facts.training_set in ("", *TRAINING_SETS.values())
+    assert set(facts.same_domain) <= set(TRAINING_SETS.values())
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_ground_truth_as_stated(name):
+    target = DATASETS.get(name)
+    has_flow = getattr(target, "has_flow", None)
+    assert dataset_facts(name).ground_truth in (("dense", "sparse") if has_flow else ("none",))
+
+
+def test_the_papers_benchmarks():
+    kitti, gopro = benchmark_facts("kitti-fc"), benchmark_facts("gopro-fc")
+    assert (kitti.title, kitti.has_flow, kitti.paper_pairs, kitti.paper_corruptions) == (
+        "KITTI-FC",
+        True,
+        80,
+        IMAGE_PAIR,
+    )
+    assert (gopro.title, gopro.has_flow, gopro.paper_pairs, gopro.paper_corruptions) == (
+        "GoPro-FC",
+        False,
+        None,
+        PAPER_ORDER,
+    )
+    assert [name for name in BENCHMARKS.names() if benchmark_facts(name).published] == ["kitti-fc", "gopro-fc"]
+
+
+def test_a_data_set_as_a_benchmark_has_its_facts():
+    assert benchmark_facts("gopro").has_flow is False
+    assert benchmark_facts("sintel") == BenchmarkFacts(
+        title="MPI-Sintel",
+        description=dataset_facts("sintel").description,
+        data=dataset_facts("sintel").layout,
+        training_set="sintel",
+    )
+
+
+def test_an_unknown_name_gives_neutral_facts_and_loads_no_code():
+    sys.modules.pop("antigravity", None)
+    for name in ("antigravity:Benchmark", "os:system", "", "x" * 5000):
+        facts = benchmark_facts(name)
+        assert (facts.published, facts.paper_pairs, facts.training_set, facts.same_domain) == (False, None, "", ())
+        assert facts.title == (name[:80] or "unnamed")
+    assert "antigravity" not in sys.modules
+    assert dataset_facts("antigravity:Set").licence == "not stated"
+
+
+def test_an_opened_benchmark_carries_its_facts():
+    assert load_benchmark("demo").facts is benchmark_facts("demo")
+
+
+@pytest.mark.parametrize("name", [*BENCHMARKS.names(), *OURS])
+def test_facts_agree_with_what_models_are_labelled_by(name):
+    """Leaked by the set that a benchmark's frames come from, in-domain by those of its domain."""
+    facts = benchmark_facts(name)
+    if dataset_facts(name).benchmark if name in OURS else not facts.training_set:
+        return
+    if facts.training_set:
+        assert Training((facts.training_set,), "declared").setting(name) == "LEAKED"
+    for other in facts.same_domain:
+        assert Training((other,), "declared").setting(name) == "ID"
+
+
+def test_list_prints_the_facts():
+    printed = CliRunner().invoke(app, ["list", "datasets"]).output
+    for words in ("CC BY-NC-SA 3.0", "Menze and Geiger", "training/flow_occ", "200 pairs", "22,872 pairs"):
+        assert words in printed
+    printed = CliRunner().invoke(app, ["list", "benchmarks"]).output
+    assert "kitti-fc: 80 pairs of driving under 20 corruptions." in printed
+    assert "RCRE (no ground truth)" in printed

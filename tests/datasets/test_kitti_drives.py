@@ -1,0 +1,99 @@
+"""The table of drives against what is known of it, and rows that were written before there was one."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from robustflow.datasets.kitti import Kitti2015
+from robustflow.datasets.kitti_drives import drive_groups, drives, related, with_groups
+from robustflow.datasets.split import kitti_split
+
+KEYS = [f"{number:06d}" for number in range(200)]
+
+
+def test_the_table_is_that_of_the_development_kit():
+    known = drives("kitti2015")
+    assert (len(known), len(set(known.values()))) == (142, 29)
+    assert known["000010"] == "2011_09_26_drive_0009"  # the example of the kit's own readme
+    assert {key for key, drive in known.items() if drive.endswith("26_drive_0009")} == set(KEYS[7:13])
+    assert (known["000002"], known["000199"]) == ("2011_09_26_drive_0005", "2011_10_03_drive_0047")
+    assert list(known.values()) == sorted(known.values()), "pairs are numbered in the order of drives"
+
+
+def test_the_evaluated_pairs_in_drives():
+    evaluation, training = kitti_split(KEYS)
+    known = drives("kitti2015")
+    mapped = [key for key in evaluation if key in known]
+    assert (len(mapped), len({known[key] for key in mapped})) == (56, 22)
+    assert len(related(evaluation, training)) == 45  # four in five
+    assert len({drive_groups("kitti2015")[key] for key in evaluation}) == 30
+
+
+def test_pairs_without_a_drive_share_a_group_with_their_neighbours_and_with_no_drive():
+    groups, known = drive_groups("kitti2015"), drives("kitti2015")
+    assert list(groups) == KEYS
+    for first, second in pairwise(KEYS):
+        if first not in known and second not in known:
+            assert groups[first] == groups[second]
+    assert not {groups[key] for key in KEYS if key not in known} & set(known.values())
+    assert len(set(groups.values())) == 29 + 10
+
+
+def test_2012_has_a_table_of_its_own():
+    groups, known = drive_groups("kitti2012"), drives("kitti2012")
+    assert (len(groups), len(known), len(set(known.values()))) == (194, 89, 16)
+    assert [groups[key] for key in groups if key not in known] == ["unmapped"] * 105
+    assert set(known.values()) & set(drives("kitti2015").values()) == {"2011_09_26_drive_0022"}
+
+
+def test_other_datasets_have_no_drives():
+    assert drives("sintel") == drive_groups("sintel") == {}
+
+
+def test_samples_have_their_drive_as_group(shared):
+    dataset = Kitti2015(shared("data/kitti2015"))
+    keys = dataset.keys()
+    groups = {key: dataset.load(key).group for key in keys}
+    assert groups == {key: drive_groups("kitti2015")[key] for key in groups}
+    assert groups["000002"] == groups["000003"] == "2011_09_26_drive_0005"
+
+
+def test_older_rows_get_their_groups_when_they_are_read():
+    rows = pl.DataFrame({"sample": ["000007", "000012", "mine"], "group": ["000007", "elsewhere", "mine"], "n_all": 1})
+    assert with_groups(rows, "kitti2015")["group"].to_list() == ["2011_09_26_drive_0009", "elsewhere", "mine"]
+    assert with_groups(rows, "kitti2015").columns == rows.columns
+    assert with_groups(rows, "folder").equals(rows)
+
+
+@pytest.fixture
+def old_folder(shared, tmp_path):
+    """A run of two pairs of one drive, as it was written before samples had drives."""
+    from robustflow.api import evaluate
+    from robustflow.runs.store import RunFolder
+
+    root = Path(shared("data/kitti2015"))
+    run = evaluate("dis", "kitti-fc", root, tmp_path / "run", corruptions=["contrast"], severities=[1], limit=2)
+    folder = RunFolder(run.path)
+    for path in folder.rows_folder.glob("*.parquet"):
+        pl.read_parquet(path).with_columns(group=pl.col("sample")).write_parquet(path)
+    return root, run.path
+
+
+def test_an_older_run_is_read_and_resumed(old_folder):
+    from robustflow import load_run
+    from robustflow.api import evaluate
+    from robustflow.runner.recheck import recheck
+
+    root, path = old_folder
+    before = load_run(path)
+    assert set(before.rows["group"]) == {"2011_09_26_drive_0005"}
+    after = evaluate("dis", "kitti-fc", root, path, corruptions=["contrast"], severities=[1, 2], limit=2)
+    assert after.rows.height == before.rows.height + 2
+    assert set(after.rows["group"]) == {"2011_09_26_drive_0005"}
+    on_disk = pl.concat([pl.read_parquet(file) for file in (path / "rows").glob("*.parquet")])
+    said = recheck(after.manifest["identity"], on_disk, root, count=100)
+    assert said.startswith(f"{on_disk.height} of {on_disk.height} rows")
