@@ -136,7 +136,7 @@ def test_as_many_first_as_second_frames():
     ("error", "says"),
     [
         (RuntimeError("kernel size\ncan't be greater"), "'spy' fails on frames of 5x7 .RuntimeError: kernel.*larger"),
-        (torch.OutOfMemoryError("CUDA out of memory"), "CUDA out of memory.; predict fewer pairs at once"),
+        (torch.OutOfMemoryError("CUDA out of memory"), r"CUDA out of memory \(at .*\)\); predict fewer pairs at once"),
         (ModelError("made for more frames"), "^made for more frames$"),
     ],
 )

@@ -94,7 +94,7 @@ def published_names(model: str) -> list[str]:
     """Names of the public checkpoints of a model, as far as the catalog knows them.
 
     >>> published_names("raft_small")
-    []
+    ['C_T_V1', 'C_T_V2']
     """
     method = methods().get(model)
     undeclared = method.undeclared.split("+") if method and method.undeclared else []
