@@ -21,8 +21,8 @@ from ..metrics.regions import REGIONS
 from ..metrics.robustness import cre, crer
 from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
+from .plan import Cell
 
-Unit = tuple[str, str, int]
 """(sample, corruption, severity)."""
 
 _WHOLE = {
@@ -45,7 +45,7 @@ _NEEDS: tuple[tuple[str, str], ...] = (
 """(column of a count, column of what is there wherever pixels were counted)."""
 
 
-def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Iterable[Unit] | None = None) -> Summary:
+def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Iterable[Cell] | None = None) -> Summary:
     """The means of a run.
 
     Args:

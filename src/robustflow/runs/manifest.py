@@ -23,7 +23,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     identity = plan.identity()
     old = folder.manifest() or {}
     if old and old["identity_digest"] != identity_digest(identity) and folder.rows().is_empty():
-        folder.drop_clean()
+        folder.keep_clean(())
         old = {}
     if old and old["identity_digest"] != identity_digest(identity):
         raise RunError(
@@ -67,7 +67,7 @@ def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[st
 
 def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
     """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
-    dataset, window = plan.benchmark.dataset, plan.settings.window
+    dataset, window = plan.benchmark.dataset, plan.options.window
     files = dataset.files(key)
     if window is not None:
         assert isinstance(dataset, Clips)

@@ -34,7 +34,7 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class Settings:
+class RunOptions:
     """What changes the numbers besides benchmark and model; and what to do with predictions that are not numbers."""
 
     seed: int = 0
@@ -45,18 +45,22 @@ class Settings:
     """What names the user's files that decide bytes of corruptions (see `corruptions.sources`)."""
     window: Window | None = None
     """The frames around each pair that a multi-frame model is given; None where a model is given pairs."""
+    common_draws: bool = False
+    """One draw for the five severities of a pair, instead of one each."""
+    own: tuple[Any, ...] = ()
+    """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A benchmark, the settings, and the identity of the model it is for.
+    """A benchmark, the options of the run, and the identity of the model it is for.
 
     `provenance` is what the manifest says about the model's training. It changes no number, so it is no part of the
     identity: a run goes on when its model's training sets are declared later.
     """
 
     benchmark: Benchmark
-    settings: Settings
+    options: RunOptions
     model_identity: dict[str, Any]
     provenance: dict[str, Any] = field(default_factory=dict)
 
@@ -75,7 +79,7 @@ class Plan:
         return {name: levels for name, levels in gone.items() if levels}
 
     def _levels(self) -> dict[str, tuple[int, ...]]:
-        scale = self.settings.severity_scale
+        scale = self.options.severity_scale
         return {name: levels_of(name, self.benchmark.severities, scale) for name in self.benchmark.corruptions}
 
     def missing(self, found: Iterable[Cell]) -> list[Unit]:
@@ -91,12 +95,14 @@ class Plan:
     def identity(self) -> dict[str, Any]:
         """Whatever changes a row's numbers, and nothing else: not the number of workers, not which samples were
         chosen. Two runs with the same identity may share a folder; their rows agree."""
-        calibrated = self.settings.severity_scale == "calibrated"
+        calibrated = self.options.severity_scale == "calibrated"
         scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
-        window = {"window": self.settings.window.record()} if self.settings.window else {}
+        window = {"window": self.options.window.record()} if self.options.window else {}
+        draws = {"common_draws": True} if self.options.common_draws else {}
         return (
             scale
-            | dict(self.settings.sources)
+            | draws
+            | dict(self.options.sources)
             | window
             | {
                 "version": IDENTITY_VERSION,
@@ -104,9 +110,9 @@ class Plan:
                 "dataset": self.benchmark.dataset.name,
                 "protocol": self.benchmark.protocol,
                 "model": self.model_identity,
-                "seed": self.settings.seed,
-                "variant": self.settings.variant,
-                "allow_invalid": self.settings.allow_invalid,
+                "seed": self.options.seed,
+                "variant": self.options.variant,
+                "allow_invalid": self.options.allow_invalid,
                 "streams": STREAM_VERSION,
                 "rows": ROW_SCHEMA_VERSION,
             }
@@ -115,6 +121,21 @@ class Plan:
     def digest(self) -> str:
         """The identity as 16 hexadecimal digits."""
         return identity_digest(self.identity())
+
+
+def planned_cells(manifest: dict[str, Any]) -> list[Cell]:
+    """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
+    selection, left_out = manifest["selection"], manifest.get("left_out", {})
+    settings = [(CLEAN, 0)]
+    for name in selection["corruptions"]:
+        levels = levels_of(name, tuple(selection["severities"]))
+        settings += [(name, level) for level in levels if level not in left_out.get(name, [])]
+    return [(key, name, level) for key in manifest["samples"] for name, level in settings]
+
+
+def unfinished_samples(manifest: dict[str, Any], cells: set[Cell]) -> set[str]:
+    """The samples of which a run lacks a row."""
+    return {cell[0] for cell in planned_cells(manifest) if cell not in cells}
 
 
 def left_out_sentence(left_out: dict[str, list[int]]) -> str:

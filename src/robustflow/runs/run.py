@@ -9,14 +9,12 @@ from typing import Any
 import polars as pl
 
 from ..atomic import write_json
-from ..corruptions.stack import levels_of
 from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
-from ..metrics.rows import CLEAN
 from ..metrics.summary import Averaging, Summary
 from ..models.provenance import training_of
 from .aggregate import summarize
-from .plan import Cell
+from .plan import Cell, planned_cells
 from .store import RunFolder
 
 
@@ -117,12 +115,4 @@ class Run:
 
     def planned(self) -> list[Cell]:
         """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
-        selection = self.manifest["selection"]
-        cells: list[Cell] = []
-        for key in self.manifest["samples"]:
-            cells.append((key, CLEAN, 0))
-            for name in selection["corruptions"]:
-                gone = self.left_out.get(name, [])
-                levels = levels_of(name, tuple(selection["severities"]))
-                cells += [(key, name, level) for level in levels if level not in gone]
-        return cells
+        return planned_cells(self.manifest)
