@@ -6,35 +6,17 @@ import re
 import time
 from collections import Counter
 from pathlib import Path
-from typing import Protocol
 
 from ..datasets.base import FromClips
 from ..models import ModelSpec
 from ..runs.manifest import now, open_manifest
 from ..runs.plan import Plan, unfinished_samples
 from ..runs.store import RunFolder
-from .engines.base import FinishedUnit, Job
+from .engines.base import Job
 from .engines.choose import Engine
+from .progress import Progress
 from .same_model import check_same_model
 from .setup import Setup
-
-
-class Progress(Protocol):
-    """Hears of every finished unit."""
-
-    def start(self, folder: Path, total: int, found: int) -> None: ...
-
-    def advance(self, done: FinishedUnit) -> None: ...
-
-
-class Silent:
-    """A `Progress` that shows nothing."""
-
-    def start(self, folder: Path, total: int, found: int) -> None:
-        """Nothing."""
-
-    def advance(self, done: FinishedUnit) -> None:
-        """Nothing."""
 
 
 def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
