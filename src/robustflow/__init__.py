@@ -54,6 +54,11 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    """The public names, so that completion shows them before their first use."""
+    return sorted({*__all__, "__version__", "__doc__", "__name__"})
+
+
 def __getattr__(name: str) -> Any:
     """Import a public name on first use: `import robustflow` stays fast."""
     if name not in _HOMES:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from tempfile import mkdtemp
 
 import av
 from starlette.datastructures import FormData, UploadFile
@@ -56,15 +55,15 @@ def _too_large(most: int) -> HTTPException:
     return HTTPException(413, f"more than {size}; shrink it or take less")
 
 
-def source_of(form: FormData) -> PairSource:
-    """What a form with `frame1` and `frame2` (and `truth`), or with `clip`, brings.
+def source_of(form: FormData, folder: Path) -> PairSource:
+    """What a form with `frame1` and `frame2` (and `truth`), or with `clip`, brings; files are kept in `folder`, which
+    goes when they are no longer needed.
 
     Raises:
         UsageError: other fields, or a kind of file that is not taken.
         DataError: files that are damaged, too large, or do not fit each other.
     """
     files = {name: value for name, value in form.multi_items() if isinstance(value, UploadFile)}
-    folder = Path(mkdtemp(prefix="robustflow-app-"))
     kept = False
     try:
         if set(files) == {"clip"}:

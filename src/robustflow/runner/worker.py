@@ -11,6 +11,7 @@ from typing import Any
 
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
+from ..corruptions.own import adopt
 from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..errors import DataError, ModelError
@@ -28,8 +29,8 @@ from ..models.base import (
     predict_clip_checked,
 )
 from ..models.window import place_of_pair
+from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import RunOptions, Unit
-from ..runs.store import read_clean, write_clean
 from ..sample import Flow, Frame, Sample
 
 
@@ -87,6 +88,8 @@ class Worker:
         if options.window is not None:
             assert isinstance(dataset, Clips)
             self._context = ContextFrames(dataset, options.window)
+        for made in options.own:
+            adopt(made)
         self._corruptions: dict[str, Corruption] = {}
         self._loaded: _Loaded | None = None
         self.seconds = {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
@@ -117,6 +120,10 @@ class Worker:
         """A sample, with its clean frames."""
         return self._load(key).sample
 
+    def clean_flow(self, key: str) -> Flow:
+        """The flow of a sample's clean frames, float32 (H, W, 2), pixels."""
+        return self._load(key).clean
+
     def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """The corrupted frames of a cell."""
         return self._corrupt(self._load(key).sample, corruption, severity)
@@ -135,11 +142,11 @@ class Worker:
                 )
             regions = Regions.of(sample) if sample.flow is not None else None
             self.seconds["load"] += time.perf_counter() - start
-            path = self._clean_path(key)
-            clean = read_clean(path)
+            path, made_of = self._clean_path(key), f"{key} {frames_digest(sample.frames)}"
+            clean = read_clean(path, made_of)
             if clean is None:
                 (clean,) = self._predict([sample.frames], key, CLEAN, (0,))
-                write_clean(path, clean)
+                write_clean(path, clean, made_of)
             self._loaded = _Loaded(sample, regions, clean)
         return self._loaded
 
@@ -153,11 +160,11 @@ class Worker:
             if name not in self._corruptions:
                 self._corruptions[name] = load_corruption(name, self._options.variant, self._options.severity_scale)
             corruption = self._corruptions[name]
-            seed = self._options.seed
+            seed, common = self._options.seed, self._options.common_draws
             if self._context is not None:
-                frames = self._context.corrupt(sample, corruption, severity, seed)
+                frames = self._context.corrupt(sample, corruption, severity, seed, common)
             else:
-                frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key))
+                frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common))
         self.seconds["corrupt"] += time.perf_counter() - start
         return frames
 

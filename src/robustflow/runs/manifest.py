@@ -23,7 +23,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     identity = plan.identity()
     old = folder.manifest() or {}
     if old and old["identity_digest"] != identity_digest(identity) and folder.rows().is_empty():
-        folder.drop_clean()
+        folder.keep_clean(())
         old = {}
     if old and old["identity_digest"] != identity_digest(identity):
         raise RunError(
