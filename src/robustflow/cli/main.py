@@ -23,6 +23,7 @@ from .leaderboard import leaderboard
 from .listing import list_things
 from .optics import app as optics
 from .pack import pack
+from .predict import predict
 from .prepare import prepare
 from .profile import profile
 from .report import report
@@ -40,6 +41,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("run")(run)
+app.command("predict")(predict)
 app.command("show")(show)
 app.command("examples")(examples)
 app.command("profile")(profile)
