@@ -125,6 +125,10 @@ class Worker:
         """A sample, with its clean frames."""
         return self._load(key).sample
 
+    def clean_flow(self, key: str) -> Flow:
+        """The flow of a sample's clean frames, float32 (H, W, 2), pixels."""
+        return self._load(key).clean
+
     def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """The corrupted frames of a cell."""
         return self._corrupt(self._load(key).sample, corruption, severity)
