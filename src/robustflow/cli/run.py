@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from .options import (
+    Benchmark,
     Checkpoint,
     CommonDraws,
     Corruptions,
@@ -35,9 +36,7 @@ from .options import (
 
 def run(
     model: ModelName,
-    benchmark: Annotated[
-        str, typer.Option("--benchmark", "-b", help="demo, kitti-fc, gopro-fc, or any data set: folder, sintel, ...")
-    ] = "demo",
+    benchmark: Benchmark = "demo",
     data: Data = None,
     data_option: DataOptions = None,
     checkpoint: Checkpoint = None,
