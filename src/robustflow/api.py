@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from .corruptions import Corruption
     from .report.comparison import Comparison
-    from .runner.fill import Progress
+    from .runner.progress import Progress
     from .runner.setup import Setup
 
 
@@ -105,7 +105,7 @@ def evaluate(
     timeout: float | None = None,
     allow_invalid: bool = False,
     examples: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Result:
     """Measure how robust a model is. Resumable: the same call goes on where a killed one stopped.
 
@@ -136,6 +136,8 @@ def evaluate(
         examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
             report, which also gets the histogram of displacements where there is ground truth; a few predictions are
             made again. Where they cannot be drawn, a warning says why.
+        progress: shown by itself on a terminal and in a notebook; False shows none, True lines in a log too. Also an
+            object with `start(folder, total, found)` and `advance(done)`.
 
     Returns:
         The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
@@ -151,7 +153,8 @@ def evaluate(
     """
     from .runner.engines.choose import choose_engine
     from .runner.engines.processes import refuse_unguarded_script
-    from .runner.fill import Silent, default_folder, fill
+    from .runner.fill import default_folder, fill
+    from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
     from .runs.source import RunSource
     from .runs.store import RunFolder
@@ -172,7 +175,8 @@ def evaluate(
     folder = RunFolder(output if output is not None else default_folder(setup.plan, setup.model.spec))
     folder.lock()
     try:
-        fill(folder, setup, compute, batch_size, progress or Silent())
+        with shown(progress) as listener:
+            fill(folder, setup, compute, batch_size, listener)
         if isinstance(benchmark, str):
             RunSource(setup.model.spec, Path(data) if data is not None else None, data_options or {}).write(folder.path)
         _draw(Result(folder.path), setup, examples)

@@ -15,7 +15,7 @@ ModelName = Annotated[
     typer.Option(
         "--model",
         "-m",
-        help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2, .ts), or a "
+        help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2), or a "
         "folder of flow files.",
     ),
 ]

@@ -83,7 +83,7 @@ def run(
     """
     from ..api import evaluate
     from ..models import ModelSpec
-    from .progress import TerminalProgress
+    from ..runner.progress import TerminalProgress
     from .tables import print_result
 
     use_psf_dir(psf_dir)

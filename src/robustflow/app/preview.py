@@ -1,4 +1,4 @@
-"""One look: corrupt a pair, predict, measure, draw. The numbers are those of `corrupt`, the model and the metrics."""
+"""One preview: corrupt a pair, predict, measure, draw; with the numbers of `corrupt`, the model and the metrics."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ..runner.engines.serial import one_opencv_thread
 from ..runs.example_cells import cell_scores
 from ..sample import Flow, Frame, Sample
 from .choices import Models
-from .pairs import Shelf
+from .pairs import SourceStore
 
 WIDEST = 1280
 """Pixels a picture is wide at most; numbers come from all pixels."""
@@ -46,13 +46,14 @@ class Layer(BaseModel):
     severity: Annotated[int, Field(ge=1, le=5, strict=True)]
 
 
-class Wish(BaseModel):
+class PreviewRequest(BaseModel):
     """What a page wants to see.
 
     Attributes:
         page: a name the page chose for itself.
         source, index: which pair.
         model: one of those offered.
+        checkpoint: its weights, a published name or a file of this machine; "" for those it was offered with.
         layers: the corruptions, applied in order.
         seed: of the draws.
         frames: whether the clean frames and the ground truth are wanted too.
@@ -64,6 +65,7 @@ class Wish(BaseModel):
     source: Annotated[str, Field(max_length=40)]
     index: Annotated[int, Field(ge=0, strict=True)]
     model: Annotated[str, Field(max_length=300)]
+    checkpoint: Annotated[str, Field(max_length=1000)] = ""
     layers: Annotated[list[Layer], Field(min_length=1, max_length=4)]
     seed: Annotated[int, Field(ge=0, lt=2**31, strict=True)]
     frames: bool = False
@@ -73,7 +75,7 @@ class Wish(BaseModel):
         """Name and severity as `corrupt` takes them: several layers are a stack.
 
         >>> fog = {"name": "fog", "severity": 2}
-        >>> Wish(page="p", source="demo", index=0, model="dis", layers=[fog, fog], seed=0).corruption
+        >>> PreviewRequest(page="p", source="demo", index=0, model="dis", layers=[fog, fog], seed=0).corruption
         ('fog:2+fog:2', 2)
         """
         if len(self.layers) == 1:
@@ -82,30 +84,30 @@ class Wish(BaseModel):
         return stack, levels_of(stack, ())[0]
 
 
-class Looker:
-    """Computes looks, keeping the flows on the clean frames that were asked for last. Used from one thread."""
+class Previewer:
+    """Computes previews, keeping the flows on the clean frames that were asked for last. Used from one thread."""
 
-    def __init__(self, shelf: Shelf, models: Models) -> None:
-        self._shelf = shelf
+    def __init__(self, sources: SourceStore, models: Models) -> None:
+        self._sources = sources
         self._models = models
-        self._clean: OrderedDict[tuple[str, int, str], Flow] = OrderedDict()
+        self._clean: OrderedDict[tuple[str, int, str, str], Flow] = OrderedDict()
 
-    def look(self, wish: Wish, stage: Stage) -> dict[str, Any]:
+    def preview(self, wanted: PreviewRequest, stage: Stage) -> dict[str, Any]:
         """Pictures as `data:` addresses, and numbers in pixels, None where there are none.
 
         Raises:
             UsageError, DataError, ModelError: as `corrupt` and the model do.
         """
-        source = self._shelf.get(wish.source)
-        if wish.index >= source.pairs:
-            raise UsageError(f"pair {wish.index + 1} of {source.name} does not exist: it has {source.pairs}")
-        sample = source.sample(wish.index)
+        source = self._sources.get(wanted.source)
+        if wanted.index >= source.pairs:
+            raise UsageError(f"pair {wanted.index + 1} of {source.name} does not exist: it has {source.pairs}")
+        sample = source.sample(wanted.index)
         stage("loading the model")
-        model = self._models.load(wish.model)
+        model = self._models.load(wanted.model, wanted.checkpoint)
         stage("corrupting")
-        name, severity = wish.corruption
-        corrupted = corrupt(sample.frames[0], sample.frames[1], name, severity, wish.seed, sample.key)
-        clean = self._clean_flow(wish, sample, model, stage)
+        name, severity = wanted.corruption
+        corrupted = corrupt(sample.frames[0], sample.frames[1], name, severity, wanted.seed, sample.key)
+        clean = self._clean_flow(wanted, sample, model, stage)
         stage("predicting the corrupted frames")
         start = time.perf_counter()
         with one_opencv_thread():
@@ -117,13 +119,13 @@ class Looker:
             "size": [sample.shape[1], sample.shape[0]],
             "truth": sample.flow is not None,
             "seconds": round(seconds, 3),
-            "call": f'corrupt(frame1, frame2, "{name}", severity={severity}, seed={wish.seed}, key={sample.key!r})',
+            "call": f'corrupt(frame1, frame2, "{name}", severity={severity}, seed={wanted.seed}, key={sample.key!r})',
             **_numbers(sample, flow, clean, name, severity),
-            **_pictures(sample, corrupted, flow, clean, wish.frames),
+            **_pictures(sample, corrupted, flow, clean, wanted.frames),
         }
 
-    def _clean_flow(self, wish: Wish, sample: Sample, model: FlowModel, stage: Stage) -> Flow:
-        place = (wish.source, wish.index, wish.model)
+    def _clean_flow(self, wanted: PreviewRequest, sample: Sample, model: FlowModel, stage: Stage) -> Flow:
+        place = (wanted.source, wanted.index, wanted.model, wanted.checkpoint)
         if place not in self._clean:
             stage("predicting the clean frames")
             with one_opencv_thread():

@@ -50,8 +50,8 @@ def _direct(frames, truth, corruption, severity, seed, key, model="dis"):
     ],
 )
 def test_numbers_equal_those_of_the_library(app, layers, corruption, severity, seed):
-    wish = {"layers": [{"name": name, "severity": level} for name, level in layers], "seed": seed, "frames": True}
-    status, messages = app.look(**wish)
+    request = {"layers": [{"name": name, "severity": level} for name, level in layers], "seed": seed, "frames": True}
+    status, messages = app.preview(**request)
     assert status == 200
     result = messages[-1]["result"]
     sample = rf.load_dataset("motorcycle").load("motorcycle")
@@ -96,7 +96,7 @@ def _picture(address: str) -> np.ndarray:
     ],
 )
 def test_what_cannot_be_meant_is_one_line(app, changed, says):
-    status, (answer,) = app.look(**changed)
+    status, (answer,) = app.preview(**changed)
     assert status == 400
     assert says in answer["error"]
     assert "\n" not in answer["error"]
@@ -110,42 +110,42 @@ def test_what_cannot_be_meant_is_one_line(app, changed, says):
     ],
 )
 def test_what_shows_in_the_middle_is_one_line_too(app, changed, says):
-    _, messages = app.look(**changed)
+    _, messages = app.preview(**changed)
     assert says in messages[-1]["error"]
 
 
 @pytest.mark.parametrize("body", ["", "[]", "null", "{", '{"a": NaN}', "[" * 10000, '"\\ud800"', b"\xff\xfe"])
-def test_what_is_no_wish(app, body):
-    status, answer, _ = app.ask("POST", "/look", body)
+def test_what_is_no_request(app, body):
+    status, answer, _ = app.ask("POST", "/preview", body)
     assert status == 400
     assert list(json.loads(answer)) == ["error"]
 
 
-def test_a_wish_of_many_bytes(app):
-    assert app.ask("POST", "/look", b" " * 20000)[0] == 413
+def test_a_request_of_many_bytes(app):
+    assert app.ask("POST", "/preview", b" " * 20000)[0] == 413
 
 
 def test_a_model_that_fails_is_one_line(failing_app):
-    _, messages = failing_app.look(model="models_for_app:Fails")
+    _, messages = failing_app.preview(model="models_for_app:Fails")
     assert messages[-1]["error"].startswith(
         "the model raised ValueError on sample 'motorcycle', clean: <b>no</b> weights at all"
     )
-    assert failing_app.look()[1][-1]["result"]["numbers"]["epe"] > 0, "the next one is answered"
+    assert failing_app.preview()[1][-1]["result"]["numbers"]["epe"] > 0, "the next one is answered"
 
 
 def test_a_model_that_ends_its_program_does_not_end_the_app(tmp_path):
     with running_app(tmp_path, "--model", "models_for_app:Ends") as ending:
         for _ in range(2):
-            assert "SystemExit" in ending.look(model="models_for_app:Ends")[1][-1]["error"]
-        assert "result" in ending.look()[1][-1]
+            assert "SystemExit" in ending.preview(model="models_for_app:Ends")[1][-1]["error"]
+        assert "result" in ending.preview()[1][-1]
 
 
-def test_a_newer_wish_of_the_same_page_ends_the_older(app):
+def test_a_newer_request_of_the_same_page_ends_the_older(app):
     answers = {}
 
     def ask(name: str, page: str, severity: int) -> None:
         layers = [{"name": "contrast", "severity": severity}]
-        answers[name] = app.look(model=SLOW, page=page, layers=layers, seed=severity)[1][-1]
+        answers[name] = app.preview(model=SLOW, page=page, layers=layers, seed=severity)[1][-1]
 
     threads = []
     for name, page, severity in (("first", "a", 1), ("other", "b", 2), ("second", "a", 3), ("third", "a", 4)):
@@ -163,7 +163,7 @@ def test_the_page_is_served_while_a_model_works(app):
     done = threading.Event()
 
     def ask() -> None:
-        app.look(model=SLOW, seed=99)
+        app.preview(model=SLOW, seed=99)
         done.set()
 
     threading.Thread(target=ask).start()
@@ -174,11 +174,19 @@ def test_the_page_is_served_while_a_model_works(app):
     assert done.wait(60)
 
 
+def test_a_checkpoint_for_a_model_without_weights(app):
+    status, (answer,) = app.preview(checkpoint="things")
+    assert status == 400
+    assert "dis has no weights" in answer["error"]
+
+
 def test_choices(app):
     found = json.loads(app.ask("GET", "/choices")[1])
-    assert found["models"][0] == SLOW
-    assert {"dis", "farneback"} <= set(found["models"])
-    assert "precomputed" not in found["models"]
+    models = {model["name"]: model for model in found["models"]}
+    assert next(iter(models)) == SLOW
+    assert {"dis", "farneback"} <= set(models)
+    assert "precomputed" not in models
+    assert not models["dis"]["takes_checkpoint"]
     offered = {name for names in found["families"].values() for name in names}
     assert {"fog", "elastic_transform"} <= offered
     assert not {"h264_crf", "object_motion_blur"} & offered, "a pair has no clip"

@@ -1,4 +1,4 @@
-"""One worker at one desk: predictions run one at a time beside the server, and only those that are still wanted."""
+"""One worker at one queue: predictions run one at a time beside the server, and only those that are still wanted."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Job:
         self.tell({"stage": name})
 
 
-class Desk:
+class PredictionQueue:
     """Runs jobs in the order they come, in a thread that does not keep the process alive."""
 
     def __init__(self) -> None:

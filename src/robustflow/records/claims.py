@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+import polars as pl
+
 from ..corruptions.base import SEVERITIES
 from ..corruptions.registry import CORRUPTIONS
 from ..corruptions.stack import levels_of, split_stack
@@ -13,6 +15,9 @@ from ..metrics.rows import CLEAN, ROW_KEY
 from ..models.provenance import Training, parse_training_sets, training_of
 from ..text import plain
 from .contents import Manifest
+
+_MOST_SHARED = 0.5
+"""Share of one sample's rows whose digest may stand at another of its settings too."""
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -43,9 +48,25 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     without = {sample for sample, _, _ in found} - {sample for sample, name, _ in found if name == CLEAN}
     if without:
         problems.append(f"sample '{plain(min(without))}' has no row of its clean frames")
+    problems += _digest_problems(reader.frame)
     if not plan.identity.allow_invalid and reader.frame["n_invalid"].sum():
         problems.append("pixels that are no numbers were counted, but the run did not allow them")
     return problems, f"{len(found)} of {len(planned)} planned rows"
+
+
+def _digest_problems(rows: pl.DataFrame) -> list[str]:
+    """Digests that cannot be of the frames they are said to be of.
+
+    Different settings of one sample are different frames, but for a flat frame, which no filter changes, and streams in
+    which no bit was hit; so most digests of most samples differ.
+    """
+    if (rows["frames_digest"].str.strip_chars("0") == "").any():
+        return ["a frames_digest of zeros alone, which no frames have"]
+    of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())
+    shared = of_sample.filter((pl.col("len") > 1) & (pl.col("shared") > _MOST_SHARED))
+    if 2 * shared.height > of_sample.filter(pl.col("len") > 1).height:
+        return [f"{shared.height} of {of_sample.height} samples have one frames_digest under different corruptions"]
+    return []
 
 
 def training_problems(plan: Manifest, raw: dict[str, Any]) -> list[str]:
