@@ -17,7 +17,7 @@ ModelName = Annotated[
         "--model",
         "-m",
         autocompletion=complete.models,
-        help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2, .ts), or a "
+        help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2), or a "
         "folder of flow files.",
     ),
 ]
@@ -95,7 +95,7 @@ def use_psf_dir(folder: Path | None) -> None:
     Raises:
         UsageError: no such folder.
     """
-    from ..corruptions.blur.psf import PSF_DIR
+    from ..corruptions.blur.psf_blur import PSF_DIR
 
     if folder is not None:
         if not folder.is_dir():

@@ -9,7 +9,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow.models.own.blocks.resize import resize, resize_flow
+from robustflow.models.torch.resize import resize, resize_flow
 
 pytestmark = pytest.mark.torch
 

@@ -1,6 +1,6 @@
-"""What the file of an exported network leaves open: colours, range, padding, how a pair goes in and a flow comes out.
+"""The inputs and outputs of a network: how a pair goes in, at what size, and how a flow comes out.
 
-Shared by ONNX, TorchScript and torch.export files. Importable without the torch extra.
+Shared by ONNX files, torch.export files and a user's own modules. Importable without the torch extra.
 """
 
 from __future__ import annotations
@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Sequence
 from typing import Any, Literal, cast
 
-from ...errors import ModelError, UsageError, unknown_name
-from ..input_convention import InputConvention
-from ..option_checks import check_count
+from ..errors import ModelError, unknown_name
 
 Layout = Literal["pair", "stacked", "concatenated"]
 LAYOUTS = ("pair", "stacked", "concatenated")
@@ -18,59 +16,6 @@ LAYOUTS = ("pair", "stacked", "concatenated")
 
 Dim = int | None
 """A dimension of an input; None where it is dynamic."""
-
-_PerChannel = tuple[float, float, float]
-# Of ImageNet, RGB in 0..1, as torchvision documents them.
-_MEAN: _PerChannel = (255 * 0.485, 255 * 0.456, 255 * 0.406)
-_STD: _PerChannel = (255 * 0.229, 255 * 0.224, 255 * 0.225)
-_SMALLEST, _LARGEST = 4, 2**15
-"""Pixels along a side that an input fixes. Less is a number of channels, more asks for more memory than there is."""
-
-
-def exported_convention(
-    *, order: str, scaling: str, multiple: int, size: tuple[Dim, Dim] = (None, None)
-) -> InputConvention:
-    """The way in that the options of an exported network describe.
-
-    Args:
-        order: of the colours, "rgb" or "bgr".
-        scaling: of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, less ImageNet's mean, over its deviation).
-        multiple: of height and width, reached by repeating the border.
-        size: (height, width) the network takes, where it takes one only; None for a dynamic side.
-
-    Raises:
-        UsageError: an unknown order or scaling, or a multiple below 1 or larger than any frame.
-        ModelError: a size no frame has.
-
-    >>> exported_convention(order="bgr", scaling="0-255", multiple=8).fitted_size(375, 1242)
-    (376, 1248)
-    """
-    if order not in ("rgb", "bgr"):
-        raise unknown_name("order", str(order), ("rgb", "bgr"))
-    check_count("multiple", multiple)
-    if multiple > _LARGEST:
-        raise UsageError(f"multiple must be {_LARGEST} pixels at most, not {multiple}")
-    if not all(side is None or _SMALLEST <= side <= _LARGEST for side in size):
-        asked = "x".join("?" if side is None else str(side) for side in size)
-        raise ModelError(f"the network asks for frames of {asked}; export it for (N, 3, H, W), H and W dynamic")
-    mean, deviation = (_MEAN, _STD) if order == "rgb" else (_MEAN[::-1], _STD[::-1])
-    ranges: dict[str, tuple[_PerChannel, float | _PerChannel]] = {
-        "0-1": ((0.0, 0.0, 0.0), 1 / 255),
-        "-1-1": ((127.5, 127.5, 127.5), 2 / 255),
-        "0-255": ((0.0, 0.0, 0.0), 1.0),
-        "imagenet": (mean, (1 / deviation[0], 1 / deviation[1], 1 / deviation[2])),
-    }
-    if scaling not in ranges:
-        raise unknown_name("scaling", str(scaling), ranges)
-    subtracted, scale = ranges[scaling]
-    return InputConvention(
-        mean=subtracted,
-        scale=scale,
-        order=cast(Literal["rgb", "bgr"], order),
-        fit="pad",
-        multiple=multiple,
-        size=size if any(size) else None,
-    )
 
 
 def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str | None) -> Layout:
@@ -191,7 +136,7 @@ def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Li
         return "nhwc"
     raise ModelError(
         f"the network's flow has the shape {tuple(shape)} for {pairs} inputs of {height}x{width}; expected "
-        f"{(pairs, 2, height, width)} or {(pairs, height, width, 2)}; export it so, or choose another with -O output="
+        f"{(pairs, 2, height, width)} or {(pairs, height, width, 2)}; make it so, or choose another with -O output="
     )
 
 
