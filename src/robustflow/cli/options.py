@@ -11,16 +11,16 @@ import typer
 from ..errors import UsageError
 from . import complete
 
-ModelName = Annotated[
-    str,
-    typer.Option(
-        "--model",
-        "-m",
-        autocompletion=complete.models,
-        help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2), or a "
-        "folder of flow files.",
-    ),
-]
+_MODEL = typer.Option(
+    "--model",
+    "-m",
+    autocompletion=complete.models,
+    help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2), or a folder of "
+    "flow files.",
+)
+ModelName = Annotated[str, _MODEL]
+ModelNames = Annotated[list[str], _MODEL]
+"""Repeatable: one after the other."""
 ModelOptions = Annotated[
     list[str] | None,
     typer.Option("--option", "-O", metavar="KEY=VALUE", help="An option of the model, e.g. preset=fast. Repeatable."),
