@@ -25,7 +25,7 @@ import polars as pl
 
 from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
 from ..errors import RunError
-from ..metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
+from ..metrics.rows import LATER_COLUMNS, ROW_KEY, ROW_SCHEMA, rows_frame
 from ..sample import Flow
 from .plan import Cell, Unit
 
@@ -163,15 +163,21 @@ def _read_shards(paths: list[Path]) -> pl.DataFrame:
     except (pl.exceptions.PolarsError, OSError):
         for path in paths:  # one of them is the reason: say which
             _check_shard(path)
-        raise
+        rows = pl.concat([_with_later_columns(pl.read_parquet(path, glob=False)) for path in paths])
+    rows = _with_later_columns(rows)
     if rows.schema != pl.Schema(ROW_SCHEMA):
         raise RunError(f"{paths[0]} has other columns than this version writes; choose another folder with --output")
     return rows.unique(subset=ROW_KEY, keep="any").sort(ROW_KEY)
 
 
+def _with_later_columns(rows: pl.DataFrame) -> pl.DataFrame:
+    absent = [name for name in LATER_COLUMNS if name not in rows.columns]
+    return rows.with_columns(pl.lit(None, LATER_COLUMNS[name]).alias(name) for name in absent)
+
+
 def _check_shard(path: Path) -> None:
     try:
-        schema = pl.read_parquet(path, glob=False).schema
+        schema = _with_later_columns(pl.read_parquet(path, glob=False)).schema
     except FileNotFoundError:
         raise
     except (pl.exceptions.PolarsError, OSError) as error:
