@@ -148,7 +148,7 @@ def evaluate(
     from .runner.engines.processes import refuse_unguarded_script
     from .runner.fill import Silent, default_folder, fill
     from .runner.setup import open_benchmark, set_up
-    from .runs.source import Source
+    from .runs.source import RunSource
     from .runs.store import RunFolder
 
     refuse_unguarded_script()
@@ -163,7 +163,7 @@ def evaluate(
     try:
         fill(folder, setup, compute, batch_size, progress or Silent())
         if isinstance(benchmark, str):
-            Source(setup.model.spec, Path(data) if data is not None else None, data_options or {}).write(folder.path)
+            RunSource(setup.model.spec, Path(data) if data is not None else None, data_options or {}).write(folder.path)
         _draw(Result(folder.path), setup, examples)
     finally:
         folder.unlock()

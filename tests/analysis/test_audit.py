@@ -189,6 +189,31 @@ def test_a_changed_summary_is_found(run, tmp_path):
     assert any("extra is 1, but from the rows it is not there" in text for text in says)
 
 
+def test_a_summary_of_before_the_papers_mean_fits(tmp_path):
+    """Version 1 averaged the paper's corruptions alone and had fewer fields."""
+    asked = ["contrast", "elastic_transform"]
+    run = evaluate("farneback", "demo", output=tmp_path / "run", corruptions=asked, severities=[1])
+    later = ("version", "paper", "paper_over", "coverage")
+    old = {name: value for name, value in run.document(over="paper").items() if name not in later}
+    assert old["averaged_over"] == ["contrast"]
+    old["row_schema"] = 1
+    for part in (
+        old,
+        old["pooled"],
+        old["clean"],
+        *old["corruptions"].values(),
+        *old["pooled"]["corruptions"].values(),
+    ):
+        for name in later:
+            part.pop(name, None)
+            part.get("by_severity", {}).pop(name, None)
+    path = run.path / "summary.json"
+    path.write_text(json.dumps(old))
+    assert not audit(run.path).findings
+    path.write_text(json.dumps(old | {"cre": old["cre"] + 1}))
+    assert [finding.says[:20] for finding in audit(run.path).findings] == ["summary.json: cre is"]
+
+
 def test_a_summary_without_its_parts_is_found(run, tmp_path):
     """A whole part may be gone, or be a number that no float holds."""
     folder = _copy(run.path, tmp_path)

@@ -31,7 +31,7 @@ from robustflow.errors import DataError, UsageError
 from robustflow.images.io import write_image
 from robustflow.random.rng import Rng
 from robustflow.runner.worker import frames_digest
-from robustflow.runs.plan import Plan, Settings
+from robustflow.runs.plan import Plan, RunOptions
 
 SMALL = {"chelsea": reference_pictures()["chelsea.png"][60:156, 90:210]}
 GAPS = {name: levels for name in IMAGE_PAIR if (levels := calibrated_levels(name)) != SEVERITIES}
@@ -232,9 +232,9 @@ def test_nothing_left_to_run_is_an_error(tmp_path):
 
 def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkeypatch, tmp_path):
     benchmark = load_benchmark("demo")
-    paper, calibrated = (Plan(benchmark, Settings(severity_scale=s), {}) for s in ("paper", "calibrated"))
+    paper, calibrated = (Plan(benchmark, RunOptions(severity_scale=s), {}) for s in ("paper", "calibrated"))
     assert "severity_scale" not in paper.identity()
-    assert paper.digest() == Plan(benchmark, Settings(), {}).digest() != calibrated.digest()
+    assert paper.digest() == Plan(benchmark, RunOptions(), {}).digest() != calibrated.digest()
     before = calibrated.digest(), calibration_digest()
     document = shipped().model_dump(mode="json")
     document["seed"] += 1

@@ -17,7 +17,7 @@ from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
 from robustflow.runner import examples as examples_module
 from robustflow.runner.setup import set_up_again
-from robustflow.runs.source import Source
+from robustflow.runs.source import RunSource
 from robustflow.runs.store import RunFolder
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
@@ -123,12 +123,12 @@ def test_what_a_run_cannot_be_set_up_again_from(tmp_path):
 
     run = rf.evaluate(Still(), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     with pytest.raises(RunError, match="was run with a Python object, which has no name; give --model"):
-        set_up_again(run, Source.read(run.path))
+        set_up_again(run, RunSource.read(run.path))
     with pytest.raises(RunError, match="differs in: model"):
-        set_up_again(run, Source(DIS))
+        set_up_again(run, RunSource(DIS))
     (run.path / "source.json").write_text("{")
     with pytest.raises(RunError, match="is damaged; delete it"):
-        Source.read(run.path)
+        RunSource.read(run.path)
 
 
 def test_an_incomplete_run_has_no_worst_sample(tmp_path):

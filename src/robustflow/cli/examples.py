@@ -55,7 +55,7 @@ def examples(
     from ..runner.setup import set_up_again
     from ..runs.example_record import FOLDER
     from ..runs.run import Run
-    from ..runs.source import Source
+    from ..runs.source import RunSource
     from ..runs.store import RunFolder
 
     use_psf_dir(psf_dir)
@@ -65,12 +65,12 @@ def examples(
         raise UsageError("one picture needs all three: --sample KEY, --corruption NAME and --severity N")
     if sample is None and output is not None:
         raise UsageError(f"--output names the PNG of one --sample; all examples go into {result.path / FOLDER}")
-    before = Source.read(result.path)
+    before = RunSource.read(result.path)
     given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     name = model or (before.model.name if before.model else None)
     kept = dict(before.model.options) if before.model and model is None else {}
     spec = None if name is None else ModelSpec(name, tuple((kept | dict(given)).items()))
-    source = Source(spec, data or before.data, before.data_options | dict(keyword_options(data_option)))
+    source = RunSource(spec, data or before.data, before.data_options | dict(keyword_options(data_option)))
     setup = set_up_again(result, source)
     if sample is not None and corruption is not None and severity is not None:
         target = output or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")

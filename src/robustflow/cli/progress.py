@@ -17,7 +17,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from ..runner.engines.base import Done
+from ..runner.engines.base import FinishedUnit
 
 LINE_EVERY_S = 10.0
 """Between lines of progress in a log."""
@@ -60,7 +60,7 @@ class TerminalProgress:
             self._bar.add_task("", total=total, completed=found)
             self._bar.start()
 
-    def advance(self, done: Done) -> None:
+    def advance(self, done: FinishedUnit) -> None:
         """One more unit is on disk."""
         self._finished += 1
         what = f"{done.unit.key} {done.unit.corruption}"

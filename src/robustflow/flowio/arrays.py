@@ -14,6 +14,9 @@ from ..sample import Flow, Mask
 MAX_SIDE = 99_999
 """The largest width and height any format may claim, the limit of Middlebury's own reader."""
 
+MAX_PIXELS = 2**26
+"""A flow beyond 67 megapixels is refused before it is unpacked; the largest of a data set, Spring's, has 8."""
+
 UNKNOWN_THRESHOLD = 1e9
 """A component beyond this is the Middlebury mark for unknown flow."""
 
@@ -53,6 +56,8 @@ def claimed_size(path: Path, width: int, height: int) -> None:
     """Refuse dimensions no flow has, before anything is allocated for them."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
         raise DataError(f"{path}: the header claims {width}x{height} pixels, so the file is damaged; get it again")
+    if width * height > MAX_PIXELS:
+        raise DataError(f"{path}: {width}x{height} pixels are more than the {MAX_PIXELS} of a flow; cut it into parts")
 
 
 def exact_size(path: Path, expected: int, found: int, width: int, height: int) -> None:

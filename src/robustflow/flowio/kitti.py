@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ..errors import DataError
-from ..images.io import check_png
+from ..images.intact import check_png, check_png_rows
 from ..sample import Flow, Mask
 from .arrays import claimed_size
 
@@ -36,6 +36,7 @@ def read_kitti(path: Path) -> tuple[Flow, Mask]:
         raw = None
     if raw is None or raw.dtype != np.uint16 or raw.shape != (header.height, header.width, 3):
         raise DataError(f"{path}: a damaged PNG that cannot be decoded; copy or download it again")
+    check_png_rows(path, data, raw)
     valid = raw[..., 0] > 0
     flow = (raw[..., :0:-1].astype(np.float32) - 32768) / 64
     flow[~valid] = 0

@@ -1,7 +1,7 @@
 """Read and write pictures: RGB uint8 in, RGB uint8 out, and nothing converted that would lose something.
 
 Pillow decodes, because it is strict: on every truncation of small files it raises instead of returning a partly
-filled picture. It overlooks damage in the last chunk of a PNG, so the check sums are verified here.
+filled picture. What it overlooks is looked for in `intact`.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import struct
 import warnings
 import zlib
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from PIL import Image, ImageOps
+from PIL import Image, ImageOps, TiffImagePlugin
 
 from .. import atomic
 from ..errors import DataError
 from ..sample import Frame
+from .intact import check_deflated_strips, check_jpeg, check_length, check_png, check_png_rows
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
 """File names taken for pictures when a folder is listed."""
@@ -28,19 +28,16 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tif
 MAX_PIXELS = 2**27
 """A picture beyond 134 megapixels is refused before its pixels are allocated."""
 
+_OF_PILLOW = (
+    OSError, ValueError, SyntaxError, TypeError, LookupError, EOFError, OverflowError, struct.error, zlib.error,
+    Image.DecompressionBombError,
+)  # fmt: skip
+"""What Pillow raises on damaged files."""
+
+_STRIPS = (273, 279, 324, 325)
+"""TIFF's tags of where strips or tiles lie, and of how many bytes each has."""
+
 _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
-_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-_INFLATE = 1100
-"""Deflate cannot shrink data by more than 1032:1; a PNG that claims more holds no such picture."""
-
-
-class PngHeader(NamedTuple):
-    """What a PNG says about itself: pixels, bits per channel, channels (a palette counts as one)."""
-
-    width: int
-    height: int
-    bits: int
-    channels: int
 
 
 def read_image(path: str | Path) -> Frame:
@@ -48,10 +45,11 @@ def read_image(path: str | Path) -> Frame:
 
     Grey becomes three equal channels, a palette its colours. The orientation a camera notes in the file is
     applied. Alpha is dropped where every pixel is opaque. Refused, for no conversion is the right one: any
-    transparency, more than 8 bits per channel, CMYK and other colour spaces.
+    transparency, more than 8 bits per channel, CMYK and other colour spaces, several pictures in one file.
 
     Raises:
         DataError: no such file, damaged or cut short, larger than `MAX_PIXELS`, or one of the refused kinds.
+            Damage that the format cannot show (a changed byte of a BMP) is not noticed.
     """
     path = Path(path)
     data = _contents(path)
@@ -59,20 +57,15 @@ def read_image(path: str | Path) -> Frame:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what matters of a damaged file is raised, in one line
             with _open(path, data) as image:
+                _check_intact(path, data, image)
                 image.load()
+                if image.format == "PNG":
+                    check_png_rows(path, data, np.asarray(image))
                 return _rgb(path, ImageOps.exif_transpose(image))
     except DataError:
         raise
-    except (
-        OSError,
-        ValueError,
-        SyntaxError,
-        EOFError,
-        struct.error,
-        zlib.error,
-        Image.DecompressionBombError,
-    ) as e:
-        raise DataError(f"{path}: damaged or cut short ({_reason(e)}); copy or download it again") from e
+    except _OF_PILLOW as error:
+        raise DataError(f"{path}: damaged or cut short ({_reason(error)}); copy or download it again") from error
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
@@ -86,7 +79,7 @@ def image_size(path: str | Path) -> tuple[int, int]:
         with Image.open(path, formats=_FORMATS) as image:
             width, height = image.size
             turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except _OF_PILLOW as error:
         raise DataError(f"{path}: cannot be read as a picture ({_reason(error)}); check the file") from error
     return (width, height) if turned else (height, width)
 
@@ -103,7 +96,7 @@ def stored_size(path: str | Path) -> tuple[int, int]:
             warnings.simplefilter("ignore")  # the caller decides what is too large
             with Image.open(path, formats=_FORMATS) as image:
                 width, height = image.size
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except _OF_PILLOW as error:
         raise DataError(f"{path}: cannot be read as a picture ({_reason(error)}); check the file") from error
     return height, width
 
@@ -171,28 +164,6 @@ def png_address(image: Frame, widest: int) -> str:
     return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(image, widest))).decode()
 
 
-def check_png(path: Path, data: bytes) -> PngHeader:
-    """The header of a PNG whose every chunk is there and unharmed, or DataError. Decodes nothing."""
-    if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
-        raise DataError(f"{path}: not a PNG file, or cut short; check or copy it again")
-    width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
-    header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
-    if width * height * bits * header.channels > 8 * _INFLATE * len(data):
-        raise DataError(f"{path}: {len(data)} bytes cannot hold the {width}x{height} pixels claimed; it is damaged")
-    view, start, name = memoryview(data), 8, b""
-    while name != b"IEND":
-        length = int.from_bytes(view[start : start + 4], "big")
-        end = start + 12 + length
-        if end > len(data):
-            raise DataError(f"{path}: cut short, the end of the PNG is missing; copy or download it again")
-        name = data[start + 4 : start + 8]
-        # Pillow stops reading when it has all rows, before the check sum of the last chunk.
-        if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
-            raise DataError(f"{path}: damaged, a check sum of the PNG is wrong; copy or download it again")
-        start = end
-    return header
-
-
 def _contents(path: Path) -> bytes:
     if not path.is_file():
         raise DataError(f"{path}: no such picture; check the path")
@@ -218,6 +189,25 @@ def _open(path: Path, data: bytes) -> Image.Image:
     if deep or _is_deep(image):
         raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (a flow map is no picture)")
     return image
+
+
+def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
+    """Refuse several pictures in one file, and damage that the decoder would pass over."""
+    frames = getattr(image, "n_frames", 1)
+    if frames > 1 and image.format != "MPO":  # whose first picture is the one to show
+        raise DataError(
+            f"{path}: holds {frames} pictures, of which one could be read; save them as files of their own, "
+            "and give their folder"
+        )
+    end = 0
+    tiles = getattr(image, "tile", [])
+    if image.format == "PPM" and tiles and tiles[0][0] == "raw" and image.mode in ("L", "RGB"):
+        end = tiles[0][2] + image.width * image.height * len(image.mode)
+    check_length(path, data, image.format, end)
+    if image.format in ("JPEG", "MPO"):
+        check_jpeg(path, data)
+    if isinstance(image, TiffImagePlugin.TiffImageFile) and image.tag_v2.get(259) in (8, 32946):
+        check_deflated_strips(path, data, *(image.tag_v2.get(tag) for tag in _STRIPS if tag in image.tag_v2))
 
 
 def _is_deep(image: Image.Image) -> bool:

@@ -19,7 +19,7 @@ from ..images.io import jpeg_bytes, shrunk
 from ..metrics.rows import CLEAN
 from ..models.base import place
 from ..random.rng import key_of
-from ..runs.example_cells import Scores, cell_scores
+from ..runs.example_cells import CellScores, cell_scores
 from ..runs.example_record import FOLDER, RECORD, are_current, drop_examples, examples_record
 from ..runs.plan import Cell
 from ..runs.run import Run
@@ -92,7 +92,7 @@ def _worker(setup: Setup) -> Iterator[Worker]:
     """A worker that keeps its clean flows outside of the run's folder."""
     with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
         yield Worker(
-            setup.dataset, setup.model.model, setup.settings, lambda key: Path(scratch) / f"{key_of(key):x}.npy"
+            setup.dataset, setup.model.model, setup.options, lambda key: Path(scratch) / f"{key_of(key):x}.npy"
         )
 
 
@@ -140,7 +140,7 @@ def _no_such_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
     return UsageError(f"this run has no severity {severity} of {corruption} on sample '{key}': choose from {levels}")
 
 
-def _check_same(view: View, row: dict[str, Any], scores: Scores) -> None:
+def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
     """A picture beside a number shows what the number was measured on, or there is no picture."""
     where = place(row["sample"], row["corruption"], row["severity"])
     if view.row["frames_digest"] != row["frames_digest"]:

@@ -13,7 +13,7 @@ from ..models import ModelSpec
 from ..runs.manifest import now, open_manifest
 from ..runs.plan import Plan
 from ..runs.store import RunFolder
-from .engines.base import Done, Job
+from .engines.base import FinishedUnit, Job
 from .engines.choose import Engine
 from .same_model import check_same_model
 from .setup import Setup
@@ -24,7 +24,7 @@ class Progress(Protocol):
 
     def start(self, folder: Path, total: int, found: int) -> None: ...
 
-    def advance(self, done: Done) -> None: ...
+    def advance(self, done: FinishedUnit) -> None: ...
 
 
 class Silent:
@@ -33,7 +33,7 @@ class Silent:
     def start(self, folder: Path, total: int, found: int) -> None:
         """Nothing."""
 
-    def advance(self, done: Done) -> None:
+    def advance(self, done: FinishedUnit) -> None:
         """Nothing."""
 
 
@@ -52,7 +52,7 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
         DataError, ModelError: see each class; finished work is kept.
     """
     plan, named = setup.plan, setup.model
-    job = Job(setup.dataset, named.spec or named.model, plan.settings, folder.path, batch_size, named.model)
+    job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
     manifest = open_manifest(folder, plan)
     if not isinstance(job.model, ModelSpec) and "object" in plan.model_identity:
         check_same_model(folder, job, plan.benchmark.keys)

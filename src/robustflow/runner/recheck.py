@@ -54,7 +54,7 @@ def recheck(
     if count < 1:
         raise UsageError(f"{count} rows cannot be checked: give 1 or more")
     seed = int.from_bytes(os.urandom(4)) if seed is None else seed
-    dataset, settings = set_up_frames(identity, data, options or {})
+    dataset, run_options = set_up_frames(identity, data, options or {})
     drawn = np.argsort(Rng.of(seed, "recheck").uniforms(rows.height), kind="stable")[:count]
     chosen = rows[sorted(drawn.tolist())]
     known = set(dataset.keys())
@@ -64,7 +64,7 @@ def recheck(
     problems = []
     names = {key: index for index, key in enumerate(dict.fromkeys(chosen["sample"]))}
     with TemporaryDirectory(prefix="robustflow-") as folder:
-        worker = Worker(dataset, _Still(), settings, lambda key: Path(folder) / f"{names[key]}.npy")
+        worker = Worker(dataset, _Still(), run_options, lambda key: Path(folder) / f"{names[key]}.npy")
         for row in chosen.iter_rows(named=True):
             where = place(row["sample"], row["corruption"], row["severity"])
             (made,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))

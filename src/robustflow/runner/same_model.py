@@ -43,7 +43,7 @@ def check_same_model(folder: RunFolder, job: Job, keys: Sequence[str]) -> None:
     before = rows.row(0, named=True)
     assert not isinstance(job.model, ModelSpec)
     with TemporaryDirectory(prefix="robustflow-") as elsewhere:
-        worker = Worker(job.dataset, job.model, job.settings, lambda key: Path(elsewhere) / "clean.npy")
+        worker = Worker(job.dataset, job.model, job.options, lambda key: Path(elsewhere) / "clean.npy")
         (now,) = worker.run(Unit(before["sample"], CLEAN, (0,)))
     if not all(_same(now[column], before[column]) for column in _ANSWER):
         raise RunError(

@@ -1,4 +1,4 @@
-"""One run, set up: benchmark, model and settings, from what is asked for or from what a finished run recorded."""
+"""One run, set up: benchmark, model and options, from what is asked for or from what a finished run recorded."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ..models.base import AnyModel
 from ..models.provenance import training_of
 from ..models.window import Window
 from ..runs.identity import differing
-from ..runs.plan import Plan, Settings, left_out_sentence
+from ..runs.plan import Plan, RunOptions, left_out_sentence
 from ..runs.run import Run
-from ..runs.source import Source
+from ..runs.source import RunSource
 from .named_model import NamedModel, name_model
 
 
@@ -39,9 +39,9 @@ class Setup:
         return self.plan.benchmark.dataset
 
     @property
-    def settings(self) -> Settings:
-        """The plan's settings."""
-        return self.plan.settings
+    def options(self) -> RunOptions:
+        """The plan's options."""
+        return self.plan.options
 
 
 def set_up(
@@ -73,9 +73,9 @@ def set_up(
         )
     named = name_model(model)
     window = window_on(named.model, benchmark.dataset)
-    settings = _settings(seed, variant, severity_scale, allow_invalid, window)
+    options = _options(seed, variant, severity_scale, allow_invalid, window)
     training = training_of(named.identity, named.declared)
-    plan = Plan(benchmark, settings, named.identity, training.record(benchmark.name))
+    plan = Plan(benchmark, options, named.identity, training.record(benchmark.name))
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError(
             f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"
@@ -83,7 +83,7 @@ def set_up(
     return Setup(plan, named)
 
 
-def set_up_again(run: Run, source: Source) -> Setup:
+def set_up_again(run: Run, source: RunSource) -> Setup:
     """A finished run from its manifest, with the model and the data that `source` names.
 
     Raises:
@@ -98,8 +98,8 @@ def set_up_again(run: Run, source: Source) -> Setup:
         named = name_model(source.model)
     except RobustFlowError as error:
         raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
-    settings = _settings_of(identity, window_on(named.model, benchmark.dataset))
-    plan = Plan(benchmark, settings, named.identity)
+    options = _options_of(identity, window_on(named.model, benchmark.dataset))
+    plan = Plan(benchmark, options, named.identity)
     if plan.digest() != run.manifest["identity_digest"]:
         raise RunError(
             f"what is set up now is not what {run.path} ran (it differs in: {differing(plan.identity(), identity)}); "
@@ -109,30 +109,30 @@ def set_up_again(run: Run, source: Source) -> Setup:
 
 
 def set_up_frames(
-    identity: dict[str, Any], data: str | Path | None, options: dict[str, Any]
-) -> tuple[Dataset, Settings]:
-    """Data set and settings that make the frames of a run again, without its model.
+    identity: dict[str, Any], data: str | Path | None, data_options: dict[str, Any]
+) -> tuple[Dataset, RunOptions]:
+    """Data set and options that make the frames of a run again, without its model.
 
     Raises:
         RunError: these are not the data, severities or files that the run was made with.
         UsageError, DataError: the data set is not there.
     """
-    benchmark = open_benchmark(identity["benchmark"], data, None, options, identity["variant"])
+    benchmark = open_benchmark(identity["benchmark"], data, None, data_options, identity["variant"])
     protocol = json.loads(json.dumps(benchmark.protocol, default=str))  # as it comes back from a manifest
     if benchmark.dataset.name != identity["dataset"] or protocol != identity["protocol"]:
         raise RunError(
             f"the run's data are {identity['dataset']} {identity['protocol']}, these are {benchmark.dataset.name} "
             f"{protocol}; give the data and data options of the run"
         )
-    settings = _settings_of({**identity, "allow_invalid": True})  # invalid pixels are a model's, which is not here
+    options = _options_of({**identity, "allow_invalid": True})  # invalid pixels are a model's, which is not here
     if "severity_scale" in identity and identity["severity_scale"] != f"calibrated {calibration_digest()}":
         raise RunError("the run's calibrated severities are not those of this version; use the version that ran it")
-    if dict(settings.sources) != (recorded := recorded_sources(identity)):
+    if dict(options.sources) != (recorded := recorded_sources(identity)):
         raise RunError(
             "the corruptions of the run read other files than are set up here "
-            f"({differing(dict(settings.sources), recorded)}); set ROBUSTFLOW_PSF_DIR as the run did"
+            f"({differing(dict(options.sources), recorded)}); set ROBUSTFLOW_PSF_DIR as the run did"
         )
-    return benchmark.dataset, settings
+    return benchmark.dataset, options
 
 
 def open_benchmark(
@@ -153,10 +153,10 @@ def open_benchmark(
     return chosen
 
 
-def _settings_of(identity: dict[str, Any], window: Window | None = None) -> Settings:
+def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOptions:
     scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
-    return _settings(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window)
+    return _options(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window)
 
 
-def _settings(seed: int, variant: str, scale: str, allow_invalid: bool, window: Window | None) -> Settings:
-    return Settings(seed, variant, allow_invalid, scale, user_sources(variant), window)
+def _options(seed: int, variant: str, scale: str, allow_invalid: bool, window: Window | None) -> RunOptions:
+    return RunOptions(seed, variant, allow_invalid, scale, user_sources(variant), window)

@@ -28,7 +28,7 @@ from ..models.base import (
     predict_clip_checked,
 )
 from ..models.window import place_of_pair
-from ..runs.plan import Settings, Unit
+from ..runs.plan import RunOptions, Unit
 from ..runs.store import read_clean, write_clean
 from ..sample import Flow, Frame, Sample
 
@@ -72,21 +72,21 @@ class Worker:
         self,
         dataset: Dataset,
         model: AnyModel,
-        settings: Settings,
+        options: RunOptions,
         clean_path: Callable[[str], Path],
         on_predict: Callable[[str | None], None] = lambda what: None,
         batch_size: int = 1,
     ) -> None:
         self._dataset = dataset
         self._model = model
-        self._settings = settings
+        self._options = options
         self._clean_path = clean_path
         self._on_predict = on_predict
         self._batch_size = batch_size
         self._context = None
-        if settings.window is not None:
+        if options.window is not None:
             assert isinstance(dataset, Clips)
-            self._context = ContextFrames(dataset, settings.window)
+            self._context = ContextFrames(dataset, options.window)
         self._corruptions: dict[str, Corruption] = {}
         self._loaded: _Loaded | None = None
         self.seconds = {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
@@ -145,15 +145,15 @@ class Worker:
 
     def _corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         start = time.perf_counter()
-        paper = self._settings.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
+        paper = self._options.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
         if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
             made = self._dataset if self._context is None else self._context
             frames = made.corrupted(sample.key, name, severity)
         else:
             if name not in self._corruptions:
-                self._corruptions[name] = load_corruption(name, self._settings.variant, self._settings.severity_scale)
+                self._corruptions[name] = load_corruption(name, self._options.variant, self._options.severity_scale)
             corruption = self._corruptions[name]
-            seed = self._settings.seed
+            seed = self._options.seed
             if self._context is not None:
                 frames = self._context.corrupt(sample, corruption, severity, seed)
             else:
@@ -205,7 +205,7 @@ class Worker:
             severity=severity,
             frames_digest=digest,
         )
-        if row["n_invalid"] and not self._settings.allow_invalid:
+        if row["n_invalid"] and not self._options.allow_invalid:
             where = place(loaded.sample.key, corruption, severity)
             raise ModelError(
                 f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {where}; repair the model, "

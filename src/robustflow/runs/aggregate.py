@@ -22,9 +22,7 @@ from ..metrics.regions import REGIONS
 from ..metrics.robustness import cre, crer
 from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
-
-Unit = tuple[str, str, int]
-"""(sample, corruption, severity)."""
+from .plan import Cell
 
 _WHOLE = {
     "epe": ("epe_sum", "n_valid", 1.0),
@@ -50,7 +48,7 @@ _NEEDS: tuple[tuple[str, str], ...] = (
 def summarize(
     rows: pl.DataFrame,
     averaging: Averaging = "image",
-    planned: Iterable[Unit] | None = None,
+    planned: Iterable[Cell] | None = None,
     *,
     paper: Collection[str] = IMAGE_PAIR,
     over: Literal["all", "paper"] = "all",

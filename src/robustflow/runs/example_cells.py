@@ -23,7 +23,7 @@ T = TypeVar("T", bound=tuple[Any, ...])
 
 
 @dataclass(frozen=True)
-class Scores:
+class CellScores:
     """What was measured of one cell, in pixels; None without ground truth, RCRE None where no pixel is left."""
 
     epe: float | None
@@ -39,7 +39,7 @@ class ExampleCell:
     key: str
     corruption: str
     severity: int
-    scores: Scores
+    scores: CellScores
 
 
 def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
@@ -69,14 +69,14 @@ def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
     return chosen
 
 
-def cell_scores(row: dict[str, Any], clean: dict[str, Any] | None) -> Scores:
+def cell_scores(row: dict[str, Any], clean: dict[str, Any] | None) -> CellScores:
     """EPE, CRE and RCRE of one row and its sample's clean row."""
     epe = _mean(row["epe_sum"], row["n_valid"])
     before = _mean(clean["epe_sum"], clean["n_valid"]) if clean else None
     rcre = (
         _mean(row["rcre_all_sum"], row["n_all"]) if row["n_valid"] is None else _mean(row["rcre_sum"], row["n_valid"])
     )
-    return Scores(epe, cre_of(epe, before), rcre)
+    return CellScores(epe, cre_of(epe, before), rcre)
 
 
 def _mean(total: float | None, count: int | None) -> float | None:

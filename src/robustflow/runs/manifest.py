@@ -67,7 +67,7 @@ def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[st
 
 def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
     """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
-    dataset, window = plan.benchmark.dataset, plan.settings.window
+    dataset, window = plan.benchmark.dataset, plan.options.window
     files = dataset.files(key)
     if window is not None:
         assert isinstance(dataset, Clips)

@@ -34,7 +34,7 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class Settings:
+class RunOptions:
     """What changes the numbers besides benchmark and model; and what to do with predictions that are not numbers."""
 
     seed: int = 0
@@ -49,14 +49,14 @@ class Settings:
 
 @dataclass(frozen=True)
 class Plan:
-    """A benchmark, the settings, and the identity of the model it is for.
+    """A benchmark, the options of the run, and the identity of the model it is for.
 
     `provenance` is what the manifest says about the model's training. It changes no number, so it is no part of the
     identity: a run goes on when its model's training sets are declared later.
     """
 
     benchmark: Benchmark
-    settings: Settings
+    options: RunOptions
     model_identity: dict[str, Any]
     provenance: dict[str, Any] = field(default_factory=dict)
 
@@ -75,7 +75,7 @@ class Plan:
         return {name: levels for name, levels in gone.items() if levels}
 
     def _levels(self) -> dict[str, tuple[int, ...]]:
-        scale = self.settings.severity_scale
+        scale = self.options.severity_scale
         return {name: levels_of(name, self.benchmark.severities, scale) for name in self.benchmark.corruptions}
 
     def missing(self, found: Iterable[Cell]) -> list[Unit]:
@@ -91,12 +91,12 @@ class Plan:
     def identity(self) -> dict[str, Any]:
         """Whatever changes a row's numbers, and nothing else: not the number of workers, not which samples were
         chosen. Two runs with the same identity may share a folder; their rows agree."""
-        calibrated = self.settings.severity_scale == "calibrated"
+        calibrated = self.options.severity_scale == "calibrated"
         scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
-        window = {"window": self.settings.window.record()} if self.settings.window else {}
+        window = {"window": self.options.window.record()} if self.options.window else {}
         return (
             scale
-            | dict(self.settings.sources)
+            | dict(self.options.sources)
             | window
             | {
                 "version": IDENTITY_VERSION,
@@ -104,9 +104,9 @@ class Plan:
                 "dataset": self.benchmark.dataset.name,
                 "protocol": self.benchmark.protocol,
                 "model": self.model_identity,
-                "seed": self.settings.seed,
-                "variant": self.settings.variant,
-                "allow_invalid": self.settings.allow_invalid,
+                "seed": self.options.seed,
+                "variant": self.options.variant,
+                "allow_invalid": self.options.allow_invalid,
                 "streams": STREAM_VERSION,
                 "rows": ROW_MEANING_VERSION,
             }

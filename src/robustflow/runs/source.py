@@ -20,7 +20,7 @@ FILE = "source.json"
 
 
 @dataclass(frozen=True)
-class Source:
+class RunSource:
     """How a run can be set up again.
 
     Attributes:
@@ -43,7 +43,7 @@ class Source:
         write_json(folder / FILE, {"schema": 1, "model": model, "data": data, "data_options": options})
 
     @classmethod
-    def read(cls, folder: Path) -> Source:
+    def read(cls, folder: Path) -> RunSource:
         """What was written; an empty source where nothing was (a run of an older version).
 
         Raises:

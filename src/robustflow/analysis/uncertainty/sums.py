@@ -120,8 +120,8 @@ class ClusterSums:
 
 def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
     """One line per row of a run: sample, group, corruption, severity, frames_digest, and the image's mean epe, cre and
-    rcre in pixels, null where nothing could be measured. CRE is over the same pixels in both errors, RCRE over all pixels
-    where there is no ground truth."""
+    rcre in pixels, null where nothing could be measured. Both errors of CRE are over the same pixels; RCRE is over all
+    pixels where there is no ground truth."""
     rows = complete_rows(rows)
     without_truth = pl.col("n_valid").is_null()
     images = rows.select(

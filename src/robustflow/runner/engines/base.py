@@ -10,7 +10,7 @@ from typing import Any
 from ...datasets.base import Dataset
 from ...models import ModelSpec
 from ...models.base import AnyModel
-from ...runs.plan import Settings, Unit
+from ...runs.plan import RunOptions, Unit
 from ...runs.store import RunFolder
 from ..worker import Worker
 
@@ -21,7 +21,7 @@ class Job:
 
     dataset: Dataset
     model: ModelSpec | AnyModel
-    settings: Settings
+    options: RunOptions
     folder: Path
     batch_size: int = 1
     loaded: AnyModel | None = field(default=None, compare=False)
@@ -39,11 +39,11 @@ class Job:
     def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
         """A worker with the model of `load_model`."""
         clean_path = RunFolder(self.folder).clean_path
-        return Worker(self.dataset, self.load_model(), self.settings, clean_path, on_predict, self.batch_size)
+        return Worker(self.dataset, self.load_model(), self.options, clean_path, on_predict, self.batch_size)
 
 
 @dataclass(frozen=True)
-class Done:
+class FinishedUnit:
     """A finished unit: its rows, and the seconds spent by kind of work."""
 
     unit: Unit

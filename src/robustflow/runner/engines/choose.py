@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator
 
 from ...errors import UsageError, unknown_name
 from ...runs.plan import Unit
-from .base import Done, Job
+from .base import FinishedUnit, Job
 from .processes import processes
 from .serial import serial
 
 ENGINES = ("serial", "processes")
 
-Engine = Callable[[Job, list[Unit]], Iterator[Done]]
+Engine = Callable[[Job, list[Unit]], Iterator[FinishedUnit]]
 """Computes units, each once, in any order that puts a sample's clean unit first."""
 
 

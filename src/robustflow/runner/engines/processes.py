@@ -21,7 +21,7 @@ from ... import errors
 from ...errors import ModelError, RobustFlowError, RunError, UsageError
 from ...models import ModelSpec
 from ...runs.plan import Unit
-from .base import Done, Job, take_seconds
+from .base import FinishedUnit, Job, take_seconds
 from .schedule import Schedule
 
 _ONE_THREAD = (
@@ -37,7 +37,7 @@ _UNGUARDED = (
 )
 
 
-def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> Iterator[Done]:
+def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> Iterator[FinishedUnit]:
     """Compute the units in `workers` processes; `timeout` is the longest a single prediction may take, in seconds."""
     _check_picklable(job)
     pool = [_Process(job) for _ in range(workers)]
@@ -104,7 +104,7 @@ class _Process:
             self._last_key = self.unit.key
             self.pipe.send(self.unit)
 
-    def receive(self) -> Done | None:
+    def receive(self) -> FinishedUnit | None:
         """Take one message; a finished unit, or None for news about its progress."""
         try:
             kind, value = self.pipe.recv()
@@ -125,7 +125,7 @@ class _Process:
             raise _rebuild(*value)
         rows, seconds = value
         assert self.unit is not None
-        done, self.unit = Done(self.unit, rows, seconds), None
+        done, self.unit = FinishedUnit(self.unit, rows, seconds), None
         return done
 
     def check(self, timeout: float) -> None:

@@ -9,16 +9,16 @@ import cv2
 
 from ...psf.threads import blur_threads
 from ...runs.plan import Unit
-from .base import Done, Job, take_seconds
+from .base import FinishedUnit, Job, take_seconds
 
 
-def serial(job: Job, units: Iterable[Unit]) -> Iterator[Done]:
+def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
     """Compute the units one after the other."""
     worker = job.worker()
     with one_opencv_thread(), blur_threads():
         for unit in units:
             rows = worker.run(unit)
-            yield Done(unit, rows, take_seconds(worker))
+            yield FinishedUnit(unit, rows, take_seconds(worker))
 
 
 @contextmanager

@@ -1,0 +1,133 @@
+"""Is a picture's file whole? What each format can tell of damage that its decoder passes over.
+
+PNG and deflated TIFF carry check sums, JPEG a code that breaks, BMP, PPM and WebP a length; beyond that a changed byte
+is a changed pixel and nothing in the file says so. A run's manifest keeps a digest of every file for that reason.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import DataError
+
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_INFLATE = 1100
+"""Deflate cannot shrink data by more than 1032:1; a PNG that claims more holds no such picture."""
+
+_ADAM7 = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
+"""Interlaced passes: first column, first row, step across, step down."""
+
+
+class PngHeader(NamedTuple):
+    """What a PNG says about itself: pixels, bits per channel, channels (a palette counts as one)."""
+
+    width: int
+    height: int
+    bits: int
+    channels: int
+
+
+def check_png(path: Path, data: bytes) -> PngHeader:
+    """The header of a PNG whose every chunk is there and unharmed, or DataError. Decodes nothing."""
+    if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
+        raise DataError(f"{path}: not a PNG file, or cut short; check or copy it again")
+    width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
+    header = PngHeader(width, height, bits, _PNG_CHANNELS.get(kind, 0))
+    if width * height * bits * header.channels > 8 * _INFLATE * len(data):
+        raise DataError(f"{path}: {len(data)} bytes cannot hold the {width}x{height} pixels claimed; it is damaged")
+    view, start, name = memoryview(data), 8, b""
+    while name != b"IEND":
+        length = int.from_bytes(view[start : start + 4], "big")
+        end = start + 12 + length
+        if end > len(data):
+            raise DataError(f"{path}: cut short, the end of the PNG is missing; copy or download it again")
+        name = data[start + 4 : start + 8]
+        # Pillow stops reading when it has all rows, before the check sum of the last chunk.
+        if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
+            raise DataError(f"{path}: damaged, a check sum of the PNG is wrong; copy or download it again")
+        start = end
+    return header
+
+
+def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> None:
+    """Refuse a PNG whose compressed data ends before its last row, which decoders fill with zeros.
+
+    Args:
+        pixels: as decoded. Only where its last two rows are zero is the data looked at.
+    """
+    if pixels[-2:].any():
+        return
+    width, height, bits, kind, _, _, interlaced = struct.unpack(">IIBBBBB", data[16:29])
+    depth = bits * _PNG_CHANNELS.get(kind, 0)
+    passes = _ADAM7 if interlaced else ((0, 0, 1, 1),)
+    sizes = [(-(-(width - x) // across), -(-(height - y) // down)) for x, y, across, down in passes]
+    expected = sum(rows * (1 + -(-columns * depth // 8)) for columns, rows in sizes if columns > 0 and rows > 0)
+    inflate, found, start = zlib.decompressobj(), 0, 8
+    while start < len(data):
+        length = int.from_bytes(data[start : start + 4], "big")
+        if data[start + 4 : start + 8] == b"IDAT":
+            found += len(inflate.decompress(data[start + 8 : start + 8 + length], expected + 1 - found))
+        start += 12 + length
+    if found < expected:
+        raise DataError(f"{path}: damaged, the PNG ends before its last row; copy or download it again")
+
+
+def check_jpeg(path: Path, data: bytes) -> None:
+    """Refuse a JPEG whose code breaks: Pillow's decoder goes on with grey or shifted blocks and says nothing.
+
+    FFmpeg's decoder stops at the first error. What it does not support (arithmetic coding) is let through.
+    """
+    import av
+
+    context = av.CodecContext.create("mjpeg", "r")
+    context.thread_count = 1
+    context.options = {"err_detect": "crccheck+bitstream+buffer+careful+compliant+aggressive+explode"}
+    try:
+        frames: list[Any] = [*context.decode(av.Packet(data)), *context.decode(None)]
+    except av.error.PatchWelcomeError:
+        return
+    except (av.error.FFmpegError, ValueError) as error:
+        raise DataError(f"{path}: damaged, the JPEG's code breaks within the picture; copy it again") from error
+    if not frames or any(frame.is_corrupt for frame in frames):
+        raise DataError(f"{path}: damaged, the JPEG's code breaks within the picture; copy it again")
+
+
+def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> None:
+    """Refuse a file that is longer or shorter than its own header says.
+
+    Args:
+        kind: "BMP", "PPM" or "WEBP"; other formats say nothing of their length.
+        end: where the pixels of a PPM end; 0 where unknown.
+    """
+    sizes: tuple[int, ...] = ()
+    if kind == "WEBP":
+        size = int.from_bytes(data[4:8], "little")
+        sizes = (8 + size, 8 + size + size % 2)
+    elif kind == "BMP":
+        sizes = (int.from_bytes(data[2:6], "little") or len(data),)
+    elif kind == "PPM" and end and data[end:].strip():
+        sizes = (end,)
+    if sizes and len(data) not in sizes:
+        state = "cut short" if len(data) < sizes[0] else "too long, or holds several pictures"
+        raise DataError(
+            f"{path}: {state}, {len(data)} bytes where its header says {sizes[0]}; copy or convert it again"
+        )
+
+
+def check_deflated_strips(path: Path, data: bytes, offsets: Any, counts: Any) -> None:
+    """Refuse a deflated TIFF of which a strip's check sum is wrong, which libtiff does not look at."""
+    for offset, count in zip(offsets or (), counts or (), strict=False):
+        inflate, part = zlib.decompressobj(), memoryview(data)[offset : offset + count].tobytes()
+        try:
+            while not inflate.eof:
+                out = inflate.decompress(part, 2**20)
+                part = inflate.unconsumed_tail
+                if not out and not part:
+                    raise DataError(f"{path}: damaged, a strip of the TIFF is cut short; copy it again")
+        except zlib.error as error:
+            raise DataError(f"{path}: damaged, a check sum of the TIFF is wrong; copy it again") from error

@@ -1,0 +1,146 @@
+"""Damage that decoders pass over is refused wherever the format shows it."""
+
+from __future__ import annotations
+
+import io
+import random
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from skimage import data
+
+from robustflow.errors import DataError
+from robustflow.flowio import read_flow, write_flow
+from robustflow.images.io import read_image
+
+PICTURE = data.astronaut()[:96, :128]
+
+
+def encoded(kind: str, **options) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(PICTURE).save(buffer, kind, **options)
+    return buffer.getvalue()
+
+
+def chunk(name: bytes, content: bytes) -> bytes:
+    return len(content).to_bytes(4, "big") + name + content + zlib.crc32(name + content).to_bytes(4, "big")
+
+
+def png_of(rows: bytes, header: bytes) -> bytes:
+    """A PNG with right check sums whatever its rows are."""
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("interlaced", [False, True])
+def test_a_png_with_too_few_rows(tmp_path: Path, interlaced: bool) -> None:
+    path = tmp_path / "a.png"
+    header = (8).to_bytes(4, "big") + (8).to_bytes(4, "big") + bytes([8, 2, 0, 0, int(interlaced)])
+    sizes = [(1, 1), (1, 1), (2, 1), (2, 2), (4, 2), (4, 4), (8, 4)] if interlaced else [(8, 8)]
+    rows = [bytes([0]) + bytes(3 * columns) for columns, count in sizes for _ in range(count)]
+    path.write_bytes(png_of(b"".join(rows), header))
+    assert not read_image(path).any(), "black rows are rows"
+    path.write_bytes(png_of(b"".join(rows[:-1]), header))
+    with pytest.raises(DataError, match=r"ends before its last row"):
+        read_image(path)
+
+
+def test_a_flow_map_with_too_few_rows(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    header = (8).to_bytes(4, "big") + (8).to_bytes(4, "big") + bytes([16, 2, 0, 0, 0])
+    path.write_bytes(png_of(b"".join(bytes([0]) + bytes([1] * 48) for _ in range(6)), header))
+    with pytest.raises(DataError, match=r"ends before its last row|cannot be decoded"):
+        read_flow(path)
+
+
+@pytest.mark.parametrize("options", [{}, {"progressive": True}, {"optimize": True}, {"restart_marker_rows": 1}])
+def test_a_jpeg_whose_code_breaks(tmp_path: Path, options: dict) -> None:
+    """Pillow alone reads all of these that keep their markers, with other pixels."""
+    path, whole = tmp_path / "a.jpg", encoded("JPEG", quality=90, **options)
+    path.write_bytes(whole)
+    assert read_image(path).shape == PICTURE.shape
+    scan, refused = whole.index(b"\xff\xda") + 14, 0
+    draw = random.Random(0)
+    for _ in range(40):
+        at = draw.randrange(scan, len(whole) - 40)
+        path.write_bytes(whole[:at] + whole[at + draw.randrange(1, 33) :])
+        try:
+            read_image(path)
+        except DataError:
+            refused += 1
+    assert refused >= 4, "a baseline JPEG resynchronises after most gaps; a progressive one rarely"
+
+
+def test_a_jpeg_with_something_behind_it_is_a_jpeg(tmp_path: Path) -> None:
+    """Cameras put previews and videos there."""
+    (tmp_path / "a.jpg").write_bytes(encoded("JPEG") + b"\0trailer" * 50)
+    assert read_image(tmp_path / "a.jpg").shape == PICTURE.shape
+
+
+def test_jpegs_that_others_wrote_are_read() -> None:
+    """Of packages that come with pictures, from many cameras and programs."""
+    import matplotlib
+    import skimage
+
+    paths = [p for package in (matplotlib, skimage) for p in Path(package.__file__).parent.rglob("*.jp*g")]
+    assert len(paths) >= 3
+    for path in paths:
+        assert read_image(path).size
+
+
+@pytest.mark.parametrize("kind", ["BMP", "PPM", "WEBP"])
+def test_a_file_that_is_longer_than_it_says(tmp_path: Path, kind: str) -> None:
+    path, whole = tmp_path / f"a.{kind.lower()}", encoded(kind)
+    middle = len(whole) // 2
+    for changed in (whole + b"xyz", whole[:middle] + b"xyz" + whole[middle:]):
+        path.write_bytes(changed)
+        with pytest.raises(DataError, match=r"too long, or holds several pictures|damaged"):
+            read_image(path)
+
+
+def test_a_deflated_tiff_of_which_a_byte_changed(tmp_path: Path) -> None:
+    path, whole = tmp_path / "a.tif", encoded("TIFF", compression="tiff_adobe_deflate")
+    path.write_bytes(whole)
+    expected = read_image(path)
+    draw = random.Random(0)
+    for _ in range(60):
+        at = draw.randrange(8, len(whole))
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ (1 << draw.randrange(8))]) + whole[at + 1 :])
+        try:
+            image = read_image(path)
+        except DataError:
+            continue
+        np.testing.assert_array_equal(image, expected)
+
+
+@pytest.mark.parametrize(("name", "options"), [("a.png", {}), ("a.tif", {}), ("a.webp", {"lossless": True})])
+def test_several_pictures_in_one_file(tmp_path: Path, name: str, options: dict) -> None:
+    others = [Image.fromarray(PICTURE[::-1].copy()), Image.fromarray(PICTURE[:, ::-1].copy())]
+    Image.fromarray(PICTURE).save(tmp_path / name, save_all=True, append_images=others, **options)
+    with pytest.raises(DataError, match=r"holds 3 pictures, .* as files of their own"):
+        read_image(tmp_path / name)
+
+
+def test_a_flow_map_of_many_pixels_costs_no_memory(tmp_path: Path) -> None:
+    """20 000 x 20 000 zeros fit into a small PNG and would take 12 GB."""
+    path, side = tmp_path / "a.png", 20_000
+    compress, parts = zlib.compressobj(9), []
+    for _ in range(side):
+        parts.append(compress.compress(bytes(1 + 6 * side)))
+    rows = b"".join([*parts, compress.flush()])
+    header = side.to_bytes(4, "big") * 2 + bytes([16, 2, 0, 0, 0])
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b""))
+    assert path.stat().st_size < 5_000_000
+    with pytest.raises(DataError, match="20000x20000 pixels are more than"):
+        read_flow(path)
+
+
+def test_the_largest_flow_of_a_data_set_is_below_the_cap(tmp_path: Path) -> None:
+    flow = np.zeros((2160, 3840, 2), np.float32)
+    flow[-1] = 1
+    write_flow(tmp_path / "a.png", flow)
+    assert read_flow(tmp_path / "a.png")[1].all()
+    assert cv2.imread(str(tmp_path / "a.png"), cv2.IMREAD_UNCHANGED).dtype == np.uint16
