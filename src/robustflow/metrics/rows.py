@@ -81,7 +81,8 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
 LATER_COLUMNS: dict[str, type[pl.DataType]] = {
     "n_truth": pl.Int64,
     "clean_epe_sum": pl.Float64,
-} | {f"clean_epe_sum_{region}": pl.Float64 for region in REGIONS}
+    **{f"clean_epe_sum_{region}": pl.Float64 for region in REGIONS},
+}
 """Columns that rows of version 1 lack: pixels with ground truth, and the sums of the clean flow's error over the pixels
 that the row's own error is summed over. `complete_rows` makes them where the others decide them."""
 
@@ -187,11 +188,12 @@ def complete_rows(rows: pl.DataFrame) -> pl.DataFrame:
     absent = [name for name in LATER_COLUMNS if name not in rows.columns]
     if absent:
         rows = rows.with_columns(pl.lit(None, LATER_COLUMNS[name]).alias(name) for name in absent)
-    lacking = pl.col("n_valid").is_not_null() & (pl.col("n_truth").is_null() | pl.col("clean_epe_sum").is_null())
-    if not rows.select(lacking.any()).item():
+    counts = {"clean_epe_sum": "n_valid", **{f"clean_epe_sum_{region}": f"n_{region}" for region in REGIONS}}
+    lacking = [pl.col(count).is_not_null() & pl.col(name).is_null() for name, count in counts.items()]
+    lacking.append(pl.col("n_valid").is_not_null() & pl.col("n_truth").is_null())
+    if not rows.select(pl.any_horizontal(lacking).any()).item():
         return rows.select(list(ROW_SCHEMA))
     whole = pl.col("n_all") == pl.col("height") * pl.col("width")
-    counts = {"clean_epe_sum": "n_valid", **{f"clean_epe_sum_{region}": f"n_{region}" for region in REGIONS}}
     clean = rows.filter(pl.col("corruption") == CLEAN).unique("sample", keep="first")
     clean = clean.select(
         "sample",
