@@ -1,21 +1,29 @@
-"""How long the pages take: to write after a run, to write for many models, and to load in a browser.
+"""How long the pages take: to write after a run, to write for many models or runs, and to load in a browser.
 
     python bench/site.py [--models 100] [--loads 5]
+    python bench/site.py --runs 200 [--pairs 20]
 
 Writing is counted in CPU seconds, so other work on the machine matters little; loading is what the browser's own
 `performance.timing` says, the least of several visits, until the page's script has finished and until it is loaded.
+With `--runs`, that many run folders are made first, and `robustflow leaderboard` writes their page in a process of its
+own: its CPU and wall-clock seconds and its peak memory are printed.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import resource
 import shutil
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import polars as pl
+from synthetic_runs import synthetic_runs
 
 from robustflow.analysis.published.tables import published_results
 from robustflow.api import evaluate
@@ -72,13 +80,43 @@ def load_times(path: Path, loads: int) -> tuple[float, float] | None:
     return min(first for first, _ in times), min(last for _, last in times)
 
 
+def leaderboard_of(count: int, pairs: int, loads: int, folder: Path) -> None:
+    """Print what a leaderboard of `count` run folders over `pairs` pairs costs."""
+    paths = synthetic_runs(folder / "runs", count, pairs)
+    output = folder / "site"
+    command = [
+        sys.executable,
+        "-c",
+        "from robustflow.cli.main import main; main()",
+        "leaderboard",
+        *map(str, paths),
+        "-o",
+        str(output),
+    ]
+    before, start = os.times(), time.perf_counter()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    wall, after = time.perf_counter() - start, os.times()
+    used = after.children_user + after.children_system - before.children_user - before.children_system
+    peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    page = output / "index.html"
+    found = load_times(page, loads)
+    print(f"{count} runs of {pairs} pairs: {wall:.1f} s, {used:.1f} CPU s, {peak:.0f} MB peak")
+    print(f"page {page.stat().st_size / 1e6:.2f} MB; ", end="")
+    print("no browser" if found is None else f"script {found[0]:.0f} ms, loaded {found[1]:.0f} ms")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=0)
+    parser.add_argument("--pairs", type=int, default=20)
     parser.add_argument("--models", type=int, default=100)
     parser.add_argument("--loads", type=int, default=5)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
+        if options.runs:
+            leaderboard_of(options.runs, options.pairs, options.loads, folder)
+            return
         run = evaluate("dis", "demo", output=folder / "run", examples=True)
         pages: dict[str, Callable[[], str]] = {
             "report.html of a run": lambda: render_site(run_content(run)),

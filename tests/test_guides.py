@@ -7,10 +7,12 @@ import shlex
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import robustflow as rf
 from robustflow.cli.main import main
+from robustflow.images.io import write_image
 from tests.video import clips
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -64,6 +66,26 @@ def test_an_exported_network(tmp_path, monkeypatch, capsys):
     assert [run.manifest["identity"]["model"]["input"]["scale"] for run in runs] == [2 / 255] * 2
     assert onnx.epe_clean == pytest.approx(exported.epe_clean, abs=1e-4)
     assert onnx.crer == pytest.approx(exported.crer, abs=1e-4)
+
+
+def test_add_your_corruption(tmp_path, monkeypatch, capsys):
+    page = (DOCS / "add-your-corruption.md").read_text()
+    module, script = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    (commands,) = re.findall(r"```\n(robustflow corrupt .*?)\n```", page, re.DOTALL)
+    (tmp_path / "my_weather.py").write_text(module)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("frame1.png", "frame2.png"):
+        write_image(tmp_path / name, np.full((48, 64, 3), 90, np.uint8))
+    for command in commands.splitlines():
+        monkeypatch.setattr(sys, "argv", shlex.split(command))
+        with pytest.raises(SystemExit) as stop:
+            main()
+        assert stop.value.code in (0, None), capsys.readouterr().err
+    run = rf.load_run("runs/rain")
+    assert set(run.rows["corruption"]) == {"clean", "rain", "fog+rain"}
+    exec(compile(script, "add-your-corruption.md", "exec"), {})
+    assert float(capsys.readouterr().out.splitlines()[-1]) > -1
 
 
 def test_records(tmp_path, monkeypatch, capsys):

@@ -21,8 +21,9 @@ from .text import plain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from .corruptions import Corruption
     from .report.comparison import Comparison
-    from .runner.fill import Progress
+    from .runner.progress import Progress
     from .runner.setup import Setup
 
 
@@ -89,7 +90,7 @@ def evaluate(
     data: str | Path | None = None,
     output: str | Path | None = None,
     *,
-    corruptions: Sequence[str] | None = None,
+    corruptions: Sequence[str | Corruption | type[Corruption]] | None = None,
     severities: Sequence[int] | None = None,
     limit: int | None = None,
     split: str | Path | None = None,
@@ -97,13 +98,14 @@ def evaluate(
     seed: int = 0,
     variant: str = "default",
     severity_scale: str = "paper",
+    common_draws: bool = False,
     workers: int = 1,
     batch_size: int = 1,
     engine: str | None = None,
     timeout: float | None = None,
     allow_invalid: bool = False,
     examples: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Result:
     """Measure how robust a model is. Resumable: the same call goes on where a killed one stopped.
 
@@ -115,11 +117,14 @@ def evaluate(
             for your own frames or video, "sintel", ...), or a `Benchmark`.
         data: the data set's folder, for benchmarks that need one.
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default.
-        corruptions, severities, limit: run only these; a later call with others adds to the same folder.
+        corruptions, severities, limit: run only these; a later call with others adds to the same folder. A corruption
+            is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the source of your own
+            is part of the run's identity (docs/add-your-corruption.md).
         split: a file naming the samples to use, one key a line; or "drive-disjoint", of KITTI 2015.
         data_options: of a dataset, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.
-        variant: of the corruptions: "default", "reference" or "paper".
+        variant: of the corruptions: "default", "reference", "reference-bgr" or "paper".
+        common_draws: one draw for the five severities of a pair, so that they differ in strength alone.
         severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that
             a corruption does not have on it are left out, and named in `Result.left_out`.
         workers: processes; 1 stays in this process unless `timeout` is given.
@@ -131,6 +136,8 @@ def evaluate(
         examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
             report, which also gets the histogram of displacements where there is ground truth; a few predictions are
             made again. Where they cannot be drawn, a warning says why.
+        progress: shown by itself on a terminal and in a notebook; False shows none, True lines in a log too. Also an
+            object with `start(folder, total, found)` and `advance(done)`.
 
     Returns:
         The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
@@ -146,7 +153,8 @@ def evaluate(
     """
     from .runner.engines.choose import choose_engine
     from .runner.engines.processes import refuse_unguarded_script
-    from .runner.fill import Silent, default_folder, fill
+    from .runner.fill import default_folder, fill
+    from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
     from .runs.source import RunSource
     from .runs.store import RunFolder
@@ -154,14 +162,21 @@ def evaluate(
     refuse_unguarded_script()
     chosen = open_benchmark(benchmark, data, split, data_options, variant).narrowed(corruptions, severities, limit)
     setup = set_up(
-        model, chosen, seed=seed, variant=variant, severity_scale=severity_scale, allow_invalid=allow_invalid
+        model,
+        chosen,
+        seed=seed,
+        variant=variant,
+        severity_scale=severity_scale,
+        allow_invalid=allow_invalid,
+        common_draws=common_draws,
     )
     setup.model.check_batch_size(batch_size)
     compute = choose_engine(engine, workers, timeout)
     folder = RunFolder(output if output is not None else default_folder(setup.plan, setup.model.spec))
     folder.lock()
     try:
-        fill(folder, setup, compute, batch_size, progress or Silent())
+        with shown(progress) as listener:
+            fill(folder, setup, compute, batch_size, listener)
         if isinstance(benchmark, str):
             RunSource(setup.model.spec, Path(data) if data is not None else None, data_options or {}).write(folder.path)
         _draw(Result(folder.path), setup, examples)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import secrets
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,14 @@ TEMPORARY = ".partial-"
 """Prefix of a file that is still being written; no reader matches it."""
 
 
-def write_bytes(path: Path, data: bytes) -> None:
+def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
     """Put `data` at `path`: a hidden file in the same folder first, then a rename.
+
+    Args:
+        path: of the file; one that is there is replaced.
+        data: all of it.
+        durable: return only when the file would survive a power failure: its bytes reach the disk before the rename
+            does, and the rename before this returns. Costs milliseconds; False for what can be computed again.
 
     Raises:
         DataError: the folder does not exist or cannot be written, or the disk is full; `path` is untouched.
@@ -30,7 +37,12 @@ def write_bytes(path: Path, data: bytes) -> None:
     try:
         with open(temporary, "xb") as file:
             file.write(data)
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
         os.replace(temporary, path)
+        if durable:
+            sync_folder(path.parent)
     except OSError as error:
         temporary.unlink(missing_ok=True)
         reason = error.strerror or str(error)
@@ -38,6 +50,16 @@ def write_bytes(path: Path, data: bytes) -> None:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable, where the operating system can: Windows and some network drives cannot."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def json_bytes(value: Any) -> bytes:
@@ -61,6 +83,7 @@ def make_folder(path: Path) -> None:
     """Create a folder and its parents, or raise a DataError that says why not."""
     try:
         path.mkdir(parents=True, exist_ok=True)
+        sync_folder(path.parent)
     except OSError as error:
         reason = error.strerror or str(error)
         raise DataError(f"cannot create the folder {path}: {reason}; choose another place") from error

@@ -25,6 +25,15 @@ def plain(text: str, longest: int | None = LONGEST_NAME) -> str:
     return clean if longest is None or len(clean) <= longest else clean[: longest - 1] + "…"
 
 
+def counted(number: int, singular: str, plural: str | None = None) -> str:
+    """A number with its noun.
+
+    >>> counted(1, "clip"), counted(3, "clip"), counted(2, "severity", "severities")
+    ('1 clip', '3 clips', '2 severities')
+    """
+    return f"{number} {singular if number == 1 else plural or singular + 's'}"
+
+
 def name_text(name: str) -> str:
     """A name for a label. A dollar sign would begin a formula, and a leading underscore hide a legend's entry.
 

@@ -77,11 +77,11 @@ class App:
         finally:
             connection.close()
 
-    def look(self, **changed: Any) -> tuple[int, list[dict[str, Any]]]:
-        """Status and messages of a look at the demo pair under fog 3."""
-        wish = {"page": uuid4().hex, "source": "demo", "index": 0, "model": "dis", "seed": 0}
-        wish |= {"layers": [{"name": "fog", "severity": 3}]} | changed
-        status, body, _ = self.ask("POST", "/look", json.dumps(wish))
+    def preview(self, **changed: Any) -> tuple[int, list[dict[str, Any]]]:
+        """Status and messages of a preview of the demo pair under fog 3."""
+        request = {"page": uuid4().hex, "source": "demo", "index": 0, "model": "dis", "seed": 0}
+        request |= {"layers": [{"name": "fog", "severity": 3}]} | changed
+        status, body, _ = self.ask("POST", "/preview", json.dumps(request))
         return status, [json.loads(line) for line in body.splitlines()]
 
     def upload(self, **files: tuple[str, bytes]) -> tuple[int, dict[str, Any]]:

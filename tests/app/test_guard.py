@@ -56,7 +56,7 @@ def test_another_host_is_not_answered(app, host):
 
 
 @pytest.mark.parametrize("origin", ["", "null", "http://evil.example", "https://{host}", "http://{host}.evil.example"])
-@pytest.mark.parametrize("path", ["/look", "/upload"])
+@pytest.mark.parametrize("path", ["/preview", "/upload"])
 def test_a_post_from_elsewhere_is_refused(app, path, origin):
     status, body, _ = app.ask("POST", path, "{}", origin=origin.format(host=app.host))
     assert (status, body) == (403, b"requests from other pages are refused\n")
@@ -80,8 +80,8 @@ def test_every_answer_is_locked_down(app, path):
 
 def test_methods_that_have_no_meaning(app):
     for method in ("PUT", "DELETE", "PATCH", "OPTIONS"):
-        assert app.ask(method, "/look")[0] == 405
-    assert app.ask("GET", "/look")[0] == 405
+        assert app.ask(method, "/preview")[0] == 405
+    assert app.ask("GET", "/preview")[0] == 405
 
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
@@ -98,13 +98,49 @@ def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop):
         assert not list((tmp_path / "scratch").iterdir())
 
 
+def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
+    scratch = tmp_path / "scratch"
+    monkeypatch.setenv("TMPDIR", str(scratch))
+    scratch.mkdir()
+    with running_app(tmp_path) as killed:
+        clip = clips.clip(tmp_path / "clip.mp4", 3).path.read_bytes()
+        assert killed.upload(clip=("clip.mp4", clip))[0] == 200
+        killed.process.kill()
+        killed.process.wait(timeout=30)
+    left = {path.name for path in scratch.iterdir()}
+    assert left
+    with running_app(tmp_path) as running:
+        assert not left & {path.name for path in scratch.iterdir()}
+        assert running.upload(clip=("clip.mp4", clip))[0] == 200
+        with running_app(tmp_path) as beside:  # does not take the folder of one that is running
+            assert beside.ask("GET", "/choices")[0] == 200
+            assert running.preview(source="demo")[0] == 200
+            assert any(path.is_dir() and any(path.rglob("clip.mp4")) for path in scratch.iterdir())
+
+
+def test_half_sent_requests_do_not_shut_others_out(app):
+    """More of them than connections are allowed: they are closed, and the page is answered again."""
+    host, port = app.host.split(":")
+    sockets = [socket.create_connection((host, int(port)), timeout=60) for _ in range(70)]
+    try:
+        for one in sockets:
+            one.sendall(b"GET / HTTP/1.1\r\nHost: ")
+        sockets[0].sendall(b"x")  # a byte now and then does not buy more time
+        closed = [one.recv(4096) for one in sockets]
+        assert all(data == b"" or b" 503 " in data for data in closed)
+        assert app.ask("GET", "/choices")[0] == 200
+    finally:
+        for one in sockets:
+            one.close()
+
+
 def test_interrupt_in_the_middle_of_a_prediction(tmp_path):
     with running_app(tmp_path, "--model", "models_for_app:Slow") as running:
         connection = http.client.HTTPConnection(running.host, timeout=30)
-        wish = {"page": "p", "source": "demo", "index": 0, "model": "models_for_app:Slow", "seed": 0}
-        wish |= {"layers": [{"name": "fog", "severity": 1}]}
+        request = {"page": "p", "source": "demo", "index": 0, "model": "models_for_app:Slow", "seed": 0}
+        request |= {"layers": [{"name": "fog", "severity": 1}]}
         headers = {"Cookie": running.cookie, "Origin": f"http://{running.host}"}
-        connection.request("POST", "/look", json.dumps(wish), headers)
+        connection.request("POST", "/preview", json.dumps(request), headers)
         connection.getresponse().readline()
         running.process.send_signal(signal.SIGINT)
         _, error = running.process.communicate(timeout=30)

@@ -16,7 +16,7 @@ from robustflow.app.pairs import KEPT
 from robustflow.flowio.flo import flo_bytes
 
 from ..video import clips
-from .test_look import _direct
+from .test_preview import _direct
 
 MAX_BYTES = 64 * 2**20
 RNG = np.random.default_rng(0)
@@ -47,7 +47,7 @@ def test_numbers_of_an_uploaded_pair_are_those_of_the_library(app, with_truth):
     status, found = app.upload(**_pair(**truth))
     assert (status, found["name"], found["pairs"]) == (200, "a.png, b.png", 1)
     layers = [{"name": "impulse_noise", "severity": 3}]
-    result = app.look(source=found["source"], layers=layers)[1][-1]["result"]
+    result = app.preview(source=found["source"], layers=layers)[1][-1]["result"]
     flow[~valid] = 0
     expected = _direct((FRAME, OTHER), (flow, valid) if with_truth else None, "impulse_noise", 3, 0, "a")
     assert result["numbers"] == {name: pytest.approx(value) for name, value in expected.items()}
@@ -61,10 +61,10 @@ def test_every_pair_of_a_clip(app, tmp_path):
     video = rf.load_dataset("folder", path)
     for index in (4, 0):
         sample = video.load(video.keys()[index])
-        result = app.look(source=found["source"], index=index)[1][-1]["result"]
+        result = app.preview(source=found["source"], index=index)[1][-1]["result"]
         expected = _direct(sample.frames, None, "fog", 3, 0, sample.key)
         assert result["numbers"]["rcre"] == pytest.approx(expected["rcre"])
-    assert "does not exist: it has 5" in app.look(source=found["source"], index=5)[1][-1]["error"]
+    assert "does not exist: it has 5" in app.preview(source=found["source"], index=5)[1][-1]["error"]
 
 
 def _claims(width: int, height: int) -> bytes:
@@ -151,5 +151,5 @@ def test_a_body_that_announces_nothing_is_cut_off(app):
 
 def test_the_oldest_upload_makes_room(app):
     sources = [app.upload(**_pair())[1]["source"] for _ in range(KEPT + 1)]
-    assert "no longer held" in app.look(source=sources[0])[1][-1]["error"]
-    assert "result" in app.look(source=sources[1])[1][-1]
+    assert "no longer held" in app.preview(source=sources[0])[1][-1]["error"]
+    assert "result" in app.preview(source=sources[1])[1][-1]

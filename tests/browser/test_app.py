@@ -101,12 +101,12 @@ def test_only_the_last_of_many_changes_counts(opened, app):
     seen = opened()
     page = seen.page
     asked: list[str] = []
-    page.on("request", lambda request: asked.append(request.post_data or "") if "/look" in request.url else None)
+    page.on("request", lambda request: asked.append(request.post_data or "") if "/preview" in request.url else None)
     _set_severity(page, "Home")
     for _ in range(4):
         page.keyboard.press("ArrowRight")
     expect(page.locator("#status")).to_contain_text("dis, fog 5")
-    assert len(asked) < 4, "keys pressed quickly are one wish"
+    assert len(asked) < 4, "keys pressed quickly are one request"
     _clean(seen, app)
 
 
@@ -122,6 +122,22 @@ def test_a_slow_answer_does_not_come_after_a_newer_one(visit, tmp_path):
         page.wait_for_timeout(1800)  # the slow model's two predictions would have ended
         expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
         _clean(seen, app)
+
+
+def test_nothing_of_the_old_model_stays_when_the_new_one_fails(visit, tmp_path):
+    with running_app(tmp_path, "--model", "models_for_app:Fails") as app:
+        seen = visit()
+        page = seen.page
+        page.goto(app.address)
+        expect(page.locator("#error")).to_be_visible()
+        expect(page.locator("#pictures figure")).to_have_count(0)
+        page.get_by_label("Model").select_option("farneback")
+        expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
+        expect(page.locator("#checkpoint-field")).to_be_hidden()
+        page.get_by_label("Model").select_option("models_for_app:Fails")
+        expect(page.locator("#status")).to_contain_text("No result")
+        expect(page.locator("#pictures figure")).to_have_count(0)
+        expect(page.locator("#numbers")).to_be_empty()
 
 
 def test_a_stack_and_the_five_severities(opened, app):

@@ -40,6 +40,31 @@ def test_pack_and_verify(robustflow, records):
     assert "3 of 3 rows, drawn with seed 1" in out
 
 
+def test_predictions_are_made_again(robustflow, records):
+    """A record of DIS is DIS's; of Farneback's rows it is not, whatever the frames."""
+    code, out, _ = robustflow("verify", records[0], "--model", "dis")
+    assert code == 0
+    assert "3 of 3 rows" in out
+    assert "predicted again and agree" in out
+    assert "dis on demo" in out
+    assert "that this model made the predictions" not in out
+    code, out, _ = robustflow("verify", records[1], "--model", "dis")
+    assert code == 1
+    assert "failed       predictions" in out
+    assert "this model's error differs by" in out
+    code, _, error = robustflow("verify", records[0], "-O", "preset=fast")
+    assert (code, error.count("\n")) == (2, 1)
+    assert "--model" in error
+
+
+def test_another_run_s_record_is_not_overwritten(robustflow, runs, records):
+    before = records[0].read_bytes()
+    code, _, error = robustflow("pack", runs[1], "-o", records[0])
+    assert (code, error.count("\n")) == (1, 1)
+    assert "something else than this run" in error
+    assert records[0].read_bytes() == before
+
+
 def test_a_changed_record_fails_and_the_others_are_still_checked(robustflow, records):
     data = bytearray(records[0].read_bytes())
     data[len(data) // 3] ^= 1

@@ -49,6 +49,26 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
     assert titles[1] not in out
 
 
+def test_only_own_figures_beside_the_published_tables(robustflow, runs):
+    """DIS and Farneback, knowledge-driven both, are two dots of one panel; no figure and no trend is the paper's."""
+    code, out, _ = robustflow(
+        "report", *runs, "--published", "--only-own", "-t", "epe", "-f", "csv", "--figures", "figures"
+    )
+    assert code == 0
+    assert "RAFT" in out
+    assert {path.stem for path in Path("figures").glob("*.svg")} == {
+        "clean_against_cre_0",
+        "crer_by_family_0",
+        "relations_0",
+        "severity_rcre",
+        "severity_epe",
+    }
+    code, _, error = robustflow("report", *runs, "--published", "--only-own", "-t", "effective")
+    assert code == 2
+    assert "5 models" in error
+    assert robustflow("report", "--published", "--only-own")[0] == 2
+
+
 def test_report_to_files(robustflow, runs):
     code, out, _ = robustflow("report", runs[0], "-t", "epe", "-f", "latex", "-o", "epe.tex", "--figures", "figures")
     assert code == 0

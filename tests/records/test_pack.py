@@ -163,6 +163,19 @@ class Strange:
         return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
+def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):
+    target = tmp_path / "mine.robustflow"
+    other = with_json(packed, "record.json", lambda record: record.update(run="0" * 16))
+    for held in (b"letters", other):
+        target.write_bytes(held)
+        with pytest.raises(RunError, match="something else than this run"):
+            pack(run, target)
+        assert target.read_bytes() == held
+    assert pack(run, target, overwrite=True).stat().st_size > 1000
+    pack(run, target, author="Grace")  # the same run, said otherwise
+    assert b"Grace" in target.read_bytes()
+
+
 def test_a_record_is_a_run_wherever_runs_are_read(run, packed, tmp_path):
     path = tmp_path / "a.robustflow"
     path.write_bytes(packed)

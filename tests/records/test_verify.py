@@ -43,7 +43,7 @@ def test_a_record_verifies(packed, tmp_path):
     (tmp_path / "a.robustflow").write_bytes(packed)
     found = verify(tmp_path / "a.robustflow")
     assert found.ok, found.first_failure()
-    assert [check.name for check in found.checks] == [name for name in CHECKS if name != "frames"]
+    assert [check.name for check in found.checks] == list(CHECKS)[:-2]
     assert found.facts is not None
     assert found.facts.author == "Ada"
 
@@ -131,6 +131,34 @@ def test_rows_that_are_none(packed, edit, says):
     name, said = failure(with_rows(packed, edit))
     assert name == "rows"
     assert says in said
+
+
+@pytest.mark.parametrize(
+    ("digest", "says"),
+    [(pl.lit("0" * 32), "zeros"), (pl.lit("ab" * 16), "one frames_digest"), (pl.col("frames_digest").first(), "one")],
+)
+def test_digests_that_no_frames_have(packed, digest, says):
+    name, message = failure(with_rows(packed, lambda rows: rows.with_columns(frames_digest=digest)))
+    assert name == "cells"
+    assert says in message
+
+
+def test_a_few_equal_frames_are_possible(packed):
+    """A corruption that changes nothing (a flat frame, a stream in which no bit was hit) is not a forgery."""
+    same = with_rows(packed, _at(_FOG & (pl.col("severity") == 5), frames_digest=pl.col("frames_digest").first()))
+    assert verified(same).ok
+
+
+def test_what_a_verified_record_is_about(run, packed):
+    verification = verified(packed)
+    assert verification.subject is not None
+    assert verification.subject.cre == pytest.approx(run.cre)
+    assert verification.subject.sentence().startswith("farneback on demo (knowledge), 1 pair x 2 corruptions x 2 sev")
+    assert [claim.partition(":")[0] for claim in verification.unproven[:2]] == [
+        "that the rows were measured on these data",
+        "that this model made the predictions",
+    ]
+    assert verified(with_json(packed, "summary.json", _set("epe", value=9.0))).subject.epe == pytest.approx(run.epe)
 
 
 @pytest.mark.parametrize(

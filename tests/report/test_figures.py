@@ -20,6 +20,7 @@ from robustflow.report.figures import (
     crer_by_family,
     effective_trend,
     figure_bytes,
+    figures_by_sample_set,
     relations,
     severity_curves,
     write_figures,
@@ -154,3 +155,34 @@ def test_what_can_be_drawn_is_drawn():
 def test_nothing_to_draw_says_so(draw):
     with pytest.raises(UsageError):
         draw(published_results().clear())
+
+
+def _own(*settings: str) -> pl.DataFrame:
+    lines = [
+        f"{setting},M{index},{metric},{corruption},{2 + index + extra}\n"
+        for index, setting in enumerate(settings)
+        for metric, corruption, extra in (("epe", "clean", 0), ("epe", "average", 3), ("rcre", "average", 1))
+    ]
+    return parse_results("setting,model,metric,corruption,value\n" + "".join(lines), "own.csv", "own frames")
+
+
+def test_own_models_on_the_same_frames_are_drawn_together():
+    """Five models in four settings: one panel with five dots, one trend, one correlation; nobody is left out."""
+    drawn = figures_by_sample_set(_own("knowledge", "OOD", "ID", "own", "own"))["own frames"]
+    bubbles = drawn["clean_against_cre"]
+    assert len(bubbles.axes) == 1
+    shown = {(mark.model, mark.setting) for marks in bubbles.marks.values() for mark in marks}
+    assert shown == {("M0", "knowledge"), ("M1", "OOD"), ("M2", "ID"), ("M3", "own"), ("M4", "own")}
+    assert len(drawn["effective_trend"].axes) == 1
+    (letter, *_) = drawn["relations"].axes
+    assert letter.get_title(loc="left").startswith("(a) r = 1.00")
+
+
+def test_a_model_in_two_settings_keeps_a_panel_for_each():
+    results = _own("OOD", "ID").with_columns(model=pl.lit("M"))
+    assert len(figures_by_sample_set(results)["own frames"]["clean_against_cre"].axes) == 2
+
+
+def test_figures_of_benchmarks_without_ground_truth_are_left_out():
+    results = _own("OOD", "own").with_columns(benchmark=pl.lit("folder"))
+    assert not figures_by_sample_set(results)

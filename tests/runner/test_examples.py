@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import re
+import shutil
+import sys
 import warnings
 
 import numpy as np
@@ -12,10 +15,12 @@ from PIL import Image
 from skimage import data
 
 import robustflow as rf
+from robustflow.cli.main import main
 from robustflow.errors import RunError
 from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
 from robustflow.runner import examples as examples_module
+from robustflow.runner.recheck import recheck
 from robustflow.runner.setup import set_up_again
 from robustflow.runs.source import RunSource
 from robustflow.runs.store import RunFolder
@@ -129,6 +134,57 @@ def test_what_a_run_cannot_be_set_up_again_from(tmp_path):
     (run.path / "source.json").write_text("{")
     with pytest.raises(RunError, match="is damaged; delete it"):
         RunSource.read(run.path)
+
+
+HOSTILE = {
+    "code": ({"name": "marker_module:touch", "options": {}}, "names the model 'marker_module:touch'"),
+    "exported": ({"name": "onnx", "options": {"checkpoint": "/tmp/x.onnx"}}, "names the model 'onnx'"),
+    "path": ({"name": "./net.ts", "options": {}}, "names the model './net.ts'"),
+    "folder": ({"name": "precomputed", "options": {"folder": "/etc"}}, "names the model 'precomputed'"),
+    "checkpoint": (
+        {"name": "raft", "options": {"checkpoint": "/tmp/w.pth"}},
+        "/tmp/w.pth .*--checkpoint",
+    ),
+    "relative": ({"name": "raft", "options": {"checkpoint": "w.pth"}}, "names the file w.pth"),
+    "option": ({"name": "dis", "options": {"preset": "os:system"}}, "-O preset=VALUE"),
+    "plugin": ({"name": "ptlflow:a.b", "options": {}}, "names the model 'ptlflow:a.b'"),
+}
+
+
+@pytest.mark.parametrize("what", HOSTILE)
+def test_a_run_folder_cannot_name_code_or_files(what, drawn, tmp_path, monkeypatch, capsys):
+    """`source.json` of a received folder: nothing is imported or opened before the user names it."""
+    (tmp_path / "marker_module.py").write_text("import pathlib; pathlib.Path('ran').touch()\ndef touch(*_): pass\n")
+    monkeypatch.chdir(tmp_path)
+    source = shutil.copytree(drawn.path, tmp_path / "run") / "source.json"
+    model, sentence = HOSTILE[what]
+    source.write_text(json.dumps(json.loads(source.read_text()) | {"model": model}))
+    monkeypatch.setattr("sys.argv", ["robustflow", "examples", "run"])
+    with pytest.raises(SystemExit) as left:
+        main()
+    said = capsys.readouterr().err
+    assert left.value.code == 1
+    assert said.count("\n") == 1
+    assert re.search(sentence, said)
+    assert not (tmp_path / "ran").exists()
+    assert "marker_module" not in sys.modules
+
+
+def test_the_user_may_name_the_model_again(tmp_path):
+    given = {"checkpoint": "things"}
+    source = RunSource(ModelSpec("raft", (("checkpoint", "/elsewhere/w.pth"), ("iters", 8))))
+    assert source.model_to_reuse(given) == ModelSpec("raft", (("iters", 8), ("checkpoint", "things")))
+    assert RunSource(ModelSpec("ptlflow:raft")).model_to_reuse({}) == ModelSpec("ptlflow:raft")
+    assert RunSource().model_to_reuse({}) is None
+
+
+def test_a_benchmark_that_a_run_names_is_no_code(drawn):
+    run = rf.load_run(drawn.path)
+    run.manifest["identity"]["benchmark"] = "marker_module:touch"
+    with pytest.raises(RunError, match="no code is loaded because a run names it"):
+        set_up_again(run, RunSource.read(run.path))
+    with pytest.raises(RunError, match="no code is loaded because a run names it"):
+        recheck(run.manifest["identity"], run.rows)
 
 
 def test_an_incomplete_run_has_no_worst_sample(tmp_path):

@@ -10,8 +10,10 @@ import pytest
 from robustflow.errors import RunError
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
+from robustflow.runs.clean_flows import read_clean, write_clean
 from robustflow.runs.plan import Unit
-from robustflow.runs.store import RunFolder, read_clean, write_clean
+from robustflow.runs.shards import list_shards, merge_shards, name_of
+from robustflow.runs.store import RunFolder
 from robustflow.sample import Sample
 
 
@@ -46,12 +48,12 @@ def test_merging_keeps_every_row_once(folder):
         _write(folder, key, CLEAN, (0,))
         _write(folder, key, "fog", (1, 2))
     before = folder.rows()
-    folder.merge("a")
+    folder.finish_sample("a")
     assert len(list(folder.rows_folder.iterdir())) == 3
     assert folder.rows().equals(before)
     _write(folder, "a", "snow", (3,))
-    folder.merge("a")
-    folder.merge("a")
+    folder.finish_sample("a")
+    folder.finish_sample("a")
     assert len(list(folder.rows_folder.iterdir())) == 3
     assert set(folder.cells()) == {*before.select("sample", "corruption", "severity").iter_rows(), ("a", "snow", 3)}
 
@@ -61,7 +63,7 @@ def test_a_crash_between_merging_and_clearing_shows_no_row_twice(folder):
     _write(folder, "a", "fog", (1, 2))
     left = [(path, path.read_bytes()) for path in folder.rows_folder.iterdir()]
     before = folder.rows()
-    folder.merge("a")
+    folder.finish_sample("a")
     for path, data in left:
         path.write_bytes(data)
     assert folder.rows().equals(before)
@@ -85,7 +87,7 @@ def test_a_reader_beside_a_writer_never_fails(folder):
     for number in range(15):
         for corruption in ("fog", "snow"):
             _write(folder, str(number), corruption, (1,))
-        folder.merge(str(number))
+        folder.finish_sample(str(number))
     stop.set()
     reader.join()
     assert not failures
@@ -96,8 +98,92 @@ def test_half_a_shard_is_named(folder):
     _write(folder, "b", CLEAN, (0,))
     (path,) = [path for path in folder.rows_folder.iterdir() if path.name.startswith("b")]
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(RunError, match=f"{path.name} is damaged"):
+    with pytest.raises(RunError, match=f"{path.name} is damaged .* delete it and give the run's command again"):
         folder.rows()
+    path.unlink()
+    assert folder.rows()["sample"].to_list() == ["a"]
+
+
+def test_every_flipped_bit_of_a_shard_is_an_error(folder):
+    _write(folder, "a", "fog", (1, 2, 3))
+    (path,) = list_shards(folder.rows_folder)
+    whole = path.read_bytes()
+    flips = np.random.default_rng(0).integers(0, 8 * len(whole), 1500)
+    for flip in flips.tolist():
+        damaged = bytearray(whole)
+        damaged[flip // 8] ^= 1 << flip % 8
+        path.write_bytes(damaged)
+        with pytest.raises(RunError, match=f"{path.name} is damaged"):
+            folder.rows()
+        with pytest.raises(RunError, match=f"{path.name} is damaged"):
+            folder.cells()
+
+
+def test_a_flipped_bit_in_a_shard_of_an_older_version_never_ends_in_a_traceback(folder):
+    _write(folder, "a", "fog", (1, 2, 3))
+    (path,) = list_shards(folder.rows_folder)
+    whole = path.read_bytes()
+    path.unlink()
+    older = folder.rows_folder / f"{name_of(path)}.parquet"
+    refused = 0
+    for flip in np.random.default_rng(1).integers(0, 8 * len(whole), 600).tolist():
+        damaged = bytearray(whole)
+        damaged[flip // 8] ^= 1 << flip % 8
+        older.write_bytes(damaged)
+        try:
+            folder.rows()
+        except RunError:
+            refused += 1
+    assert refused > 100
+    older.write_bytes(whole)
+    assert folder.rows().height == 3
+    merge_shards([older], name_of(older))
+    assert [path.name for path in folder.rows_folder.iterdir()] == [path.name], "merged, it has its digest"
+
+
+def test_two_shards_that_contradict_each_other_are_named(folder):
+    _write(folder, "a", "fog", (1, 2))
+    (kept,) = list_shards(folder.rows_folder)
+    other = _row("a", "fog", 2) | {"epe_sum": 17.0}
+    folder.write_rows(Unit("a", "fog", (2, 3)), [other, _row("a", "fog", 3)])
+    with pytest.raises(RunError, match=rf"{kept.name} .*hold different rows of sample 'a', fog severity 2"):
+        folder.rows()
+    with pytest.raises(RunError, match="hold different rows"):
+        folder.tidy()
+
+
+def test_small_shards_become_one_and_no_row_is_lost(folder):
+    keys = [f"sample {number}" for number in range(150)]
+    for key in keys:
+        _write(folder, key, CLEAN, (0,))
+        _write(folder, key, "fog", (1, 2))
+        folder.finish_sample(key)
+        assert len(list_shards(folder.rows_folder)) <= 64
+    before = folder.rows()
+    assert before["sample"].unique().sort().to_list() == sorted(keys)
+    assert before.height == 450
+    folder.pack()
+    assert len(list_shards(folder.rows_folder)) == 1
+    assert folder.rows().equals(before)
+
+
+def test_what_a_killed_run_left_is_cleared_on_the_next_start(folder):
+    for key in ("done", "begun", "predicted"):
+        if key != "predicted":
+            _write(folder, key, CLEAN, (0,))
+        write_clean(folder.clean_path(key), np.zeros((4, 6, 2), np.float32), key)
+    _write(folder, "done", "fog", (1,))
+    left = {path: path.read_bytes() for path in list_shards(folder.rows_folder) if path.name.startswith("done")}
+    folder.finish_sample("done")
+    for path, data in left.items():
+        path.write_bytes(data)
+    before = folder.rows()
+    cells = folder.tidy()
+    folder.settle(["done", "begun", "predicted"], {"begun", "predicted"}, cells)
+    assert cells == set(before.select("sample", "corruption", "severity").iter_rows())
+    assert folder.rows().equals(before)
+    assert len(list_shards(folder.rows_folder)) == 2
+    assert list((folder.path / "clean").iterdir()) == [folder.clean_path("begun")]
 
 
 def test_temporary_files_of_a_killed_run_are_cleared_and_never_read(tmp_path):
@@ -113,6 +199,24 @@ def test_temporary_files_of_a_killed_run_are_cleared_and_never_read(tmp_path):
 
 def test_clean_flows_come_back_to_the_bit(tmp_path):
     flow = np.random.default_rng(0).normal(size=(5, 7, 2)).astype(np.float32)
-    assert read_clean(tmp_path / "a.npy") is None
-    write_clean(tmp_path / "a.npy", flow)
-    np.testing.assert_array_equal(read_clean(tmp_path / "a.npy"), flow)
+    assert read_clean(tmp_path / "a.npy", "a") is None
+    write_clean(tmp_path / "a.npy", flow, "a")
+    np.testing.assert_array_equal(read_clean(tmp_path / "a.npy", "a"), flow)
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), flow)
+    assert read_clean(tmp_path / "a.npy", "b") is None, "it was computed from something else"
+
+
+def test_a_clean_flow_that_is_not_whole_counts_as_missing(tmp_path):
+    path, flow = tmp_path / "a.npy", np.ones((1, 1, 2), np.float32)
+    write_clean(path, flow, "a")
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        assert read_clean(path, "a") is None
+    for flip in range(8 * len(whole)):
+        damaged = bytearray(whole)
+        damaged[flip // 8] ^= 1 << flip % 8
+        path.write_bytes(damaged)
+        assert read_clean(path, "a") is None
+    np.save(path, flow)
+    assert read_clean(path, "a") is None, "nothing tells whether this one is whole"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-from ..errors import ModelError, unknown_name
+from ..errors import ModelError, UsageError, unknown_name
 from ..models import MODELS, FlowModel, ModelSpec
-from ..models.catalog import MethodEntry, is_installed, methods
+from ..models.catalog import MethodEntry, checkpoints, is_installed, methods
 from ..models.loading import EXPORTED, needed_options
+from ..models.torch.network import RANDOM
 
 
 class Models:
@@ -28,36 +30,58 @@ class Models:
         self._specs = {spec.name: spec for spec in given} | {
             name: ModelSpec(name) for name in here if name not in {spec.name for spec in given}
         }
-        self._loaded: tuple[str, FlowModel] | None = None
+        self._loaded: tuple[tuple[str, str], FlowModel] | None = None
 
     @property
     def names(self) -> list[str]:
         """In the order they are offered."""
         return list(self._specs)
 
-    def check(self, name: str) -> None:
+    @property
+    def offers(self) -> list[dict[str, Any]]:
+        """For the page: each model's name, whether it takes a checkpoint, and the published ones it knows."""
+        known = methods()
+        published: dict[str, list[str]] = {}
+        for entry in checkpoints():
+            published.setdefault(entry.model, []).append(entry.checkpoint)
+        return [
+            {
+                "name": name,
+                "takes_checkpoint": name in known and known[name].type != "knowledge",
+                "checkpoints": [RANDOM, *published.get(name, [])],
+            }
+            for name in self.names
+        ]
+
+    def check(self, name: str, checkpoint: str = "") -> None:
         """Refuse a name that is not offered, before anything is loaded or imported for it.
 
         Raises:
-            UsageError: such a name.
+            UsageError: such a name, or a checkpoint for a model that has no weights.
         """
         if name not in self._specs:
             raise unknown_name("model of this app", name, self.names)
+        method = methods().get(name)
+        if checkpoint and method is not None and method.type == "knowledge":
+            raise UsageError(f"{name} has no weights: leave the checkpoint empty")
 
-    def load(self, name: str) -> FlowModel:
-        """The model, loaded where it is not the one loaded last.
+    def load(self, name: str, checkpoint: str = "") -> FlowModel:
+        """The model, loaded where it is not the one loaded last; `checkpoint` goes before the one it was offered with.
 
         Raises:
             UsageError: not one of `names`.
             ModelError: it cannot be loaded, or does not take two frames.
         """
-        self.check(name)
-        if self._loaded is None or self._loaded[0] != name:
+        self.check(name, checkpoint)
+        if self._loaded is None or self._loaded[0] != (name, checkpoint):
             self._loaded = None  # two networks at once may be more than fits
-            model = self._specs[name].load()
+            spec = self._specs[name]
+            if checkpoint:
+                spec = ModelSpec(name, tuple((dict(spec.options) | {"checkpoint": checkpoint}).items()))
+            model = spec.load()
             if not isinstance(model, FlowModel):
                 raise ModelError(f"model '{name}' does not predict from two frames; choose another")
-            self._loaded = (name, model)
+            self._loaded = ((name, checkpoint), model)
         return self._loaded[1]
 
 

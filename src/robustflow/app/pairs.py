@@ -67,11 +67,11 @@ class Clip:
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
-class Shelf:
+class SourceStore:
     """Sources by number; safe to use from several threads.
 
-    >>> shelf = Shelf()
-    >>> shelf.get("demo").name
+    >>> sources = SourceStore()
+    >>> sources.get("demo").name
     'Motorcycle (Middlebury 2014)'
     """
 

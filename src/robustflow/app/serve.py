@@ -14,10 +14,12 @@ import uvicorn
 from ..errors import UsageError
 from ..models import ModelSpec
 from .choices import Models
-from .desk import Desk
 from .guard import Guard
-from .pairs import Shelf
+from .pairs import SourceStore
+from .prediction_queue import PredictionQueue
+from .protocol import TimedProtocol
 from .server import build
+from .upload_folder import UploadFolder
 
 LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 8642
@@ -51,10 +53,11 @@ def serve(
     token = secrets.token_urlsafe(24)
     shown = f"[{host}]" if host and ":" in host else host or LOOPBACK
     address = f"http://{LOOPBACK if shown in ('0.0.0.0', '[::]') else shown}:{number}/?token={token}"
-    shelf, desk = Shelf(), Desk()
-    guarded = Guard(build(Models(given), shelf, desk), token, number, (host or "") if others else "")
+    sources, queue, uploads = SourceStore(), PredictionQueue(), UploadFolder()
+    guarded = Guard(build(Models(given), sources, queue, uploads), token, number, (host or "") if others else "")
     config = uvicorn.Config(
         guarded,
+        http=TimedProtocol,
         log_level="error",
         access_log=False,
         server_header=False,
@@ -68,20 +71,21 @@ def serve(
     if browser:
         threading.Timer(0.5, webbrowser.open, (address,)).start()
     try:
-        _Server(config, desk).run(sockets=[listening])
+        _Server(config, queue).run(sockets=[listening])
     except KeyboardInterrupt:
         pass  # how this server is meant to end
     finally:
         listening.close()
-        shelf.close()
+        sources.close()
+        uploads.close()
 
 
 class _Server(uvicorn.Server):
     """A server that does not wait for a prediction when it is told to end."""
 
-    def __init__(self, config: uvicorn.Config, desk: Desk) -> None:
+    def __init__(self, config: uvicorn.Config, queue: PredictionQueue) -> None:
         super().__init__(config)
-        self._desk = desk
+        self._desk = queue
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """See uvicorn."""

@@ -1,4 +1,4 @@
-"""The app's addresses: one page, its three files, what can be chosen, uploads, and looks as a stream of lines."""
+"""The app's addresses: one page, its three files, what can be chosen, uploads, and previews as a stream of lines."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ from ..images.error_colours import HIGHEST, LOWEST, error_colours
 from ..images.flow_colours import flow_colours
 from ..images.io import png_address
 from .choices import Models
-from .desk import Desk, Job, Message
-from .look import WIDEST, Looker, Wish
-from .pairs import DEMO, Shelf
+from .pairs import DEMO, SourceStore
+from .prediction_queue import Job, Message, PredictionQueue
+from .preview import WIDEST, Previewer, PreviewRequest
+from .upload_folder import UploadFolder
 from .uploads import MAX_BYTES, limited, source_of
 
-_MAX_WISH = 2**14
+_MAX_REQUEST = 2**14
 _FILES = {
     "/": ("app.html", "text/html"),
     "/app.css": ("app.css", "text/css"),
@@ -40,22 +41,22 @@ _FILES = {
 _END = ("result", "error", "outdated")
 
 
-def build(models: Models, shelf: Shelf, desk: Desk) -> Starlette:
+def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads: UploadFolder) -> Starlette:
     """The app without its guard."""
-    looker = Looker(shelf, models)
+    previewer = Previewer(sources, models)
 
     async def choices(request: Request) -> Response:
-        return JSONResponse(_choices(models, shelf))
+        return JSONResponse(_choices(models, sources))
 
     async def upload(request: Request) -> Response:
         async with limited(request, MAX_BYTES).form(max_files=3, max_fields=0) as form:
-            source = await run_in_threadpool(source_of, form)
-        return JSONResponse({"source": shelf.add(source), "name": source.name, "pairs": source.pairs})
+            source = await run_in_threadpool(source_of, form, uploads.new())
+        return JSONResponse({"source": sources.add(source), "name": source.name, "pairs": source.pairs})
 
-    async def look(request: Request) -> Response:
-        wish = Wish.model_validate_json(await limited(request, _MAX_WISH).body())
-        models.check(wish.model)
-        shelf.get(wish.source)
+    async def preview(request: Request) -> Response:
+        wanted = PreviewRequest.model_validate_json(await limited(request, _MAX_REQUEST).body())
+        models.check(wanted.model, wanted.checkpoint)
+        sources.get(wanted.source)
         messages: asyncio.Queue[Message] = asyncio.Queue()
         loop = asyncio.get_running_loop()
 
@@ -63,15 +64,15 @@ def build(models: Models, shelf: Shelf, desk: Desk) -> Starlette:
             if not loop.is_closed():
                 loop.call_soon_threadsafe(messages.put_nowait, message)
 
-        job = Job(wish.page, partial(looker.look, wish), tell)
-        desk.submit(job)
+        job = Job(wanted.page, partial(previewer.preview, wanted), tell)
+        queue.submit(job)
         return StreamingResponse(_lines(job, messages), media_type="application/x-ndjson")
 
-    pages = [Route(path, partial(_file, *found)) for path, found in _FILES.items()]
+    pages = [Route(path, partial(_file, *file)) for path, file in _FILES.items()]
     routes = [
         Route("/choices", choices),
         Route("/upload", upload, methods=["POST"]),
-        Route("/look", look, methods=["POST"]),
+        Route("/preview", preview, methods=["POST"]),
     ]
     handlers: dict[Any, Any] = {
         RobustFlowError: _refused,
@@ -114,7 +115,7 @@ async def _failed(request: Request, error: Exception) -> Response:
     return JSONResponse({"error": f"the app failed ({type(error).__name__}); its terminal says more"}, 500)
 
 
-def _choices(models: Models, shelf: Shelf) -> dict[str, Any]:
+def _choices(models: Models, sources: SourceStore) -> dict[str, Any]:
     """What the page offers."""
     families = {family: [name for name in names if name not in CLIP] for family, names in FAMILIES.items()}
     others = [name for name in CORRUPTIONS.names() if name not in {one for names in FAMILIES.values() for one in names}]
@@ -122,9 +123,9 @@ def _choices(models: Models, shelf: Shelf) -> dict[str, Any]:
     side = np.linspace(-1, 1, 120, dtype=np.float32)
     wheel = np.stack(np.meshgrid(side, side), axis=2)
     return {
-        "models": models.names,
+        "models": models.offers,
         "families": {family: names for family, names in (families | {"other": others}).items() if names},
-        "demo": {"source": DEMO, "name": shelf.get(DEMO).name, "pairs": 1},
+        "demo": {"source": DEMO, "name": sources.get(DEMO).name, "pairs": 1},
         "max_bytes": MAX_BYTES,
         "error_scale": png_address(error_colours(scale), WIDEST),
         "wheel": png_address(flow_colours(wheel, 1.0), WIDEST),

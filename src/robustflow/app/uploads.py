@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from tempfile import mkdtemp
 
 import av
 from starlette.datastructures import FormData, UploadFile
@@ -19,6 +18,7 @@ from ..errors import DataError, RobustFlowError, UsageError
 from ..flowio import read_flow
 from ..images.io import IMAGE_SUFFIXES, stored_size
 from ..sample import Sample
+from ..video.container import open_video
 from .pairs import Clip, OnePair, PairSource
 
 MAX_BYTES = 64 * 2**20
@@ -55,15 +55,15 @@ def _too_large(most: int) -> HTTPException:
     return HTTPException(413, f"more than {size}; shrink it or take less")
 
 
-def source_of(form: FormData) -> PairSource:
-    """What a form with `frame1` and `frame2` (and `truth`), or with `clip`, brings.
+def source_of(form: FormData, folder: Path) -> PairSource:
+    """What a form with `frame1` and `frame2` (and `truth`), or with `clip`, brings; files are kept in `folder`, which
+    goes when they are no longer needed.
 
     Raises:
         UsageError: other fields, or a kind of file that is not taken.
         DataError: files that are damaged, too large, or do not fit each other.
     """
     files = {name: value for name, value in form.multi_items() if isinstance(value, UploadFile)}
-    folder = Path(mkdtemp(prefix="robustflow-app-"))
     kept = False
     try:
         if set(files) == {"clip"}:
@@ -105,7 +105,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
 def _clip(file: UploadFile, folder: Path) -> Clip:
     path = _saved(file, folder / "clip", VIDEO_SUFFIXES, "a video")
     try:
-        with av.open(str(path)) as container:
+        with open_video(path) as container:
             pixels = max((s.codec_context.width * s.codec_context.height for s in container.streams.video), default=0)
             frames = max((s.frames for s in container.streams.video), default=0)
     except (av.FFmpegError, ValueError, OSError) as error:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..corruptions import SEVERITIES, load_corruption
+from ..corruptions import SEVERITIES, Corruption, corruption_name, load_corruption
 from ..corruptions.base import check_severity
 from ..datasets.base import Dataset
 from ..errors import UsageError
@@ -39,7 +39,7 @@ class Benchmark:
 
     def narrowed(
         self,
-        corruptions: Sequence[str] | None = None,
+        corruptions: Sequence[str | Corruption | type[Corruption]] | None = None,
         severities: Sequence[int] | None = None,
         limit: int | None = None,
     ) -> Benchmark:
@@ -50,7 +50,8 @@ class Benchmark:
         """
         if limit is not None and limit < 1:
             raise UsageError(f"limit {limit} leaves no samples: give 1 or more")
-        chosen = self.corruptions if corruptions is None else tuple(dict.fromkeys(corruptions))
+        asked = self.corruptions if corruptions is None else corruptions
+        chosen = tuple(dict.fromkeys(map(corruption_name, asked)))
         for name in chosen:
             load_corruption(name)
         levels = self.severities if severities is None else tuple(sorted({check_severity(s) for s in severities}))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options import PsfDir, Seed, SeverityScale, Variant, names, numbers, use_psf_dir
+from .options import CommonDraws, PsfDir, Seed, SeverityScale, Variant, names, numbers, use_psf_dir
 
 
 def corrupt(
@@ -21,6 +21,7 @@ def corrupt(
     seed: Seed = 0,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
+    common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
 ) -> None:
     """Write two frames corrupted, as <corruption>_<severity>/<frame's name>.png.
@@ -32,13 +33,13 @@ def corrupt(
     """
     from ..atomic import make_folder
     from ..corruptions import corrupt as corrupt_pair
-    from ..corruptions import load_corruption
+    from ..corruptions import corruption_name, load_corruption
     from ..corruptions.base import check_severity
     from ..errors import UsageError
     from ..images.io import read_image, write_image
 
     use_psf_dir(psf_dir)
-    chosen = [load_corruption(name, variant, severity_scale) for name in names(corruption) or []]
+    chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruption) or []]
     levels = [check_severity(level) for level in numbers(severity) or []]
     if not chosen or not levels:
         raise UsageError("nothing to do: name at least one corruption and one severity")
@@ -51,6 +52,7 @@ def corrupt(
         for level in levels:
             folder = output / f"{one.name}_{level}"
             make_folder(folder)
-            for stem, frame in zip(stems, corrupt_pair(*pair, one, level, seed, frame1.stem), strict=True):
+            corrupted = corrupt_pair(*pair, one, level, seed, frame1.stem, common_draws=common_draws)
+            for stem, frame in zip(stems, corrupted, strict=True):
                 write_image(folder / f"{stem}.png", frame)
             typer.echo(str(folder))

@@ -38,8 +38,9 @@ def examples(
 ) -> None:
     """Draw the worst and the median sample of a run: frames, corrupted frames, flows and the map of errors.
 
-    Model and data are found where the run had them; options say where they lie now. The pictures go into
-    RUN/examples and into RUN/report.html.
+    Model and data are found where the run had them; options say where they lie now. A model that is code of your own
+    (module:Attribute) or a file is named again with --model or --checkpoint: a run's folder may come from anyone. The
+    pictures go into RUN/examples and into RUN/report.html.
 
     \b
     Examples:
@@ -67,9 +68,7 @@ def examples(
         raise UsageError(f"--output names the PNG of one --sample; all examples go into {result.path / FOLDER}")
     before = RunSource.read(result.path)
     given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
-    name = model or (before.model.name if before.model else None)
-    kept = dict(before.model.options) if before.model and model is None else {}
-    spec = None if name is None else ModelSpec(name, tuple((kept | dict(given)).items()))
+    spec = before.model_to_reuse(dict(given)) if model is None else ModelSpec(model, tuple(given))
     source = RunSource(spec, data or before.data, before.data_options | dict(keyword_options(data_option)))
     setup = set_up_again(result, source)
     if sample is not None and corruption is not None and severity is not None:

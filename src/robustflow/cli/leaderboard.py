@@ -20,6 +20,9 @@ def leaderboard(
     published: Annotated[
         bool, typer.Option("--published/--no-published", help="The paper's results beside them.")
     ] = True,
+    only_own: Annotated[
+        bool, typer.Option("--only-own", help="Figures, observations and audit of the sources alone.")
+    ] = False,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("leaderboard"),
 ) -> None:
     """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
@@ -42,9 +45,12 @@ def leaderboard(
 
     if not sources and not published:
         raise UsageError("nothing to show: name a run's folder or a results file, or leave out --no-published")
+    if only_own and not sources:
+        raise UsageError("--only-own needs a source: name a run's folder or a results file")
     files = [path for path in sources or [] if path.suffix.lower() == ".csv"]
     runs = [load_run(path) for path in sources or [] if path not in files]
-    content = whole_content(runs, [(path.name, read_results(path)) for path in files], published=published)
+    results = [(path.name, read_results(path)) for path in files]
+    content = whole_content(runs, results, published=published, only_own=only_own)
     pictured = any((run.path / EXAMPLES).is_dir() for run in runs)
     page = render_site(content, None if pictured else _gallery()).encode()
     make_folder(output)

@@ -16,7 +16,6 @@ _MODEL_LINE = "{:14s} {:13s} {!s:5s} {:13s} {:12s} {:13s} {:16s} {}"
 _OF_FILES = {
     "precomputed": ("a folder of flow files", ""),
     "onnx": ("an .onnx file", "onnx"),
-    "torchscript": ("a .ts file of TorchScript", "torch"),
     "torch_export": ("a .pt2 file of torch.export", "torch"),
 }
 """Models that hold any method: what they are read from, and the extra, which imports what it is called."""
@@ -90,7 +89,7 @@ def _models() -> list[str]:
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",
         "Hardly any weights state a licence.",
-        "Your own: module.path:Attribute, an exported network (.onnx, .pt2, .ts) or a folder of flow files.",
+        "Your own: module.path:Attribute, an exported network (.onnx, .pt2) or a folder of flow files.",
     ]
 
 

@@ -15,7 +15,7 @@ ModelName = Annotated[
     typer.Option(
         "--model",
         "-m",
-        help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2, .ts), or a "
+        help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2), or a "
         "folder of flow files.",
     ),
 ]
@@ -41,12 +41,19 @@ Split = Annotated[
 ]
 Corruptions = Annotated[
     str | None,
-    typer.Option("--corruptions", "-c", help="Comma-separated names; all of the benchmark's by default."),
+    typer.Option(
+        "--corruptions",
+        "-c",
+        help="Comma-separated names, stacks (fog+snow), or module.path:Attribute of your own; all by default.",
+    ),
 ]
 Severities = Annotated[str | None, typer.Option("--severities", "-s", help="Comma-separated, 1 (mild) to 5 (severe).")]
 Limit = Annotated[int | None, typer.Option(help="Use only the first N pairs.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw; the same seed gives the same bytes anywhere.")]
-Variant = Annotated[str, typer.Option(help="Of the corruptions: default, reference or paper.")]
+Variant = Annotated[str, typer.Option(help="Of the corruptions: default, reference, reference-bgr or paper.")]
+CommonDraws = Annotated[
+    bool, typer.Option("--common-draws", help="One draw for the five severities of a pair, instead of one for each.")
+]
 PsfDir = Annotated[
     Path | None,
     typer.Option(

@@ -21,6 +21,9 @@ def pack(
     keep_paths: Annotated[
         bool, typer.Option("--keep-paths", help="Pack texts that name places on this machine.")
     ] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file that is not a record of this run.")
+    ] = False,
 ) -> None:
     """Pack a run into one file that another machine can verify and add to its leaderboard.
 
@@ -44,5 +47,6 @@ def pack(
         description=description,
         partial=partial,
         keep_paths=keep_paths,
+        overwrite=overwrite,
     )
     typer.echo(plain(str(path), None))

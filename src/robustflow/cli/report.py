@@ -16,6 +16,10 @@ PAGE = "page"
 def report(
     runs: Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Folders or records of runs.")] = None,
     published: Annotated[bool, typer.Option("--published", help="Put the paper's results beside them.")] = False,
+    only_own: Annotated[
+        bool,
+        typer.Option("--only-own", help="Figures, trends and observations of your runs alone, whatever stands beside."),
+    ] = False,
     table: Annotated[
         str | None,
         typer.Option(
@@ -41,7 +45,7 @@ def report(
       robustflow report runs/kitti-fc_dis_* --published
       robustflow report runs/mine runs/other --table means,anatomy
       robustflow report --published --table cost --format latex -o cost.tex
-      robustflow report runs/mine --published --figures figures
+      robustflow report runs/mine runs/other --published --only-own --figures figures
       robustflow report runs/mine runs/other --published --format page -o report.html
     """
     from ..atomic import write_bytes
@@ -56,12 +60,14 @@ def report(
         raise unknown_name("format", format, (*FORMATS, PAGE))
     if not runs and not published:
         raise UsageError("nothing to report: name a run's folder, or give --published")
-    found = [load_run(run) for run in runs or []]
+    if only_own and not runs:
+        raise UsageError("--only-own needs a run: name its folder or record")
+    loaded = [load_run(run) for run in runs or []]
     if format == PAGE:
-        text = _page(found, published, table)
+        text = _page(loaded, published, only_own, table)
     else:
         on_screen = format == "terminal" and output is None
-        tables = tables_of(found, published=published, wanted=names(table), seed=seed)
+        tables = tables_of(loaded, published=published, wanted=names(table), seed=seed, only_own=only_own)
         text = "\n".join(for_stdout(one) if on_screen else render(one, format) for one in tables)
     if output is not None:
         write_bytes(output, text.encode())
@@ -71,14 +77,14 @@ def report(
     if figures is not None:
         from ..report.figures import write_figures
 
-        for path in write_figures(figures_of(found, published=published), figures):
+        for path in write_figures(figures_of(loaded, published=published and not only_own), figures):
             typer.echo(str(path), err=output is None)
 
 
-def _page(runs: list[Run], published: bool, table: str | None) -> str:
+def _page(runs: list[Run], published: bool, only_own: bool, table: str | None) -> str:
     from ..errors import UsageError
     from ..report.site import render_site, whole_content
 
     if table is not None:
         raise UsageError("a page has all tables; leave out --table, or choose another --format")
-    return render_site(whole_content(runs, published=published))
+    return render_site(whole_content(runs, published=published, only_own=only_own))

@@ -10,6 +10,7 @@ import typer
 
 from .options import (
     Checkpoint,
+    CommonDraws,
     Corruptions,
     Data,
     DataOptions,
@@ -53,6 +54,7 @@ def run(
     seed: Seed = 0,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
+    common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
     workers: Annotated[int, typer.Option("--workers", "-w", help="Processes.")] = 1,
     batch_size: Annotated[
@@ -81,7 +83,7 @@ def run(
     """
     from ..api import evaluate
     from ..models import ModelSpec
-    from .progress import TerminalProgress
+    from ..runner.progress import TerminalProgress
     from .tables import print_result
 
     use_psf_dir(psf_dir)
@@ -102,6 +104,7 @@ def run(
                 seed=seed,
                 variant=variant,
                 severity_scale=severity_scale,
+                common_draws=common_draws,
                 workers=workers,
                 batch_size=batch_size,
                 engine=engine,

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import DataOptions, keyword_options
+from ..errors import UsageError
+from .options import Checkpoint, DataOptions, Device, ModelOptions, keyword_options, model_options
 
 if TYPE_CHECKING:
+    from ..models import ModelSpec
     from ..records.read import Reader
     from ..records.verify import Verification
 
@@ -21,56 +25,91 @@ def verify(
         typer.Option("--data", "-d", help="Your own copy of the data: corrupted frames are made again and compared."),
     ] = None,
     data_option: DataOptions = None,
-    check_frames: Annotated[
-        int | None, typer.Option("--check-frames", metavar="N", help="Rows to compare with the data [20].")
+    model: Annotated[
+        str | None,
+        typer.Option("--model", "-m", help="The run's model, with --data: some rows are predicted again and compared."),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Which rows these are; drawn anew each time by default.")] = None,
+    checkpoint: Checkpoint = None,
+    device: Device = None,
+    option: ModelOptions = None,
+    check_frames: Annotated[
+        int | None, typer.Option("--check-frames", metavar="N", help="Rows to compare with data or model [20].")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Which rows these are; new ones each time by default.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
-    """Check records without the model or the data: the file, hashes, what was planned, rows, and every mean anew.
+    """Check records: the file, hashes, what was planned, the rows, and every mean recomputed from them.
 
-    With the data, random rows are made again up to the model: the frames it was given, to the byte, and what the
-    ground truth decides. Exit code 0: every check of every file holds; 1: one does not.
+    With --data, random rows are made again up to the model: the frames it was given, to the byte, and what the ground
+    truth decides. With --model as well, the same rows are predicted again. Exit code 0: every check of every file
+    holds; 1: one does not.
 
     \b
     Examples:
       robustflow verify submissions/*.robustflow
       robustflow verify mine.robustflow --data ~/kitti --check-frames 100
+      robustflow verify mine.robustflow --data ~/kitti --model dis
     """
     import json
 
+    from ..models import ModelSpec
     from ..records.verify import verify as verify_file
 
-    def frames(reader: Reader) -> str:
-        from ..runner.recheck import recheck
-
-        identity = reader.raw_manifest["identity"]
-        options = dict(keyword_options(data_option))
-        count = 20 if check_frames is None else check_frames
-        return recheck(identity, reader.frame, data, options=options, count=count, seed=seed)
-
-    wanted = data is not None or check_frames is not None
-    found = [verify_file(path, frames=frames if wanted else None) for path in files]
+    if model is None and (checkpoint is not None or device is not None or option):
+        raise UsageError("--checkpoint, --device and -O belong to a model: name it with --model")
+    spec = None if model is None else ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device))
+    rows = _Rows(data, dict(keyword_options(data_option)), 20 if check_frames is None else check_frames, seed)
+    frames = rows.compare if data is not None or check_frames is not None or spec is not None else None
+    predictions = None if spec is None else partial(rows.compare, model=spec)
+    results = [verify_file(path, frames=frames, predictions=predictions) for path in files]
     if as_json:
-        typer.echo(json.dumps([{"ok": one.ok, **one.model_dump()} for one in found], indent=2))
+        typer.echo(json.dumps([{"ok": result.ok, **result.model_dump()} for result in results], indent=2))
     else:
-        for one in found:
-            _print(one)
-    if not all(one.ok for one in found):
+        for result in results:
+            _print(result)
+    if not all(result.ok for result in results):
         raise typer.Exit(1)
 
 
-def _print(found: Verification) -> None:
+@dataclass(frozen=True)
+class _Rows:
+    """Some rows of a record, to be made again from data that are here."""
+
+    data: Path | None
+    options: dict[str, object]
+    count: int
+    seed: int | None
+
+    def compare(self, reader: Reader, model: ModelSpec | None = None) -> str:
+        """Compare them with frames made again, and with predictions where a model is given."""
+        from ..runner.recheck import recheck
+
+        return recheck(
+            reader.raw_manifest["identity"],
+            reader.frame,
+            self.data,
+            model=model,
+            options=self.options,
+            count=self.count,
+            seed=self.seed,
+        )
+
+
+def _print(result: Verification) -> None:
     from ..records.verify import CHECKS
     from ..text import plain
 
-    typer.echo(plain(found.file, 200))
-    for check in found.checks:
+    typer.echo(plain(result.file, 200))
+    for check in result.checks:
         about = f"{CHECKS[check.name]}{f': {check.says}' if check.says else ''}"
         typer.echo(f"  {check.status:11s}  {check.name:12s}  {about}")
-    said = found.facts.model_dump(include={"author", "link", "description"}) if found.facts else {}
-    for name, text in said.items():
+    stated = result.facts.model_dump(include={"author", "link", "description"}) if result.facts else {}
+    for name, text in stated.items():
         if text:
             typer.echo(f"  {name}: {plain(text, None)}")
-    verdict = "verified" if found.ok else "not verified"
-    typer.echo(f"  {verdict}{f', SHA-256 {found.sha256}' if found.sha256 else ''}")
+    verdict = "verified" if result.ok else "not verified"
+    typer.echo(f"  {verdict}{f', SHA-256 {result.sha256}' if result.sha256 else ''}")
+    if result.ok and result.subject is not None:
+        typer.echo(f"  {result.subject.sentence()}")
+        for claim in result.unproven:
+            typer.echo(f"  not proven: {claim}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .api import corrupt, corrupt_clip, load_corruption
+from .api import corrupt, corrupt_clip, corruption_name, load_corruption
 from .base import SEVERITIES, Corruption
 from .registry import CLIP, CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
 
@@ -16,5 +16,6 @@ __all__ = [
     "Corruption",
     "corrupt",
     "corrupt_clip",
+    "corruption_name",
     "load_corruption",
 ]

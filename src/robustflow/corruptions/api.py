@@ -9,21 +9,31 @@ from typing import Any
 from ..errors import UsageError, unknown_name
 from ..random.rng import Rng
 from ..sample import Frame, Sample
-from .base import SCALES, Corruption, check_severity
+from .base import BGR, SCALES, Corruption, check_severity
 from .calibration.scale import calibrated_severities
+from .channel_order import ChannelsReversed
+from .own import OwnCorruption, adopt, own_corruption
 from .registry import CORRUPTIONS
-from .stack import Stack, is_stack, parse_stack
+from .stack import Stack, is_stack, parse_stack, with_targets_adopted
 
 STREAM_VERSION = 1
 """Part of every stream's name: raised when a corruption's bytes change, so that old and new results never mix."""
 
 
-def load_corruption(name: str, variant: str = "default", scale: str = "paper") -> Corruption:
+_PACKAGE = __name__.rpartition(".")[0] + "."
+
+
+def load_corruption(
+    name: str | Corruption | type[Corruption], variant: str = "default", scale: str = "paper"
+) -> Corruption:
     """The corruption registered as `name`, or the stack that a name such as `"fog+jpeg_compression:2"` spells.
 
     Args:
-        name: as `robustflow list corruptions` prints it, or several joined by "+".
-        variant: "default", "reference" or "paper"; the calibrated scale exists for the default alone.
+        name: as `robustflow list corruptions` prints it, or several joined by "+"; or a corruption of your own, as a
+            class or an object (docs/add-your-corruption.md), which is known by its `name` from then on. Nothing is
+            imported for a name: `module.path:Attribute` goes through `corruption_name` first.
+        variant: "default", "reference", "reference-bgr" (as the published tables were measured: the corruptions were
+            handed BGR frames for RGB) or "paper"; the calibrated scale exists for the default alone.
         scale: "paper" (its five severities) or "calibrated" (equal mean SSIM; see docs/severity-scales.md).
 
     Raises:
@@ -32,11 +42,24 @@ def load_corruption(name: str, variant: str = "default", scale: str = "paper") -
     >>> load_corruption("gaussian_noise").parameter(1)
     0.08
     """
-    if is_stack(name):
-        return Stack([(load_corruption(part, variant, scale), level) for part, level in parse_stack(name)])
-    kind = CORRUPTIONS.get(name)
     if scale not in SCALES:
         raise unknown_name("severity scale", scale, SCALES)
+    if isinstance(name, OwnCorruption | Stack):
+        return name
+    if not isinstance(name, str):
+        if type(name).__module__.startswith(_PACKAGE) and isinstance(name, Corruption):
+            return name
+        return load_corruption(adopt(name), variant, scale)
+    if is_stack(name):
+        return Stack([(load_corruption(part, variant, scale), level) for part, level in parse_stack(name)])
+    own = own_corruption(name, variant)
+    if own is not None:
+        if scale == "paper":
+            return own
+        raise UsageError(f"the calibrated scale has no severities of '{name}'; use the paper's --severity-scale")
+    kind = CORRUPTIONS.get(name)
+    if variant == BGR and scale == "paper":
+        return ChannelsReversed(kind("reference"))
     if scale == "paper":
         return kind(variant)
     if variant != "default":
@@ -46,31 +69,50 @@ def load_corruption(name: str, variant: str = "default", scale: str = "paper") -
     return kind(variant, calibrated_severities(name))
 
 
-def stream_for(corruption: Corruption, severity: int, seed: int, key: str) -> Rng:
-    """The random stream of (benchmark seed, corruption, severity, sample key)."""
-    return Rng.of("robustflow", STREAM_VERSION, seed, corruption.name, severity, key)
+def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
+    """The name under which a corruption is run and reported; a corruption of the user's own is known by it afterwards.
+
+    Only for what the user asks for: `module.path:Attribute`, alone or in a stack, is imported.
+
+    Raises:
+        UsageError: it cannot be imported, or is not a corruption.
+
+    >>> corruption_name("fog"), corruption_name("fog:2 + snow")
+    ('fog', 'fog:2+snow')
+    """
+    return with_targets_adopted(spec) if isinstance(spec, str) else load_corruption(spec).name
+
+
+def stream_for(corruption: Corruption, severity: int, seed: int, key: str, common_draws: bool = False) -> Rng:
+    """The random stream of (benchmark seed, corruption, severity, sample key); with `common_draws` one for all five
+    severities, which then differ in strength alone."""
+    return Rng.of("robustflow", STREAM_VERSION, seed, corruption.name, 0 if common_draws else severity, key)
 
 
 def corrupt(
     frame1: Frame,
     frame2: Frame,
-    corruption: str | Corruption,
+    corruption: str | Corruption | type[Corruption],
     severity: int,
     seed: int = 0,
     key: str = "",
     variant: str = "default",
     scale: str = "paper",
+    common_draws: bool = False,
 ) -> tuple[Frame, Frame]:
     """Corrupt a pair of frames.
 
     Args:
         frame1, frame2: RGB uint8 (H, W, 3), the same size.
-        corruption: a name (`robustflow list corruptions`) or a `Corruption`.
+        corruption: a name (`robustflow list corruptions`), `module.path:Attribute`, or a corruption of your own.
         severity: 1 (mild) to 5 (severe).
         seed: the benchmark's seed.
         key: the pair's name; pairs with different keys get different draws.
-        variant: "default", "reference" (the reference code's behaviour) or "paper" (its text to the letter).
+        variant: "default", "reference" (the reference code's behaviour), "reference-bgr" (on frames whose channels
+            stand in the order BGR, as that code read them) or "paper" (its text to the letter).
         scale: of the severities, "paper" or "calibrated"; variant and scale say nothing to a `Corruption`.
+        common_draws: the same draw at all five severities: the same drops, flakes and exposed frame, only stronger. By
+            default each severity is drawn apart, as the paper's frames were.
 
     Returns:
         Two new RGB uint8 arrays of the same shape. The same arguments give the same bytes, always.
@@ -86,19 +128,22 @@ def corrupt(
     ((32, 48, 3), False)
     """
     Sample(key or "pair", (frame1, frame2))
-    first, second = corrupt_clip((frame1, frame2), corruption, severity, seed, key, variant, scale)
+    first, second = corrupt_clip(
+        (frame1, frame2), corruption, severity, seed, key, variant, scale, common_draws=common_draws
+    )
     return first, second
 
 
 def corrupt_clip(
     frames: Iterable[Frame],
-    corruption: str | Corruption,
+    corruption: str | Corruption | type[Corruption],
     severity: int,
     seed: int = 0,
     key: str = "",
     variant: str = "default",
     scale: str = "paper",
     first: int = 0,
+    common_draws: bool = False,
 ) -> Iterator[Frame]:
     """Corrupt frames one at a time: what a clip shares stays, what changes from frame to frame changes.
 
@@ -113,12 +158,12 @@ def corrupt_clip(
     >>> bool((whole[2] == pair[0]).all() and (whole[3] == pair[1]).all())
     True
     """
-    chosen = load_corruption(corruption, variant, scale) if isinstance(corruption, str) else corruption
+    chosen = load_corruption(corruption_name(corruption) if isinstance(corruption, str) else corruption, variant, scale)
     check_severity(severity)
     rest = iter(frames)
     head = next(rest, None)
     if head is None:
         raise UsageError("a clip needs at least one frame")
     height, width = head.shape[:2]
-    state: Any = chosen.draw(stream_for(chosen, severity, seed, key), severity, (height, width))
+    state: Any = chosen.draw(stream_for(chosen, severity, seed, key, common_draws), severity, (height, width))
     return (chosen.apply(frame, state, index) for index, frame in enumerate(chain((head,), rest), first))

@@ -19,6 +19,9 @@ VARIANTS = ("default", "reference", "paper")
 """`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the
 paper's text to the letter. Where a corruption knows no difference, the three are the same."""
 
+BGR = "reference-bgr"
+"""As `reference`, with BGR frames handed to code that expects RGB, as the reference code does: see channel_order."""
+
 SEVERITIES = (1, 2, 3, 4, 5)
 
 SCALES = ("paper", "calibrated")
@@ -44,7 +47,7 @@ class Corruption(ABC):
         """`severities` replaces the paper's five parameters (the calibrated scale does that); a None among them is a
         severity that does not exist."""
         if variant not in VARIANTS:
-            raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join(VARIANTS)}")
+            raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join((*VARIANTS, BGR))}")
         self.variant = variant
         self.severities = tuple(severities) if severities is not None else self.severities_of(variant)
 

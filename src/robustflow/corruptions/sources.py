@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from .api import load_corruption
+from .own import own_corruption
 from .registry import CORRUPTIONS, SHIPPED
+from .stack import split_stack
 
 if TYPE_CHECKING:
     from .base import Corruption
 
 
-def user_sources(variant: str = "default") -> dict[str, str]:
+OWN = "corruptions"
+"""The key of the user's own corruptions, and those of installed packages: name to the digest of their source."""
+
+
+def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[str, Any]:
     """What names the files that are set up now, by `Corruption.source_key`; empty where no file of the user's is used.
 
-    It does not depend on which corruptions are asked for, so that a later call with others adds to the same run.
+    It does not depend on which of this package's corruptions are asked for, so that a later call with others adds to
+    the same run. Other people's corruptions among `names`, and in stacks, count with the digest of their source: a run
+    with an edited one is another run.
 
     >>> user_sources()
     {}
     """
-    sources = {kind.source_key: kind(variant).source for kind in _kinds_with_sources()}
-    return {key: source for key, source in sources.items() if source}
+    sources = {kind.source_key: load_corruption(kind.name, variant).source for kind in _kinds_with_sources()}
+    parts = {part for name in names for part, _ in split_stack(name)}
+    own = {part: found.source for part in sorted(parts) if (found := own_corruption(part, variant)) is not None}
+    return {key: source for key, source in sources.items() if source} | ({OWN: own} if own else {})
 
 
 def recorded_sources(identity: Mapping[str, Any]) -> dict[str, Any]:
@@ -29,7 +40,8 @@ def recorded_sources(identity: Mapping[str, Any]) -> dict[str, Any]:
     >>> recorded_sources({"seed": 0, "psf": "reference 0123456789ab"})
     {'psf': 'reference 0123456789ab'}
     """
-    return {kind.source_key: identity[kind.source_key] for kind in _kinds_with_sources() if kind.source_key in identity}
+    keys = [OWN, *(kind.source_key for kind in _kinds_with_sources())]
+    return {key: identity[key] for key in keys if key in identity}
 
 
 def _kinds_with_sources() -> list[type[Corruption]]:

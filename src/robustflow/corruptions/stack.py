@@ -13,13 +13,14 @@ from ..random.rng import Rng
 from ..sample import Frame
 from .base import SEVERITIES, Corruption, check_severity
 from .calibration.scale import calibrated_levels
-from .registry import CORRUPTIONS
+from .own import adopt_target, is_known, is_target
+from .registry import CORRUPTIONS, SHIPPED
 
 _PLUS, _COLON = "+", ":"
 
 
 def is_stack(name: str) -> bool:
-    """Whether a name means a stack rather than a registered corruption.
+    """Whether a name means a stack rather than one corruption.
 
     >>> is_stack("fog"), is_stack("fog+snow"), is_stack("fog:2")
     (False, True, True)
@@ -28,7 +29,7 @@ def is_stack(name: str) -> bool:
 
 
 def parse_stack(name: str) -> list[tuple[str, int | None]]:
-    """The parts of a stack's name, each with its own severity or None.
+    """The parts of a stack's name, each with its own severity or None. Imports nothing.
 
     Raises:
         UsageError: an empty part, an unknown corruption, or a severity outside 1 to 5.
@@ -36,14 +37,48 @@ def parse_stack(name: str) -> list[tuple[str, int | None]]:
     >>> parse_stack("fog:2+jpeg_compression")
     [('fog', 2), ('jpeg_compression', None)]
     """
+    parts = split_stack(name)
+    for part, _ in parts:
+        if not is_known(part):
+            CORRUPTIONS.get(part)
+    return parts
+
+
+def split_stack(name: str) -> list[tuple[str, int | None]]:
+    """As `parse_stack`, but a corruption need not be known here: the name may come from a run on another machine.
+
+    >>> split_stack("rain+fog:2")
+    [('rain', None), ('fog', 2)]
+    """
     parts: list[tuple[str, int | None]] = []
     for part in name.split(_PLUS):
         corruption, colon, level = (text.strip() for text in part.partition(_COLON))
         if not corruption or (colon and not level.isdecimal()):
-            raise UsageError(f"'{name}' is no stack of corruptions: write NAME or NAME:SEVERITY, joined by '+'")
-        CORRUPTIONS.get(corruption)
+            raise UsageError(
+                f"'{name}' is not a stack of corruptions: write NAME or NAME:SEVERITY, joined by '+', "
+                "or module.path:Attribute for a corruption of your own"
+            )
         parts.append((corruption, check_severity(int(level)) if level else None))
     return parts
+
+
+def with_targets_adopted(name: str) -> str:
+    """A name in which every `module.path:Attribute` is imported and replaced by its corruption's name.
+
+    Raises:
+        UsageError: what is named cannot be imported, or is not a corruption.
+
+    >>> with_targets_adopted("fog:2 + snow")
+    'fog:2+snow'
+    """
+    parts = []
+    for part in (text.strip() for text in name.split(_PLUS)):
+        head, _, tail = part.rpartition(_COLON)
+        target, level = (head.strip(), f"{_COLON}{tail.strip()}") if tail.strip().isdecimal() else (part, "")
+        if is_target(target) and target.partition(_COLON)[0] not in SHIPPED:
+            part = adopt_target(target) + level
+        parts.append(part)
+    return _PLUS.join(parts)
 
 
 def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> tuple[int, ...]:
@@ -57,7 +92,7 @@ def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> t
     >>> levels_of("fog+h264_crf", (1, 2, 3), "calibrated")
     ()
     """
-    parts = parse_stack(name) if is_stack(name) else [(name, None)]
+    parts = split_stack(name) if is_stack(name) else [(name, None)]
     free = [part for part, level in parts if level is None]
     if not free:
         return (max(level for _, level in parts if level is not None),)

@@ -83,12 +83,20 @@ class ContextFrames:
                 )
         return replace(sample, frames=(*sample.frames[:2], *around.values()))
 
-    def corrupt(self, sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
+    def corrupt(
+        self, sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool = False
+    ) -> tuple[Frame, ...]:
         """The frames of a sample from `add`, corrupted as one clip."""
         numbers = self._numbers(sample.key)
         first, clean = min(numbers), dict(zip(numbers, sample.frames, strict=True))
         clip = corrupt_clip(
-            (clean[first + place] for place in range(len(clean))), corruption, severity, seed, sample.key, first=first
+            (clean[first + place] for place in range(len(clean))),
+            corruption,
+            severity,
+            seed,
+            sample.key,
+            first=first,
+            common_draws=common_draws,
         )
         corrupted = dict(zip(sorted(numbers), clip, strict=True))
         return tuple(corrupted[number] for number in numbers)

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import ModelError, RobustFlowError
 from ..sample import Flow, Frame
+from .where import where_raised
 from .window import Window
 
 
@@ -149,8 +150,8 @@ def _named(where: str) -> Iterator[None]:
         raise ModelError(f"{error} (on {where})") from error
     except (Exception, SystemExit) as error:
         raise ModelError(
-            f"the model raised {type(error).__name__} on {where}: {error or 'no message'}; "
-            "run the model on this pair by itself to see why"
+            f"the model raised {type(error).__name__} on {where}: {error or 'no message'}{where_raised(error)}; "
+            "give --debug for its whole traceback"
         ) from error
 
 

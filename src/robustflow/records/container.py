@@ -68,7 +68,7 @@ def read_file(path: Path) -> bytes:
         DataError: no file, or larger than any record.
     """
     if path.exists() and not path.is_file():  # a pipe would be waited for, for ever
-        raise DataError(f"{path} is no file; give a file that 'robustflow pack' wrote")
+        raise DataError(f"{path} is not a file; give one that 'robustflow pack' wrote")
     try:
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
@@ -76,7 +76,7 @@ def read_file(path: Path) -> bytes:
     except OSError as error:
         raise DataError(f"{path} cannot be read: {error.strerror}; give a file that 'robustflow pack' wrote") from error
     if max(size, len(data)) > _LARGEST:
-        raise DataError(f"{path} has more than {_LARGEST >> 20} MiB; no record is that large")
+        raise DataError(f"{path} has more than {_LARGEST >> 20} MiB, the most that a record may have")
     return data
 
 
@@ -95,19 +95,23 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
         with zipfile.ZipFile(io.BytesIO(data)) as file:
             infos = file.infolist()
             _check(infos, file, len(data), name)
-            return {info.filename: file.read(info) for info in infos}
+            entries = {info.filename: file.read(info) for info in infos}
     except DataError:
         raise
     except _UNREADABLE as error:
-        raise DataError(f"{name} is no record or is damaged ({_reason(error)}); fetch or pack it again") from error
+        raise DataError(f"{name} is not a record or is damaged ({_reason(error)}); fetch or pack it again") from error
+    # Header fields that no reader looks at could carry anything, and give one run many SHA-256 sums.
+    if container_bytes(entries) != data:
+        raise DataError(f"{name}: its zip headers are not those that 'robustflow pack' writes; pack the run again")
+    return entries
 
 
 def _check(infos: list[zipfile.ZipInfo], file: zipfile.ZipFile, size: int, name: str) -> None:
-    found = [info.orig_filename for info in infos]
-    if found != [entry for entry in LIMITS if entry in REQUIRED or entry in found]:
-        wrong = next((entry for entry in found if entry not in LIMITS), None)
-        reason = f"it holds {wrong[:60]!r}" if wrong is not None else f"it holds {', '.join(found[:9]) or 'nothing'}"
-        raise DataError(f"{name} is no record: {reason}, where {', '.join(REQUIRED)} are expected, once each")
+    names = [info.orig_filename for info in infos]
+    if names != [entry for entry in LIMITS if entry in REQUIRED or entry in names]:
+        wrong = next((entry for entry in names if entry not in LIMITS), None)
+        reason = f"it holds {wrong[:60]!r}" if wrong is not None else f"it holds {', '.join(names[:9]) or 'nothing'}"
+        raise DataError(f"{name} is not a record: {reason}, where {', '.join(REQUIRED)} are expected, once each")
     end = 0
     for info in infos:
         if info.file_size > LIMITS[info.filename]:
@@ -117,7 +121,7 @@ def _check(infos: list[zipfile.ZipInfo], file: zipfile.ZipFile, size: int, name:
         if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
             raise DataError(f"{name}: {info.filename} is compressed, but a record's entries are stored as they are")
         if info.flag_bits or info.external_attr != 0o100644 << 16 or info.extra or info.comment:
-            raise DataError(f"{name}: {info.filename} is encrypted, a link, or otherwise no plain entry of a record")
+            raise DataError(f"{name}: {info.filename} is encrypted, a link, or otherwise not a plain entry of a record")
         if info.header_offset != end:
             raise DataError(f"{name}: there are bytes between its entries, or two entries share some")
         end += _LOCAL + len(info.filename) + info.file_size

@@ -69,6 +69,8 @@ class Identity(_Strict):
     severity_scale: _Text | None = None
     psf: _Text | None = None
     window: dict[str, JsonValue] | None = None
+    corruptions: dict[_Text, _Text] | None = None
+    common_draws: bool | None = None
 
 
 class Selection(_Strict):

@@ -62,7 +62,7 @@ def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
         raise RunError(f"{path} does not verify: {found.first_failure()}; robustflow verify {path} says more")
     folder = Path(mkdtemp(prefix="robustflow-"))
     try:
-        reader.unfold(folder)
+        reader.extract(folder)
         run = kind(folder)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)

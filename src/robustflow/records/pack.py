@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..atomic import json_bytes, write_bytes
-from ..errors import RunError, UsageError
+from ..errors import DataError, RunError, UsageError
 from ..runs.costs import PROFILE, read_cost
-from .container import container_bytes
+from .container import container_bytes, read_file
 from .contents import FORMAT, VERSION, Entry, Record, shareable_manifest, validated
 from .read import Reader
 from .rows_text import rows_to_text
@@ -31,6 +31,7 @@ def pack(
     description: str = "",
     partial: bool = False,
     keep_paths: bool = False,
+    overwrite: bool = False,
 ) -> Path:
     """Write a run as a record: `docs/records.md` says what is in it. The same run and texts give the same bytes.
 
@@ -40,23 +41,38 @@ def pack(
         author, link, description: plain text, shown with the run; the link begins with https://.
         partial: pack a run that is not finished, which is marked so.
         keep_paths: pack texts of the manifest that name places on this machine.
+        overwrite: replace a file that is not a record of this very run.
 
     Returns:
         The path of the file, whole or not there.
 
     Raises:
-        RunError: rows are missing, texts would publish a path, or what the run holds would not verify.
+        RunError: rows are missing, texts would publish a path, what the run holds would not verify, or the file is
+            there and holds something else.
         DataError: the file cannot be written, or a text cannot be in a record.
     """
     data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
     target = Path(path).expanduser() if path is not None else Path(run.path.absolute().name + SUFFIX)
     if target.suffix != SUFFIX:
         raise UsageError(f"{target}: a record's name ends in {SUFFIX}")
-    found = verify_read(Reader(data, str(target)))
-    if not found.ok:
-        raise RunError(f"{run.path} cannot be packed, for it would not verify: {found.first_failure()}")
+    verification = verify_read(Reader(data, str(target)))
+    if not verification.ok:
+        raise RunError(f"{run.path} cannot be packed, for it would not verify: {verification.first_failure()}")
+    if not overwrite and target.exists() and _run_of(target) != run.manifest["identity_digest"]:
+        raise RunError(f"{target} holds something else than this run; name another file with -o, or give --overwrite")
     write_bytes(target, data)
     return target
+
+
+def _run_of(path: Path) -> str | None:
+    """The digest of the run that a file is a record of; None where it is not a record."""
+    reader = Reader(read_file(path), str(path))
+    try:
+        reader.container()
+        reader.record()
+    except DataError:
+        return None
+    return reader.facts.run
 
 
 def record_bytes(
@@ -83,9 +99,9 @@ def record_bytes(
     cost = read_cost(run)
     if cost is not None:
         entries[PROFILE] = json_bytes(cost.model_dump())
-    said = {"author": author, "link": link, "description": description}
-    said = {name: " ".join(text.split()) for name, text in said.items()}
-    for name, text in said.items():
+    given = {"author": author, "link": link, "description": description}
+    stated = {name: " ".join(text.split()) for name, text in given.items()}
+    for name, text in stated.items():
         check_text(text, f"--{name}")
     facts = {
         "format": FORMAT,
@@ -96,7 +112,7 @@ def record_bytes(
             name: Entry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest()).model_dump()
             for name, data in entries.items()
         },
-        **said,
+        **stated,
     }
     record = json_bytes(facts)
     validated(Record, record, "the record")

@@ -135,8 +135,8 @@ class Reader:
         read_json(self.entries["summary.json"], "summary.json")
         return f"{frame.height} rows of {frame['sample'].n_unique()} samples"
 
-    def unfold(self, folder: Path) -> None:
-        """Make a run folder of what was checked: under names of ours, and with the rows written anew.
+    def extract(self, folder: Path) -> None:
+        """Make a run folder of what was checked: under names of ours, and with the rows written again.
 
         Raises:
             DataError: the folder cannot be written.

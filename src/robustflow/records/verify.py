@@ -13,10 +13,11 @@ from ..analysis.audit.run_folder import audit_run
 from ..errors import RobustFlowError
 from ..runs.run import Run
 from ..text import plain
+from .claims import cell_problems, training_problems
 from .container import read_file
 from .contents import Record
 from .read import STEPS, Reader
-from .truths import cell_problems, training_problems
+from .subject import Subject, subject_of, unproven
 
 CHECKS = {
     "container": "a plain file of a record's entries, nothing else in it",
@@ -29,11 +30,12 @@ CHECKS = {
     "measurements": "rows are possible measurements, and fit each other",
     "summary": "means follow from the rows",
     "frames": "corrupted frames made here are those the rows were made from",
+    "predictions": "the model predicts here what the rows say",
 }
 """Each check, in order, and what it holds to be true."""
 
 _SHOWN = 3
-_Told = tuple[Literal["ok", "failed"], str]
+_Outcome = tuple[Literal["ok", "failed"], str]
 
 
 class Check(BaseModel):
@@ -54,7 +56,9 @@ class Verification(BaseModel):
         sha256: of the file, by which a record can be cited; "" where it could not be read.
         facts: `record.json` with author, link and description, nobody's but the submitter's words; None where it could
             not be read.
-        checks: in the order of `CHECKS`; "frames" only where data were given.
+        checks: in the order of `CHECKS`; "frames" only where data were given, "predictions" where a model was too.
+        subject: model, benchmark, pairs and scores, recomputed from the rows; None where a check before them failed.
+        unproven: what no check that was made can prove, in sentences.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -63,6 +67,8 @@ class Verification(BaseModel):
     sha256: str
     facts: Record | None
     checks: tuple[Check, ...]
+    subject: Subject | None = None
+    unproven: tuple[str, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -74,81 +80,104 @@ class Verification(BaseModel):
         return next((f"{check.name}: {check.says}" for check in self.checks if check.status == "failed"), "")
 
 
-def verify(path: str | Path, *, frames: Callable[[Reader], str] | None = None) -> Verification:
+Comparison = Callable[[Reader], str]
+"""Compares a record with data, or with data and a model: what it did in a sentence; raises where something differs."""
+
+
+def verify(
+    path: str | Path, *, frames: Comparison | None = None, predictions: Comparison | None = None
+) -> Verification:
     """Check a record file. Nothing in it is run, written under its own name, or believed before it is checked.
 
     Args:
         path: the file; whatever is wrong with it becomes a failed check.
-        frames: compares frames with data that are here (`robustflow.runner.recheck`); it is called when all else
-            holds, returns what it did in a sentence, and raises where frames differ.
+        frames: compares frames with data that are here (`robustflow.runner.recheck`), called when all else holds.
+        predictions: predicts some rows again with a model that is here, called when the frames hold too.
 
     Returns:
         The `Verification`.
     """
+    later = _later(frames, predictions)
     try:
         data = read_file(Path(path).expanduser())
     except RobustFlowError as error:
-        return Verification(
-            file=str(path), sha256="", facts=None, checks=_checks({"container": ("failed", str(error))})
-        )
-    return verify_read(Reader(data, str(path)), frames=frames)
+        checks = _checks({"container": ("failed", str(error))}, later)
+        return Verification(file=str(path), sha256="", facts=None, checks=checks)
+    return verify_read(Reader(data, str(path)), frames=frames, predictions=predictions)
 
 
-def verify_read(reader: Reader, *, frames: Callable[[Reader], str] | None = None) -> Verification:
+def verify_read(
+    reader: Reader, *, frames: Comparison | None = None, predictions: Comparison | None = None
+) -> Verification:
     """As `verify`, of a file in memory; a reader whose record is verified holds what it read."""
-    found: dict[str, _Told] = {}
-    for step in STEPS:
+    outcomes: dict[str, _Outcome] = {}
+    subject = None
+    try:
+        for step in STEPS:
+            outcomes[step] = ("failed", "")
+            outcomes[step] = ("ok", getattr(reader, step)())
+    except RobustFlowError as error:
+        outcomes[step] = ("failed", str(error))
+    else:
+        claims, subject = _check_claims(reader)
+        outcomes |= claims
+    later = _later(frames, predictions)
+    for name, compare in later.items():
+        if any(status == "failed" for status, _ in outcomes.values()):
+            break
         try:
-            found[step] = ("ok", getattr(reader, step)())
+            outcomes[name] = ("ok", compare(reader))
         except RobustFlowError as error:
-            found[step] = ("failed", str(error))
-            return _verification(reader, found, frames is not None)
-    for check, (problems, says) in _truths(reader).items():
-        found[check] = ("failed", _listed(problems)) if problems else ("ok", says)
-    if frames is not None and all(status == "ok" for status, _ in found.values()):
-        try:
-            found["frames"] = ("ok", frames(reader))
-        except RobustFlowError as error:
-            found["frames"] = ("failed", str(error))
-    return _verification(reader, found, frames is not None)
+            outcomes[name] = ("failed", str(error))
+    return Verification(
+        file=reader.name,
+        sha256=reader.sha256,
+        facts=getattr(reader, "facts", None),
+        checks=_checks(outcomes, later),
+        subject=subject,
+        unproven=tuple(unproven("frames" in later, "predictions" in later)),
+    )
 
 
-def _truths(reader: Reader) -> dict[str, tuple[list[str], str]]:
-    """The checks of what a record says, by name: problems, and what to say where there are none."""
+def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
+    """The checks of what a record claims, by name, and what it is about where all of it could be read."""
     problems = training_problems(reader.plan, reader.raw_manifest)
-    out: dict[str, tuple[list[str], str]] = {"training": (problems, reader.plan.provenance.setting)}
+    out = {"training": _outcome(problems, reader.plan.provenance.setting)}
     with TemporaryDirectory(prefix="robustflow-") as folder:
-        reader.unfold(Path(folder))
+        reader.extract(Path(folder))
         run = Run(folder)
         problems, says = cell_problems(run, reader)
-        out["cells"] = (problems, says)
+        out["cells"] = _outcome(problems, says)
         if problems:
-            return out  # sums over cells that nobody planned mean nothing
+            return out, None  # sums over cells that nobody planned mean nothing
         try:
             audited = audit_run(run)
         except RobustFlowError as error:
-            return out | {"summary": ([str(error)], "")}
+            return out | {"summary": ("failed", str(error))}, None
+        subject = subject_of(run, reader.plan)
     for check, name in (("measurements", "rows"), ("summary", "summary")):
-        told = [finding.says for finding in audited.findings if finding.check == name]
-        out[check] = (told, f"{audited.checked.get(name, 0)} comparisons")
-    return out
+        problems = [finding.says for finding in audited.findings if finding.check == name]
+        out[check] = _outcome(problems, f"{audited.checked.get(name, 0)} comparisons")
+    return out, subject
 
 
-def _listed(problems: list[str]) -> str:
+def _outcome(problems: list[str], says: str) -> _Outcome:
     more = len(problems) - _SHOWN
-    return "; ".join(problems[:_SHOWN]) + (f"; and {more} more" if more > 0 else "")
+    listed = "; ".join(problems[:_SHOWN]) + (f"; and {more} more" if more > 0 else "")
+    return ("failed", listed) if problems else ("ok", says)
 
 
-def _verification(reader: Reader, found: dict[str, _Told], with_frames: bool) -> Verification:
-    facts = getattr(reader, "facts", None)
-    return Verification(file=reader.name, sha256=reader.sha256, facts=facts, checks=_checks(found, with_frames))
+def _later(frames: Comparison | None, predictions: Comparison | None) -> dict[str, Comparison]:
+    """The comparisons that were asked for."""
+    wanted = {"frames": frames, "predictions": predictions}
+    return {name: compare for name, compare in wanted.items() if compare is not None}
 
 
-def _checks(found: dict[str, _Told], with_frames: bool = False) -> tuple[Check, ...]:
+def _checks(outcomes: dict[str, _Outcome], later: dict[str, Comparison]) -> tuple[Check, ...]:
     return tuple(
-        Check(name=check, status=found[check][0], says=plain(found[check][1], 600))
-        if check in found
+        Check(name=check, status=outcomes[check][0], says=plain(outcomes[check][1], 600))
+        if check in outcomes
         else Check(name=check, status="not checked", says="")
         for check in CHECKS
-        if check != "frames" or with_frames
+        if check not in ("frames", "predictions") or check in later
     )

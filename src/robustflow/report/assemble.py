@@ -35,7 +35,12 @@ def results_of(runs: Sequence[Run], published: bool) -> pl.DataFrame:
 
 
 def tables_of(
-    runs: Sequence[Run], *, published: bool, wanted: Sequence[str] | None = None, seed: int = 0
+    runs: Sequence[Run],
+    *,
+    published: bool,
+    wanted: Sequence[str] | None = None,
+    seed: int = 0,
+    only_own: bool = False,
 ) -> list[Table]:
     """Tables of runs.
 
@@ -44,15 +49,17 @@ def tables_of(
         published: whether the paper's results stand beside them.
         wanted: of `ALL_TABLES`; by default all that these runs can fill.
         seed: of the bootstrap behind the intervals.
+        only_own: whether effective robustness and observations are left out for the paper's models.
 
     Raises:
-        UsageError: an unknown table, or a wanted one that nothing belongs into.
+        UsageError: an unknown table, or a wanted one that would be empty.
     """
     for name in wanted or ():
         if name not in ALL_TABLES:
             raise unknown_name("table", name, ALL_TABLES)
     results = results_of(runs, published)
     costs = published_costs() if published else {}
+    about = results.filter(pl.col("sample_set") != PAPER) if only_own else results
 
     def all_observations(part: pl.DataFrame) -> Table:
         return observations_table(part, costs if PAPER in set(part["sample_set"]) else {})
@@ -69,13 +76,13 @@ def tables_of(
     }
     makers |= {
         "means": lambda: [means_table(_some(runs, "means"), seed=seed)],
-        "effective": lambda: _by_sample_set(results, effective_table),
+        "effective": lambda: _by_sample_set(about, effective_table),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
-        "observations": lambda: _by_sample_set(results, all_observations),
+        "observations": lambda: _by_sample_set(about, all_observations),
     }
     if wanted is not None:
         return [table for name in wanted for table in makers[name]()]
-    makers["observations"] = lambda: _by_sample_set(results, computable_observations)
+    makers["observations"] = lambda: _by_sample_set(about, computable_observations)
     tables: list[Table] = []
     for name in ALL_TABLES:
         try:
@@ -87,7 +94,8 @@ def tables_of(
 
 
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
-    """Every figure that the runs, and the published results where wanted, give."""
+    """Every figure that the runs, and the published results where wanted, give. Runs on the same frames are drawn
+    together."""
     from .figures import all_figures, displacement_figure
     from .figures.canvas import SERIES
 
@@ -108,7 +116,8 @@ def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
 def _by_sample_set(results: pl.DataFrame, make: Callable[[pl.DataFrame], Table]) -> list[Table]:
     """One table per set of comparable results that has enough models, its title saying whose they are; an error where
     none has."""
-    tables, reason = [], UsageError("there are no results")
+    tables: list[Table] = []
+    reason = UsageError("there are no results")
     for frames in dict.fromkeys(results["sample_set"]):
         part = results.filter(sample_set=frames)
         try:
@@ -116,7 +125,8 @@ def _by_sample_set(results: pl.DataFrame, make: Callable[[pl.DataFrame], Table])
         except UsageError as error:
             reason = error
         else:
-            tables.append(replace(table, title=f"{table.title}: {_whose(frames, part)}"))
+            name = f"{table.name}-{len(tables) + 1}" if tables else table.name
+            tables.append(replace(table, name=name, title=f"{table.title}: {_whose(frames, part)}"))
     if not tables:
         raise reason
     return tables

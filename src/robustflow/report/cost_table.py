@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import polars as pl
 
@@ -50,11 +51,10 @@ def cost_table(
     if others:
         sections.append(Section("Measured on other frames", _measured_lines(others, run_costs or {})))
     if not sections:
-        raise UsageError("nothing to put into the table 'cost': it needs the published costs, or runs with a CREr")
+        raise UsageError("the table 'cost' would be empty: it needs the published costs, or runs with a CREr")
     shown = [index for index in range(len(_COLUMNS)) if others or index not in _OTHER]
     sections = [
-        Section(s.title, tuple(Line(x.label, tuple(x.cells[i] for i in shown), x.note) for x in s.lines))
-        for s in sections
+        Section(s.title, tuple(replace(x, cells=tuple(x.cells[i] for i in shown)) for x in s.lines)) for s in sections
     ]
     remarks = [
         "FLOPs are ranked over all models, CREr within its setting, equal values alike; lower is better. The average "
@@ -87,7 +87,8 @@ def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
             Cell(str(ranks[key].get(name, "-")), ranks[key].get(name) == 1) for key in ("average_ood", "average_id")
         ]
         size = Cell(f"{cost.parameters_m:.2f}"), Cell(f"{cost.flops_g:.1f} ({ranks['flops'][name]})")
-        lines.append(Line(name, (*size, *crer, Cell("-"), *average, Cell("-"))))
+        cells = (*size, *crer, Cell("-"), *average, Cell("-"))
+        lines.append(Line(name, cells, best=any(cell.best for cell in average)))
     return tuple(lines)
 
 
@@ -107,7 +108,7 @@ def _measured_lines(
             if rank.average is not None:
                 cells[average_at] = Cell(str(rank.average), rank.average == 1)
             note = "; ".join(part for part in (note, _counted_note(cost)) if part)
-        lines.append(Line(model, tuple(cells), note))
+        lines.append(Line(model, tuple(cells), note, best=rank.average == 1))
     return tuple(lines)
 
 

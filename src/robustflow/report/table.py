@@ -25,11 +25,13 @@ class Cell:
 
 @dataclass(frozen=True)
 class Line:
-    """A model. `note` is "" or how it differs from the paper's measurement."""
+    """A model. `note` is "" or how it differs from the paper's measurement; `best` where the line as a whole is what a
+    reader should choose, as the paper shades the lines of the best average rank."""
 
     label: str
     cells: tuple[Cell, ...]
     note: str = ""
+    best: bool = False
 
 
 @dataclass(frozen=True)

@@ -5,36 +5,21 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
 
 from ..datasets.base import FromClips
+from ..metrics.rows import CLEAN
 from ..models import ModelSpec
 from ..runs.manifest import now, open_manifest
-from ..runs.plan import Plan
+from ..runs.plan import Plan, unfinished_samples
 from ..runs.store import RunFolder
-from .engines.base import FinishedUnit, Job
+from .engines.base import Job
 from .engines.choose import Engine
-from .same_model import check_same_model
+from .kept_rows import kept_clean_rows
+from .progress import Progress
+from .resume_check import check_before_resuming
 from .setup import Setup
-
-
-class Progress(Protocol):
-    """Hears of every finished unit."""
-
-    def start(self, folder: Path, total: int, found: int) -> None: ...
-
-    def advance(self, done: FinishedUnit) -> None: ...
-
-
-class Silent:
-    """A `Progress` that shows nothing."""
-
-    def start(self, folder: Path, total: int, found: int) -> None:
-        """Nothing."""
-
-    def advance(self, done: FinishedUnit) -> None:
-        """Nothing."""
 
 
 def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
@@ -54,10 +39,12 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     plan, named = setup.plan, setup.model
     job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
     manifest = open_manifest(folder, plan)
-    if not isinstance(job.model, ModelSpec) and "object" in plan.model_identity:
-        check_same_model(folder, job, plan.benchmark.keys)
+    cells = folder.tidy()
+    check_before_resuming(folder, job, plan)
     folder.write_manifest(manifest)
-    units = plan.missing(folder.cells())
+    folder.settle(manifest["samples"], unfinished_samples(manifest, cells), cells)
+    units = plan.missing(cells)
+    job = replace(job, kept=kept_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
     progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
     left = Counter(unit.key for unit in units)
     seconds: dict[str, float] = dict(manifest.get("seconds", {}))
@@ -66,11 +53,11 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
         folder.write_rows(done.unit, done.rows)
         left[done.unit.key] -= 1
         if not left[done.unit.key]:
-            folder.clean_path(done.unit.key).unlink(missing_ok=True)
-            folder.merge(done.unit.key)
+            folder.finish_sample(done.unit.key)
         for kind, spent in done.seconds.items():
             seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
         progress.advance(done)
+    folder.pack()
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
     if isinstance(job.dataset, FromClips):
         manifest["clips"] = job.dataset.clip_records()

@@ -6,7 +6,9 @@ seed and the sample's key alone, so anyone with the data can make them again wit
 
 from __future__ import annotations
 
+import math
 import os
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -14,14 +16,20 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from ..datasets.context_frames import window_on
 from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
-from ..models.base import place
+from ..models import ModelSpec
+from ..models.base import AnyModel, place
 from ..random.rng import Rng
 from ..runs.plan import Unit
 from ..sample import Flow, Frame
+from .named_model import name_model
 from .setup import set_up_frames
 from .worker import Worker
+
+TOLERANCE_PX = 0.01
+"""Of the means of one row: the same network on another processor or library rounds otherwise, within this."""
 
 _TRUTH = ("height", "width", "n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
 
@@ -31,16 +39,20 @@ def recheck(
     rows: pl.DataFrame,
     data: str | Path | None = None,
     *,
+    model: ModelSpec | None = None,
     options: dict[str, Any] | None = None,
     count: int = 20,
     seed: int | None = None,
 ) -> str:
     """Make the frames of some rows of a run again, and compare their digests and what the ground truth decides.
 
+    With a model, predict them again as well, and compare the mean error and the mean change of each row.
+
     Args:
         identity: of the run; benchmark, seed, variant and scale are taken from it.
         rows: of the run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
         data, options: of the benchmark, as for `evaluate`; they are never taken from the run.
+        model: that is said to have made the rows; loaded from here, never from the run.
         count: how many rows, drawn at random; all of them where there are fewer.
         seed: of the draw; a new one each time by default, so that nobody knows beforehand which rows are looked at.
 
@@ -48,13 +60,17 @@ def recheck(
         What was compared, in a sentence.
 
     Raises:
-        RunError: a row is not what the data give, or these are other data than the run's.
+        RunError: a row is not what the data or the model give, or these are other data than the run's.
         UsageError, DataError: the data are not there.
     """
     if count < 1:
         raise UsageError(f"{count} rows cannot be checked: give 1 or more")
     seed = int.from_bytes(os.urandom(4)) if seed is None else seed
     dataset, run_options = set_up_frames(identity, data, options or {})
+    predictor: AnyModel = _Still()
+    if model is not None:
+        predictor = name_model(model).model
+        run_options = replace(run_options, window=window_on(predictor, dataset))
     drawn = np.argsort(Rng.of(seed, "recheck").uniforms(rows.height), kind="stable")[:count]
     chosen = rows[sorted(drawn.tolist())]
     known = set(dataset.keys())
@@ -64,7 +80,7 @@ def recheck(
     problems = []
     names = {key: index for index, key in enumerate(dict.fromkeys(chosen["sample"]))}
     with TemporaryDirectory(prefix="robustflow-") as folder:
-        worker = Worker(dataset, _Still(), run_options, lambda key: Path(folder) / f"{names[key]}.npy")
+        worker = Worker(dataset, predictor, run_options, lambda key: Path(folder) / f"{names[key]}.npy")
         for row in chosen.iter_rows(named=True):
             where = place(row["sample"], row["corruption"], row["severity"])
             (made,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
@@ -74,11 +90,25 @@ def recheck(
                 problems.append(f"{where}: another group")
             elif row["n_all"] == row["height"] * row["width"] and any(made[c] != row[c] for c in _TRUTH):
                 problems.append(f"{where}: another ground truth")
+            elif model is not None and (gap := _gap(made, row)) > TOLERANCE_PX:
+                problems.append(f"{where}: this model's error differs by {gap:.3g} px")
     if problems:
         raise RunError(f"{len(problems)} of {chosen.height} rows do not fit these data, the first {problems[0]}")
-    return (
-        f"{chosen.height} of {rows.height} rows, drawn with seed {seed}, have the frames and ground truth of these data"
-    )
+    drawn_rows = f"{chosen.height} of {rows.height} rows, drawn with seed {seed}"
+    if model is not None:
+        return f"{drawn_rows}, were predicted again and agree within {TOLERANCE_PX} px of mean error"
+    return f"{drawn_rows}, have the frames and ground truth of these data"
+
+
+def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
+    """By how many pixels the mean error, or the mean change against the clean flow, of two rows differs."""
+    gaps = [0.0]
+    for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all")):
+        if made[total] is None or row[total] is None:
+            gaps.append(0.0 if made[total] is row[total] else math.inf)
+        elif made[count] and row[count]:
+            gaps.append(abs(made[total] / made[count] - row[total] / row[count]))
+    return max(gaps)
 
 
 class _Still:

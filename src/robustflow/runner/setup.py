@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..benchmarks import Benchmark, load_benchmark
+from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
 from ..corruptions import load_corruption
 from ..corruptions.calibration.scale import calibration_digest
-from ..corruptions.sources import recorded_sources, user_sources
+from ..corruptions.own import is_known, own_among
+from ..corruptions.sources import OWN, recorded_sources, user_sources
+from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
 from ..errors import RobustFlowError, RunError, UsageError
@@ -23,6 +25,7 @@ from ..runs.identity import differing
 from ..runs.plan import Plan, RunOptions, left_out_sentence
 from ..runs.run import Run
 from ..runs.source import RunSource
+from ..text import plain
 from .named_model import NamedModel, name_model
 
 
@@ -52,13 +55,14 @@ def set_up(
     variant: str = "default",
     severity_scale: str = "paper",
     allow_invalid: bool = False,
+    common_draws: bool = False,
 ) -> Setup:
     """What is asked for, checked as a whole; the model is loaded, and nothing is computed.
 
     Args:
         model: see `robustflow.evaluate`.
         benchmark: from `open_benchmark`, narrowed to what is to run.
-        seed, variant, severity_scale, allow_invalid: see `robustflow.evaluate`.
+        seed, variant, severity_scale, allow_invalid, common_draws: see `robustflow.evaluate`.
 
     Raises:
         UsageError: parts that do not go together, or nothing to run.
@@ -73,7 +77,7 @@ def set_up(
         )
     named = name_model(model)
     window = window_on(named.model, benchmark.dataset)
-    options = _options(seed, variant, severity_scale, allow_invalid, window)
+    options = _options(seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws)
     training = training_of(named.identity, named.declared)
     plan = Plan(benchmark, options, named.identity, training.record(benchmark.name))
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
@@ -91,6 +95,7 @@ def set_up_again(run: Run, source: RunSource) -> Setup:
         UsageError, DataError: the data set is not there.
     """
     identity = run.manifest["identity"]
+    _check_registered(identity["benchmark"])
     benchmark = open_benchmark(identity["benchmark"], source.data, None, source.data_options, identity["variant"])
     if source.model is None:
         raise RunError(f"{run.path} was run with a Python object, which has no name; give --model NAME")
@@ -117,6 +122,7 @@ def set_up_frames(
         RunError: these are not the data, severities or files that the run was made with.
         UsageError, DataError: the data set is not there.
     """
+    _check_registered(identity["benchmark"])
     benchmark = open_benchmark(identity["benchmark"], data, None, data_options, identity["variant"])
     protocol = json.loads(json.dumps(benchmark.protocol, default=str))  # as it comes back from a manifest
     if benchmark.dataset.name != identity["dataset"] or protocol != identity["protocol"]:
@@ -133,6 +139,15 @@ def set_up_frames(
             f"({differing(dict(options.sources), recorded)}); set ROBUSTFLOW_PSF_DIR as the run did"
         )
     return benchmark.dataset, options
+
+
+def _check_registered(benchmark: Any) -> None:
+    """Refuse a benchmark that only code named by a stranger's file could open."""
+    if benchmark not in BENCHMARKS.names() and benchmark not in DATASETS.names():
+        raise RunError(
+            f"the run's benchmark '{plain(str(benchmark))}' is not one that this package or an installed one offers; "
+            "no code is loaded because a run names it"
+        )
 
 
 def open_benchmark(
@@ -155,8 +170,22 @@ def open_benchmark(
 
 def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOptions:
     scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
-    return _options(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window)
+    own = [str(name) for name in identity.get(OWN, {})]
+    for name in own:
+        if not is_known(name):
+            raise RunError(f"the run's corruption '{name}' is not known here; install the package that brings it")
+    common_draws = bool(identity.get("common_draws", False))
+    return _options(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window, own, common_draws)
 
 
-def _options(seed: int, variant: str, scale: str, allow_invalid: bool, window: Window | None) -> RunOptions:
-    return RunOptions(seed, variant, allow_invalid, scale, user_sources(variant), window)
+def _options(
+    seed: int,
+    variant: str,
+    scale: str,
+    allow_invalid: bool,
+    window: Window | None,
+    corruptions: Sequence[str],
+    common_draws: bool,
+) -> RunOptions:
+    sources = user_sources(variant, corruptions)
+    return RunOptions(seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions))

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
+from ..corruptions.own import adopt
 from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..errors import DataError, ModelError
@@ -28,9 +29,10 @@ from ..models.base import (
     predict_clip_checked,
 )
 from ..models.window import place_of_pair
+from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import RunOptions, Unit
-from ..runs.store import read_clean, write_clean
 from ..sample import Flow, Frame, Sample
+from .kept_rows import check_same_data, check_same_model
 
 
 @dataclass
@@ -66,6 +68,8 @@ class Worker:
         on_predict: called with what is being predicted before each prediction and with None after it; the process
             engine watches a model's time this way.
         batch_size: severities of a unit that are predicted in one call, where the model can.
+        kept: clean rows measured earlier, by sample (see `kept_rows`); a sample of which there is one is refused
+            where its frames, its ground truth or the model's prediction are not what they were.
     """
 
     def __init__(
@@ -76,6 +80,7 @@ class Worker:
         clean_path: Callable[[str], Path],
         on_predict: Callable[[str | None], None] = lambda what: None,
         batch_size: int = 1,
+        kept: Mapping[str, dict[str, Any]] | None = None,
     ) -> None:
         self._dataset = dataset
         self._model = model
@@ -83,10 +88,13 @@ class Worker:
         self._clean_path = clean_path
         self._on_predict = on_predict
         self._batch_size = batch_size
+        self._kept = kept or {}
         self._context = None
         if options.window is not None:
             assert isinstance(dataset, Clips)
             self._context = ContextFrames(dataset, options.window)
+        for made in options.own:
+            adopt(made)
         self._corruptions: dict[str, Corruption] = {}
         self._loaded: _Loaded | None = None
         self.seconds = {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
@@ -117,6 +125,10 @@ class Worker:
         """A sample, with its clean frames."""
         return self._load(key).sample
 
+    def clean_flow(self, key: str) -> Flow:
+        """The flow of a sample's clean frames, float32 (H, W, 2), pixels."""
+        return self._load(key).clean
+
     def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """The corrupted frames of a cell."""
         return self._corrupt(self._load(key).sample, corruption, severity)
@@ -135,12 +147,17 @@ class Worker:
                 )
             regions = Regions.of(sample) if sample.flow is not None else None
             self.seconds["load"] += time.perf_counter() - start
-            path = self._clean_path(key)
-            clean = read_clean(path)
+            path, made_of = self._clean_path(key), f"{key} {frames_digest(sample.frames)}"
+            clean = read_clean(path, made_of)
             if clean is None:
                 (clean,) = self._predict([sample.frames], key, CLEAN, (0,))
-                write_clean(path, clean)
-            self._loaded = _Loaded(sample, regions, clean)
+                write_clean(path, clean, made_of)
+            loaded = _Loaded(sample, regions, clean)
+            if key in self._kept:
+                row = self._row(loaded, clean, sample.frames, CLEAN, 0)
+                check_same_data(self._kept[key], row)
+                check_same_model(self._kept[key], row)
+            self._loaded = loaded
         return self._loaded
 
     def _corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
@@ -153,11 +170,11 @@ class Worker:
             if name not in self._corruptions:
                 self._corruptions[name] = load_corruption(name, self._options.variant, self._options.severity_scale)
             corruption = self._corruptions[name]
-            seed = self._options.seed
+            seed, common = self._options.seed, self._options.common_draws
             if self._context is not None:
-                frames = self._context.corrupt(sample, corruption, severity, seed)
+                frames = self._context.corrupt(sample, corruption, severity, seed, common)
             else:
-                frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key))
+                frames = tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common))
         self.seconds["corrupt"] += time.perf_counter() - start
         return frames
 

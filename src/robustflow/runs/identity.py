@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from typing import Any
+
+from ..digest import digest_of_value
 
 
 def identity_digest(identity: dict[str, Any]) -> str:
@@ -13,8 +13,7 @@ def identity_digest(identity: dict[str, Any]) -> str:
     >>> identity_digest({"a": 1, "b": 2}) == identity_digest({"b": 2, "a": 1})
     True
     """
-    spelled = json.dumps(identity, sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
+    return digest_of_value(identity)
 
 
 def differing(now: dict[str, Any], before: dict[str, Any]) -> str:

@@ -45,6 +45,10 @@ class RunOptions:
     """What names the user's files that decide bytes of corruptions (see `corruptions.sources`)."""
     window: Window | None = None
     """The frames around each pair that a multi-frame model is given; None where a model is given pairs."""
+    common_draws: bool = False
+    """One draw for the five severities of a pair, instead of one each."""
+    own: tuple[Any, ...] = ()
+    """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +98,10 @@ class Plan:
         calibrated = self.options.severity_scale == "calibrated"
         scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
         window = {"window": self.options.window.record()} if self.options.window else {}
+        draws = {"common_draws": True} if self.options.common_draws else {}
         return (
             scale
+            | draws
             | dict(self.options.sources)
             | window
             | {
@@ -115,6 +121,21 @@ class Plan:
     def digest(self) -> str:
         """The identity as 16 hexadecimal digits."""
         return identity_digest(self.identity())
+
+
+def planned_cells(manifest: dict[str, Any]) -> list[Cell]:
+    """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
+    selection, left_out = manifest["selection"], manifest.get("left_out", {})
+    settings = [(CLEAN, 0)]
+    for name in selection["corruptions"]:
+        levels = levels_of(name, tuple(selection["severities"]))
+        settings += [(name, level) for level in levels if level not in left_out.get(name, [])]
+    return [(key, name, level) for key in manifest["samples"] for name, level in settings]
+
+
+def unfinished_samples(manifest: dict[str, Any], cells: set[Cell]) -> set[str]:
+    """The samples of which a run lacks a row."""
+    return {cell[0] for cell in planned_cells(manifest) if cell not in cells}
 
 
 def left_out_sentence(left_out: dict[str, list[int]]) -> str:

@@ -10,14 +10,14 @@ import polars as pl
 
 from ..atomic import write_json
 from ..benchmarks import benchmark_facts
-from ..corruptions.stack import levels_of
 from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
-from ..metrics.rows import CLEAN, complete_rows
+from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
 from ..models.provenance import training_of
+from ..text import plain
 from .aggregate import summarize
-from .plan import Cell
+from .plan import Cell, planned_cells
 from .store import RunFolder
 
 
@@ -118,18 +118,36 @@ class Run:
             "setting": self.setting,
         }
 
+    def __str__(self) -> str:
+        """The numbers in a few lines, for `print(result)`."""
+        return "\n".join(_lines(self))
+
     def write_means(self) -> None:
         """Write `summary.json`."""
         write_json(self.path / "summary.json", self.document())
 
     def planned(self) -> list[Cell]:
         """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
-        selection = self.manifest["selection"]
-        cells: list[Cell] = []
-        for key in self.manifest["samples"]:
-            cells.append((key, CLEAN, 0))
-            for name in selection["corruptions"]:
-                gone = self.left_out.get(name, [])
-                levels = levels_of(name, tuple(selection["severities"]))
-                cells += [(key, name, level) for level in levels if level not in gone]
-        return cells
+        return planned_cells(self.manifest)
+
+
+def _lines(run: Run) -> list[str]:
+    """Which run, its means, and what is missing."""
+    title = benchmark_facts(str(run.manifest["identity"]["benchmark"])).title
+    samples = len(run.manifest["samples"])
+    head = f"{plain(run.name)} ({plain(run.setting)}) on {plain(title)}, {samples} pair{'s' if samples != 1 else ''}"
+    means = [
+        f"{name} {value:.4g}{unit}"
+        for name, value, unit in (
+            ("clean EPE", run.epe_clean, " px"),
+            ("EPE", run.epe, " px"),
+            ("CRE", run.cre, " px"),
+            ("CREr", run.crer, ""),
+            ("RCRE", run.rcre, " px"),
+        )
+        if value is not None
+    ]
+    summary = run.summary
+    complete = "" if summary.complete else "not complete: "
+    over = ", ".join(map(plain, summary.averaged_over)) or "nothing yet"
+    return [head, ", ".join(means) or "nothing measured", f"{complete}mean over {over}", plain(str(run.path), None)]

@@ -1,20 +1,26 @@
 """Where a run's model and data lay: what `robustflow examples` needs to draw a finished run again.
 
 Kept beside the manifest, not in it: paths on one machine are no part of a result, and are not passed on with it.
+
+A run's folder may come from anyone, so nothing is loaded because this file says so but what cannot be chosen by whoever
+wrote it: models that this package or an installed one (an entry point) has registered, and models of ptlflow. Code
+(`module:attribute`) and files (exported networks, folders of flows, checkpoints by path) are named again by the user.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..atomic import write_json
 from ..errors import RunError
-from ..models import ModelSpec
+from ..models.loading import MODELS, PTLFLOW, ModelSpec
+from ..text import plain
 
 FILE = "source.json"
 
@@ -58,6 +64,41 @@ class RunSource:
             return cls()
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise RunError(f"{folder / FILE} is damaged; delete it, and name --model and --data instead") from error
+
+    def model_to_reuse(self, given: Mapping[str, Any]) -> ModelSpec | None:
+        """The recorded model with the options that the user gives now; None for a Python object, which has no name.
+
+        Raises:
+            RunError: the file names code or a file, which the user has to name.
+        """
+        if self.model is None:
+            return None
+        kept = {key: value for key, value in self.model.options if key not in given}
+        if self.model.name in _OF_FILES or not _registered(self.model.name):
+            raise RunError(
+                f"the run's {FILE} names the model '{plain(self.model.name)}', which is code or a file of its own; "
+                "nothing is loaded because a run's folder names it: give --model yourself if you trust it"
+            )
+        for key, value in kept.items():
+            if isinstance(value, str) and _LIKE_A_PATH.search(value):
+                raise RunError(
+                    f"the run's {FILE} names the file {plain(value, 200)} as the model's {plain(key)}; no file is "
+                    f"opened because a run's folder names it: give {_option(key)} yourself if you trust it"
+                )
+        return ModelSpec(self.model.name, tuple((kept | dict(given)).items()))
+
+
+_OF_FILES = ("precomputed", "onnx", "torchscript", "torch_export")
+"""Registered models that are nothing but the files they are given."""
+_LIKE_A_PATH = re.compile(r"[/\\:~]|\.[A-Za-z]\w*$")
+
+
+def _registered(name: str) -> bool:
+    return name in MODELS.names() or (name.startswith(PTLFLOW) and name.removeprefix(PTLFLOW).isidentifier())
+
+
+def _option(key: str) -> str:
+    return "--checkpoint FILE" if key == "checkpoint" else f"-O {plain(key)}=VALUE"
 
 
 def _plain(options: Iterable[tuple[str, Any]]) -> dict[str, Any]:

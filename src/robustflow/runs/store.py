@@ -1,8 +1,8 @@
 """A run folder: the rows on disk, who may write them, and what is already there.
 
 manifest.json      what ran: identity, versions, machine, selection
-rows/*.parquet     one shard per unit, written once, by rename
-clean/*.npy        clean flows of samples that are not finished yet
+rows/*.parquet     shards, written once, each with a digest in its name (`shards`)
+clean/*.npy        clean flows of samples that are not finished yet (`clean_flows`)
 summary.json, report.html
 examples/           pictures of the worst and the median sample
 source.json        where model and data lay on this machine
@@ -10,26 +10,31 @@ source.json        where model and data lay on this machine
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
-import io
 import json
-import os
 import re
 import shutil
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import polars as pl
+from filelock import FileLock, Timeout
 
-from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
+from ..atomic import TEMPORARY, make_folder, write_json
+from ..digest import digest_of_bytes
 from ..errors import RunError
-from ..metrics.rows import LATER_COLUMNS, ROW_KEY, ROW_SCHEMA, rows_frame
-from ..sample import Flow
+from ..metrics.rows import CLEAN, ROW_KEY, rows_frame
 from .plan import Cell, Unit
+from .shards import PACK, cells_of, list_shards, merge_shards, name_of, read_shards, write_shard
 
 MANIFEST_SCHEMA = 1
+
+_MANY_SHARDS = 64
+"""As many small shards become one."""
+_SMALL_SHARD = 2**20
+"""Bytes below which a shard is merged with others: about 10,000 rows."""
+_RETRIES = 1000
+"""Times that a reader beside a writer lists the shards again."""
 
 
 class RunFolder:
@@ -37,7 +42,7 @@ class RunFolder:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path).expanduser()
-        self._lock: int | None = None
+        self._lock: FileLock | None = None
 
     @property
     def rows_folder(self) -> Path:
@@ -48,31 +53,37 @@ class RunFolder:
         return self.path / "manifest.json"
 
     def lock(self) -> None:
-        """Create the folder and hold it until this process ends; clear what a killed run left half-written."""
+        """Create the folder and hold it until this process ends, however it ends; clear what a killed run left
+        half-written.
+
+        Raises:
+            RunError: another process holds it, or it cannot be written.
+        """
         for folder in (self.path, self.rows_folder, self.path / "clean"):
             make_folder(folder)
+        # The operating system lets go of such a lock; a lock that is a mere file would outlive a killed run.
+        lock = FileLock(self.path / ".lock", fallback_to_soft=False)
         try:
-            self._lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            self.unlock()
+            lock.acquire(blocking=False)
+        except Timeout:
             raise RunError(
                 f"{self.path} is held by another run; wait for it to end, or choose another folder with --output"
             ) from None
         except OSError as error:
             raise RunError(
-                f"cannot write {self.path}: {error.strerror}; choose another folder with --output"
+                f"cannot write {self.path}: {error.strerror or error}; choose another folder with --output"
             ) from error
-        for left in list(self.path.rglob(f"{TEMPORARY}*")):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
+        self._lock = lock
+        for path in list(self.path.rglob(f"{TEMPORARY}*")):
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
             else:
-                left.unlink(missing_ok=True)
+                path.unlink(missing_ok=True)
 
     def unlock(self) -> None:
         """Let go of the folder."""
         if self._lock is not None:
-            os.close(self._lock)
+            self._lock.release()
             self._lock = None
 
     def manifest(self) -> dict[str, Any] | None:
@@ -82,20 +93,20 @@ class RunFolder:
             RunError: it is not ours, damaged, or of another schema.
         """
         try:
-            found = json.loads(self.manifest_path.read_text(encoding="utf-8"))
+            manifest = json.loads(self.manifest_path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
             raise RunError(
                 f"{self.manifest_path} cannot be read ({error}); choose another folder with --output"
             ) from error
-        schema = found.get("schema") if isinstance(found, dict) else None
+        schema = manifest.get("schema") if isinstance(manifest, dict) else None
         if schema != MANIFEST_SCHEMA:
             raise RunError(
                 f"{self.path} was written with run schema {schema}, this version reads {MANIFEST_SCHEMA}; "
                 "choose another folder with --output, or use the version that wrote it"
             )
-        return dict(found)
+        return dict(manifest)
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest atomically."""
@@ -103,110 +114,95 @@ class RunFolder:
 
     def write_rows(self, unit: Unit, rows: list[dict[str, Any]]) -> None:
         """Write one unit's rows as one shard."""
-        _write_shard(self.rows_folder / f"{_shard_name(unit)}.parquet", rows_frame(rows))
+        write_shard(self.rows_folder, _unit_name(unit), rows_frame(rows))
 
-    def merge(self, key: str) -> None:
-        """Put the shards of a finished sample into one: a file per unit is much to open, and memory, for a reader.
+    def finish_sample(self, key: str) -> None:
+        """Put the shards of a finished sample into one, and let go of its clean flow.
 
-        The merged shard is there before the others go, so a reader finds every row at least once.
+        A file per unit is much to open, and memory, for a reader; so is a file per sample, which `pack` reduces.
         """
-        merged = self.rows_folder / f"{_slug(key)}.parquet"
-        shards = self._shards(f"{_slug(key)}.")
-        _write_shard(merged, _read_shards(shards))
-        for path in shards:
-            if path != merged:
+        name = _slug(key)
+        shards = list_shards(self.rows_folder)
+        mine = [path for path in shards if name_of(path) == name or name_of(path).startswith(f"{name}.")]
+        if len(mine) > 1:
+            merge_shards(mine, name)
+        self.clean_path(key).unlink(missing_ok=True)
+        self.pack(_MANY_SHARDS)
+
+    def pack(self, at_least: int = 2) -> None:
+        """Put small shards of finished samples into one, where there are `at_least` so many."""
+        small = [
+            path
+            for path in list_shards(self.rows_folder)
+            if "." not in name_of(path) and path.stat().st_size < _SMALL_SHARD
+        ]
+        if len(small) >= at_least:
+            merge_shards(small, PACK)
+
+    def tidy(self) -> set[Cell]:
+        """What is already there; rows that are there twice are removed: a run was killed between merging shards and
+        removing the parts.
+
+        Raises:
+            RunError: a shard that cannot be read, or two that contradict each other.
+        """
+        shards = list_shards(self.rows_folder)
+        cells, twice = cells_of(shards)
+        if twice:
+            merge_shards(twice, PACK)
+        return cells
+
+    def settle(self, samples: Iterable[str], unfinished: Collection[str], cells: Collection[Cell]) -> None:
+        """Do what a killed run did not come to: merge the shards of finished samples, remove clean flows of no use.
+
+        Args:
+            samples: the keys of all samples of the run.
+            unfinished: those of which a row is missing.
+            cells: the rows that are there.
+        """
+        in_parts = {name_of(path).partition(".")[0] for path in list_shards(self.rows_folder) if "." in name_of(path)}
+        for key in samples:
+            if key not in unfinished and _slug(key) in in_parts:
+                self.finish_sample(key)
+        self.keep_clean([key for key in unfinished if (key, CLEAN, 0) in cells])
+
+    def keep_clean(self, keys: Iterable[str]) -> None:
+        """Remove every clean flow but those of these samples."""
+        kept = {self.clean_path(key) for key in keys}
+        for path in (self.path / "clean").iterdir():
+            if path not in kept:
                 path.unlink(missing_ok=True)
 
-    def rows(self) -> pl.DataFrame:
+    def rows(self, columns: Sequence[str] | None = None) -> pl.DataFrame:
         """All rows, sorted by sample, corruption and severity; empty where nothing is finished.
+
+        Args:
+            columns: to read, among them sample, corruption and severity; all by default.
 
         Raises:
             RunError: a shard is damaged, or of another schema.
         """
-        while True:
-            paths = self._shards()
+        for _ in range(_RETRIES):
             try:
-                return _read_shards(paths)
-            except FileNotFoundError:  # merged between listing and reading: list again
-                continue
-
-    def _shards(self, prefix: str = "") -> list[Path]:
-        paths = self.rows_folder.glob("*.parquet")
-        return sorted(path for path in paths if path.name.startswith(prefix) and not path.name.startswith(TEMPORARY))
+                return read_shards(list_shards(self.rows_folder), columns)
+            except FileNotFoundError as error:  # merged between listing and reading: list again
+                gone = error.filename
+        raise RunError(f"{gone} is listed but not there; is it a link to a file that was removed? Delete it")
 
     def cells(self) -> set[Cell]:
         """What is already there."""
-        return set(self.rows().select(ROW_KEY).iter_rows())
+        return set(self.rows(ROW_KEY).iter_rows())
 
     def clean_path(self, key: str) -> Path:
         """Where the clean flow of a sample waits until the sample is finished."""
         return self.path / "clean" / f"{_slug(key)}.npy"
 
-    def drop_clean(self) -> None:
-        """Let go of all clean flows."""
-        for path in (self.path / "clean").glob("*.npy"):
-            path.unlink(missing_ok=True)
 
-
-def _write_shard(path: Path, rows: pl.DataFrame) -> None:
-    shard = io.BytesIO()
-    rows.write_parquet(shard)
-    write_bytes(path, shard.getvalue())
-
-
-def _read_shards(paths: list[Path]) -> pl.DataFrame:
-    """The rows of some shards, each once, in the order of their keys."""
-    if not paths:
-        return rows_frame([])
-    try:
-        rows = pl.read_parquet(paths, glob=False)
-    except (pl.exceptions.PolarsError, OSError):
-        for path in paths:  # one of them is the reason: say which
-            _check_shard(path)
-        rows = pl.concat([_with_later_columns(pl.read_parquet(path, glob=False)) for path in paths])
-    rows = _with_later_columns(rows)
-    if rows.schema != pl.Schema(ROW_SCHEMA):
-        raise RunError(f"{paths[0]} has other columns than this version writes; choose another folder with --output")
-    return rows.unique(subset=ROW_KEY, keep="any").sort(ROW_KEY)
-
-
-def _with_later_columns(rows: pl.DataFrame) -> pl.DataFrame:
-    absent = [name for name in LATER_COLUMNS if name not in rows.columns]
-    return rows.with_columns(pl.lit(None, LATER_COLUMNS[name]).alias(name) for name in absent)
-
-
-def _check_shard(path: Path) -> None:
-    try:
-        schema = _with_later_columns(pl.read_parquet(path, glob=False)).schema
-    except FileNotFoundError:
-        raise
-    except (pl.exceptions.PolarsError, OSError) as error:
-        raise RunError(f"{path} is damaged ({type(error).__name__}); delete it and run again") from error
-    if schema != pl.Schema(ROW_SCHEMA):
-        raise RunError(f"{path} has other columns than this version writes; choose another folder with --output")
-
-
-def write_clean(path: Path, flow: Flow) -> None:
-    """Keep a clean flow for the units of its sample that are still to come."""
-    file = io.BytesIO()
-    np.save(file, flow, allow_pickle=False)
-    write_bytes(path, file.getvalue())
-
-
-def read_clean(path: Path) -> Flow | None:
-    """A clean flow kept earlier, or None."""
-    try:
-        return np.asarray(np.load(path, allow_pickle=False), np.float32)
-    except FileNotFoundError:
-        return None
-
-
-def _shard_name(unit: Unit) -> str:
+def _unit_name(unit: Unit) -> str:
     severities = "".join(str(severity) for severity in unit.severities)
     return f"{_slug(unit.key)}.{_slug(unit.corruption)}.{severities}"
 
 
 def _slug(text: str) -> str:
     """A file name for any text: readable, and different for different texts."""
-    digest = hashlib.blake2b(text.encode(), digest_size=4).hexdigest()
-    return f"{re.sub(r'[^A-Za-z0-9_-]+', '_', text)[-48:]}-{digest}"
+    return f"{re.sub(r'[^A-Za-z0-9_-]+', '_', text)[-48:]}-{digest_of_bytes(text.encode(), size=4)}"

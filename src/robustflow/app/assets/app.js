@@ -1,6 +1,6 @@
 "use strict";
 
-// Settings, wishes and uploads; results.js shows what comes back.
+// Settings, requests and uploads; results.js shows what comes back.
 const PAGE = Math.random().toString(36).slice(2);
 const PAUSE_MS = 250;
 const STAGES = {
@@ -57,9 +57,10 @@ function layers() {
   }));
 }
 
-function wish(chosen, withFrames) {
+function request(chosen, withFrames) {
   return {
     page: PAGE, source: source.source, index: Number($("pair").value) - 1, model: $("model").value,
+    checkpoint: $("checkpoint").value.trim(),
     layers: chosen, seed: Number($("seed").value) || 0, frames: withFrames,
   };
 }
@@ -85,9 +86,9 @@ async function answer(response) {
   return found;
 }
 
-async function look(request, signal, onStage) {
-  const response = await fetch("/look", {
-    method: "POST", body: JSON.stringify(request), headers: { "Content-Type": "application/json" }, signal,
+async function preview(wanted, signal, onStage) {
+  const response = await fetch("/preview", {
+    method: "POST", body: JSON.stringify(wanted), headers: { "Content-Type": "application/json" }, signal,
   });
   if (!response.ok) return answer(response);
   const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
@@ -126,16 +127,29 @@ async function whole(work) {
   } catch (error) {
     if (error.name === "AbortError" || running !== mine) return;
     say("No result.");
+    if (source && framesShown !== shownBy()) clearResults();  // they are another model's, or another pair's
     complain(error instanceof TypeError ? "the server cannot be reached; is it still running?" : error.message);
   } finally {
     if (running === mine) { running = null; busy(false); }
   }
 }
 
+// What the pictures on the page would be of.
+function shownBy() {
+  return JSON.stringify([source.source, $("pair").value, $("model").value, $("checkpoint").value.trim()]);
+}
+
+function offerCheckpoints() {
+  const offer = choices.models.find((model) => model.name === $("model").value);
+  $("checkpoint-field").hidden = !offer.takes_checkpoint;
+  $("checkpoint").value = "";
+  $("checkpoints").replaceChildren(...offer.checkpoints.map((name) => element("option", "", { value: name })));
+}
+
 async function show(signal) {
   const chosen = layers();
-  const pair = `${source.source} ${$("pair").value} ${$("model").value}`;
-  const result = await look(wish(chosen, framesShown !== pair), signal, say);
+  const pair = shownBy();
+  const result = await preview(request(chosen, framesShown !== pair), signal, say);
   if (signal.aborted) return;
   showPictures(result);
   framesShown = pair;
@@ -150,8 +164,7 @@ async function sweep(signal) {
   const [first] = layers();
   $("sweep-rows").replaceChildren();
   for (let severity = 1; severity <= 5; severity += 1) {
-    const request = wish([{ name: first.name, severity }], false);
-    const result = await look(request, signal, (stage) => say(`Severity ${severity} of 5: ${stage}`));
+    const result = await preview(request([{ name: first.name, severity }], false), signal, (stage) => say(`Severity ${severity} of 5: ${stage}`));
     const row = element("tr");
     row.append(element("th", String(severity), { scope: "row" }));
     for (const name of ["epe", "cre", "rcre"]) row.append(element("td", figure(result.numbers[name])));
@@ -197,6 +210,8 @@ function dropped(files) {
 function listen() {
   $("controls").addEventListener("submit", (event) => event.preventDefault());
   $("layers").addEventListener("input", () => later());
+  $("model").addEventListener("input", offerCheckpoints);
+  $("checkpoint").addEventListener("change", () => later(0));
   for (const id of ["model", "seed"]) $(id).addEventListener("input", () => later());
   $("pair").addEventListener("input", () => { $("pair-number").textContent = $("pair").value; later(); });
   $("add").addEventListener("click", () => { addLayer("jpeg_compression", 3).querySelector("select").focus(); later(); });
@@ -223,7 +238,8 @@ function listen() {
 (async () => {
   try {
     choices = await answer(await fetch("/choices"));
-    for (const name of choices.models) $("model").append(element("option", name, { value: name }));
+    for (const { name } of choices.models) $("model").append(element("option", name, { value: name }));
+    offerCheckpoints();
     $("wheel").src = choices.wheel;
     $("scale").src = choices.error_scale;
     if (matchMedia("(prefers-color-scheme: dark)").matches) $("theme").textContent = "Light";

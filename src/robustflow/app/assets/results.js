@@ -1,6 +1,6 @@
 "use strict";
 
-// What a look shows. Text of the server and of files is only ever set as textContent; addresses of pictures are the
+// What a preview shows. Text of the server and of files is only ever set as textContent; addresses of pictures are the
 // server's own data.
 const $ = (id) => document.getElementById(id);
 const NUMBERS = [
@@ -36,6 +36,12 @@ function showNumbers(result) {
   $("call").textContent = result.call;
   $("call").hidden = false;
   $("radius").textContent = `${result.radius.toPrecision(3)} px`;
+}
+
+function clearResults() {
+  for (const id of ["numbers", "pictures", "sweep-rows"]) $(id).replaceChildren();
+  $("call").hidden = $("sweep-box").hidden = true;
+  $("radius").textContent = "–";
 }
 
 function picture(name) {

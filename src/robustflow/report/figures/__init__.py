@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import polars as pl
 from matplotlib.figure import Figure
 
 from ...analysis.published.tables import PAPER
+from ...benchmarks import benchmark_facts
 from ...errors import UsageError
-from .canvas import FILE_FORMATS, figure_bytes, write_figures
 from .clean_against_cre import clean_against_cre
 from .crer_by_family import crer_by_family
 from .displacement_histogram import displacement_figure
 from .effective_trend import effective_trend
+from .files import FILE_FORMATS, figure_bytes, write_figures
 from .marks import MarkedFigure
 from .relations import relations
 from .severity_curves import severity_curves
@@ -39,12 +41,20 @@ _OF_RESULTS: dict[str, Callable[[pl.DataFrame], MarkedFigure]] = {
     "effective_trend": effective_trend,
 }
 
+_TOGETHER: dict[str, Callable[[pl.DataFrame], MarkedFigure]] = {
+    "clean_against_cre": partial(clean_against_cre, together=True),
+    "crer_by_family": lambda results: crer_by_family(results, tuple(dict.fromkeys(results["model"]))),
+    "relations": partial(relations, together=True),
+    "effective_trend": partial(effective_trend, together=True),
+}
+
 
 def all_figures(results: pl.DataFrame, runs: Mapping[str, pl.DataFrame]) -> dict[str, Figure]:
     """Every figure that these results and runs (name -> rows) can give, by name.
 
     Results measured on other frames are not drawn together: the figures of the published values and of each sample
-    set are separate, the latter with the number of the set in their names.
+    set are separate, the latter with the number of the set in their names. Own models on the same frames are drawn
+    together, whatever their settings.
     """
     figures: dict[str, Figure] = {}
     by_frames = figures_by_sample_set(results)
@@ -60,15 +70,24 @@ def all_figures(results: pl.DataFrame, runs: Mapping[str, pl.DataFrame]) -> dict
 
 
 def figures_by_sample_set(results: pl.DataFrame) -> dict[str, dict[str, MarkedFigure]]:
-    """Sample set -> the figures of results by name, of all benchmarks but GoPro-FC, which has no ground truth."""
-    with_truth = results.filter(pl.col("benchmark") != "gopro-fc")
+    """Sample set -> the figures of results by name, of all benchmarks with ground truth."""
+    benchmarks = [name for name in results["benchmark"].unique() if benchmark_facts(name).has_flow]
+    with_truth = results.filter(pl.col("benchmark").is_in(benchmarks))
     figures: dict[str, dict[str, MarkedFigure]] = {}
     for frames in dict.fromkeys(with_truth["sample_set"]):
         figures[frames] = {}
-        for name, draw in _OF_RESULTS.items():
+        part = with_truth.filter(sample_set=frames)
+        for name, draw in (_OF_RESULTS if _by_setting(part) else _TOGETHER).items():
             try:
-                figures[frames][name] = draw(with_truth.filter(sample_set=frames))
+                figures[frames][name] = draw(part)
             except UsageError:
                 # Not every set of results has what each figure shows; the caller sees what there is.
                 continue
     return figures
+
+
+def _by_setting(results: pl.DataFrame) -> bool:
+    """Whether a panel per setting tells more than one of all: for the paper's values, and where a model was measured
+    in two settings."""
+    models = results.select("setting", "model").unique()
+    return PAPER in results["sample_set"] or models["model"].is_duplicated().any()

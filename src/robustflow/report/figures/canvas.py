@@ -1,17 +1,12 @@
-"""What all figures share: a figure without global state, colours that print and that the colour-blind tell apart, names
-as text, and files that are the same bytes every time."""
+"""What all figures share: a figure without global state, colours that print and that the colour-blind tell apart, and
+names as text."""
 
 from __future__ import annotations
 
-import io
 import textwrap
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
-from pathlib import Path
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Literal
 
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -19,12 +14,9 @@ from matplotlib.text import Annotation
 from matplotlib.transforms import Bbox
 
 from ...analysis.published.tables import method_of
-from ...atomic import make_folder, write_bytes
-from ...errors import unknown_name
 from ...text import name_text
+from .files import any_script
 from .marks import MarkedFigure
-
-FILE_FORMATS = ("png", "svg", "pdf")
 
 # Okabe and Ito's palette.
 ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PINK, BLACK = (
@@ -113,7 +105,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
-    with _any_script():
+    with any_script():
         figure.draw_without_rendering()
     per_point = figure.dpi / 72
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
@@ -123,7 +115,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         text = axes.annotate(
             name_text(label), (x, y), (0, 0), textcoords="offset points", va="center", fontsize=_NAME_SIZE
         )
-        with _any_script():
+        with any_script():
             size = text.get_window_extent()
         best: tuple[float, _Place, Bbox] | None = None
         for rank, (dx, dy, side) in enumerate(_places(radius)):
@@ -145,15 +137,6 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     return texts
 
 
-@contextmanager
-def _any_script() -> Iterator[None]:
-    """Without a warning for each character that matplotlib's font lacks: here it is only measured, or left to the
-    reader's fonts. Where it is drawn, as a box, the warning stays."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", r"Glyph \d+ ", UserWarning)
-        yield
-
-
 def _places(radius: float) -> list[_Place]:
     """Where a name may stand around a marker, the best first: (right, up) in points, and the side it hangs by."""
     places: list[_Place] = []
@@ -163,43 +146,3 @@ def _places(radius: float) -> list[_Place]:
         places += [(0.0, -reach - 2, "center"), (slant, slant, "left"), (-slant, slant, "right")]
         places += [(slant, -slant, "left"), (-slant, -slant, "right")]
     return places
-
-
-def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
-    """A figure as a file: "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
-
-    With `live_text` an SVG holds its texts as texts, in whatever font the reader has, and not as outlines.
-
-    Raises:
-        UsageError: another format.
-    """
-    if format not in FILE_FORMATS:
-        raise unknown_name("figure format", format, FILE_FORMATS)
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        # The layout is settled once: every draw would move it by a little, and the bytes with it.
-        with _any_script():
-            engine.execute(figure)
-        figure.set_layout_engine("none")
-    metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
-    out = io.BytesIO()
-    outlines = "none" if live_text else "path"
-    settings: Any = {"svg.hashsalt": "robustflow", "svg.fonttype": outlines, "pdf.fonttype": 42}
-    with rc_context(settings), _any_script() if live_text else nullcontext():
-        figure.savefig(out, format=format, dpi=200, metadata=metadata)
-    return out.getvalue()
-
-
-def write_figures(figures: Mapping[str, Figure], folder: Path, formats: tuple[str, ...] = FILE_FORMATS) -> list[Path]:
-    """Write each figure in each format as FOLDER/<name>.<format>.
-
-    Raises:
-        DataError: the folder cannot be written.
-    """
-    make_folder(folder)
-    paths = []
-    for name, figure in figures.items():
-        for format in formats:
-            paths.append(folder / f"{name}.{format}")
-            write_bytes(paths[-1], figure_bytes(figure, format))
-    return paths

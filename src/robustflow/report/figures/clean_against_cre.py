@@ -16,40 +16,50 @@ from ..tables import settings_in_order
 from .canvas import KIND_COLOURS, kind_of, panel_figure, set_heading, spread_labels
 from .marks import Mark, MarkedFigure
 
+Model = tuple[str, str]
+"""(setting, name)."""
+
 _AREA = 260.0
 """Square points of a bubble of CREr 1, where none is larger than `_LARGEST`."""
 
 _LARGEST = 1000.0
 
 
-def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = NOT_DISCUSSED) -> MarkedFigure:
+def clean_against_cre(
+    results: pl.DataFrame, without: tuple[str, ...] = NOT_DISCUSSED, *, together: bool = False
+) -> MarkedFigure:
     """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting.
 
     CRE is made from the EPE. Models in `without` are left out, and knowledge-driven methods where there are others,
     as in the paper.
 
+    Args:
+        results: with clean and average EPE.
+        without: models that are left out.
+        together: all models in one panel, knowledge-driven ones too.
+
     Raises:
         UsageError: no model has a clean and an average EPE.
     """
     epe = values_of(results, "epe")
-    panels = {}
+    panels: dict[str, list[Model]] = {}
     for setting in settings_in_order(results):
-        models = [model for s, model, name in epe if s == setting and name == AVERAGE and model not in without]
-        models = [model for model in models if epe.get((setting, model, CLEAN))]
+        models = [(s, model) for s, model, name in epe if s == setting and name == AVERAGE and model not in without]
+        models = [key for key in models if epe.get((*key, CLEAN))]
         if models:
-            panels[setting] = models
+            panels.setdefault("" if together else setting, []).extend(models)
     if len(panels) > 1:
         panels.pop("knowledge", None)
     if not panels:
         raise UsageError("no clean EPE and average EPE to draw: this figure needs runs with ground truth")
     figure, axes = panel_figure(len(panels))
-    ratios = [epe[s, model, AVERAGE] / epe[s, model, CLEAN] - 1 for s, models in panels.items() for model in models]
+    ratios = [epe[*key, AVERAGE] / epe[*key, CLEAN] - 1 for models in panels.values() for key in models]
     scale = min(_AREA, _LARGEST / max(*ratios, 1.0))
     kinds: dict[str, None] = {}
     names: list[tuple[list[tuple[float, float, str]], list[float]]] = []
-    for panel, (setting, models) in zip(axes, panels.items(), strict=True):
+    for panel, (title, models) in zip(axes, panels.items(), strict=True):
         points, radii = [], []
-        for model in models:
+        for setting, model in models:
             clean = epe[setting, model, CLEAN]
             cre = epe[setting, model, AVERAGE] - clean
             kind = kind_of(model)
@@ -64,7 +74,7 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = NOT_DISC
             radii.append(math.sqrt(area / math.pi))
             points.append((clean, cre, f"{model} {cre / clean:.2f}"))
         panel.margins(0.22, 0.18)
-        panel.set_title(name_text(SETTING_LABELS.get(setting, setting)))
+        panel.set_title(name_text(SETTING_LABELS.get(title, title)))
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("CRE (px)")
         names.append((points, radii))
@@ -75,7 +85,7 @@ def clean_against_cre(results: pl.DataFrame, without: tuple[str, ...] = NOT_DISC
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
     set_heading(figure, "Accuracy and robustness: area of a bubble = CREr, printed beside the name")
-    for panel, (setting, models), named in zip(axes, panels.items(), names, strict=True):
-        for model, text in zip(models, spread_labels(panel, *named), strict=True):
+    for panel, models, named in zip(axes, panels.values(), names, strict=True):
+        for (setting, model), text in zip(models, spread_labels(panel, *named), strict=True):
             figure.mark(text, [Mark(model, setting)])
     return figure

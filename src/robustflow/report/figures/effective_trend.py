@@ -13,17 +13,20 @@ from .canvas import KIND_COLOURS, kind_of, panel_figure, set_heading, spread_lab
 from .marks import Mark, MarkedFigure
 
 
-def effective_trend(results: pl.DataFrame) -> MarkedFigure:
-    """One panel per setting; a model's printed factor is its EPE over what the trend of the others gives.
+def effective_trend(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
+    """One panel per setting; a model's printed factor is its EPE divided by what the trend of the others predicts.
+
+    With `together` there is one trend through the models of all settings.
 
     Raises:
         UsageError: too few models, see `effective_robustness`.
     """
-    table = effective_robustness(results)
-    settings = list(dict.fromkeys(table["setting"]))
-    figure, axes = panel_figure(len(settings))
-    for panel, setting in zip(axes, settings, strict=True):
-        models = table.filter(setting=setting)
+    table = effective_robustness(results, by_setting=not together)
+    table = table.with_columns(panel=pl.lit("") if together else pl.col("setting"))
+    titles = list(dict.fromkeys(table["panel"]))
+    figure, axes = panel_figure(len(titles))
+    for panel, title in zip(axes, titles, strict=True):
+        models = table.filter(panel=title)
         clean, epe = models["epe_clean"].to_numpy(), models["epe"].to_numpy()
         panel.set_xscale("log")
         panel.set_yscale("log")
@@ -31,7 +34,10 @@ def effective_trend(results: pl.DataFrame) -> MarkedFigure:
             point = panel.scatter(row["epe_clean"], row["epe"], s=30, color=KIND_COLOURS[kind_of(row["model"])])
             texts = (f"{row['epe_clean']:.2f} px", f"{row['epe']:.2f} px", f"{row['expected']:.2f} px")
             values = tuple(zip(("clean EPE", "corrupted EPE", "expected"), texts, strict=True))
-            figure.mark(point, [Mark(row["model"], setting, (*values, ("factor", f"{row['factor']:.2f}")))])
+            figure.mark(
+                point,
+                [Mark(row["model"], row["setting"], (*values, ("factor", f"{row['factor']:.2f}")))],
+            )
         line = np.polyfit(np.log(clean), np.log(epe), 1)
         ends = np.array([clean.min() * 0.9, clean.max() * 1.1])
         panel.plot(ends, np.exp(np.polyval(line, np.log(ends))), color="black", linewidth=1)
@@ -43,15 +49,17 @@ def effective_trend(results: pl.DataFrame) -> MarkedFigure:
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("corrupted EPE (px)")
         panel.set_title(
-            f"{name_text(SETTING_LABELS.get(setting, setting))}: R² = {models['r_squared'][0]:.2f}", fontsize=10
+            f"{name_text(SETTING_LABELS.get(title, title))}: R² = {models['r_squared'][0]:.2f}".removeprefix(": "),
+            fontsize=10,
         )
-    set_heading(figure, "Effective robustness: below the line is more robust than the clean error lets expect")
-    for panel, setting in zip(axes, settings, strict=True):
-        models = table.filter(setting=setting)
+    set_heading(figure, "Effective robustness: below the line is more robust than the clean error predicts")
+    for panel, title in zip(axes, titles, strict=True):
+        models = table.filter(panel=title)
         labels = [
             (row["epe_clean"], row["epe"], f"{row['model']} ×{row['factor']:.2f}")
             for row in models.iter_rows(named=True)
         ]
-        for model, text in zip(models["model"], spread_labels(panel, labels), strict=True):
+        named = zip(models["model"], models["setting"], spread_labels(panel, labels), strict=True)
+        for model, setting, text in named:
             figure.mark(text, [Mark(model, setting)])
     return figure

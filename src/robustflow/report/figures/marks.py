@@ -9,6 +9,8 @@ from typing import Any
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
+from .files import figure_bytes
+
 
 @dataclass(frozen=True)
 class Mark:
@@ -38,8 +40,6 @@ class MarkedFigure(Figure):
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows, whatever backend it uses."""
-        from .canvas import figure_bytes
-
         return figure_bytes(self, "png")
 
     def mark(self, artist: Artist, marks: Sequence[Mark]) -> None:

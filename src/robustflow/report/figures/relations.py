@@ -16,11 +16,12 @@ from .marks import Mark, MarkedFigure
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))
 
 
-def relations(results: pl.DataFrame) -> MarkedFigure:
+def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
     """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model.
 
     Pearson's r and Spearman's rho are given per setting. `NOT_DISCUSSED` are left out, and knowledge-driven methods
-    where there are others, as in the paper's discussion; CRE is made from the EPE.
+    where there are others, as in the paper's discussion; CRE is made from the EPE. With `together` all models are
+    drawn, and one correlation is given over all of them.
 
     Raises:
         UsageError: no model has all four.
@@ -37,23 +38,26 @@ def relations(results: pl.DataFrame) -> MarkedFigure:
             points.setdefault(setting, []).append(point)
             values = tuple((label, f"{value:.2f} px") for label, value in point.items())
             marks.setdefault(setting, []).append(Mark(model, setting, values))
-    if len(points) > 1:
+    if len(points) > 1 and not together:
         points.pop("knowledge", None)
     if not points:
         raise UsageError("no model has clean EPE, corrupted EPE and RCRE: this figure needs runs with ground truth")
     figure, axes = new_figure(8.4, 7.2, 2, 2)
     for letter, panel, (x, y) in zip("abcd", axes, _PANELS, strict=True):
-        told = []
+        headings = []
         for setting, found in points.items():
             xs, ys = (np.array([point[name] for point in found]) for name in (x, y))
             drawn = panel.scatter(
                 xs, ys, s=26, color=SETTING_COLOURS.get(setting, ORANGE), alpha=0.8, edgecolor="white", linewidth=0.5
             )
             figure.mark(drawn, marks[setting])
-            told.append(f"{name_text(setting)}: {_correlation(xs, ys)}")
+            headings.append(f"{name_text(setting)}: {_correlation(xs, ys)}")
+        if together:
+            every = [point for found in points.values() for point in found]
+            headings = [_correlation(*(np.array([point[name] for point in every]) for name in (x, y)))]
         panel.set_xlabel(f"{x} (px)")
         panel.set_ylabel(f"{y} (px)")
-        panel.set_title(f"({letter}) " + "\n".join(told), fontsize=8, loc="left")
+        panel.set_title(f"({letter}) " + "\n".join(headings), fontsize=8, loc="left")
     handles = [
         Line2D(
             [],
@@ -61,7 +65,7 @@ def relations(results: pl.DataFrame) -> MarkedFigure:
             marker="o",
             linestyle="",
             color=SETTING_COLOURS.get(s, ORANGE),
-            label=f"{name_text(s)} ({len(found)} models)",
+            label=f"{name_text(s)} ({len(found)} model{'s' if len(found) != 1 else ''})",
         )
         for s, found in points.items()
     ]

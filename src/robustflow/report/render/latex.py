@@ -1,11 +1,13 @@
 """LaTeX with booktabs, laid out like the paper's tables: rotated headings below those of their family, a rule between
-settings, the best of a column in bold.
+settings, the best of a column in bold on grey, and, where the best is a line, the whole line on grey.
 
-Needs \\usepackage{booktabs,graphicx}. Characters that pdfLaTeX has no letter for are written as their code point.
+Needs \\usepackage[table]{xcolor} and \\usepackage{booktabs,graphicx}; `\\ref{tab:robustflow-NAME}` refers to a table.
+Characters that pdfLaTeX has no letter for are written as their code point.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import groupby
 
@@ -45,12 +47,13 @@ def render(table: Table) -> str:
     """A `table*` environment, or several where a table is longer than a page; a section is never divided."""
     parts = _pages(table)
     if len(parts) == 1:
-        return _float(table)
+        return _float(table, table.name)
     floats = []
     for number, sections in enumerate(parts, start=1):
         remarks = table.remarks if number == len(parts) else ()
         title = f"{table.title} ({number} of {len(parts)})"
-        floats.append(_float(replace(table, title=title, sections=tuple(sections), remarks=remarks)))
+        name = table.name if number == 1 else f"{table.name}-{number}"
+        floats.append(_float(replace(table, title=title, sections=tuple(sections), remarks=remarks), name))
     return "\n".join(floats)
 
 
@@ -70,12 +73,12 @@ def _pages(table: Table) -> list[list[Section]]:
     return parts
 
 
-def _float(table: Table) -> str:
+def _float(table: Table, name: str) -> str:
     width = len(table.columns) + 1
     notes = numbered_notes(table)
     kinds = "".join(_PROSE if column.prose else "r" for column in table.columns)
     lines = [
-        r"% needs \usepackage[T1]{fontenc} \usepackage{textcomp,booktabs,graphicx}",
+        r"% needs \usepackage[T1]{fontenc} \usepackage[table]{xcolor} \usepackage{textcomp,booktabs,graphicx}",
         r"\begin{table*}[t]",
         r"\centering",
         r"\resizebox{\linewidth}{!}{%",
@@ -91,11 +94,15 @@ def _float(table: Table) -> str:
         ]
         for line in section.lines:
             mark = rf"\textsuperscript{{{notes[line.note]}}}" if line.note else ""
-            lines.append(" & ".join([escape(plain(line.label)) + mark, *map(_cell, line.cells)]) + r" \\")
+            shade = r"\rowcolor{gray!20}" if line.best else ""
+            cells = (_cell(cell, shaded=cell.best and not line.best) for cell in line.cells)
+            lines.append(shade + " & ".join([escape(plain(line.label)) + mark, *cells]) + r" \\")
     lines += [r"\bottomrule", r"\end{tabular}}"]
     below = [escape(plain(remark, None)) for remark in table.remarks]
     below += [rf"\textsuperscript{{{number}}} {escape(note_text(note))}." for note, number in notes.items()]
-    lines += [rf"\caption{{\textbf{{{escape(table.title)}.}} {' '.join(below)}}}", r"\end{table*}"]
+    label = re.sub("[^a-z0-9-]+", "-", name.lower())
+    lines += [rf"\caption{{\textbf{{{escape(table.title)}.}} {' '.join(below)}}}"]
+    lines += [rf"\label{{tab:robustflow-{label}}}", r"\end{table*}"]
     return "\n".join(lines) + "\n"
 
 
@@ -114,14 +121,13 @@ def _letter(c: str) -> str:
     return c if c.isascii() or c in _LETTERS else f"(U+{ord(c):04X})"
 
 
-def _cell(cell: Cell) -> str:
+def _cell(cell: Cell, shaded: bool) -> str:
     # The minus of a number is a minus, not the hyphen of a name.
     text = f"${cell.text}$" if cell.text[:1] == "-" and cell.text[1:].replace(".", "").isdigit() else escape(cell.text)
-    return (
-        rf"\textbf{{{text}}}"
-        if cell.best and not text.startswith("$")
-        else (rf"\boldmath{text}" if cell.best else text)
-    )
+    if not cell.best:
+        return text
+    bold = rf"\boldmath{text}" if text.startswith("$") else rf"\textbf{{{text}}}"
+    return rf"\cellcolor{{gray!20}}{bold}" if shaded else bold
 
 
 def _headings(table: Table) -> list[str]:

@@ -47,6 +47,11 @@ class Content:
     alone: bool
 
     @property
+    def of_one_run(self) -> bool:
+        """Whether the page is the report of a single run, whose own page then comes first."""
+        return self.alone and len(self.runs) == 1
+
+    @property
     def focus(self) -> pl.DataFrame:
         """The results that the page is about."""
         return self.results.filter(pl.col("sample_set") != PAPER) if self.alone else self.results
@@ -59,7 +64,11 @@ def run_content(run: Run) -> Content:
 
 
 def whole_content(
-    runs: Sequence[Run], files: Sequence[tuple[str, pl.DataFrame]] = (), *, published: bool = True
+    runs: Sequence[Run],
+    files: Sequence[tuple[str, pl.DataFrame]] = (),
+    *,
+    published: bool = True,
+    only_own: bool = False,
 ) -> Content:
     """Of a leaderboard.
 
@@ -67,12 +76,13 @@ def whole_content(
         runs: none or more.
         files: (name of a file, the results read from it). Each is a sample set of its own unless its lines name one.
         published: whether the paper's results stand beside them.
+        only_own: whether the page is about the runs and files: the paper's results only stand beside them.
 
     Raises:
         DataError: a value that is there twice, in two files or in a file and the paper's results.
         UsageError: no result at all.
     """
-    return _content("Robustness of optical flow", runs, files, published, alone=False)
+    return _content("Robustness of optical flow", runs, files, published, alone=only_own)
 
 
 def _content(

@@ -10,6 +10,7 @@ import polars as pl
 from ...analysis.cost_ranks import cost_ranks, measured_crer, run_ranks
 from ...analysis.published.tables import PAPER, Cost
 from ...analysis.results import AVERAGE, CLEAN
+from ...benchmarks import benchmark_facts
 from ...corruptions.registry import FAMILIES
 from ...runs.costs import RunCost
 from ...text import plain
@@ -107,7 +108,7 @@ def entries_of(
         entry.set(("crer", AVERAGE), crer.get(key))
         if entry.sample_set == PAPER and ("crer", AVERAGE) in entry.numbers:
             entry.derived.add(("crer", AVERAGE))
-        if entry.sample_set == PAPER and entry.benchmark == "kitti-fc" and entry.name in costs:
+        if entry.sample_set == PAPER and benchmark_facts(entry.benchmark).has_flow and entry.name in costs:
             _add_published(entry, costs[entry.name], ranks)
         elif run_costs and run in run_costs:
             entry.set(("parameters", ""), run_costs[run].parameters_m)

@@ -37,10 +37,8 @@ def checked_observations(content: Content) -> list[Checked]:
 
 def audits(content: Content) -> list[Audit]:
     """Of the paper's tables, and of the results that came from files; runs are audited by `robustflow audit RUN`."""
-    if content.alone:
-        return []
     frames = set(content.results["sample_set"])
-    found = [audit_published()] if content.costs else []
+    found = [audit_published()] if content.costs and not content.alone else []
     from_runs = {of for of, _ in content.runs}
     for name in sorted(frames - from_runs - {PAPER}):
         audited = content.group_titles.get(name, plain(name))

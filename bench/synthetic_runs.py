@@ -1,0 +1,77 @@
+"""Run folders of imaginary models, real in every file: manifest, row shards and summary, as `run` leaves them."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from robustflow.analysis.results import CLEAN
+from robustflow.api import evaluate
+from robustflow.corruptions.base import SEVERITIES
+from robustflow.corruptions.registry import IMAGE_PAIR
+from robustflow.metrics.rows import ROW_SCHEMA
+from robustflow.runs.plan import Unit
+from robustflow.runs.run import Result
+from robustflow.runs.store import RunFolder
+
+_SCALED = [name for name in ROW_SCHEMA if name.startswith(("epe_sum", "rcre_sum"))]
+
+
+def synthetic_runs(folder: Path, count: int, pairs: int) -> list[Path]:
+    """Write `count` run folders over the same `pairs` pairs: every image-pair corruption at every severity.
+
+    Each model has errors of its own: those of DIS on the embedded pair, times a factor for the pair, the model, the
+    corruption and the severity.
+    """
+    first = evaluate("dis", "demo", output=folder / "template", corruptions=["contrast"], severities=[1])
+    keys = [f"{index:06d}" for index in range(pairs)]
+    manifest = copy.deepcopy(first.manifest)
+    (files,) = manifest["samples"].values()
+    manifest["samples"] = dict.fromkeys(keys, files)
+    manifest["selection"] = {
+        **manifest["selection"],
+        "corruptions": list(IMAGE_PAIR),
+        "severities": list(SEVERITIES),
+    }
+    manifest["identity"]["benchmark"] = "kitti-fc"
+    cells = [(CLEAN, 0), *((name, severity) for name in IMAGE_PAIR for severity in SEVERITIES)]
+    shared = _rows(first.rows, keys, cells)
+    hard = np.random.default_rng(0).lognormal(0, 0.5, pairs).repeat(len(cells))
+    severities = shared["severity"].to_numpy()
+    paths = []
+    for index in range(count):
+        rng = np.random.default_rng(1 + index)
+        grows = np.tile(rng.uniform(0.05, 0.4, len(cells)), pairs) * severities
+        factor = hard * rng.lognormal(0, 0.1, len(hard)) * (1 + 0.01 * index) * (1 + grows)
+        rows = shared.with_columns(pl.col(name) * pl.Series(factor) for name in _SCALED)
+        paths.append(_write(folder / f"run-{index:04d}", manifest, rows, index, keys[0]))
+    return paths
+
+
+def _rows(template: pl.DataFrame, keys: list[str], cells: list[tuple[str, int]]) -> pl.DataFrame:
+    (row,) = template.filter(pl.col("corruption") != CLEAN).head(1).to_dicts()
+    rows = [
+        row
+        | {"sample": key, "group": key, "corruption": name, "severity": level}
+        | {"frames_digest": f"{key}{name}{level}"}
+        for key in keys
+        for name, level in cells
+    ]
+    return pl.DataFrame(rows, schema=ROW_SCHEMA)
+
+
+def _write(path: Path, manifest: dict, rows: pl.DataFrame, index: int, key: str) -> Path:
+    own = copy.deepcopy(manifest)
+    own["identity"]["model"] = {"name": f"model-{index:04d}"}
+    own["identity_digest"] = f"{index:016x}"
+    own["provenance"] = {"setting": ("OOD", "ID", "undeclared")[index % 3], "trained_on": [], "basis": "declared"}
+    folder = RunFolder(path)
+    folder.lock()
+    folder.write_manifest(own)
+    folder.write_rows(Unit(key, "all", SEVERITIES), rows.to_dicts())
+    folder.unlock()
+    Result(path).write_means()
+    return path

@@ -1,0 +1,108 @@
+"""One worker at one queue: predictions run one at a time beside the server, and only those that are still wanted."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..errors import RobustFlowError, UsageError
+
+WAITING = 8
+"""Jobs that may wait at once, of as many pages."""
+
+Message = dict[str, Any]
+
+
+class OutdatedError(Exception):
+    """Nobody waits for this job any more."""
+
+
+@dataclass(eq=False)
+class Job:
+    """Work that somebody waits for.
+
+    Attributes:
+        page: whose work it is; a newer job of the same page makes it outdated.
+        work: called in the worker's thread with a function that tells the stage, and raises where it is outdated.
+        tell: takes every message: stages, and at last a result, an error, or that it is outdated.
+    """
+
+    page: str
+    work: Callable[[Callable[[str], None]], Message]
+    tell: Callable[[Message], None]
+    outdated: threading.Event = field(default_factory=threading.Event)
+
+    def stage(self, name: str) -> None:
+        """Say what is done now, unless nobody wants it."""
+        if self.outdated.is_set():
+            raise OutdatedError
+        self.tell({"stage": name})
+
+
+class PredictionQueue:
+    """Runs jobs in the order they come, in a thread that does not keep the process alive."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Job] = deque()
+        self._current: Job | None = None
+        self._change = threading.Condition()
+        threading.Thread(target=self._work, name="predictions", daemon=True).start()
+
+    def submit(self, job: Job) -> None:
+        """Take a job; those of the same page before it are outdated.
+
+        Raises:
+            UsageError: too many pages wait already.
+        """
+        with self._change:
+            for other in (*self._waiting, self._current):
+                if other is not None and other.page == job.page:
+                    other.outdated.set()
+            self._waiting = deque(other for other in self._waiting if not _let_go(other))
+            if len(self._waiting) >= WAITING:
+                raise UsageError(f"{WAITING} predictions wait already; try again when they are done")
+            self._waiting.append(job)
+            self._change.notify()
+
+    def close(self) -> None:
+        """Let every job's owner go; a prediction that is being made is left to itself."""
+        with self._change:
+            for job in (*self._waiting, self._current):
+                if job is not None:
+                    job.outdated.set()
+                    _let_go(job)
+            self._waiting.clear()
+
+    def _work(self) -> None:
+        while True:
+            with self._change:
+                self._change.wait_for(lambda: bool(self._waiting))
+                job = self._current = self._waiting.popleft()
+            job.tell(_outcome(job))
+            with self._change:
+                self._current = None
+
+
+def _let_go(job: Job) -> bool:
+    """Tell an outdated job's owner, who need not wait for its turn."""
+    if job.outdated.is_set():
+        job.tell({"outdated": True})
+    return job.outdated.is_set()
+
+
+def _outcome(job: Job) -> Message:
+    try:
+        job.stage("starting")
+        return {"result": job.work(job.stage)}
+    except OutdatedError:
+        return {"outdated": True}
+    except RobustFlowError as error:
+        return {"error": " ".join(str(error).split())}
+    except (Exception, SystemExit) as error:  # a model that ends its program must not end the worker
+        traceback.print_exc(file=sys.stderr)
+        return {"error": f"the app failed ({type(error).__name__}); the terminal that it was started in says more"}

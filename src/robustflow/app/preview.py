@@ -1,0 +1,177 @@
+"""One preview: corrupt a pair, predict, measure, draw; with the numbers of `corrupt`, the model and the metrics."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..corruptions import corrupt
+from ..corruptions.stack import levels_of
+from ..errors import UsageError
+from ..images.error_colours import error_colours
+from ..images.flow_colours import flow_colours, flow_radius
+from ..images.io import png_address
+from ..images.sparse import thickened
+from ..metrics.epe import epe_map
+from ..metrics.regions import Regions
+from ..metrics.robustness import crer
+from ..metrics.rows import measure
+from ..models import FlowModel
+from ..models.base import predict_checked
+from ..runner.engines.serial import one_opencv_thread
+from ..runs.example_cells import cell_scores
+from ..sample import Flow, Frame, Sample
+from .choices import Models
+from .pairs import SourceStore
+
+WIDEST = 1280
+"""Pixels a picture is wide at most; numbers come from all pixels."""
+
+_CLEAN_KEPT = 4
+
+Stage = Callable[[str], None]
+
+
+class Layer(BaseModel):
+    """A corruption at a severity."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9_]{1,60}$")]
+    severity: Annotated[int, Field(ge=1, le=5, strict=True)]
+
+
+class PreviewRequest(BaseModel):
+    """What a page wants to see.
+
+    Attributes:
+        page: a name the page chose for itself.
+        source, index: which pair.
+        model: one of those offered.
+        checkpoint: its weights, a published name or a file of this machine; "" for those it was offered with.
+        layers: the corruptions, applied in order.
+        seed: of the draws.
+        frames: whether the clean frames and the ground truth are wanted too.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    page: Annotated[str, Field(max_length=40)]
+    source: Annotated[str, Field(max_length=40)]
+    index: Annotated[int, Field(ge=0, strict=True)]
+    model: Annotated[str, Field(max_length=300)]
+    checkpoint: Annotated[str, Field(max_length=1000)] = ""
+    layers: Annotated[list[Layer], Field(min_length=1, max_length=4)]
+    seed: Annotated[int, Field(ge=0, lt=2**31, strict=True)]
+    frames: bool = False
+
+    @property
+    def corruption(self) -> tuple[str, int]:
+        """Name and severity as `corrupt` takes them: several layers are a stack.
+
+        >>> fog = {"name": "fog", "severity": 2}
+        >>> PreviewRequest(page="p", source="demo", index=0, model="dis", layers=[fog, fog], seed=0).corruption
+        ('fog:2+fog:2', 2)
+        """
+        if len(self.layers) == 1:
+            return self.layers[0].name, self.layers[0].severity
+        stack = "+".join(f"{layer.name}:{layer.severity}" for layer in self.layers)
+        return stack, levels_of(stack, ())[0]
+
+
+class Previewer:
+    """Computes previews, keeping the flows on the clean frames that were asked for last. Used from one thread."""
+
+    def __init__(self, sources: SourceStore, models: Models) -> None:
+        self._sources = sources
+        self._models = models
+        self._clean: OrderedDict[tuple[str, int, str, str], Flow] = OrderedDict()
+
+    def preview(self, wanted: PreviewRequest, stage: Stage) -> dict[str, Any]:
+        """Pictures as `data:` addresses, and numbers in pixels, None where there are none.
+
+        Raises:
+            UsageError, DataError, ModelError: as `corrupt` and the model do.
+        """
+        source = self._sources.get(wanted.source)
+        if wanted.index >= source.pairs:
+            raise UsageError(f"pair {wanted.index + 1} of {source.name} does not exist: it has {source.pairs}")
+        sample = source.sample(wanted.index)
+        stage("loading the model")
+        model = self._models.load(wanted.model, wanted.checkpoint)
+        stage("corrupting")
+        name, severity = wanted.corruption
+        corrupted = corrupt(sample.frames[0], sample.frames[1], name, severity, wanted.seed, sample.key)
+        clean = self._clean_flow(wanted, sample, model, stage)
+        stage("predicting the corrupted frames")
+        start = time.perf_counter()
+        with one_opencv_thread():
+            flow = predict_checked(model, corrupted, sample.key, name, severity)
+        seconds = time.perf_counter() - start
+        stage("drawing")
+        return {
+            "source": source.name,
+            "size": [sample.shape[1], sample.shape[0]],
+            "truth": sample.flow is not None,
+            "seconds": round(seconds, 3),
+            "call": f'corrupt(frame1, frame2, "{name}", severity={severity}, seed={wanted.seed}, key={sample.key!r})',
+            **_numbers(sample, flow, clean, name, severity),
+            **_pictures(sample, corrupted, flow, clean, wanted.frames),
+        }
+
+    def _clean_flow(self, wanted: PreviewRequest, sample: Sample, model: FlowModel, stage: Stage) -> Flow:
+        place = (wanted.source, wanted.index, wanted.model, wanted.checkpoint)
+        if place not in self._clean:
+            stage("predicting the clean frames")
+            with one_opencv_thread():
+                self._clean[place] = predict_checked(model, sample.frames, sample.key, "clean", 0)
+            while len(self._clean) > _CLEAN_KEPT:
+                self._clean.popitem(last=False)
+        self._clean.move_to_end(place)
+        return self._clean[place]
+
+
+def _numbers(sample: Sample, flow: Flow, clean: Flow, name: str, severity: int) -> dict[str, Any]:
+    regions = Regions.of(sample) if sample.flow is not None else None
+    before = measure(clean, clean, sample, regions)
+    row = measure(flow, clean, sample, regions, corruption=name, severity=severity)
+    scores, clean_scores = cell_scores(row, before), cell_scores(before, before)
+    return {
+        "numbers": {
+            "epe_clean": clean_scores.epe,
+            "epe": scores.epe,
+            "cre": scores.cre,
+            "crer": crer(scores.cre, clean_scores.epe),
+            "rcre": scores.rcre,
+            "fl": 100 * row["fl_count"] / row["n_valid"] if row["n_valid"] else None,
+        },
+        "invalid": row["n_invalid"],
+    }
+
+
+def _pictures(
+    sample: Sample, corrupted: tuple[Frame, ...], flow: Flow, clean: Flow, with_frames: bool
+) -> dict[str, Any]:
+    radius = flow_radius(clean) if sample.flow is None else flow_radius(sample.flow, sample.valid)
+    errors = epe_map(flow, clean if sample.flow is None else sample.flow)
+    if sample.valid is not None:
+        errors[~sample.valid] = np.nan
+    pictures = {
+        "corrupted1": corrupted[0],
+        "corrupted2": corrupted[1],
+        "clean_flow": flow_colours(clean, radius),
+        "flow": flow_colours(flow, radius),
+        "error": thickened(error_colours(errors), ~np.isnan(errors)),
+    }
+    if with_frames:
+        pictures |= {"frame1": sample.frames[0], "frame2": sample.frames[1]}
+        if sample.flow is not None and sample.valid is not None:
+            pictures["truth_flow"] = thickened(flow_colours(sample.flow, radius, sample.valid), sample.valid)
+    # Without loss, for noise is what some of them show.
+    addresses = {name: png_address(picture, WIDEST) for name, picture in pictures.items()}
+    return {"radius": radius, "pictures": addresses}

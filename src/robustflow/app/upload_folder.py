@@ -1,0 +1,53 @@
+"""Folders of uploads, and those that an app left behind when it was killed.
+
+A folder is held by a lock while its app lives; the operating system lets go of it however the app ends, so the next one
+knows which folders nobody needs.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+from pathlib import Path
+from tempfile import gettempdir, mkdtemp
+
+from filelock import FileLock, Timeout
+
+PREFIX = "robustflow-app-"
+_LOCK = ".lock"
+
+
+class UploadFolder:
+    """The place of one app's uploads; `close` removes it."""
+
+    def __init__(self) -> None:
+        remove_abandoned()
+        self.path = Path(gettempdir()) / f"{PREFIX}{secrets.token_hex(8)}"
+        self._lock = FileLock(f"{self.path}{_LOCK}", blocking=False)
+        self._lock.acquire()  # before the folder is there, so that no other app takes it for abandoned
+        self.path.mkdir(mode=0o700)
+
+    def new(self) -> Path:
+        """An empty folder for one upload."""
+        return Path(mkdtemp(dir=self.path))
+
+    def close(self) -> None:
+        """Remove all uploads."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        self._lock.release()
+        Path(self._lock.lock_file).unlink(missing_ok=True)
+
+
+def remove_abandoned() -> None:
+    """Remove the upload folders of this user whose app is gone."""
+    for held in Path(gettempdir()).glob(f"{PREFIX}*{_LOCK}"):
+        folder = held.with_name(held.name.removesuffix(_LOCK))
+        try:
+            if held.lstat().st_uid != os.getuid() or held.is_symlink() or folder.is_symlink():
+                continue
+            with FileLock(held, blocking=False):
+                shutil.rmtree(folder, ignore_errors=True)
+                held.unlink(missing_ok=True)
+        except (Timeout, OSError):
+            continue  # its app is running, or another one removes it right now

@@ -1,0 +1,49 @@
+"""The channel order of the published measurements: the reference code reads frames as BGR and corrupts them as RGB."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..random.rng import Rng
+from ..sample import Frame
+from .base import BGR, Corruption
+
+
+class ChannelsReversed(Corruption):
+    """A corruption whose code sees blue where it expects red (variant "reference-bgr"); frames stay RGB outside.
+
+    Mud turns blue, JPEG takes another luma, and psf_blur blurs red as the lens blurs blue.
+
+    >>> import numpy as np
+    >>> from robustflow.corruptions import load_corruption
+    >>> red = np.zeros((16, 16, 3), np.uint8)
+    >>> red[..., 0] = 200
+    >>> as_red, as_blue = (load_corruption("jpeg_compression", v).apply(red, 25, 0) for v in ("reference", BGR))
+    >>> as_red[0, 0].tolist() == as_blue[0, 0].tolist()
+    False
+    """
+
+    def __init__(self, inner: Corruption) -> None:
+        self.name = inner.name  # type: ignore[misc]  # each has its own
+        self.family = inner.family  # type: ignore[misc]
+        self.temporal = inner.temporal  # type: ignore[misc]
+        self.paper_severities = inner.paper_severities  # type: ignore[misc]
+        super().__init__(inner.variant, inner.severities)
+        self.variant = BGR
+        self._inner = inner
+
+    @property
+    def source(self) -> str:
+        """The inner corruption's."""
+        return self._inner.source
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
+        """The inner corruption's state."""
+        return self._inner.draw(rng, severity, shape)
+
+    def apply(self, frame: Frame, state: Any, index: int) -> Frame:
+        """Reverse the channels, corrupt, and reverse them back."""
+        corrupted = self._inner.apply(np.ascontiguousarray(frame[..., ::-1]), state, index)
+        return np.ascontiguousarray(corrupted[..., ::-1])

@@ -1,0 +1,210 @@
+"""A user's own corruption: an object, a class or `module:Attribute`, checked, and known by its name from then on.
+
+What it returns is checked on every call, so that a mistake stops with a sentence instead of becoming a number;
+`robustflow.testing.check_corruption` looks further (determinism, draws).
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from collections.abc import Iterable
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from ..errors import RobustFlowError, UsageError, unknown_name
+from ..random.rng import Rng
+from ..sample import Frame
+from .base import BGR, SEVERITIES, VARIANTS, Corruption
+from .registry import CORRUPTIONS, SHIPPED
+from .source_digest import source_digest
+
+Made = Any
+"""A class that makes a corruption, or one that is made."""
+
+_own: dict[str, Made] = {}
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
+_GUIDE = "see the guide 'add your corruption'"
+
+
+class OwnCorruption(Corruption):
+    """A user's corruption as the package sees it: what it is asked for and what it returns are checked.
+
+    Args:
+        made: anything with `draw(rng, severity, shape)` and `apply(frame, state, index)`; see `Corruption`.
+        variant: the variant that was asked for; a corruption without variants takes any.
+
+    Raises:
+        UsageError: from `draw` and `apply`, what the user's code raises or returns in error.
+    """
+
+    family = "own"
+
+    def __init__(self, made: Any, variant: str = "default") -> None:
+        self.name = name_of(made)  # type: ignore[misc]  # each has its own
+        self.family = str(getattr(made, "family", "own"))  # type: ignore[misc]
+        self.temporal = bool(getattr(made, "temporal", False))  # type: ignore[misc]
+        levels = getattr(made, "severities", None) or getattr(made, "paper_severities", None) or SEVERITIES
+        if len(levels) != len(SEVERITIES):
+            raise UsageError(f"corruption '{self.name}' has {len(levels)} severities: give five, mild to severe")
+        self.paper_severities = tuple(levels)  # type: ignore[misc]
+        self.made = made
+        if variant not in (*VARIANTS, BGR):
+            raise UsageError(f"unknown variant '{variant}': choose from {', '.join((*VARIANTS, BGR))}")
+        super().__init__()
+        self.variant = variant
+
+    @property
+    def source(self) -> str:
+        """16 hexadecimal digits of the source files and the attributes that decide the result."""
+        return source_digest(self.made)
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
+        """The state that the user's `draw` returns."""
+        self.parameter(severity)
+        try:
+            return self.made.draw(rng, severity, shape)
+        except RobustFlowError:
+            raise
+        except Exception as error:
+            raise self._failed("draw", error) from error
+
+    def apply(self, frame: Frame, state: Any, index: int) -> Frame:
+        """The frame that the user's `apply` returns, RGB uint8 of the same shape."""
+        given = np.ascontiguousarray(frame).view()
+        given.flags.writeable = False
+        try:
+            out = self.made.apply(given, state, index)
+        except RobustFlowError:
+            raise
+        except Exception as error:
+            raise self._failed("apply", error) from error
+        if not isinstance(out, np.ndarray) or out.dtype != np.uint8 or out.shape != frame.shape:
+            what = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+            raise UsageError(
+                f"corruption '{self.name}' returned {what}: apply must return a uint8 array of shape {frame.shape}"
+            )
+        return np.array(out) if np.shares_memory(out, given) else out
+
+    def _failed(self, method: str, error: Exception) -> UsageError:
+        hint = "; copy the frame before changing it" if "read-only" in str(error) else ""
+        return UsageError(f"corruption '{self.name}' failed in {method}: {type(error).__name__}: {error}{hint}")
+
+
+def is_target(part: str) -> bool:
+    """Whether a part of a name means `module.path:Attribute`.
+
+    >>> is_target("mypkg.weather:Rain"), is_target("fog:2"), is_target("fog")
+    (True, False, False)
+    """
+    module, colon, attribute = part.partition(":")
+    return bool(colon) and all(name.isidentifier() for name in f"{module}.{attribute}".split("."))
+
+
+def adopt(made: Made) -> str:
+    """Make a class or an object known by its name, and return that name; the newest of a name counts.
+
+    Raises:
+        UsageError: it has no `draw` and `apply`, an unusable name, or one of this package's.
+    """
+    for method in ("draw", "apply"):
+        if not callable(getattr(made, method, None)):
+            raise UsageError(f"{_spelled(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
+    name = name_of(made)
+    if not _NAME.fullmatch(name) or name in ("clean", "average"):
+        raise UsageError(f"a corruption cannot be called '{name}': give it a name of letters, digits and '_'")
+    if name in SHIPPED:
+        raise UsageError(f"{_spelled(made)} has the name of the corruption '{name}': give it another `name`")
+    _own[name] = made
+    return name
+
+
+def adopt_target(target: str) -> str:
+    """Import `module.path:Attribute`, make it known, and return its name.
+
+    Raises:
+        UsageError: it cannot be imported, or is not a corruption.
+    """
+    module_name, _, attribute = target.partition(":")
+    if "" not in sys.path and not any(place == _here() for place in sys.path):
+        sys.path.insert(0, _here())  # a console script does not see the user's folder; `python -m` would
+    try:
+        found: Any = import_module(module_name)
+    except (Exception, SystemExit) as error:
+        raise UsageError(
+            f"cannot import '{module_name}' for corruption '{target}': {type(error).__name__}: {error}; "
+            "run from the folder that holds it, or install its package"
+        ) from error
+    for part in attribute.split("."):
+        if not hasattr(found, part):
+            raise unknown_name(f"attribute of {module_name}", part, [key for key in vars(found) if key[0] != "_"])
+        found = getattr(found, part)
+    return adopt(found)
+
+
+def own_corruption(name: str, variant: str) -> OwnCorruption | None:
+    """The user's or an installed package's corruption of a name; None where it is one of this package's.
+
+    Raises:
+        UsageError: unknown name, or a class that cannot be built.
+    """
+    if name not in _own:
+        if name in SHIPPED:
+            return None
+        made = CORRUPTIONS.get(name)
+        if name_of(made) != name:
+            raise UsageError(f"the entry point '{name}' brings a corruption called '{name_of(made)}': make them equal")
+    made = _own.get(name) or CORRUPTIONS.get(name)
+    return OwnCorruption(_build(made, variant) if inspect.isclass(made) else made, variant)
+
+
+def is_known(name: str) -> bool:
+    """Whether a corruption has this name: a shipped one, an installed package's or one that was adopted."""
+    return name in _own or name in CORRUPTIONS.names()
+
+
+def own_among(names: Iterable[str]) -> tuple[Made, ...]:
+    """The adopted corruptions among some names, or parts of stacks, for another process to `adopt`."""
+    parts = {part.partition(":")[0] for name in names for part in name.split("+")}
+    return tuple(made for name, made in _own.items() if name in parts)
+
+
+def name_of(made: Made) -> str:
+    """The name of a corruption: its attribute `name`, else its class's in lower case.
+
+    >>> class HeavyRain: ...
+    >>> name_of(HeavyRain)
+    'heavy_rain'
+    """
+    kind = made if inspect.isclass(made) else type(made)
+    named = getattr(made, "name", None)
+    return named if isinstance(named, str) else re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
+
+
+def _build(kind: type[Any], variant: str) -> Any:
+    try:
+        takes = inspect.signature(kind).parameters
+        return kind(variant=variant) if "variant" in takes and variant in VARIANTS else kind()
+    except RobustFlowError:
+        raise
+    except Exception as error:
+        raise UsageError(
+            f"corruption '{name_of(kind)}' cannot be built: {type(error).__name__}: {error}; "
+            "give every argument a default, or pass the object itself"
+        ) from error
+
+
+def _spelled(made: Made) -> str:
+    kind = made if inspect.isclass(made) else type(made)
+    if inspect.isroutine(made):
+        return f"the function {made.__name__}"
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
+def _here() -> str:
+    from pathlib import Path
+
+    return str(Path.cwd())

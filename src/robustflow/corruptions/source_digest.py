@@ -1,0 +1,134 @@
+"""What decides the result of code that is not ours, as a hash: its source files, and the attributes of the object.
+
+An edited corruption must never continue a run of the unedited one. Hashed are the file of the class, those of its base
+classes, and every module of the same folder or package that they import.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import inspect
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from ..errors import UsageError
+
+_SELF = __name__.partition(".")[0]
+
+
+def source_digest(made: Any) -> str:
+    """16 hexadecimal digits of a class's or object's source and attributes.
+
+    An object that overrides `source` (see `Corruption`) is asked for it instead of its attributes.
+
+    Raises:
+        UsageError: an attribute whose value cannot be told apart from another.
+    """
+    kind = made if inspect.isclass(made) else type(made)
+    digest = hashlib.blake2b(digest_size=8)
+    for text in sorted(_sources(kind)):
+        digest.update(hashlib.sha256(text).digest())
+    if not inspect.isclass(made):
+        said = getattr(made, "source", "")
+        state = said if isinstance(said, str) and said else {k: v for k, v in vars(made).items() if k != "variant"}
+        digest.update(_spell(state, f"{kind.__name__}").encode())
+    digest.update(kind.__qualname__.encode())
+    return digest.hexdigest()
+
+
+def _sources(kind: type[Any]) -> Iterator[bytes]:
+    seen: set[str] = set()
+    for base in kind.__mro__:
+        top = base.__module__.partition(".")[0]
+        if top in (_SELF, "builtins", "abc", "typing") or (top in sys.stdlib_module_names and top != "__main__"):
+            continue
+        module = sys.modules.get(base.__module__)
+        path = getattr(module, "__file__", None)
+        if module is None or path is None or base.__module__ == "__main__":
+            yield _of_class(base)
+        else:
+            yield from _of_module(module, _root(module), seen)
+
+
+def _root(module: ModuleType) -> Path:
+    """The folder of the package that a module is in, or its own folder: what lies there is the user's too."""
+    assert module.__file__ is not None
+    levels = module.__name__.count(".") + (1 if hasattr(module, "__path__") else 0)
+    folder = Path(module.__file__).resolve().parent
+    for _ in range(max(levels - 1, 0)):
+        folder = folder.parent
+    return folder
+
+
+def _of_module(module: ModuleType, root: Path, seen: set[str]) -> Iterator[bytes]:
+    path = getattr(module, "__file__", None)
+    if path is None or module.__name__ in seen or root not in Path(path).resolve().parents:
+        return
+    if "site-packages" in Path(path).parts and module.__name__.partition(".")[0] == _SELF:
+        return
+    seen.add(module.__name__)
+    content = Path(path).read_bytes()
+    yield content
+    for name in _imported(content, module.__package__ or ""):
+        if name in sys.modules:
+            yield from _of_module(sys.modules[name], root, seen)
+
+
+def _imported(content: bytes, package: str) -> Iterator[str]:
+    """Full names of the modules that a source file imports, anywhere in it."""
+    try:
+        nodes = list(ast.walk(ast.parse(content)))
+    except (SyntaxError, ValueError):
+        return
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _of_class(kind: type[Any]) -> bytes:
+    """The text of a class defined in a script or a session, or, where there is none, its compiled code."""
+    try:
+        return inspect.getsource(kind).encode()
+    except (OSError, TypeError):
+        code = (getattr(value, "__code__", None) for _, value in sorted(vars(kind).items()))
+        return "\n".join(_code(each) for each in code if each is not None).encode()
+
+
+def _code(code: CodeType) -> str:
+    constants = [_code(value) if isinstance(value, CodeType) else repr(value) for value in code.co_consts]
+    return f"{code.co_code.hex()} {constants} {code.co_names}"
+
+
+def _spell(value: Any, where: str) -> str:
+    """A value as text that is the same in every process."""
+    if value is None or isinstance(value, bool | int | float | complex | str | bytes | Path):
+        return f"{type(value).__name__}:{value!r}"
+    if isinstance(value, np.ndarray):
+        hashed = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+        return f"array:{value.dtype}:{value.shape}:{hashed}"
+    if isinstance(value, np.generic):
+        return f"{value.dtype}:{value!r}"
+    if isinstance(value, list | tuple):
+        return f"[{','.join(_spell(each, f'{where}[{i}]') for i, each in enumerate(value))}]"
+    if isinstance(value, set | frozenset):
+        return f"{{{','.join(sorted(_spell(each, where) for each in value))}}}"
+    if isinstance(value, dict):
+        items = sorted((str(key), _spell(each, f"{where}.{key}")) for key, each in value.items())
+        return f"{{{','.join(f'{key}={each}' for key, each in items)}}}"
+    if inspect.isclass(value) or inspect.isroutine(value):
+        return f"{value.__module__}:{value.__qualname__}"
+    raise UsageError(
+        f"{where} holds a {type(value).__name__}, which a run cannot recognise again; give the corruption a property "
+        "`source` that names, as text, what decides its result"
+    )

@@ -1,0 +1,33 @@
+"""One way to name content by a hash: of bytes, and of anything that JSON can spell."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+
+def digest_of_bytes(*parts: bytes, size: int = 16) -> str:
+    """The BLAKE2b hash of some bytes, one part after the other, as 2 x `size` hexadecimal digits.
+
+    >>> digest_of_bytes(b"ab", b"c") == digest_of_bytes(b"abc")
+    True
+    >>> len(digest_of_bytes(b"abc"))
+    32
+    """
+    digest = hashlib.blake2b(digest_size=size)
+    for part in parts:
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def digest_of_value(value: Any, size: int = 8) -> str:
+    """The hash of a value's canonical JSON: keys sorted, no spaces, what JSON does not know as its text.
+
+    >>> digest_of_value({"a": 1, "b": (2, 3)}) == digest_of_value({"b": [2, 3], "a": 1})
+    True
+    >>> digest_of_value({})
+    '01e7b720ff566d53'
+    """
+    spelled = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+    return digest_of_bytes(spelled.encode(), size=size)

@@ -1,0 +1,124 @@
+"""What a record claims beyond its numbers: which rows there should be, and what its model was trained on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import polars as pl
+
+from ..corruptions.base import SEVERITIES
+from ..corruptions.registry import CORRUPTIONS
+from ..corruptions.stack import levels_of, split_stack
+from ..errors import UsageError
+from ..metrics.rows import CLEAN, ROW_KEY
+from ..models.provenance import Training, parse_training_sets, training_of
+from ..text import plain
+from .contents import Manifest
+
+_MOST_SHARED = 0.5
+"""Share of one sample's rows whose digest may stand at another of its settings too."""
+
+if TYPE_CHECKING:
+    from ..runs.run import Run
+    from .read import Reader
+
+
+def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
+    """Corruptions nobody knows, rows that were not planned or are missing; and a sentence where there are none."""
+    plan = reader.plan
+    problems = [*_unknown(plan.selection.corruptions, plan.identity.corruptions or {}), *_left_out(plan)]
+    if not set(plan.selection.severities) <= set(SEVERITIES):
+        problems.append(f"severities {plan.selection.severities}: they are 1 to 5")
+    if problems:
+        return problems, ""
+    planned, found = set(run.planned()), set(reader.frame.select(ROW_KEY).iter_rows())
+    extra, missing = found - planned, planned - found
+    if extra:
+        sample, corruption, severity = min(extra)
+        problems.append(
+            f"{len(extra)} rows were not planned, the first of sample '{plain(sample)}', {plain(corruption)} severity "
+            f"{severity}"
+        )
+    if bool(missing) == reader.facts.complete:
+        says = "complete" if reader.facts.complete else "not complete"
+        problems.append(
+            f"record.json says that the run is {says}, but {len(missing)} of {len(planned)} rows are missing"
+        )
+    without = {sample for sample, _, _ in found} - {sample for sample, name, _ in found if name == CLEAN}
+    if without:
+        problems.append(f"sample '{plain(min(without))}' has no row of its clean frames")
+    problems += _digest_problems(reader.frame)
+    if not plan.identity.allow_invalid and reader.frame["n_invalid"].sum():
+        problems.append("pixels that are no numbers were counted, but the run did not allow them")
+    return problems, f"{len(found)} of {len(planned)} planned rows"
+
+
+def _digest_problems(rows: pl.DataFrame) -> list[str]:
+    """Digests that cannot be of the frames they are said to be of.
+
+    Different settings of one sample are different frames, but for a flat frame, which no filter changes, and streams in
+    which no bit was hit; so most digests of most samples differ.
+    """
+    if (rows["frames_digest"].str.strip_chars("0") == "").any():
+        return ["a frames_digest of zeros alone, which no frames have"]
+    of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())
+    shared = of_sample.filter((pl.col("len") > 1) & (pl.col("shared") > _MOST_SHARED))
+    if 2 * shared.height > of_sample.filter(pl.col("len") > 1).height:
+        return [f"{shared.height} of {of_sample.height} samples have one frames_digest under different corruptions"]
+    return []
+
+
+def training_problems(plan: Manifest, raw: dict[str, Any]) -> list[str]:
+    """Whether the setting (OOD, ID, LEAKED, ...) is what the declared or catalogued training sets make it.
+
+    What a user declares is believed; what the package knows better by a checkpoint's hash is not up to declaration.
+    """
+    said, benchmark = plan.provenance, plan.identity.benchmark
+    known = training_of(raw["identity"]["model"])
+    if known.basis == "undeclared" and said.basis == "declared":
+        try:
+            known = Training(parse_training_sets("+".join(said.trained_on or [])), "declared")
+        except UsageError as error:
+            return [f"the declared training sets say nothing: {plain(str(error), 120)}"]
+    record = known.record(benchmark)
+    if (said.setting, said.basis, said.trained_on) != (record["setting"], record["basis"], record["trained_on"]):
+        return [
+            f"the manifest says {said.setting} by {said.basis}, trained on {_sets(said.trained_on)}; for this model "
+            f"and benchmark it is {record['setting']} by {record['basis']}, trained on {_sets(record['trained_on'])}"
+        ]
+    return []
+
+
+def _sets(names: list[str] | None) -> str:
+    return "+".join(names) if names else "nothing it names"
+
+
+def _unknown(names: list[str], own: Iterable[str] = ()) -> list[str]:
+    """Names that neither this package, nor an installed one, nor the identity's list of the user's own knows."""
+    known, out = {*CORRUPTIONS.names(), *own}, []
+    for name in names:
+        try:
+            fits = all(part in known for part, _ in split_stack(name))
+        except UsageError:
+            fits = False
+        if not fits:
+            out.append(f"corruption '{plain(name, 60)}' is not known here; install the package that brings it")
+    if len(set(names)) != len(names):
+        out.append("a corruption is selected twice")
+    return out
+
+
+def _left_out(plan: Manifest) -> list[str]:
+    """Severities that were left out are those the calibrated scale lacks, and no others."""
+    scale = "calibrated" if plan.identity.severity_scale else "paper"
+    severities = tuple(plan.selection.severities)
+    for name in dict.fromkeys((*plan.selection.corruptions, *plan.left_out)):
+        if name not in plan.selection.corruptions or _unknown([name], plan.identity.corruptions or {}):
+            return [f"left_out names '{plain(name, 60)}', which was not selected"]
+        lacking = sorted({*levels_of(name, severities)} - {*levels_of(name, severities, scale)})
+        if plan.left_out.get(name, []) != lacking:
+            return [
+                f"{name} was left out at severities {plan.left_out.get(name, [])}; the {scale} scale lacks {lacking}"
+            ]
+    return []

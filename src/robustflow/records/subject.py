@@ -1,0 +1,86 @@
+"""What a record is about: whose numbers they are, on what, and what no check of a file can prove."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from pydantic import BaseModel, ConfigDict
+
+from ..text import counted, plain
+
+if TYPE_CHECKING:
+    from ..runs.run import Run
+    from .contents import Manifest
+
+
+class Subject(BaseModel):
+    """What was measured, recomputed from the rows of a record and never taken from its means.
+
+    Attributes:
+        model, benchmark: their names, safe to print.
+        pairs, corruptions, severities: how many were measured.
+        setting: OOD, ID, LEAKED, ... as the training sets make it.
+        epe_clean, epe, cre, rcre: pixels; crer: a ratio; None where there is no ground truth.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    model: str
+    benchmark: str
+    pairs: int
+    corruptions: int
+    severities: int
+    setting: str
+    epe_clean: float | None
+    epe: float | None
+    cre: float | None
+    crer: float | None
+    rcre: float | None
+
+    def sentence(self) -> str:
+        """All of it on one line.
+
+        >>> scores = {"epe_clean": 1.0, "epe": 3.0, "cre": 2.0, "crer": 2.0, "rcre": None}
+        >>> counts = {"pairs": 1, "corruptions": 2, "severities": 5}
+        >>> Subject(model="dis", benchmark="demo", setting="knowledge", **counts, **scores).sentence()
+        'dis on demo (knowledge), 1 pair x 2 corruptions x 5 severities: clean EPE 1.00, EPE 3.00, CRE 2.00, CREr 2.00'
+        """
+        named = {"clean EPE": self.epe_clean, "EPE": self.epe, "CRE": self.cre, "CREr": self.crer, "RCRE": self.rcre}
+        scores = ", ".join(f"{name} {value:.2f}" for name, value in named.items() if value is not None)
+        extent = " x ".join(
+            (
+                counted(self.pairs, "pair", "pairs"),
+                counted(self.corruptions, "corruption", "corruptions"),
+                counted(self.severities, "severity", "severities"),
+            )
+        )
+        return f"{self.model} on {self.benchmark} ({self.setting}), {extent}: {scores or 'nothing could be measured'}"
+
+
+def subject_of(run: Run, plan: Manifest) -> Subject:
+    """The subject of a record whose rows and plan were checked."""
+    summary = run.summary
+    return Subject(
+        model=plain(run.name),
+        benchmark=plain(plan.identity.benchmark),
+        pairs=summary.samples,
+        corruptions=len(plan.selection.corruptions),
+        severities=len(plan.selection.severities),
+        setting=plan.provenance.setting,
+        epe_clean=summary.epe_clean,
+        epe=summary.epe,
+        cre=summary.cre,
+        crer=summary.crer,
+        rcre=summary.rcre,
+    )
+
+
+def unproven(frames_compared: bool, predictions_compared: bool) -> list[str]:
+    """What remains to be believed, in sentences; each names what would prove it."""
+    out = []
+    if not frames_compared:
+        out.append("that the rows were measured on these data: --data FOLDER makes the frames of some rows again")
+    if not predictions_compared:
+        out.append("that this model made the predictions: --data FOLDER --model NAME predicts some rows again")
+    out.append("what the model was trained on, where it is declared and not known by a checkpoint's hash")
+    return out

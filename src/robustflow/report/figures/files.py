@@ -1,0 +1,67 @@
+"""Figures as files: the same bytes for the same figure."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from ...atomic import make_folder, write_bytes
+from ...errors import unknown_name
+
+FILE_FORMATS = ("png", "svg", "pdf")
+
+
+@contextmanager
+def any_script() -> Iterator[None]:
+    """Without a warning for each character that matplotlib's font lacks: here it is only measured, or left to the
+    reader's fonts. Where it is drawn, as a box, the warning stays."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ ", UserWarning)
+        yield
+
+
+def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
+    """A figure as a file: "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
+
+    With `live_text` an SVG holds its texts as texts, in whatever font the reader has, and not as outlines.
+
+    Raises:
+        UsageError: another format.
+    """
+    if format not in FILE_FORMATS:
+        raise unknown_name("figure format", format, FILE_FORMATS)
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        # The layout is settled once: every draw would move it by a little, and the bytes with it.
+        with any_script():
+            engine.execute(figure)
+        figure.set_layout_engine("none")
+    metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
+    out = io.BytesIO()
+    outlines = "none" if live_text else "path"
+    settings: Any = {"svg.hashsalt": "robustflow", "svg.fonttype": outlines, "pdf.fonttype": 42}
+    with rc_context(settings), any_script() if live_text else nullcontext():
+        figure.savefig(out, format=format, dpi=200, metadata=metadata)
+    return out.getvalue()
+
+
+def write_figures(figures: Mapping[str, Figure], folder: Path, formats: tuple[str, ...] = FILE_FORMATS) -> list[Path]:
+    """Write each figure in each format as FOLDER/<name>.<format>.
+
+    Raises:
+        DataError: the folder cannot be written.
+    """
+    make_folder(folder)
+    paths = []
+    for name, figure in figures.items():
+        for format in formats:
+            paths.append(folder / f"{name}.{format}")
+            write_bytes(paths[-1], figure_bytes(figure, format))
+    return paths

@@ -1,0 +1,50 @@
+"""Clean flows on disk: computed once per sample, and kept until the sample's last unit is finished.
+
+A file is a NumPy array and 16 bytes more: the digest of the array and of what it was computed from. A file that does
+not verify (cut off, changed, of other frames, of a version before there was a digest) counts as missing, and the flow
+is computed again.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from ..atomic import write_bytes
+from ..digest import digest_of_bytes
+from ..sample import Flow
+
+_DIGEST_BYTES = 16
+
+
+def write_clean(path: Path, flow: Flow, made_of: str) -> None:
+    """Keep a clean flow for the units of its sample that are still to come.
+
+    Args:
+        path: where.
+        flow: float32 (H, W, 2), pixels.
+        made_of: what it was computed from: the sample's key and the digest of its frames.
+    """
+    file = io.BytesIO()
+    np.save(file, np.ascontiguousarray(flow, np.float32), allow_pickle=False)
+    data = file.getvalue()
+    write_bytes(path, data + _digest(data, made_of), durable=False)  # what is lost is computed again
+
+
+def read_clean(path: Path, made_of: str) -> Flow | None:
+    """A clean flow kept earlier; None where there is none that was computed from the same and is whole."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    array, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
+    if digest != _digest(array, made_of):
+        return None
+    flow: Flow = np.load(io.BytesIO(array), allow_pickle=False)
+    return flow
+
+
+def _digest(array: bytes, made_of: str) -> bytes:
+    return bytes.fromhex(digest_of_bytes(made_of.encode(), b"\0", array, size=_DIGEST_BYTES))

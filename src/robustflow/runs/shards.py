@@ -1,0 +1,166 @@
+"""Shards: rows in Parquet files, each named after the digest of its own bytes, so that damage never passes for numbers.
+
+NAME.DIGEST.parquet, DIGEST being 32 hexadecimal digits of BLAKE2b over the file. The name says what is inside:
+
+SAMPLE.CORRUPTION.SEVERITIES   one unit, as it was finished
+SAMPLE                         all units of a sample
+pack                           many samples
+
+Files without a digest are those of versions before there was one; they are read, and replaced when they are merged.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import polars as pl
+
+from ..atomic import write_bytes
+from ..digest import digest_of_bytes
+from ..errors import RunError
+from ..metrics.rows import LATER_COLUMNS, ROW_KEY, ROW_SCHEMA, rows_frame
+from .plan import Cell
+
+PACK = "pack"
+"""Name of a shard of many samples; no sample's name, for those end in a hyphen and eight digits."""
+
+_SUFFIX = ".parquet"
+_DIGEST = re.compile(r"\.([0-9a-f]{32})$")
+
+
+def list_shards(folder: Path) -> list[Path]:
+    """The shards of a folder, by name.
+
+    A writer beside us puts a merged shard in place before it removes the parts; a listing that runs past both places
+    at the wrong moments sees neither. So the folder is listed until two listings agree.
+    """
+    before: list[Path] | None = None
+    for _ in range(20):
+        now = sorted(path for path in folder.glob(f"*{_SUFFIX}") if not path.name.startswith("."))
+        if now == before:
+            break
+        before = now
+    return now
+
+
+def name_of(path: Path) -> str:
+    """What a shard holds: its file's name without digest and suffix.
+
+    >>> name_of(Path("a-0011.fog-2233.13.00112233445566778899aabbccddeeff.parquet")), name_of(Path("a-0011.parquet"))
+    ('a-0011.fog-2233.13', 'a-0011')
+    """
+    return _DIGEST.sub("", path.name.removesuffix(_SUFFIX))
+
+
+def write_shard(folder: Path, name: str, rows: pl.DataFrame) -> Path:
+    """Write rows as one shard, whole and durable or not at all; its path."""
+    file = io.BytesIO()
+    rows.write_parquet(file)
+    data = file.getvalue()
+    path = folder / f"{name}.{digest_of_bytes(data)}{_SUFFIX}"
+    write_bytes(path, data)
+    return path
+
+
+def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame:
+    """The rows of one shard, or some columns of them.
+
+    Raises:
+        RunError: damaged, or of other columns than this version writes.
+        FileNotFoundError: gone, because it was merged.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise RunError(f"cannot read {path}: {error.strerror}") from error
+    digest = _DIGEST.search(path.name.removesuffix(_SUFFIX))
+    if digest and digest[1] != digest_of_bytes(data):
+        raise _damaged(path, "its bytes are not those that were written")
+    try:
+        rows = pl.read_parquet(io.BytesIO(data), columns=None if columns is None else list(columns))
+    except (Exception, pl.exceptions.PanicException) as error:  # the latter is no Exception
+        raise _damaged(path, type(error).__name__) from error
+    wanted = ROW_SCHEMA if columns is None else {name: ROW_SCHEMA[name] for name in columns}
+    older = [name for name in wanted if name in LATER_COLUMNS and name not in rows.columns]
+    if older:
+        rows = rows.with_columns(pl.lit(None, wanted[name]).alias(name) for name in older).select(list(wanted))
+    if rows.schema != pl.Schema(wanted):
+        raise RunError(f"{path} has other columns than this version writes; choose another folder with --output")
+    return rows
+
+
+def read_shards(paths: Iterable[Path], columns: Sequence[str] | None = None) -> pl.DataFrame:
+    """The rows of some shards, each once, in the order of their keys.
+
+    Args:
+        paths: of the shards; rows that are in two of them, as after a crash between merging and clearing, count once.
+        columns: to read, among them those of `ROW_KEY`; all by default.
+
+    Raises:
+        RunError: a shard that cannot be read, or two that hold different rows of the same cell.
+        FileNotFoundError: a shard was merged meanwhile.
+    """
+    paths = list(paths)
+    parts = [read_shard(path, columns) for path in paths]
+    if not parts:
+        return rows_frame([]).select(columns or list(ROW_SCHEMA))
+    rows = pl.concat(parts).sort(ROW_KEY)
+    if rows.select(pl.struct(ROW_KEY).is_duplicated().any()).item():
+        rows = rows.unique(maintain_order=True)
+        _refuse_contradictions(rows, paths, parts)
+    return rows
+
+
+def merge_shards(paths: Sequence[Path], name: str) -> Path:
+    """Put some shards into one. It is durable before the others go, so no reader and no crash misses a row."""
+    merged = write_shard(paths[0].parent, name, read_shards(paths))
+    for path in paths:
+        if path != merged:
+            path.unlink(missing_ok=True)
+    return merged
+
+
+def cells_of(paths: Sequence[Path]) -> tuple[set[Cell], list[Path]]:
+    """The cells of some shards, and those shards that share a cell with another: what a crash between merging and
+    removing the parts leaves behind.
+
+    Raises:
+        RunError: a shard that cannot be read.
+    """
+    if not paths:
+        return set(), []
+    keys = [read_shard(path, ROW_KEY) for path in paths]
+    rows = pl.concat(keys)
+    cells: set[Cell] = set(rows.iter_rows())
+    if len(cells) == rows.height:
+        return cells, []
+    shared = rows.select(pl.struct(ROW_KEY).is_duplicated()).to_series()
+    twice, start = [], 0
+    for path, part in zip(paths, keys, strict=True):
+        if shared[start : start + part.height].any():
+            twice.append(path)
+        start += part.height
+    return cells, twice
+
+
+def _refuse_contradictions(rows: pl.DataFrame, paths: list[Path], parts: list[pl.DataFrame]) -> None:
+    twice = rows.filter(pl.struct(ROW_KEY).is_duplicated())
+    if twice.is_empty():
+        return
+    key = dict(zip(ROW_KEY, twice.select(ROW_KEY).row(0), strict=True))
+    files = [str(path) for path, part in zip(paths, parts, strict=True) if not part.filter(**key).is_empty()]
+    raise RunError(
+        f"{' and '.join(files)} hold different rows of sample '{key['sample']}', {key['corruption']} severity "
+        f"{key['severity']}: the shards of two runs were mixed; delete the one that does not belong here"
+    )
+
+
+def _damaged(path: Path, why: str) -> RunError:
+    return RunError(
+        f"{path} is damaged ({why}); delete it and give the run's command again: only its rows are computed again"
+    )

@@ -1,0 +1,23 @@
+"""Checks for what users bring: models, corruptions, data sets. Imported on first use."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .corruptions import check_corruption
+
+_WHERE = {"check_corruption": "corruptions"}
+
+__all__ = ["check_corruption"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return getattr(import_module(f".{_WHERE[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

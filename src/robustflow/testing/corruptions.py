@@ -1,0 +1,85 @@
+"""Check a corruption of your own before a benchmark runs on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..corruptions.api import load_corruption, stream_for
+from ..corruptions.base import SEVERITIES
+from ..errors import UsageError
+from ..sample import Frame
+
+_SHAPES = ((48, 64), (33, 61))
+"""A size with even numbers, and one without: code that halves an image shows itself."""
+
+
+def check_corruption(corruption: Any, seed: int = 0) -> str:
+    """Try a corruption at all five severities, and return its name.
+
+    Every frame that comes back is RGB uint8 of the shape given; the frame given is not written to; the same draw gives
+    the same bytes, in another order and from a second object of the class alike; frame 0 does not change because frame
+    1 was asked for; black, white and textured frames of even and odd sizes are taken.
+
+    Args:
+        corruption: a class, an object or the name of a corruption; see docs/add-your-corruption.md.
+        seed: of the draws.
+
+    Raises:
+        UsageError: what is wrong, at which severity and size.
+
+    >>> import numpy as np
+    >>> class Dim:
+    ...     severities = (0.9, 0.8, 0.7, 0.6, 0.5)
+    ...     def draw(self, rng, severity, shape):
+    ...         return self.severities[severity - 1]
+    ...     def apply(self, frame, state, index):
+    ...         return np.rint(frame * state).astype(np.uint8)
+    >>> check_corruption(Dim)
+    'dim'
+    """
+    first, second = load_corruption(corruption), load_corruption(corruption)
+    for shape in _SHAPES:
+        for severity in SEVERITIES:
+            if first.severities[severity - 1] is None:
+                continue
+            where = f"corruption '{first.name}' at severity {severity} on {shape[1]}x{shape[0]} pixels"
+            frames = _frames(shape)
+            before = [frame.copy() for frame in frames]
+            state = first.draw(stream_for(first, severity, seed, "check"), severity, shape)
+            forth = [first.apply(frame, state, index) for index, frame in enumerate(frames)]
+            for index, (frame, copy) in enumerate(zip(frames, before, strict=True)):
+                _require((frame == copy).all(), f"{where} writes into the frame it is given: copy it first")
+                _check_frame(forth[index], frame, where)
+            _require(
+                not any(np.shares_memory(a, b) for i, a in enumerate(forth) for b in forth[:i]),
+                f"{where} returns the same array twice: return a new one",
+            )
+            again = second.draw(stream_for(second, severity, seed, "check"), severity, shape)
+            back = [second.apply(frames[index], again, index) for index in reversed(range(len(frames)))][::-1]
+            for index, (one, other) in enumerate(zip(forth, back, strict=True)):
+                _require(
+                    (one == other).all(),
+                    f"{where} gives frame {index} other bytes the second time, or in another order: take every random "
+                    "number from `rng`, and what differs from frame to frame from rng.spawn('frame', index)",
+                )
+    return first.name
+
+
+def _frames(shape: tuple[int, int]) -> list[Frame]:
+    """Texture, the same a pixel further, black, white."""
+    rows, columns = np.indices(shape)
+    texture = np.stack([(rows * 7 + columns * step) % 256 for step in (3, 5, 11)], axis=-1).astype(np.uint8)
+    return [texture, np.roll(texture, 1, axis=1), np.zeros_like(texture), np.full_like(texture, 255)]
+
+
+def _check_frame(out: Any, frame: Frame, where: str) -> None:
+    fits = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == frame.shape
+    _require(fits, f"{where} does not return a uint8 array of shape {frame.shape}")
+    _require(not np.shares_memory(out, frame), f"{where} returns the frame it was given: return a copy")
+
+
+def _require(holds: Any, message: str) -> None:
+    if not holds:
+        raise UsageError(message)

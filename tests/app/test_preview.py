@@ -1,0 +1,192 @@
+"""Looks: the numbers are those of the library, one prediction at a time, and only what is still wanted."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import robustflow as rf
+from robustflow.metrics import mean_epe, rcre
+from robustflow.metrics.epe import epe_map, magnitude_map
+from robustflow.metrics.outliers import outlier_sums
+
+from .launch import running_app
+
+SLOW = "models_for_app:Slow"
+
+
+def _direct(frames, truth, corruption, severity, seed, key, model="dis"):
+    """The same without the app."""
+    flow_of = rf.load_model(model).predict
+    clean = flow_of(*frames)
+    flow = flow_of(*rf.corrupt(*frames, corruption, severity, seed=seed, key=key))
+    if truth is None:
+        return {"epe": None, "epe_clean": None, "cre": None, "crer": None, "rcre": rcre(flow, clean), "fl": None}
+    before, after = mean_epe(clean, *truth), mean_epe(flow, *truth)
+    outliers = outlier_sums(epe_map(flow, truth[0]), magnitude_map(truth[0]), truth[1])
+    return {
+        "epe": after,
+        "epe_clean": before,
+        "cre": after - before,
+        "crer": (after - before) / before,
+        "rcre": rcre(flow, clean, truth[1]),
+        "fl": 100 * outliers.fl_count / outliers.n,
+    }
+
+
+@pytest.mark.parametrize(
+    ("layers", "corruption", "severity", "seed"),
+    [
+        ([("fog", 3)], "fog", 3, 0),
+        ([("impulse_noise", 2)], "impulse_noise", 2, 7),
+        ([("fog", 2), ("jpeg_compression", 4)], "fog:2+jpeg_compression:4", 4, 1),
+    ],
+)
+def test_numbers_equal_those_of_the_library(app, layers, corruption, severity, seed):
+    request = {"layers": [{"name": name, "severity": level} for name, level in layers], "seed": seed, "frames": True}
+    status, messages = app.preview(**request)
+    assert status == 200
+    result = messages[-1]["result"]
+    sample = rf.load_dataset("motorcycle").load("motorcycle")
+    truth = (sample.flow, sample.valid)
+    assert result["numbers"] == pytest.approx(_direct(sample.frames, truth, corruption, severity, seed, sample.key))
+    assert (result["truth"], result["size"], result["invalid"]) == (True, [741, 500], 0)
+    stages = [message["stage"] for message in messages[:-1]]
+    assert stages[0] == "starting"
+    assert stages[-1] == "drawing"
+    shown = {name: _picture(address) for name, address in result["pictures"].items()}
+    assert set(shown) == {
+        "frame1", "frame2", "corrupted1", "corrupted2", "clean_flow", "flow", "truth_flow", "error"
+    }  # fmt: skip
+    corrupted = rf.corrupt(*sample.frames, corruption, severity, seed=seed, key=sample.key)
+    for name, frame in zip(("corrupted1", "corrupted2", "frame1", "frame2"), corrupted + sample.frames, strict=True):
+        np.testing.assert_array_equal(shown[name], frame)
+
+
+def _picture(address: str) -> np.ndarray:
+    kind, _, data = address.partition(",")
+    assert kind == "data:image/png;base64"
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))))
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"layers": [{"name": "fog", "severity": 6}]}, "severity"),
+        ({"layers": [{"name": "fog", "severity": True}]}, "severity"),
+        ({"layers": [{"name": "fog:2+snow", "severity": 1}]}, "name"),
+        ({"layers": []}, "layers"),
+        ({"layers": [{"name": "fog", "severity": 1}] * 5}, "layers"),
+        ({"model": "os:system"}, "unknown model of this app 'os:system'"),
+        ({"model": "/etc"}, "unknown model of this app"),
+        ({"source": "../../etc"}, "no longer held"),
+        ({"index": -1}, "index"),
+        ({"seed": 2**40}, "seed"),
+        ({"seed": 1.5}, "seed"),
+        ({"unknown": 1}, "unknown"),
+        ({"page": "p" * 100}, "page"),
+        ({"page": None}, "page"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(app, changed, says):
+    status, (answer,) = app.preview(**changed)
+    assert status == 400
+    assert says in answer["error"]
+    assert "\n" not in answer["error"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"layers": [{"name": "no_such_thing", "severity": 1}]}, "unknown corruption 'no_such_thing'"),
+        ({"index": 1}, "pair 2 of Motorcycle (Middlebury 2014) does not exist"),
+    ],
+)
+def test_what_shows_in_the_middle_is_one_line_too(app, changed, says):
+    _, messages = app.preview(**changed)
+    assert says in messages[-1]["error"]
+
+
+@pytest.mark.parametrize("body", ["", "[]", "null", "{", '{"a": NaN}', "[" * 10000, '"\\ud800"', b"\xff\xfe"])
+def test_what_is_no_request(app, body):
+    status, answer, _ = app.ask("POST", "/preview", body)
+    assert status == 400
+    assert list(json.loads(answer)) == ["error"]
+
+
+def test_a_request_of_many_bytes(app):
+    assert app.ask("POST", "/preview", b" " * 20000)[0] == 413
+
+
+def test_a_model_that_fails_is_one_line(failing_app):
+    _, messages = failing_app.preview(model="models_for_app:Fails")
+    assert messages[-1]["error"].startswith(
+        "the model raised ValueError on sample 'motorcycle', clean: <b>no</b> weights at all"
+    )
+    assert failing_app.preview()[1][-1]["result"]["numbers"]["epe"] > 0, "the next one is answered"
+
+
+def test_a_model_that_ends_its_program_does_not_end_the_app(tmp_path):
+    with running_app(tmp_path, "--model", "models_for_app:Ends") as ending:
+        for _ in range(2):
+            assert "SystemExit" in ending.preview(model="models_for_app:Ends")[1][-1]["error"]
+        assert "result" in ending.preview()[1][-1]
+
+
+def test_a_newer_request_of_the_same_page_ends_the_older(app):
+    answers = {}
+
+    def ask(name: str, page: str, severity: int) -> None:
+        layers = [{"name": "contrast", "severity": severity}]
+        answers[name] = app.preview(model=SLOW, page=page, layers=layers, seed=severity)[1][-1]
+
+    threads = []
+    for name, page, severity in (("first", "a", 1), ("other", "b", 2), ("second", "a", 3), ("third", "a", 4)):
+        threads.append(threading.Thread(target=ask, args=(name, page, severity)))
+        threads[-1].start()
+        time.sleep(0.15)
+    for thread in threads:
+        thread.join(60)
+    assert answers["first"] == answers["second"] == {"outdated": True}
+    assert "result" in answers["other"]
+    assert "severity=4" in answers["third"]["result"]["call"]
+
+
+def test_the_page_is_served_while_a_model_works(app):
+    done = threading.Event()
+
+    def ask() -> None:
+        app.preview(model=SLOW, seed=99)
+        done.set()
+
+    threading.Thread(target=ask).start()
+    time.sleep(0.1)
+    for _ in range(5):
+        assert app.ask("GET", "/choices")[0] == 200
+    assert not done.is_set(), "five answers while one prediction ran"
+    assert done.wait(60)
+
+
+def test_a_checkpoint_for_a_model_without_weights(app):
+    status, (answer,) = app.preview(checkpoint="things")
+    assert status == 400
+    assert "dis has no weights" in answer["error"]
+
+
+def test_choices(app):
+    found = json.loads(app.ask("GET", "/choices")[1])
+    models = {model["name"]: model for model in found["models"]}
+    assert next(iter(models)) == SLOW
+    assert {"dis", "farneback"} <= set(models)
+    assert "precomputed" not in models
+    assert not models["dis"]["takes_checkpoint"]
+    offered = {name for names in found["families"].values() for name in names}
+    assert {"fog", "elastic_transform"} <= offered
+    assert not {"h264_crf", "object_motion_blur"} & offered, "a pair has no clip"

@@ -1,0 +1,151 @@
+"""A user's own corruption: from a module, a class or an object; checked, named, and known by its source."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.corruptions import corruption_name, load_corruption
+from robustflow.corruptions.stack import levels_of, parse_stack
+from robustflow.errors import UsageError
+from robustflow.testing import check_corruption
+
+FRAME = np.indices((24, 36)).sum(0)[..., None].repeat(3, 2).astype(np.uint8)
+RAIN = textwrap.dedent(
+    """
+    import numpy as np
+    from rain_depth import DEPTH
+
+
+    class Rain:
+        family = "weather"
+        severities = (1, 2, 3, 4, 5)
+
+        def __init__(self, density=1):
+            self.density = density
+
+        def draw(self, rng, severity, shape):
+            return rng.spawn("drops"), severity * self.density * DEPTH
+
+        def apply(self, frame, state, index):
+            rng, depth = state
+            return np.maximum(frame, rng.spawn("frame", index).integer(1, 9) * depth).astype(np.uint8)
+    """
+)
+
+
+class Veil:
+    """One grey for both frames, new with every draw."""
+
+    def __init__(self, top: int = 200) -> None:
+        self.top = top
+
+    def draw(self, rng, severity, shape):
+        return rng.integer(0, self.top)
+
+    def apply(self, frame, state, index):
+        return np.maximum(frame, state).astype(np.uint8)
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A module of the user's and one that it imports, in the folder the command runs in."""
+    (tmp_path / "rain_module.py").write_text(RAIN)
+    (tmp_path / "rain_depth.py").write_text("DEPTH = 4\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    for name in ("rain_module", "rain_depth"):
+        sys.modules.pop(name, None)
+
+
+def reimported():
+    for name in ("rain_module", "rain_depth"):
+        sys.modules.pop(name, None)
+    return load_corruption(corruption_name("rain_module:Rain")).source
+
+
+def test_a_module_a_class_and_an_object_are_corruptions(package):
+    from_module = rf.corrupt(FRAME, FRAME, "rain_module:Rain", 3, seed=1)
+    again = rf.corrupt(FRAME, FRAME, "rain", 3, seed=1)
+    assert all((a == b).all() for a, b in zip(from_module, again, strict=True))
+    assert (from_module[0] != from_module[1]).any()
+    first, second = rf.corrupt(FRAME, FRAME, Veil(), 3)
+    assert (first == second).all()
+    assert (first != FRAME).any()
+    assert (rf.corrupt(FRAME, FRAME, Veil, 3)[0] == first).all()
+
+
+def test_it_stands_in_stacks(package):
+    assert corruption_name("fog+rain_module:Rain:2 + rain_module:Rain") == "fog+rain:2+rain"
+    whole = rf.corrupt(FRAME, FRAME, "fog+rain_module:Rain", 3)
+    assert whole[0].shape == FRAME.shape
+    assert (whole[0] != rf.corrupt(FRAME, FRAME, "fog", 3)[0]).any()
+    assert levels_of("fog:2+rain", (1, 2)) == (1, 2)
+
+
+@pytest.mark.parametrize("name", ["os:system", "fog:x", "rain_module:Rain"])
+def test_reading_a_name_imports_nothing(package, name):
+    """Names in run folders and records are anybody's."""
+    for read in (parse_stack, load_corruption):
+        with pytest.raises(UsageError):
+            read(name)
+    assert "rain_module" not in sys.modules
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("os:getcwd", "has no method draw"),
+        ("rain_module:Rian", "did you mean 'Rain'"),
+        ("no_such_module:Rain", "cannot import 'no_such_module'"),
+        ("fog:x", "not a stack of corruptions"),
+        (type("Fog", (Veil,), {}), "has the name of the corruption 'fog'"),
+        (type("Clean", (Veil,), {}), "cannot be called 'clean'"),
+        (type("Four", (Veil,), {"severities": (1, 2, 3, 4)}), "has 4 severities"),
+    ],
+)
+def test_what_is_not_a_corruption_is_refused(package, spec, message):
+    with pytest.raises(UsageError, match=message):
+        rf.corrupt(FRAME, FRAME, spec, 1)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("frame[0] = 1; return frame", "copy the frame"),
+        ("return frame / 2", "returned float64"),
+        ("return frame[1:]", "must return a uint8 array of shape"),
+        ("return None", "returned NoneType"),
+        ("return np.random.default_rng().integers(0, 255, frame.shape).astype(np.uint8)", "other bytes"),
+        ("self.n = getattr(self, 'n', 0) + 1; return np.full_like(frame, self.n)", "other bytes"),
+        ("raise ValueError('no rain today')", "failed in apply: ValueError: no rain today"),
+    ],
+)
+def test_check_corruption_finds(body, message):
+    space = {"np": np}
+    draw, apply = "def draw(self, rng, severity, shape): return 0", f"def apply(self, frame, state, index): {body}"
+    exec(f"class Bad:\n {draw}\n {apply}", space)
+    with pytest.raises(UsageError, match=message):
+        check_corruption(space["Bad"])
+
+
+def test_check_corruption_passes_every_shipped_one_tried():
+    assert [check_corruption(name) for name in ("contrast", "snow", "glass_blur")] == ["contrast", "snow", "glass_blur"]
+
+
+def test_the_source_names_files_and_attributes(package):
+    before = reimported()
+    assert before == reimported() != ""
+    (package / "rain_depth.py").write_text("DEPTH = 5\n")
+    imported = reimported()
+    (package / "rain_module.py").write_text(RAIN + "# edited\n")
+    assert len({before, imported, reimported()}) == 3
+    assert load_corruption(Veil(3)).source == load_corruption(Veil(3)).source != load_corruption(Veil(4)).source
+    assert load_corruption("fog").source == ""
+    with pytest.raises(UsageError, match="property"):
+        _ = load_corruption(Veil(object())).source

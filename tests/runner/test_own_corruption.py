@@ -1,0 +1,106 @@
+"""A run with a corruption of the user's own: resumed, refused when its source is edited, in processes, in a record."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import polars as pl
+import pytest
+
+import robustflow as rf
+from robustflow.cli.main import main
+from robustflow.errors import RobustFlowError
+from tests.corruptions.test_own import RAIN
+
+
+def still(frame1, frame2):
+    return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+class Still:
+    def predict(self, frame1, frame2):
+        return still(frame1, frame2)
+
+    def identity(self):
+        return {"name": "still"}
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    (tmp_path / "rain_module.py").write_text(RAIN)
+    (tmp_path / "rain_depth.py").write_text("DEPTH = 4\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path
+    forget()
+
+
+def forget():
+    for name in ("rain_module", "rain_depth"):
+        sys.modules.pop(name, None)
+
+
+def command(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["robustflow", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    return stop.value.code or 0
+
+
+def test_the_command_line_takes_it_and_an_edit_starts_apart(package, monkeypatch, capsys):
+    run = ["run", "--model", "dis", "-O", "preset=fast", "-s", "1", "--no-examples", "--output", "run"]
+    own = ["--corruptions", "rain_module:Rain,fog+rain_module:Rain"]
+    assert command(monkeypatch, *run, *own) == 0
+    assert "rain" in capsys.readouterr().out
+    result = rf.load_run("run")
+    assert set(result.rows["corruption"]) == {"clean", "rain", "fog+rain"}
+    assert list(result.manifest["identity"]["corruptions"]) == ["rain"]
+
+    forget()
+    assert command(monkeypatch, *run, *own) == 0  # goes on
+    capsys.readouterr()
+    (package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module that it imports
+    forget()
+    assert command(monkeypatch, *run, *own) == 1
+    assert "corruptions" in capsys.readouterr().err
+
+    assert command(monkeypatch, "pack", "run", "-o", "mine.robustflow") == 0
+    assert command(monkeypatch, "verify", "mine.robustflow") == 0
+    assert rf.load_run("mine.robustflow").summary == result.summary
+
+
+def test_an_object_runs_in_processes_as_in_this_one(package):
+    from rain_module import Rain
+
+    runs = [
+        rf.evaluate(Still(), output=package / str(workers), corruptions=["contrast", Rain(2)], severities=[1, 2],
+                    workers=workers)
+        for workers in (1, 2)
+    ]  # fmt: skip
+    one, two = (run.rows.filter(pl.col("corruption") == "rain").sort("severity")["frames_digest"] for run in runs)
+    assert one.to_list() == two.to_list()
+    assert len(set(one)) == 2
+    with pytest.raises(RobustFlowError, match="corruptions"):
+        rf.evaluate(Still(), output=package / "1", corruptions=["contrast", Rain(3)], severities=[1, 2])
+
+
+def test_common_draws_are_another_run_with_the_same_places(package):
+    folders = {common: package / f"common {common}" for common in (False, True)}
+    rows = {
+        common: rf.evaluate(Still(), output=folder, corruptions=["over_exposure"], common_draws=common, limit=1)
+        for common, folder in folders.items()
+    }
+    assert "common_draws" not in rows[False].manifest["identity"]
+    assert rows[True].manifest["identity"]["common_draws"] is True
+    grey = np.full((16, 24, 3), 90, np.uint8)
+    exposed = {
+        common: {
+            tuple(bool((frame != grey).any()) for frame in rf.corrupt(grey, grey, "over_exposure", s, 4, key,
+                                                                      common_draws=common))
+            for s in range(1, 6)
+        }
+        for common in (False, True) for key in ("c",)
+    }  # fmt: skip
+    assert len(exposed[True]) == 1
+    assert len(exposed[False]) == 2
