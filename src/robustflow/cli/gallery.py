@@ -14,7 +14,7 @@ def gallery(
     frames: Annotated[
         tuple[Path, Path] | None, typer.Option("--frames", "-f", help="Two frames; the motorcycle pair by default.")
     ] = None,
-    severity: Annotated[int, typer.Option("--severity", "-s", help="1 (mild) to 5 (severe).")] = 3,
+    severity: Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 (mild) to 5 (severe).")] = 3,
     corruptions: Corruptions = None,
     severity_scale: SeverityScale = "paper",
     psf_dir: PsfDir = None,

@@ -14,8 +14,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-_Severity = Annotated[int, typer.Option("--severity", "-s", help="1 to 5.")]
-_Severities = Annotated[str, typer.Option("--severity", "-s", help="Comma-separated, 1 to 5.")]
+_Severity = Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 to 5.")]
+_Severities = Annotated[str, typer.Option("--severity", "--severities", "-s", help="Comma-separated, 1 to 5.")]
 
 
 @app.command()
