@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import sys
 from collections.abc import Callable, Mapping
@@ -11,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ..digest import digest_of_bytes
 from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..registry import Registry
 from ..sample import Flow, Frame
@@ -128,7 +128,7 @@ class ModelSpec:
         module = sys.modules.get(self.name.partition(":")[0]) if users else None
         if module is not None and module.__file__:
             source = Path(module.__file__).read_bytes()
-            identity |= {"spec": self.name, "source": hashlib.blake2b(source, digest_size=16).hexdigest()}
+            identity |= {"spec": self.name, "source": digest_of_bytes(source)}
         return identity
 
 
