@@ -94,13 +94,13 @@ def _models() -> list[str]:
 
 
 def _corruptions() -> list[str]:
-    from ..corruptions import CORRUPTIONS
+    from ..corruptions import CORRUPTIONS, load_corruption
 
     lines = []
     for name in CORRUPTIONS.names():
-        kind = CORRUPTIONS.get(name)
-        parameters = ", ".join(str(value) for value in kind.paper_severities)
-        lines.append(f"{name:20s} {kind.family:13s} {'temporal' if kind.temporal else '':9s} {parameters}")
+        one = load_corruption(name)
+        parameters = ", ".join(str(tuple(value) if isinstance(value, tuple) else value) for value in one.severities)
+        lines.append(f"{name:20s} {one.family:13s} {'temporal' if one.temporal else '':9s} {parameters}")
     return lines
 
 

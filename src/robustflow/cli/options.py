@@ -76,7 +76,7 @@ def use_psf_dir(folder: Path | None) -> None:
     Raises:
         UsageError: no such folder.
     """
-    from ..corruptions.blur.psf import PSF_DIR
+    from ..corruptions.blur.psf_blur import PSF_DIR
 
     if folder is not None:
         if not folder.is_dir():

@@ -9,7 +9,7 @@ equals frame `i` of a pair.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from ..errors import UsageError
 from ..random.rng import Rng
@@ -38,8 +38,10 @@ class Corruption(ABC):
     name: ClassVar[str]
     family: ClassVar[str]
     temporal: ClassVar[bool] = False
-    """True for the paper's temporal corruptions: what changes between the two frames matters."""
+    """True for the seven that the paper calls temporal: made for pairs and clips, not for single images."""
     paper_severities: ClassVar[tuple[Any, ...]]
+    level: ClassVar[type[NamedTuple] | None] = None
+    """What a severity's parameters are called, where it has several."""
     source_key: ClassVar[str] = ""
     """The name of `source` in a run's identity; empty where no file of the user's decides the result."""
 
@@ -49,7 +51,11 @@ class Corruption(ABC):
         if variant not in VARIANTS:
             raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join((*VARIANTS, BGR))}")
         self.variant = variant
-        self.severities = tuple(severities) if severities is not None else self.severities_of(variant)
+        levels = severities if severities is not None else self.severities_of(variant)
+        self.severities = tuple(map(self._named, levels))
+
+    def _named(self, parameters: Any) -> Any:
+        return parameters if self.level is None or parameters is None else self.level(*parameters)
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
         """The five parameters of a variant; override where the reference code's numbers differ."""

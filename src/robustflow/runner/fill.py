@@ -5,17 +5,20 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from ..datasets.base import FromClips
+from ..metrics.rows import CLEAN
 from ..models import ModelSpec
 from ..runs.manifest import now, open_manifest
 from ..runs.plan import Plan, unfinished_samples
 from ..runs.store import RunFolder
 from .engines.base import Job
 from .engines.choose import Engine
+from .kept_rows import kept_clean_rows
 from .progress import Progress
-from .same_model import check_same_model
+from .resume_check import check_before_resuming
 from .setup import Setup
 
 
@@ -36,12 +39,12 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     plan, named = setup.plan, setup.model
     job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
     manifest = open_manifest(folder, plan)
-    if not isinstance(job.model, ModelSpec) and "object" in plan.model_identity:
-        check_same_model(folder, job, plan.benchmark.keys)
-    folder.write_manifest(manifest)
     cells = folder.tidy()
+    check_before_resuming(folder, job, plan)
+    folder.write_manifest(manifest)
     folder.settle(manifest["samples"], unfinished_samples(manifest, cells), cells)
     units = plan.missing(cells)
+    job = replace(job, kept=kept_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
     progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
     left = Counter(unit.key for unit in units)
     seconds: dict[str, float] = dict(manifest.get("seconds", {}))

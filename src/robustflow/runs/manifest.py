@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -65,15 +66,24 @@ def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[st
     return before if before and given.get("basis") == "undeclared" else given
 
 
+def last_changed(plan: Plan, keys: Iterable[str]) -> str:
+    """The sample whose files changed last, by the file system's own clock, which a copied date does not set back."""
+    return max(keys, key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(plan, key)), default=0))
+
+
 def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
     """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
+    return [[name, stat.st_size] for name, stat in _stats(plan, key)]
+
+
+def _stats(plan: Plan, key: str) -> list[tuple[str, os.stat_result]]:
     dataset, window = plan.benchmark.dataset, plan.options.window
     files = dataset.files(key)
     if window is not None:
         assert isinstance(dataset, Clips)
         files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
     try:
-        return [[path.name, path.stat().st_size] for path in files]
+        return [(path.name, path.stat()) for path in files]
     except OSError as error:
         raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
 

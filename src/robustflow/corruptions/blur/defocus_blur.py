@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
 from ..kernels.disk import convolve_disk
+
+
+class Disk(NamedTuple):
+    """A severity: the disk."""
+
+    radius: float
+    """Pixels."""
+    smoothing: float
+    """Standard deviation of the anti-aliasing, pixels."""
 
 
 class DefocusBlur(Corruption):
@@ -20,12 +31,13 @@ class DefocusBlur(Corruption):
 
     name = "defocus_blur"
     family = "blur"
+    level = Disk
     paper_severities = ((3, 0.1), (4, 0.5), (6, 0.5), (8, 0.5), (10, 0.5))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, float]:
         """Nothing is random; the state is (radius, anti-aliasing), the latter 0 in the variant `paper`."""
-        radius, smoothing = self.parameter(severity)
-        return float(radius), 0.0 if self.variant == "paper" else float(smoothing)
+        disk: Disk = self.parameter(severity)
+        return float(disk.radius), 0.0 if self.variant == "paper" else float(disk.smoothing)
 
     def apply(self, frame: Frame, state: tuple[float, float], index: int) -> Frame:
         """Convolve one frame."""

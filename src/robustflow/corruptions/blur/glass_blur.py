@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,17 @@ from ..kernels.separable import FLOOR, gaussian_frame
 
 SourceIndex = npt.NDArray[np.int32]
 """int32 (H, W): the flat index of the pixel that is seen at each place."""
+
+
+class Glass(NamedTuple):
+    """A severity: the pane."""
+
+    sigma: float
+    """Of both blurs, pixels."""
+    reach: int
+    """alpha, pixels: how far a pixel's partner may be."""
+    iterations: int
+    """beta: passes of the shuffle."""
 
 
 class GlassBlur(Corruption):
@@ -31,12 +42,13 @@ class GlassBlur(Corruption):
 
     name = "glass_blur"
     family = "blur"
+    level = Glass
     paper_severities = ((0.7, 1, 2), (0.9, 2, 1), (1.0, 2, 3), (1.1, 3, 2), (1.5, 4, 2))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, SourceIndex]:
         """(sigma, where each pixel comes from)."""
-        sigma, reach, iterations = self.parameter(severity)
-        return float(sigma), draw_shuffle(rng, shape, reach, iterations, swap=self.variant == "paper")
+        glass: Glass = self.parameter(severity)
+        return float(glass.sigma), draw_shuffle(rng, shape, glass.reach, glass.iterations, swap=self.variant == "paper")
 
     def apply(self, frame: Frame, state: tuple[float, SourceIndex], index: int) -> Frame:
         """Blur, shuffle and blur one frame."""

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
 from ..kernels.line_motion import LineKernel, line_kernel, move_frame
+
+
+class Shake(NamedTuple):
+    """A severity: how far the camera moves."""
+
+    radius: int
+    """alpha, pixels: 2 * radius + 1 taps."""
+    sigma: float
+    """Standard deviation of the taps' weights, pixels."""
 
 
 class CameraMotionBlur(Corruption):
@@ -20,12 +31,13 @@ class CameraMotionBlur(Corruption):
 
     name = "camera_motion_blur"
     family = "blur"
+    level = Shake
     paper_severities = ((10, 3), (15, 5), (15, 8), (15, 12), (20, 15))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> LineKernel:
         """The taps in a direction from the stream."""
-        radius, sigma = self.parameter(severity)
-        return line_kernel(radius, sigma, rng.uniform(-45.0, 45.0))
+        shake: Shake = self.parameter(severity)
+        return line_kernel(shake.radius, shake.sigma, rng.uniform(-45.0, 45.0))
 
     def apply(self, frame: Frame, state: LineKernel, index: int) -> Frame:
         """Smear one frame."""
