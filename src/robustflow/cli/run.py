@@ -43,6 +43,10 @@ def run(
     checkpoint: Checkpoint = None,
     device: Device = None,
     precision: Precision = None,
+    trained_on: Annotated[
+        str | None, typer.Option("--trained-on", help="Training sets of the model, e.g. C+T (robustflow list models).")
+    ] = None,
+    name: Annotated[str | None, typer.Option("--name", help="What to call the model in tables and figures.")] = None,
     option: ModelOptions = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
@@ -88,11 +92,12 @@ def run(
 
     use_psf_dir(psf_dir)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
+    given = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
     progress = TerminalProgress()
     try:
         with progress:
             result = evaluate(
-                ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device, precision=precision)),
+                ModelSpec(model, given),
                 benchmark,
                 data,
                 output,
@@ -105,6 +110,7 @@ def run(
                 variant=variant,
                 severity_scale=severity_scale,
                 common_draws=common_draws,
+                name=name,
                 workers=workers,
                 batch_size=batch_size,
                 engine=engine,
