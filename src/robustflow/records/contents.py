@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, f
 from ..errors import DataError, RunError, first_misfit
 from ..models.provenance import Setting, training_of
 from ..runs.identity import LONGEST_NAME
-from ..runs.store import MANIFEST_SCHEMA
+from ..runs.manifest_file import MANIFEST_SCHEMA
 from ..text import plain
 from .rows_text import MOST_ROWS
 from .text import holds_path, texts
