@@ -85,7 +85,7 @@ def _models() -> list[str]:
         + "; ".join(f"ptlflow:{name} ({needs})" for name, needs in BESIDES.items())
         + ".",
         "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs; undeclared: say it with "
-        "-O trained_on=C+T.",
+        "--trained-on C+T.",
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",
         "Hardly any weights state a licence.",

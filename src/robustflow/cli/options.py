@@ -182,7 +182,7 @@ def model_options(pairs: list[str] | None, **named: str | None) -> tuple[tuple[s
     given = {key: value for key, value in named.items() if value is not None}
     for key, _ in options:
         if key in given:
-            raise UsageError(f"{key} is given twice, as -O {key}=... and as --{key}; give it once")
+            raise UsageError(f"{key} is given twice, as -O {key}=... and as --{key.replace('_', '-')}; give it once")
     return options + tuple(given.items())
 
 

@@ -43,6 +43,10 @@ def run(
     checkpoint: Checkpoint = None,
     device: Device = None,
     precision: Precision = None,
+    trained_on: Annotated[
+        str | None, typer.Option("--trained-on", help="Training sets of the model, e.g. C+T (robustflow list models).")
+    ] = None,
+    name: Annotated[str | None, typer.Option("--name", help="What to call the model in tables and figures.")] = None,
     option: ModelOptions = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
@@ -91,17 +95,19 @@ def run(
 
     use_psf_dir(psf_dir)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
-    options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
+    options = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
     if len(set(model)) < len(model):
         raise UsageError("a model is named twice; name each once")
+    if name is not None and len(model) > 1:
+        raise UsageError("--name is for one model; leave it out, or run the models one by one")
     results: list[Result] = []
     progress = TerminalProgress()
     try:
-        for name in model:
-            folder = output if output is None or len(model) == 1 else output / file_name(name)
+        for spec in model:
+            folder = output if output is None or len(model) == 1 else output / file_name(spec)
             with progress:
                 result = evaluate(
-                    ModelSpec(name, options),
+                    ModelSpec(spec, options),
                     benchmark,
                     data,
                     folder,
@@ -114,6 +120,7 @@ def run(
                     variant=variant,
                     severity_scale=severity_scale,
                     common_draws=common_draws,
+                    name=name,
                     workers=workers,
                     batch_size=batch_size,
                     engine=engine,

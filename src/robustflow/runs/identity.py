@@ -6,6 +6,10 @@ from typing import Any
 
 from ..corruptions.sources import OWN
 from ..digest import digest_of_value
+from ..errors import UsageError
+
+LONGEST_NAME = 80
+"""Characters of a model's name in tables and figures."""
 
 
 def identity_digest(identity: dict[str, Any]) -> str:
@@ -51,3 +55,18 @@ def edited_corruptions(now: dict[str, Any], before: dict[str, Any]) -> list[str]
     if differing(now, before) != OWN or not isinstance(recorded, dict):
         return []
     return [name for name in mine if name in recorded and mine[name] != recorded[name]]
+
+
+def checked_name(name: str) -> str:
+    """A name for a model in tables and figures, without spaces around it.
+
+    >>> checked_name(" My model ")
+    'My model'
+
+    Raises:
+        UsageError: empty, longer than `LONGEST_NAME` characters, or with characters that cannot be printed.
+    """
+    name = name.strip()
+    if not name or len(name) > LONGEST_NAME or not name.isprintable():
+        raise UsageError(f"the name of a model must be 1 to {LONGEST_NAME} printable characters, not {name[:100]!r}")
+    return name

@@ -87,7 +87,7 @@ class Run:
         """The model's name, for headings; never blank."""
         model = self.manifest["identity"]["model"]
         names = (str(model[key]).strip() for key in ("spec", "name", "object") if model.get(key))
-        return next(filter(None, names), "(no name)")
+        return str(self.manifest.get("name") or "").strip() or next(filter(None, names), "(no name)")
 
     @property
     def setting(self) -> str:
