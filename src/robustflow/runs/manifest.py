@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 from ..datasets.base import Clips
 from ..datasets.context_frames import ContextFrames
 from ..errors import RunError
 from .environment import environment
+from .file_digests import file_digests
 from .identity import differing, identity_digest
 from .plan import Plan
 from .store import RunFolder
@@ -30,9 +32,15 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
             f"{folder.path} holds another run (it differs in: {differing(identity, old['identity'])}); "
             "choose another folder with --output"
         )
-    samples = {key: _fingerprint(plan, key) for key in plan.benchmark.keys}
-    before = old.get("samples", {})
-    changed = sorted(key for key in samples if before.get(key, samples[key]) != samples[key])
+    files = {key: _files(plan, key) for key in plan.benchmark.keys}
+    samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
+    digests = file_digests(files)
+    before, before_digests = old.get("samples", {}), old.get("file_digests", {})  # older manifests have no digests
+    changed = sorted(
+        key
+        for key in samples
+        if before.get(key, samples[key]) != samples[key] or before_digests.get(key, digests[key]) != digests[key]
+    )
     if changed:
         raise RunError(
             f"{folder.path} was made from other files for sample '{changed[0]}' ({len(changed)} differ); "
@@ -47,6 +55,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
         "identity": identity,
         "identity_digest": identity_digest(identity),
         "samples": before | samples,
+        "file_digests": before_digests | digests,
         "provenance": _provenance(old.get("provenance"), plan.provenance),
         "selection": {
             "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
@@ -65,13 +74,17 @@ def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[st
     return before if before and given.get("basis") == "undeclared" else given
 
 
-def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
-    """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
+def _files(plan: Plan, key: str) -> list[Path]:
+    """The files that a sample is read from."""
     dataset, window = plan.benchmark.dataset, plan.options.window
     files = dataset.files(key)
-    if window is not None:
-        assert isinstance(dataset, Clips)
-        files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+    if window is None:
+        return files
+    assert isinstance(dataset, Clips)
+    return list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+
+
+def _names_and_sizes(files: Sequence[Path]) -> list[list[Any]]:
     try:
         return [[path.name, path.stat().st_size] for path in files]
     except OSError as error:
