@@ -13,7 +13,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.corruptions import corrupt, load_corruption
-from robustflow.corruptions.blur.psf import PSF_DIR, PsfBlur
+from robustflow.corruptions.blur.psf_blur import PSF_DIR, PsfBlur
 from robustflow.errors import AssetError, DataError, RunError, UsageError
 from robustflow.images.io import read_image
 from robustflow.psf import reference_stack

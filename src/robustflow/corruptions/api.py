@@ -9,7 +9,8 @@ from typing import Any
 from ..errors import UsageError, unknown_name
 from ..random.rng import Rng
 from ..sample import Frame, Sample
-from .base import BGR, SCALES, Corruption, check_severity
+from ..severity import check_severity
+from .base import BGR, SCALES, Corruption
 from .calibration.scale import calibrated_severities
 from .channel_order import ChannelsReversed
 from .own import OwnCorruption, adopt, own_corruption
