@@ -113,6 +113,7 @@ class Manifest(_Strict):
     identity: Identity
     identity_digest: _Digest
     samples: Annotated[dict[_Text, list[tuple[_Text, int]]], Field(min_length=1, max_length=MOST_ROWS)]
+    file_digests: Annotated[dict[_Text, list[_Digest]], Field(max_length=MOST_ROWS)] = {}
     provenance: Provenance
     selection: Selection
     left_out: Annotated[dict[_Text, list[_Severity]], Field(max_length=1000)] = {}
