@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
+from ..benchmarks.setting import training_record
 from ..corruptions import load_corruption
 from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.own import is_known, own_among
@@ -79,7 +80,12 @@ def set_up(
     window = window_on(named.model, benchmark.dataset)
     options = _options(seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws)
     training = training_of(named.identity, named.declared)
-    plan = Plan(benchmark, options, named.identity, training.record(benchmark.name))
+    plan = Plan(
+        benchmark,
+        options,
+        named.identity,
+        training_record(training, benchmark.name, benchmark.keys, benchmark.protocol),
+    )
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError(
             f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"

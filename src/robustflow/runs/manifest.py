@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from ..benchmarks.setting import manifest_provenance
 from ..datasets.base import Clips
 from ..datasets.context_frames import ContextFrames
 from ..errors import RunError
@@ -43,11 +44,15 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     left_out = {
         name: sorted(set(gone.get(name, [])) | set(levels)) for name, levels in {**gone, **plan.left_out()}.items()
     }
-    return {
+    known = {
         "identity": identity,
-        "identity_digest": identity_digest(identity),
         "samples": before | samples,
         "provenance": _provenance(old.get("provenance"), plan.provenance),
+    }
+    return {
+        **known,
+        "identity_digest": identity_digest(identity),
+        "provenance": manifest_provenance(known),
         "selection": {
             "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
             "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
