@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 import warnings
 
 import typer
@@ -36,7 +37,6 @@ app = typer.Typer(
     epilog="Start with: robustflow run --model dis",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("run")(run)
@@ -70,6 +70,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    debug: bool = typer.Option(False, "--debug", help="Print the whole traceback of an error."),
 ) -> None:
     pass
 
@@ -77,9 +78,12 @@ def _options(
 def main() -> None:
     """Run the command line; a known error is one line on stderr and its exit code, a warning one line."""
     warnings.formatwarning = plain_warning
+    debug = "--debug" in sys.argv[1:]
     try:
-        app()
+        app([argument for argument in sys.argv[1:] if argument != "--debug"])
     except RobustFlowError as error:
+        if debug:
+            traceback.print_exception(error)
         from ..text import plain
 
         print(f"robustflow: {plain(str(error), None)}", file=sys.stderr)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import polars as pl
 
@@ -13,6 +13,7 @@ from ..benchmarks import benchmark_facts
 from ..benchmarks.setting import manifest_provenance
 from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
+from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
 from ..text import plain
 from .aggregate import summarize
@@ -43,16 +44,18 @@ class Run:
     @cached_property
     def rows(self) -> pl.DataFrame:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
-        return with_groups(self._folder.rows(), str(self.manifest["identity"]["dataset"]))
+        return with_groups(complete_rows(self._folder.rows()), str(self.manifest["identity"]["dataset"]))
 
     @cached_property
     def summary(self) -> Summary:
-        """The paper's means, and where they are incomplete."""
+        """Means over the corruptions of this run, the paper's beside them, and where they are incomplete."""
         return self.summarize("image")
 
-    def summarize(self, averaging: Averaging = "image") -> Summary:
-        """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
-        return summarize(self.rows, averaging, self.planned())
+    def summarize(self, averaging: Averaging = "image", over: Literal["all", "paper"] = "all") -> Summary:
+        """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel"); `over` as for
+        `robustflow.runs.aggregate.summarize`."""
+        facts = benchmark_facts(str(self.manifest["identity"]["benchmark"]))
+        return summarize(self.rows, averaging, self.planned(), paper=facts.paper_corruptions, over=over)
 
     @property
     def epe_clean(self) -> float | None:
@@ -84,7 +87,7 @@ class Run:
         """The model's name, for headings; never blank."""
         model = self.manifest["identity"]["model"]
         names = (str(model[key]).strip() for key in ("spec", "name", "object") if model.get(key))
-        return next(filter(None, names), "(no name)")
+        return str(self.manifest.get("name") or "").strip() or next(filter(None, names), "(no name)")
 
     @property
     def setting(self) -> str:
@@ -105,11 +108,15 @@ class Run:
         """Severities asked for that do not exist on the run's severity scale, by corruption; they are in no mean."""
         return dict(self.manifest.get("left_out", {}))
 
-    def document(self) -> dict[str, Any]:
-        """What `summary.json` holds: the paper's means, the pooled ones, which run, and its setting."""
+    def document(self, over: Literal["all", "paper"] = "all") -> dict[str, Any]:
+        """What `summary.json` holds: means by the paper's averaging, the pooled ones, which run, and its setting.
+
+        `over` as for `summarize`.
+        """
+        means = self.summary if over == "all" else self.summarize(over=over)
         return {
-            **self.summary.model_dump(),
-            "pooled": self.summarize("pixel").model_dump(),
+            **means.model_dump(),
+            "pooled": self.summarize("pixel", over).model_dump(),
             "run": self.manifest["identity_digest"],
             "setting": self.setting,
         }

@@ -9,7 +9,7 @@ import polars as pl
 
 from ...corruptions.registry import PAPER_ORDER
 from ...errors import UsageError, unknown_name
-from ...metrics.rows import CLEAN
+from ...metrics.rows import CLEAN, complete_rows
 from ..results import AVERAGE
 from .estimates import Array
 from .statistic import Mean, Statistic, Term
@@ -68,7 +68,7 @@ class ClusterSums:
 
         Args:
             metric: "epe", "cre", "crer" or "rcre".
-            corruption: a corruption, "average" over the paper's, or "clean" (EPE alone).
+            corruption: a corruption, "average" over all that were run, or "clean" (EPE alone).
             severity: one of the corruption's, or None for the mean over them.
 
         Raises:
@@ -99,7 +99,7 @@ class ClusterSums:
         """float64 (K,): the weight of each setting in the mean over severities, then corruptions."""
         share = np.zeros(len(self.settings))
         found = self.counts[metric].sum(axis=0) > 0
-        names = [name for name in PAPER_ORDER if name in dict(self.settings)] if corruption == AVERAGE else [corruption]
+        names = self.corruptions() if corruption == AVERAGE else [corruption]
         of_name = {
             name: [
                 k
@@ -116,7 +116,9 @@ class ClusterSums:
 
 def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
     """One line per row of a run: sample, group, corruption, severity, frames_digest, and the image's mean epe, cre and
-    rcre in pixels, null where nothing could be measured. RCRE is over all pixels where there is no ground truth."""
+    rcre in pixels, null where nothing could be measured. Both errors of CRE are over the same pixels; RCRE is over all
+    pixels where there is no ground truth."""
+    rows = complete_rows(rows)
     without_truth = pl.col("n_valid").is_null()
     images = rows.select(
         "sample",
@@ -125,15 +127,17 @@ def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
         "severity",
         "frames_digest",
         epe=pl.when(pl.col("n_valid") > 0).then(pl.col("epe_sum") / pl.col("n_valid")),
+        _before=pl.when(pl.col("n_valid") > 0).then(pl.col("clean_epe_sum") / pl.col("n_valid")),
         rcre=pl.when(pl.coalesce("n_valid", "n_all") > 0).then(
             pl.when(without_truth)
             .then(pl.col("rcre_all_sum") / pl.col("n_all"))
             .otherwise(pl.col("rcre_sum") / pl.col("n_valid"))
         ),
     )
-    clean = images.filter(corruption=CLEAN).select("sample", _before="epe")
+    clean = images.filter(corruption=CLEAN).select("sample", _clean="epe")
     joined = images.join(clean, on="sample", how="left", maintain_order="left")
-    return joined.with_columns(cre=pl.col("epe") - pl.col("_before")).drop("_before")
+    moved = pl.when(pl.col("_clean").is_not_null()).then(pl.col("epe") - pl.col("_before"))
+    return joined.with_columns(cre=moved).drop("_before", "_clean")
 
 
 def _places(values: pl.DataFrame, clusters: tuple[str, ...], columns: pl.DataFrame) -> tuple[np.ndarray, np.ndarray]:
