@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from ..benchmarks.setting import manifest_provenance
 from ..datasets.base import Clips
 from ..datasets.context_frames import ContextFrames
 from ..errors import RunError
@@ -57,12 +58,16 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     left_out = {
         name: sorted(set(gone.get(name, [])) | set(levels)) for name, levels in {**gone, **plan.left_out()}.items()
     }
-    return {
+    known = {
         "identity": identity,
-        "identity_digest": identity_digest(identity),
         "samples": before | samples,
         "file_digests": before_digests | digests,
         "provenance": _provenance(old.get("provenance"), plan.provenance),
+    }
+    return {
+        **known,
+        "identity_digest": identity_digest(identity),
+        "provenance": manifest_provenance(known),
         "selection": {
             "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
             "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
