@@ -25,7 +25,7 @@ def run_facts(run: Run) -> Facts:
     facts = [
         ("Model", _spelled(identity["model"])),
         ("Setting", run.setting),
-        ("Trained on", ", ".join(provenance.get("trained_on") or ()) or "nobody said, or nothing"),
+        ("Trained on", ", ".join(provenance.get("trained_on") or ()) or _untrained(provenance)),
         ("How that is known", str(provenance.get("basis", ""))),
         ("Note on the training", str(provenance.get("note", ""))),
         ("Benchmark", f"{identity['benchmark']} ({identity.get('dataset', '')})"),
@@ -54,6 +54,10 @@ def published_facts(model: str, sources: list[str]) -> Facts:
             ("Decoder", method.decoder),
         ]
     return [(label, plain(text, _LONGEST)) for label, text in facts if text]
+
+
+def _untrained(provenance: dict[str, Any]) -> str:
+    return "not stated" if provenance.get("trained_on") is None else "nothing"
 
 
 def _spelled(values: dict[str, Any]) -> str:
