@@ -9,6 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .version import VERSION
+
 if TYPE_CHECKING:
     from .api import Result, evaluate, load_run
     from .corruptions import corrupt, corrupt_clip
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     from .report.comparison import Comparison, compare
     from .sample import Sample
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 _HOMES = {
     "Comparison": "report.comparison",

@@ -37,7 +37,6 @@ app = typer.Typer(
     epilog="Start with: robustflow run --model dis",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("run")(run)

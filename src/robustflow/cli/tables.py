@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import sys
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.table import Table
@@ -50,6 +52,21 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
         console.print(f"Left out: {left_out_sentence(result.left_out)}.", highlight=False, soft_wrap=True)
     if report:
         console.print(f"report: {result.path / 'report.html'}", highlight=False, soft_wrap=True)
+
+
+def print_results(results: Sequence[Run]) -> None:
+    """Print one line for each run, and the command that says whether they differ."""
+    console = Console(width=None if Console().is_terminal else 120, markup=False)
+    names = ("epe_clean", "epe", "cre", "crer", "rcre")
+    table = Table(title=f"{len(results)} models", title_justify="left")
+    table.add_column("model")
+    for heading in ("clean EPE", "EPE", "CRE", "CREr", "RCRE"):
+        table.add_column(heading, justify="right")
+    for result in results:
+        table.add_row(plain(result.name), *(cell(getattr(result, name)) for name in names))
+    console.print(table)
+    folders = " ".join(shlex.quote(str(result.path)) for result in results)
+    console.print(f"Is the difference one? robustflow compare {folders}", highlight=False, soft_wrap=True)
 
 
 def for_stdout(table: report_table.Table) -> str:

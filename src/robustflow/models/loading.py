@@ -47,6 +47,13 @@ TORCH_OPTIONS = (
 )
 """Options of `TorchModel` that a `module:factory` of a bare PyTorch module takes from the command line."""
 
+_NOT_FOR_ALL = {
+    "device": "runs on the CPU only",
+    "precision": "has no precision to choose",
+    "checkpoint": "has no weights to load",
+}
+"""Options that the command line offers for every model, and why some models do not take them."""
+
 TORCHSCRIPT = (".ts", ".torchscript")
 """Endings of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods of the file while it
 reads, before anything could be checked, and TorchScript's operators can write files."""
@@ -116,6 +123,11 @@ class ModelSpec:
     def load(self) -> AnyModel:
         """Load the model; every call makes a new one."""
         return load_model(self.name, **{key: value for key, value in self.options if key != DECLARED})
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it names the user's own code, `module.path:Attribute`."""
+        return ":" in self.name and not self.name.startswith(PTLFLOW) and not Path(self.name).exists()
 
     def identity(self, model: AnyModel) -> dict[str, Any]:
         """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
@@ -250,8 +262,11 @@ def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) 
     parameters = _parameters(factory)
     takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
     for option in options:
-        if not takes_any and option not in parameters:
-            raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
+        if takes_any or option in parameters:
+            continue
+        if option in _NOT_FOR_ALL and name in MODELS.names():
+            raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; leave out --{option}")
+        raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
     needed = [key for key in needed_options(factory) if key not in options]
     if needed:
         raise UsageError(f"model '{name}' needs the option {needed[0]}: give -O {needed[0]}=VALUE")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections import Counter
 from dataclasses import replace
@@ -14,6 +13,7 @@ from ..models import ModelSpec
 from ..runs.manifest import now, open_manifest
 from ..runs.plan import Plan, unfinished_samples
 from ..runs.store import RunFolder
+from ..text import file_name
 from .engines.base import Job
 from .engines.choose import Engine
 from .kept_rows import kept_clean_rows
@@ -67,5 +67,4 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
 def default_folder(plan: Plan, spec: ModelSpec | None) -> Path:
     """Where a run goes that is given no folder: `runs/<benchmark>_<model>_<identity>`."""
     name = spec.name if spec is not None else plan.model_identity.get("name", "model")
-    slug = re.sub(r"[^A-Za-z0-9_.-]+", "-", str(name)).strip("-.")[-40:] or "model"
-    return Path("runs") / f"{plan.benchmark.name}_{slug}_{plan.digest()[:8]}"
+    return Path("runs") / f"{plan.benchmark.name}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"

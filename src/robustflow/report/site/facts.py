@@ -21,11 +21,11 @@ def run_facts(run: Run) -> Facts:
     """Of a run, from its manifest: model, data, seed, versions, and what is left out or not as in the paper."""
     manifest = run.manifest
     identity, environment = manifest["identity"], manifest.get("environment") or {}
-    provenance = manifest.get("provenance") or {}
+    provenance = run.provenance
     facts = [
         ("Model", _spelled(identity["model"])),
         ("Setting", run.setting),
-        ("Trained on", ", ".join(provenance.get("trained_on") or ()) or _untrained(provenance)),
+        ("Trained on", ", ".join(provenance.get("trained_on") or ()) or "not declared"),
         ("How that is known", str(provenance.get("basis", ""))),
         ("Note on the training", str(provenance.get("note", ""))),
         ("Benchmark", f"{identity['benchmark']} ({identity.get('dataset', '')})"),
@@ -54,10 +54,6 @@ def published_facts(model: str, sources: list[str]) -> Facts:
             ("Decoder", method.decoder),
         ]
     return [(label, plain(text, _LONGEST)) for label, text in facts if text]
-
-
-def _untrained(provenance: dict[str, Any]) -> str:
-    return "not stated" if provenance.get("trained_on") is None else "nothing"
 
 
 def _spelled(values: dict[str, Any]) -> str:

@@ -9,9 +9,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
-from ... import __version__
 from ...analysis.labels import SETTING_LABELS, benchmark_label
 from ...text import plain
+from ...version import VERSION
 from . import assets
 from .board import boards_of, setting_label
 from .content import Content
@@ -51,7 +51,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             style=assets.style(),
             script=assets.script(),
             policy=assets.policy(),
-            version=__version__,
+            version=VERSION,
         )
     )
 
