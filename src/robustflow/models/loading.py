@@ -15,6 +15,7 @@ from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..registry import Registry
 from ..sample import Flow, Frame
 from .base import AnyModel, model_identity
+from .early import refuse_early
 from .own.networks import OWN
 from .provenance import DECLARED
 from .tiling import tiled
@@ -123,6 +124,10 @@ class ModelSpec:
     def load(self) -> AnyModel:
         """Load the model; every call makes a new one."""
         return load_model(self.name, **{key: value for key, value in self.options if key != DECLARED})
+
+    def refuse_early(self) -> None:
+        """Say what is missing without importing the libraries that would read it; see `early`."""
+        refuse_early(self.name, dict(self.options), EXPORTED)
 
     @property
     def is_own(self) -> bool:
