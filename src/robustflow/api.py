@@ -99,6 +99,7 @@ def evaluate(
     variant: str = "default",
     severity_scale: str = "paper",
     common_draws: bool = False,
+    name: str | None = None,
     workers: int = 1,
     batch_size: int = 1,
     engine: str | None = None,
@@ -112,7 +113,8 @@ def evaluate(
     Args:
         model: a name (`"dis"`, `"module.path:Attribute"`) or path (a folder of flows), or any object with
             `predict(frame1, frame2) -> flow`, or a function of two frames, or a multi-frame model (`ClipModel`), which
-            is given clips. An attribute `trained_on` ("C+T") declares its training sets.
+            is given clips, or a PyTorch module (see `TorchModel`). An attribute `trained_on` ("C+T") declares its
+            training sets, an attribute `name` what it is called.
         benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", any dataset by name ("folder"
             for your own frames or video, "sintel", ...), or a `Benchmark`.
         data: the data set's folder, for benchmarks that need one.
@@ -124,6 +126,8 @@ def evaluate(
         data_options: of a dataset, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.
         variant: of the corruptions: "default", "reference", "reference-bgr" or "paper".
+        name: what the model is called in tables, figures and pages; its own name by default. It changes no number: a
+            run goes on under another.
         common_draws: one draw for the five severities of a pair, so that they differ in strength alone.
         severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that
             a corruption does not have on it are left out, and named in `Result.left_out`.
@@ -151,9 +155,10 @@ def evaluate(
     ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
+    from .runner.default_folder import default_folder, warn_of_edited_corruptions
     from .runner.engines.choose import choose_engine
     from .runner.engines.processes import refuse_unguarded_script
-    from .runner.fill import default_folder, fill
+    from .runner.fill import fill
     from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
     from .runs.source import RunSource
@@ -169,10 +174,14 @@ def evaluate(
         severity_scale=severity_scale,
         allow_invalid=allow_invalid,
         common_draws=common_draws,
+        name=name,
     )
     setup.model.check_batch_size(batch_size)
     compute = choose_engine(engine, workers, timeout)
-    folder = RunFolder(output if output is not None else default_folder(setup.plan, setup.model.spec))
+    if output is None:
+        output = default_folder(setup.plan, setup.model.spec)
+        warn_of_edited_corruptions(output, setup.plan)
+    folder = RunFolder(output)
     folder.lock()
     try:
         with shown(progress) as listener:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from ..corruptions.base import SEVERITIES
 from ..corruptions.registry import IMAGE_PAIR, PAPER_ORDER
+from ..severity import SEVERITIES
 from .labels import benchmark_label
 from .published.tables import PAPER_PAIRS
 from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA

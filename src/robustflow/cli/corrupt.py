@@ -46,9 +46,9 @@ def corrupt(
     from ..atomic import make_folder
     from ..corruptions import corrupt as corrupt_pair
     from ..corruptions import corruption_name, load_corruption
-    from ..corruptions.base import check_severity
     from ..errors import UsageError
     from ..images.io import read_image, write_image
+    from ..severity import check_severity
 
     use_psf_dir(psf_dir)
     chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruptions) or []]

@@ -43,6 +43,10 @@ def run(
     checkpoint: Checkpoint = None,
     device: Device = None,
     precision: Precision = None,
+    trained_on: Annotated[
+        str | None, typer.Option("--trained-on", help="Training sets of the model, e.g. C+T (robustflow list models).")
+    ] = None,
+    name: Annotated[str | None, typer.Option("--name", help="What to call the model in tables and figures.")] = None,
     option: ModelOptions = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
@@ -83,25 +87,31 @@ def run(
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
-    from ..api import Result, evaluate
     from ..models import ModelSpec
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
+    options = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
+    if len(set(model)) < len(model):
+        raise UsageError("a model is named twice; name each once")
+    if name is not None and len(model) > 1:
+        raise UsageError("--name is for one model; leave it out, or run the models one by one")
+    specs = [ModelSpec(each, options) for each in model]
+    for spec in specs:
+        spec.refuse_early()  # before the imports below, which take seconds
+    use_psf_dir(psf_dir)
+    from ..api import Result, evaluate
     from ..runner.progress import TerminalProgress
     from ..text import file_name
     from .tables import print_result, print_results
 
-    use_psf_dir(psf_dir)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
-    options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
-    if len(set(model)) < len(model):
-        raise UsageError("a model is named twice; name each once")
     results: list[Result] = []
     progress = TerminalProgress()
     try:
-        for name in model:
-            folder = output if output is None or len(model) == 1 else output / file_name(name)
+        for spec in specs:
+            folder = output if output is None or len(model) == 1 else output / file_name(spec.name)
             with progress:
                 result = evaluate(
-                    ModelSpec(name, options),
+                    spec,
                     benchmark,
                     data,
                     folder,
@@ -114,6 +124,7 @@ def run(
                     variant=variant,
                     severity_scale=severity_scale,
                     common_draws=common_draws,
+                    name=name,
                     workers=workers,
                     batch_size=batch_size,
                     engine=engine,

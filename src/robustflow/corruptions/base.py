@@ -14,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 from ..errors import UsageError
 from ..random.rng import Rng
 from ..sample import Frame
+from ..severity import SEVERITIES, check_severity
 
 VARIANTS = ("default", "reference", "paper")
 """`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the
@@ -21,8 +22,6 @@ paper's text to the letter. Where a corruption knows no difference, the three ar
 
 BGR = "reference-bgr"
 """As `reference`, with BGR frames handed to code that expects RGB, as the reference code does: see channel_order."""
-
-SEVERITIES = (1, 2, 3, 4, 5)
 
 SCALES = ("paper", "calibrated")
 """`paper`: the paper's numbers. `calibrated`: equal mean SSIM for all corruptions (docs/severity-scales.md)."""
@@ -94,15 +93,3 @@ class Corruption(ABC):
 
         Frames before the pair have negative numbers, and are frames of the same clip like any other.
         """
-
-
-def check_severity(severity: int) -> int:
-    """Return `severity`, or refuse it.
-
-    >>> check_severity(6)
-    Traceback (most recent call last):
-    robustflow.errors.UsageError: severity 6 does not exist: choose 1 (mild) to 5 (severe)
-    """
-    if isinstance(severity, bool) or severity not in SEVERITIES:
-        raise UsageError(f"severity {severity} does not exist: choose 1 (mild) to 5 (severe)")
-    return int(severity)

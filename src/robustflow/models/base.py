@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from types import ModuleType
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -88,6 +89,18 @@ def model_identity(model: Any) -> dict[str, Any]:
         return named
     kind = model if isinstance(model, type) or hasattr(model, "__qualname__") else type(model)
     return {"object": f"{kind.__module__}.{kind.__qualname__}"}
+
+
+def name_of(model: Any) -> str | None:
+    """What a user's own model calls itself: its attribute `name`, where that is a text; None without one.
+
+    >>> class Mine:
+    ...     name = "My model"
+    >>> name_of(Mine()), name_of(print.__self__)
+    ('My model', None)
+    """
+    name = getattr(model, "name", None)
+    return name.strip() or None if isinstance(name, str) and not isinstance(model, ModuleType) else None
 
 
 def predict_checked(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import sys
 from collections.abc import Callable, Mapping
@@ -11,10 +10,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ..digest import digest_of_bytes
 from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..registry import Registry
 from ..sample import Flow, Frame
 from .base import AnyModel, model_identity
+from .early import refuse_early
 from .own.networks import OWN
 from .provenance import DECLARED
 from .tiling import tiled
@@ -46,6 +47,13 @@ TORCH_OPTIONS = (
     *("device", "precision", "compile", "threads"),
 )
 """Options of `TorchModel` that a `module:factory` of a bare PyTorch module takes from the command line."""
+
+_NOT_FOR_ALL = {
+    "device": "runs on the CPU only",
+    "precision": "has no precision to choose",
+    "checkpoint": "has no weights to load",
+}
+"""Options that the command line offers for every model, and why some models do not take them."""
 
 TORCHSCRIPT = (".ts", ".torchscript")
 """Endings of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods of the file while it
@@ -117,6 +125,15 @@ class ModelSpec:
         """Load the model; every call makes a new one."""
         return load_model(self.name, **{key: value for key, value in self.options if key != DECLARED})
 
+    def refuse_early(self) -> None:
+        """Say what is missing without importing the libraries that would read it; see `early`."""
+        refuse_early(self.name, dict(self.options), EXPORTED)
+
+    @property
+    def is_own(self) -> bool:
+        """Whether it names the user's own code, `module.path:Attribute`."""
+        return ":" in self.name and not self.name.startswith(PTLFLOW) and not Path(self.name).exists()
+
     def identity(self, model: AnyModel) -> dict[str, Any]:
         """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
         that an edited model never continues the run of the unedited one. What the model says itself about an option
@@ -128,7 +145,7 @@ class ModelSpec:
         module = sys.modules.get(self.name.partition(":")[0]) if users else None
         if module is not None and module.__file__:
             source = Path(module.__file__).read_bytes()
-            identity |= {"spec": self.name, "source": hashlib.blake2b(source, digest_size=16).hexdigest()}
+            identity |= {"spec": self.name, "source": digest_of_bytes(source)}
         return identity
 
 
@@ -250,8 +267,11 @@ def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) 
     parameters = _parameters(factory)
     takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
     for option in options:
-        if not takes_any and option not in parameters:
-            raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
+        if takes_any or option in parameters:
+            continue
+        if option in _NOT_FOR_ALL and name in MODELS.names():
+            raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; leave out --{option}")
+        raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
     needed = [key for key in needed_options(factory) if key not in options]
     if needed:
         raise UsageError(f"model '{name}' needs the option {needed[0]}: give -O {needed[0]}=VALUE")

@@ -5,15 +5,12 @@ from __future__ import annotations
 import time
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 from ..datasets.base import FromClips
 from ..metrics.rows import CLEAN
-from ..models import ModelSpec
 from ..runs.manifest import now, open_manifest
-from ..runs.plan import Plan, unfinished_samples
+from ..runs.plan import unfinished_samples
 from ..runs.store import RunFolder
-from ..text import file_name
 from .engines.base import Job
 from .engines.choose import Engine
 from .kept_rows import kept_clean_rows
@@ -67,9 +64,3 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     if isinstance(job.dataset, FromClips):
         manifest["clips"] = job.dataset.clip_records()
     folder.write_manifest({**manifest, "seconds": seconds, "finished": now()})
-
-
-def default_folder(plan: Plan, spec: ModelSpec | None) -> Path:
-    """Where a run goes that is given no folder: `runs/<benchmark>_<model>_<identity>`."""
-    name = spec.name if spec is not None else plan.model_identity.get("name", "model")
-    return Path("runs") / f"{plan.benchmark.name}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"

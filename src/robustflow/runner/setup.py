@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
+from ..benchmarks.setting import training_record
 from ..corruptions import load_corruption
 from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.own import is_known, own_among
@@ -21,7 +22,7 @@ from ..models import ModelSpec
 from ..models.base import AnyModel
 from ..models.provenance import training_of
 from ..models.window import Window
-from ..runs.identity import differing
+from ..runs.identity import checked_name, differing
 from ..runs.plan import Plan, RunOptions, left_out_sentence
 from ..runs.run import Run
 from ..runs.source import RunSource
@@ -56,20 +57,21 @@ def set_up(
     severity_scale: str = "paper",
     allow_invalid: bool = False,
     common_draws: bool = False,
+    name: str | None = None,
 ) -> Setup:
     """What is asked for, checked as a whole; the model is loaded, and nothing is computed.
 
     Args:
         model: see `robustflow.evaluate`.
         benchmark: from `open_benchmark`, narrowed to what is to run.
-        seed, variant, severity_scale, allow_invalid, common_draws: see `robustflow.evaluate`.
+        seed, variant, severity_scale, allow_invalid, common_draws, name: see `robustflow.evaluate`.
 
     Raises:
         UsageError: parts that do not go together, or nothing to run.
         ModelError: the model cannot be loaded.
     """
-    for name in benchmark.corruptions:
-        load_corruption(name, variant, severity_scale)
+    for corruption in benchmark.corruptions:
+        load_corruption(corruption, variant, severity_scale)
     if benchmark.closed and severity_scale != "paper":
         raise UsageError(
             "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
@@ -79,7 +81,9 @@ def set_up(
     window = window_on(named.model, benchmark.dataset)
     options = _options(seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws)
     training = training_of(named.identity, named.declared)
-    plan = Plan(benchmark, options, named.identity, training.record(benchmark.name))
+    shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
+    provenance = training_record(training, benchmark.name, benchmark.keys, benchmark.protocol)
+    plan = Plan(benchmark, options, named.identity, provenance, shown)
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError(
             f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"
@@ -173,7 +177,10 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
     own = [str(name) for name in identity.get(OWN, {})]
     for name in own:
         if not is_known(name):
-            raise RunError(f"the run's corruption '{name}' is not known here; install the package that brings it")
+            raise RunError(
+                f"the run's corruption '{plain(name)}' is your own or an installed package's, and not "
+                "known here: name it with --own-corruption MODULE:ATTRIBUTE, or install its package"
+            )
     common_draws = bool(identity.get("common_draws", False))
     return _options(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window, own, common_draws)
 

@@ -63,6 +63,8 @@ class Plan:
     options: RunOptions
     model_identity: dict[str, Any]
     provenance: dict[str, Any] = field(default_factory=dict)
+    name: str | None = None
+    """What the model is called in tables and figures; it changes no number either."""
 
     def units(self) -> list[Unit]:
         """Everything that a complete run consists of; each sample's clean unit first."""
