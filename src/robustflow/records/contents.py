@@ -6,8 +6,9 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
+from ..benchmarks.setting import manifest_provenance
 from ..errors import DataError, RunError, first_misfit
-from ..models.provenance import Setting, training_of
+from ..models.provenance import Setting
 from ..runs.identity import LONGEST_NAME
 from ..runs.manifest_file import MANIFEST_SCHEMA
 from ..text import plain
@@ -113,6 +114,7 @@ class Manifest(_Strict):
     identity: Identity
     identity_digest: _Digest
     samples: Annotated[dict[_Text, list[tuple[_Text, int]]], Field(min_length=1, max_length=MOST_ROWS)]
+    file_digests: Annotated[dict[_Text, list[_Digest]], Field(max_length=MOST_ROWS)] = {}
     provenance: Provenance
     selection: Selection
     left_out: Annotated[dict[_Text, list[_Severity]], Field(max_length=1000)] = {}
@@ -172,9 +174,7 @@ def shareable_manifest(manifest: dict[str, Any], keep_paths: bool = False) -> di
     """
     kept = {field.alias or name for name, field in Manifest.model_fields.items()}
     out = {name: value for name, value in manifest.items() if name in kept}
-    identity = manifest["identity"]
-    # Runs of older versions do not say what their model was trained on.
-    out.setdefault("provenance", training_of(identity["model"]).record(identity["benchmark"]))
+    out["provenance"] = manifest_provenance(manifest)
     environment = manifest["environment"]
     machine = environment["machine"]
     out["environment"] = {

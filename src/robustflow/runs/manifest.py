@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
+from ..benchmarks.setting import manifest_provenance
 from ..corruptions.sources import OWN
 from ..datasets.base import Clips
 from ..datasets.context_frames import ContextFrames
 from ..errors import RunError
 from .environment import environment
+from .file_digests import file_digests
 from .identity import differing, identity_digest
 from .plan import Plan
 from .store import RunFolder
@@ -37,9 +40,15 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
             f"{folder.path} holds another run ({_difference(identity, old['identity'])}); "
             "choose another folder with --output"
         )
-    samples = {key: _fingerprint(plan, key) for key in plan.benchmark.keys}
-    before = old.get("samples", {})
-    changed = sorted(key for key in samples if before.get(key, samples[key]) != samples[key])
+    files = {key: _files(plan, key) for key in plan.benchmark.keys}
+    samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
+    digests = file_digests(files)
+    before, before_digests = old.get("samples", {}), old.get("file_digests", {})  # older manifests have no digests
+    changed = sorted(
+        key
+        for key in samples
+        if before.get(key, samples[key]) != samples[key] or before_digests.get(key, digests[key]) != digests[key]
+    )
     if changed:
         raise RunError(
             f"{folder.path} was made from other files for sample '{changed[0]}' ({len(changed)} differ); "
@@ -50,11 +59,16 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     left_out = {
         name: sorted(set(gone.get(name, [])) | set(levels)) for name, levels in {**gone, **plan.left_out()}.items()
     }
-    return {
+    known = {
         "identity": identity,
-        "identity_digest": identity_digest(identity),
         "samples": before | samples,
+        "file_digests": before_digests | digests,
         "provenance": _provenance(old.get("provenance"), plan.provenance),
+    }
+    return {
+        **known,
+        "identity_digest": identity_digest(identity),
+        "provenance": manifest_provenance(known),
         "selection": {
             "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
             "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
@@ -94,20 +108,24 @@ def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[st
 
 def last_changed(plan: Plan, keys: Iterable[str]) -> str:
     """The sample whose files changed last, by the file system's own clock, which a copied date does not set back."""
-    return max(keys, key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(plan, key)), default=0))
+    return max(keys, key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(_files(plan, key))), default=0))
 
 
-def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
-    """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
-    return [[name, stat.st_size] for name, stat in _stats(plan, key)]
-
-
-def _stats(plan: Plan, key: str) -> list[tuple[str, os.stat_result]]:
+def _files(plan: Plan, key: str) -> list[Path]:
+    """The files that a sample is read from."""
     dataset, window = plan.benchmark.dataset, plan.options.window
     files = dataset.files(key)
-    if window is not None:
-        assert isinstance(dataset, Clips)
-        files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+    if window is None:
+        return files
+    assert isinstance(dataset, Clips)
+    return list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+
+
+def _names_and_sizes(files: Sequence[Path]) -> list[list[Any]]:
+    return [[name, stat.st_size] for name, stat in _stats(files)]
+
+
+def _stats(files: Sequence[Path]) -> list[tuple[str, os.stat_result]]:
     try:
         return [(path.name, path.stat()) for path in files]
     except OSError as error:

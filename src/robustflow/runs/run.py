@@ -10,11 +10,11 @@ import polars as pl
 
 from ..atomic import write_json
 from ..benchmarks import benchmark_facts
+from ..benchmarks.setting import manifest_provenance
 from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
 from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
-from ..models.provenance import training_of
 from ..text import plain
 from .aggregate import summarize
 from .plan import Cell, planned_cells
@@ -91,10 +91,13 @@ class Run:
 
     @property
     def setting(self) -> str:
-        """What the model has seen of the benchmark: "OOD", "ID", "LEAKED", ... (see `Training.setting`)."""
-        identity = self.manifest["identity"]
-        recorded = self.manifest.get("provenance") or training_of(identity["model"]).record(identity["benchmark"])
-        return str(recorded["setting"])
+        """What the model has seen of the benchmark: "OOD", "ID", "LEAKED", ... (`robustflow.benchmarks.setting`)."""
+        return str(self.provenance["setting"])
+
+    @cached_property
+    def provenance(self) -> dict[str, Any]:
+        """What is known of the model's training, and what that makes of the run: setting, trained_on, basis, note."""
+        return manifest_provenance(self.manifest)
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
         """One metric, corruption x severity, in the paper's order."""
