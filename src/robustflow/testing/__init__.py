@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .corruptions import check_corruption
+    from .datasets import check_dataset
 
-_WHERE = {"check_corruption": "corruptions"}
+_WHERE = {"check_corruption": "corruptions", "check_dataset": "datasets"}
 
-__all__ = ["check_corruption"]
+__all__ = ["check_corruption", "check_dataset"]
 
 
 def __getattr__(name: str) -> Any:
