@@ -35,6 +35,7 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     """
     plan, named = setup.plan, setup.model
     job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
+    before = folder.manifest()
     manifest = open_manifest(folder, plan)
     cells = folder.tidy()
     check_before_resuming(folder, job, plan)
@@ -55,6 +56,10 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
             seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
         progress.advance(done)
     folder.pack()
+    if not units and before is not None and before["finished"] is not None:
+        since = {name: before[name] for name in ("finished", "seconds", "environment")}
+        folder.write_manifest({**manifest, **since, **({"clips": before["clips"]} if "clips" in before else {})})
+        return
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
     if isinstance(job.dataset, FromClips):
         manifest["clips"] = job.dataset.clip_records()
