@@ -179,7 +179,9 @@ def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
 def _anatomy(run: Run) -> Table | None:
     """Regions and families of the anatomy table; the slopes stand in the tables of severities."""
     whole = anatomy_table([run])
-    lines = [line for section in whole.sections for line in section.lines if line.cells[0].text != "-"]
+    lines = [
+        line for section in whole.sections for line in section.lines if any(cell.text != "-" for cell in line.cells[:2])
+    ]
     if not lines:
         return None
     kept = tuple(Line(line.label, line.cells[:-1]) for line in lines)
