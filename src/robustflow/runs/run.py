@@ -43,6 +43,10 @@ class Run:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
         return with_groups(self._folder.rows(), str(self.manifest["identity"]["dataset"]))
 
+    def release_rows(self) -> None:
+        """Let go of the rows in memory; they are read again when they are asked for."""
+        self.__dict__.pop("rows", None)
+
     @cached_property
     def summary(self) -> Summary:
         """The paper's means, and where they are incomplete."""
