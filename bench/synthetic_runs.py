@@ -10,12 +10,12 @@ import polars as pl
 
 from robustflow.analysis.results import CLEAN
 from robustflow.api import evaluate
-from robustflow.corruptions.base import SEVERITIES
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.runs.plan import Unit
 from robustflow.runs.run import Result
 from robustflow.runs.store import RunFolder
+from robustflow.severity import SEVERITIES
 
 _SCALED = [name for name in ROW_SCHEMA if name.startswith(("epe_sum", "rcre_sum"))]
 

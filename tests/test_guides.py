@@ -19,13 +19,13 @@ DOCS = Path(__file__).resolve().parent.parent / "docs"
 
 
 def sections():
-    """The guide 'add your model': the model itself, exported networks, clips."""
-    first, exported, clip = re.split(r"^## .*$", (DOCS / "add-your-model.md").read_text(), flags=re.MULTILINE)
-    return first, exported, clip
+    """The guide 'add your model': the model itself, modules, exported networks, clips."""
+    first, module, exported, clip = re.split(r"^## .*$", (DOCS / "add-your-model.md").read_text(), flags=re.MULTILINE)
+    return first, module, exported, clip
 
 
 def test_add_your_model(tmp_path, monkeypatch, capsys):
-    page, _, _ = sections()
+    page, _, _, _ = sections()
     module, script = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     (command,) = re.findall(r"```\n(robustflow run .*?)\n```", page)
     (tmp_path / "my_model.py").write_text(module)
@@ -45,11 +45,34 @@ def test_add_your_model(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.torch
+def test_a_pytorch_module(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("torch", reason="needs the torch extra")
+    _, section, _, _ = sections()
+    module, script = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
+    (command,) = re.findall(r"```\n(robustflow run .*?)\n```", section)
+    (tmp_path / "my_network.py").write_text(module)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    exec(compile(script, "add-your-model.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("Mine ")
+    declared = rf.Result("runs/my_network").manifest
+    monkeypatch.setattr(sys, "argv", [*shlex.split(command), "--severities", "3", "--no-examples", "--output", "run"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code in (0, None), capsys.readouterr().err
+    run = rf.Result("run").manifest
+    for manifest in (declared, run):
+        assert manifest["provenance"]["trained_on"] == ["flyingchairs", "flyingthings3d"]
+        assert manifest["identity"]["model"]["input"]["scale"] == 2 / 255
+        assert manifest["identity"]["model"]["layout"] == "pair"
+
+
+@pytest.mark.torch
 @pytest.mark.filterwarnings("ignore")  # of the exporters, about what they will do one day
 def test_an_exported_network(tmp_path, monkeypatch, capsys):
     for library in ("torch", "onnx", "onnxruntime"):
         pytest.importorskip(library, reason=f"needs {library}")
-    _, section, _ = sections()
+    _, _, section, _ = sections()
     (script,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     (commands,) = re.findall(r"```\n(robustflow run .*?)\n```", section, re.DOTALL)
     monkeypatch.chdir(tmp_path)
@@ -102,7 +125,7 @@ def test_records(tmp_path, monkeypatch, capsys):
 
 
 def test_a_multi_frame_model(tmp_path, monkeypatch, capsys):
-    _, _, section = sections()
+    _, _, _, section = sections()
     (module,) = re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     (command,) = re.findall(r"```\n(robustflow run .*?)\n```", section)
     (tmp_path / "my_clip_model.py").write_text(module)

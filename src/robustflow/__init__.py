@@ -9,6 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .version import VERSION
+
 if TYPE_CHECKING:
     from .api import Result, evaluate, load_run
     from .corruptions import corrupt, corrupt_clip
@@ -16,10 +18,11 @@ if TYPE_CHECKING:
     from .errors import RobustFlowError
     from .flowio import read_flow, write_flow
     from .models import load_model
+    from .models.torch.user_model import TorchModel
     from .report.comparison import Comparison, compare
     from .sample import Sample
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 _HOMES = {
     "Comparison": "report.comparison",
@@ -32,6 +35,7 @@ _HOMES = {
     "read_flow": "flowio",
     "write_flow": "flowio",
     "load_model": "models",
+    "TorchModel": "models.torch.user_model",
     "evaluate": "api",
     "Result": "api",
     "Sample": "sample",
@@ -42,6 +46,7 @@ __all__ = [
     "Result",
     "RobustFlowError",
     "Sample",
+    "TorchModel",
     "compare",
     "corrupt",
     "corrupt_clip",
@@ -54,8 +59,17 @@ __all__ = [
 ]
 
 
+def __dir__() -> list[str]:
+    """The public names, so that completion shows them before their first use."""
+    return sorted({*__all__, "__version__", "__doc__", "__name__"})
+
+
 def __getattr__(name: str) -> Any:
     """Import a public name on first use: `import robustflow` stays fast."""
     if name not in _HOMES:
         raise AttributeError(f"module 'robustflow' has no attribute '{name}'")
+    if name == "TorchModel":
+        from .models.extras import require
+
+        require("torch", "torch", "TorchModel")
     return getattr(import_module(f".{_HOMES[name]}", __name__), name)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from .corruptions import Corruption
     from .report.comparison import Comparison
-    from .runner.fill import Progress
+    from .runner.progress import Progress
     from .runner.setup import Setup
 
 
@@ -99,20 +99,22 @@ def evaluate(
     variant: str = "default",
     severity_scale: str = "paper",
     common_draws: bool = False,
+    name: str | None = None,
     workers: int = 1,
     batch_size: int = 1,
     engine: str | None = None,
     timeout: float | None = None,
     allow_invalid: bool = False,
     examples: bool = False,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Result:
     """Measure how robust a model is. Resumable: the same call goes on where a killed one stopped.
 
     Args:
         model: a name (`"dis"`, `"module.path:Attribute"`) or path (a folder of flows), or any object with
             `predict(frame1, frame2) -> flow`, or a function of two frames, or a multi-frame model (`ClipModel`), which
-            is given clips. An attribute `trained_on` ("C+T") declares its training sets.
+            is given clips, or a PyTorch module (see `TorchModel`). An attribute `trained_on` ("C+T") declares its
+            training sets, an attribute `name` what it is called.
         benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", any dataset by name ("folder"
             for your own frames or video, "sintel", ...), or a `Benchmark`.
         data: the data set's folder, for benchmarks that need one.
@@ -124,6 +126,8 @@ def evaluate(
         data_options: of a dataset, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.
         variant: of the corruptions: "default", "reference", "reference-bgr" or "paper".
+        name: what the model is called in tables, figures and pages; its own name by default. It changes no number: a
+            run goes on under another.
         common_draws: one draw for the five severities of a pair, so that they differ in strength alone.
         severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that
             a corruption does not have on it are left out, and named in `Result.left_out`.
@@ -136,6 +140,8 @@ def evaluate(
         examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
             report, which also gets the histogram of displacements where there is ground truth; a few predictions are
             made again. Where they cannot be drawn, a warning says why.
+        progress: shown by itself on a terminal and in a notebook; False shows none, True lines in a log too. Also an
+            object with `start(folder, total, found)` and `advance(done)`.
 
     Returns:
         The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
@@ -151,7 +157,8 @@ def evaluate(
     """
     from .runner.engines.choose import choose_engine
     from .runner.engines.processes import refuse_unguarded_script
-    from .runner.fill import Silent, default_folder, fill
+    from .runner.fill import default_folder, fill
+    from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
     from .runs.source import RunSource
     from .runs.store import RunFolder
@@ -166,13 +173,15 @@ def evaluate(
         severity_scale=severity_scale,
         allow_invalid=allow_invalid,
         common_draws=common_draws,
+        name=name,
     )
     setup.model.check_batch_size(batch_size)
     compute = choose_engine(engine, workers, timeout)
     folder = RunFolder(output if output is not None else default_folder(setup.plan, setup.model.spec))
     folder.lock()
     try:
-        fill(folder, setup, compute, batch_size, progress or Silent())
+        with shown(progress) as listener:
+            fill(folder, setup, compute, batch_size, listener)
         if isinstance(benchmark, str):
             RunSource(setup.model.spec, Path(data) if data is not None else None, data_options or {}).write(folder.path)
         _draw(Result(folder.path), setup, examples)

@@ -6,6 +6,7 @@ should receive is taken out here first.
 
 from __future__ import annotations
 
+import re
 import unicodedata
 
 LONGEST_NAME = 80
@@ -52,3 +53,12 @@ def text_cell(text: str) -> str:
     """
     clean = plain(text, 300)
     return f"'{clean}" if clean[:1] in ("=", "+", "-", "@") else clean
+
+
+def file_name(text: str) -> str:
+    """A file's name made of any text: what a file system or a shell gives a meaning becomes a hyphen.
+
+    >>> file_name("mypkg.flow:MyModel"), file_name("weights/../net.onnx")
+    ('mypkg.flow-MyModel', 'weights-..-net.onnx')
+    """
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", text).strip("-.") or "unnamed"

@@ -67,6 +67,14 @@ _ROWS = pl.concat(
 _FOG = (pl.col("corruption") == "fog") & (pl.col("sample") == "2") & (pl.col("severity") == 2)
 _CLEAN = (pl.col("corruption") == "clean") & (pl.col("sample") == "2")
 _CHANGES = {
+    "its clean error is not that of the sample's clean row": (
+        _FOG,
+        {"clean_epe_sum": pl.col("clean_epe_sum") * (1 + 1e-12)},
+    ),
+    "the error changed by more than the flow moved over the same pixels": (
+        _FOG,
+        {"clean_epe_sum": pl.col("epe_sum") + 2 * pl.col("rcre_sum") + 1},
+    ),
     "its sums are negative or not finite": (_FOG, {"rcre_all_sum": pl.lit(float("nan"))}),
     "it has more outliers than pixels": (_FOG, {"fl_count_occ": pl.col("n_occ") + 1}),
     "the error changed by more than the flow moved": (

@@ -15,6 +15,7 @@ from robustflow.analysis.uncertainty import compare, compare_all, intervals
 from robustflow.analysis.uncertainty.bootstrap import FEW, bootstrap, enough_clusters
 from robustflow.analysis.uncertainty.estimates import weighted_means
 from robustflow.analysis.uncertainty.holm import holm
+from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
 from robustflow.analysis.uncertainty.sums import ClusterSums
 from robustflow.errors import RunError, UsageError
 from robustflow.runs.aggregate import summarize
@@ -89,6 +90,33 @@ def test_means_and_influence_against_loops(data, clusters, settings_):
     assert (weights * found.influence[0]).sum() == pytest.approx(0, abs=1e-9)
 
 
+@given(
+    data=st.integers(0, 2**31),
+    clusters=st.integers(2, 7),
+    settings_=st.integers(1, 4),
+    complete=st.booleans(),
+    kind=st.sampled_from(["mean", "ratio", "difference", "difference of ratios"]),
+)
+@settings(max_examples=60, deadline=None)
+def test_sums_of_products_give_what_influences_give(data, clusters, settings_, complete, kind):
+    """The fast form against the influence of every cluster, in complete data and with gaps."""
+    rng = np.random.default_rng(data)
+
+    def mean() -> Mean:
+        count = np.full((clusters, settings_), 2.0) if complete else rng.integers(0, 3, (clusters, settings_)) * 1.0
+        count[0] += 1
+        share = rng.uniform(0.1, 1, settings_)
+        return Mean(rng.normal(5, 1, count.shape) * count, count, share / share.sum())
+
+    first = Statistic([Term(mean(), mean() if "ratio" in kind else None)])
+    statistic = first - Statistic([Term(mean(), mean() if "ratio" in kind else None)]) if "diff" in kind else first
+    weights = rng.multinomial(clusters, np.full(clusters, 1 / clusters), 50).astype(float)
+    weights = weights[weights[:, 0] > 0]  # the others may have no image at all
+    fast, slow = statistic(weights), statistic.estimates(weights)
+    np.testing.assert_allclose(fast.theta, slow.theta, rtol=1e-10)
+    np.testing.assert_allclose(fast.standard_error, slow.standard_error, rtol=1e-6, atol=1e-12)
+
+
 def test_the_standard_error_of_independent_images_is_the_textbook_one():
     rows = _rows(25)
     errors = rows.filter(corruption="clean")["epe_sum"].to_numpy() / 1000
@@ -114,13 +142,13 @@ def test_a_ratio_against_the_delta_method():
     ratio = cre.mean() / clean.mean()
     residual = cre - ratio * clean
     expected = residual.std(ddof=1) / math.sqrt(40) / clean.mean()
-    assert sums.estimate("crer", "average", None, once).standard_error[0] == pytest.approx(expected)
+    assert sums.statistic("crer", "average")(once).standard_error[0] == pytest.approx(expected)
 
 
 def test_the_interval_is_nearly_students_for_normal_numbers():
     """For many symmetric values bootstrap-t and Student's t agree."""
     values = np.random.default_rng(5).normal(10, 2, (400, 1))
-    one = bootstrap({0: lambda w: weighted_means(values, np.ones((400, 1)), np.ones(1), w)}, 400)[0]
+    one = bootstrap({0: Statistic([Term(Mean(values, np.ones((400, 1)), np.ones(1)))])}, 400)[0]
     half = 1.966 * values.std(ddof=1) / 20
     assert one.high - one.low == pytest.approx(2 * half, rel=0.05)
     assert one.estimate == pytest.approx(values.mean())

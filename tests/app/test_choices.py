@@ -12,7 +12,7 @@ from robustflow.models import ModelSpec
 def test_what_needs_a_file_is_offered_only_with_one():
     offered = Models([]).names
     assert offered[:2] == ["dis", "farneback"]
-    assert not {"onnx", "torch_export", "torchscript", "precomputed"} & set(offered)
+    assert not {"onnx", "torch_export", "precomputed"} & set(offered)
     assert Models([ModelSpec("mine.onnx")]).names[0] == "mine.onnx"
 
 

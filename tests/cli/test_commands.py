@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow import load_run
 from robustflow.models.loading import EXPORTED
 
 
@@ -46,6 +47,22 @@ class _Named:
 
     def predict(self, frame1, frame2):
         return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+def test_several_models_one_after_the_other(robustflow):
+    few = ("-c", "contrast", "-s", "1", "--no-examples")
+    code, out, error = robustflow("run", "-m", "dis", "-m", "farneback", "-o", "both", *few)
+    assert code == 0, error
+    runs = [load_run(f"both/{name}") for name in ("dis", "farneback")]
+    assert [run.name for run in runs] == ["dis", "farneback"]
+    table = out[out.index("2 models") :]
+    for run in runs:
+        line = next(line for line in table.splitlines() if run.name in line and "compare" not in line)
+        assert f"{run.epe_clean:.2f}" in line
+        assert f"{run.cre:.2f}" in line
+    assert "robustflow compare both/dis both/farneback" in table
+    code, _, error = robustflow("run", "-m", "dis", "-m", "dis", *few)
+    assert (code, error.count("\n")) == (2, 1)
 
 
 @pytest.mark.parametrize("metric", ["all", "rcre"])

@@ -12,7 +12,8 @@ from robustflow.cli.optics import app
 from robustflow.errors import DataError, UsageError
 from robustflow.lenses import design as design_module
 from robustflow.lenses.search import Budget
-from robustflow.psf.shipped import shipped_field, shipped_lens
+from robustflow.lenses.shipped import shipped_lens
+from robustflow.psf.shipped import shipped_field
 
 SMALL = Budget(structures=30, screened=2, pool=2, moves=2, first_iterations=3, iterations=2, last_iterations=2)
 

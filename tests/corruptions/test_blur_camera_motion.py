@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from robustflow.corruptions.blur.camera_motion import CameraMotionBlur
+from robustflow.corruptions.blur.camera_motion_blur import CameraMotionBlur
 from robustflow.corruptions.kernels.line_motion import line_kernel, move_frame, move_plane
 from robustflow.random.rng import Rng
 

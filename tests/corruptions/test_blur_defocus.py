@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import correlate
 
-from robustflow.corruptions.blur.defocus import DefocusBlur
+from robustflow.corruptions.blur.defocus_blur import DefocusBlur
 from robustflow.corruptions.kernels.disk import convolve_disk
 from robustflow.corruptions.kernels.disk_kernel import disk_kernel
 from robustflow.random.rng import Rng

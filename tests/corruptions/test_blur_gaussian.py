@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
-from robustflow.corruptions.blur.gaussian import GaussianBlur
+from robustflow.corruptions.blur.gaussian_blur import GaussianBlur
 from robustflow.corruptions.kernels.separable import gaussian_frame, gaussian_plane
 from robustflow.random.rng import Rng
 

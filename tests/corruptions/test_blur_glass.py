@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from robustflow.corruptions.blur.glass import GlassBlur, draw_shuffle
+from robustflow.corruptions.blur.glass_blur import GlassBlur, draw_shuffle
 from robustflow.random.rng import Rng, hash64
 
 

@@ -13,7 +13,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.corruptions import corrupt, load_corruption
-from robustflow.corruptions.blur.psf import PSF_DIR, PsfBlur
+from robustflow.corruptions.blur.psf_blur import PSF_DIR, PsfBlur
 from robustflow.errors import AssetError, DataError, RunError, UsageError
 from robustflow.images.io import read_image
 from robustflow.psf import reference_stack
@@ -148,13 +148,24 @@ def test_a_missing_folder_or_file_is_one_line_that_says_what_to_give(tmp_path):
         PsfBlur(psf_dir=tmp_path).field(0.0296)
 
 
+@pytest.mark.torch
+def test_a_stack_of_an_old_pytorch_is_read(stacks):
+    import torch
+
+    path = next(stacks.glob("*rms0.0296*"))
+    stack = torch.load(path, weights_only=True)
+    before = PsfBlur(psf_dir=stacks).field(0.0296).digest
+    torch.save(stack, path, _use_new_zipfile_serialization=False)
+    assert reference_stack.reference_field(stacks, 0.0296).digest == before
+
+
 class _Hostile:
     def __reduce__(self):
         return print, ("executed",)
 
 
 @pytest.mark.torch
-@pytest.mark.parametrize("kind", ["garbage", "pickle", "shape", "dtype", "dictionary", "nan", "large"])
+@pytest.mark.parametrize("kind", ["garbage", "pickle", "shape", "dtype", "dictionary", "nan", "large", "bomb", "count"])
 def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
     import torch
 
@@ -169,6 +180,21 @@ def test_hostile_and_wrong_files_are_refused(stacks, kind, capsys, monkeypatch):
             for entry in source.namelist():
                 hostile = entry.endswith("data.pkl")
                 target.writestr(entry, pickle.dumps(_Hostile()) if hostile else source.read(entry))
+    elif kind == "bomb":  # 64 MB of zeros in a file of 64 kB
+        with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("archive/data/1", bytes(64 << 20))
+        assert path.stat().st_size < reference_stack.LARGEST
+    elif kind == "count":  # a storage of 4 TB, by its index
+        torch.save(good[:1, :1, :1, :1].clone(), path)
+        with zipfile.ZipFile(path) as source:
+            parts = {entry: source.read(entry) for entry in source.namelist()}
+        with zipfile.ZipFile(path, "w") as target:
+            for entry, content in parts.items():
+                huge = (
+                    content.replace(b"K\x01t", b"\x8a\x05\x00\x00\x00\x00\x01t") if entry.endswith(".pkl") else content
+                )
+                assert not entry.endswith(".pkl") or huge != content
+                target.writestr(entry, huge)
     elif kind == "large":
         monkeypatch.setattr(reference_stack, "LARGEST", 1000)
     else:

@@ -152,3 +152,25 @@ def test_every_name_of_the_paper_is_registered():
         assert corruption.name == name
         assert len(corruption.severities) == 5
         assert corruption.__doc__, f"{name} does not say what it does"
+
+
+def test_the_paper_has_seven_temporal_corruptions():
+    """Paper, Sec. 3: object motion blur, over and under exposure, snow, and the three of video."""
+    temporal = [name for name in PAPER_ORDER if load_corruption(name).temporal]
+    assert temporal == [
+        "over_exposure", "under_exposure", "snow", "object_motion_blur", "h264_crf", "h264_abr", "bit_error"
+    ]  # fmt: skip
+
+
+def test_file_class_and_name_are_one():
+    for name in CORRUPTIONS.names():
+        kind = CORRUPTIONS.get(name)
+        assert kind.name == name == kind.__module__.rpartition(".")[2]
+        assert kind.__name__ == "".join(word.capitalize() for word in name.split("_"))
+
+
+def test_parameters_have_names_where_there_are_several():
+    for name in CORRUPTIONS.names():
+        for scale in ("paper", "calibrated"):
+            for value in load_corruption(name, scale=scale).severities:
+                assert not isinstance(value, tuple) or value._fields, name

@@ -13,7 +13,7 @@ from PIL import Image
 from skimage.color import hsv2rgb, rgb2hsv
 
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.digital import Saturate
+from robustflow.corruptions.digital.saturate import Saturate
 from robustflow.random.rng import Rng
 
 SEVERITIES = (1, 2, 3, 4, 5)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from robustflow.corruptions.blur.elastic import ElasticTransform, displacement
+from robustflow.corruptions.digital.elastic_transform import ElasticTransform, displacement
 from robustflow.corruptions.kernels.smooth_field import field_row, smooth_field
 from robustflow.random.rng import Rng, hash64
 

@@ -7,7 +7,8 @@ import pytest
 from scipy import stats
 
 from robustflow.corruptions import load_corruption
-from robustflow.corruptions.noise import gaussian_table, shot_tables
+from robustflow.corruptions.noise.gaussian_noise import gaussian_table
+from robustflow.corruptions.noise.shot_noise import shot_tables
 from robustflow.random.rng import Rng, hash64
 
 from .test_alias import counts_of

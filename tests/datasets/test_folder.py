@@ -146,19 +146,50 @@ def test_damaged_videos(tmp_path: Path) -> None:
         frame = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), layout="mono")
         frame.rate = 8000
         container.mux(container.streams.audio[0].encode(frame))
-    refused(tmp_path / "sound.wav", "no video stream")
+    refused(tmp_path / "sound.wav", "no container that is read")
 
 
-def test_a_stream_cut_short_ends_with_its_last_whole_frame(tmp_path: Path) -> None:
-    """Transport streams have no index at the end, so a cut one still plays; every frame counted can be read."""
-    write_video(tmp_path / "whole.ts", 60, 15, codec="mpeg2video")
-    whole = (tmp_path / "whole.ts").read_bytes()
-    (tmp_path / "cut.ts").write_bytes(whole[: len(whole) * 2 // 3])
-    expected = decoded(tmp_path / "cut.ts")
-    reader = VideoReader(tmp_path / "cut.ts")
-    assert 30 <= len(reader) == len(expected) < 60
-    for index in (len(expected) - 1, 0, len(expected) // 2):
-        np.testing.assert_array_equal(reader.frame(index), expected[index])
+@pytest.mark.parametrize("name", VIDEOS)
+def test_a_video_cut_short_is_refused(tmp_path: Path, name: str) -> None:
+    write_video(tmp_path / name, 60, **VIDEOS[name])
+    whole = (tmp_path / name).read_bytes()
+    for end in (len(whole) // 2 + 7, len(whole) * 9 // 10 + 7, len(whole) - 100):
+        (tmp_path / name).write_bytes(whole[:end])
+        refused(tmp_path / name, "cut short|not a readable video|damaged")
+
+
+def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
+    """Plain decoding hides it: a changed byte is concealed with what was there before."""
+    write_video(tmp_path / "a.mp4", 30, 10, crf="5")
+    whole, expected = (tmp_path / "a.mp4").read_bytes(), decoded(tmp_path / "a.mp4")
+    start, changed, taken = whole.index(b"mdat") + 900, 0, 0
+    for at in range(start, whole.rindex(b"moov") - 100, 97):
+        (tmp_path / "b.mp4").write_bytes(whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
+        try:
+            shown = decoded(tmp_path / "b.mp4")
+        except av.error.FFmpegError:
+            continue
+        if len(shown) == len(expected) and all((a == b).all() for a, b in zip(shown, expected, strict=True)):
+            continue
+        changed += 1
+        try:
+            reader = VideoReader(tmp_path / "b.mp4")
+            for index in range(len(reader)):
+                reader.frame(index)
+        except DataError:
+            continue
+        taken += 1
+    assert changed > 20
+    assert taken < changed / 4
+
+
+def test_a_playlist_under_another_name_is_no_video(tmp_path: Path) -> None:
+    """FFmpeg looks at contents: this text would be read as a list of files, whatever it is called."""
+    write_video(tmp_path / "secret.mp4", 20, 6)
+    (tmp_path / "clip.mp4").write_text("ffconcat version 1.0\nfile secret.mp4\n")
+    with av.open(str(tmp_path / "clip.mp4"), options={"safe": "0"}) as container:
+        assert "concat" in container.format.name
+    refused(tmp_path / "clip.mp4", "no container that is read")
 
 
 @pytest.mark.parametrize("start", [0, 40])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from robustflow.lenses.draw import contact_sheet, lens_figure, save_figure
-from robustflow.psf.shipped import shipped_field, shipped_lens
+from robustflow.lenses.shipped import shipped_lens
+from robustflow.psf.shipped import shipped_field
 
 from .lenses import cooke_triplet
 

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from robustflow.lenses.goals import goal_of
 from robustflow.lenses.merit import BASE_FREQUENCY, FIELDS, FREQUENCIES, Limits, _cos_sin_turns, aim, blur_statistics
 from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
+from robustflow.lenses.render import field_rays
 from robustflow.lenses.residuals import damped_least_squares, evaluate, residual_count, solve_damped
 from robustflow.lenses.search import SAMPLES, Structure
+from robustflow.lenses.shipped import shipped_lens
 from robustflow.lenses.transfer import modulation, moments
-from robustflow.psf.psf_field import field_rays
-from robustflow.psf.shipped import shipped_field, shipped_lens
+from robustflow.psf.shipped import shipped_field
 
 from .lenses import cooke_triplet
 

@@ -9,8 +9,8 @@ from robustflow.lenses.glass import AIR, SELLMEIER, refractive_index
 from robustflow.lenses.merit import aim
 from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
 from robustflow.lenses.prescription import Lens
+from robustflow.lenses.shipped import shipped_lens
 from robustflow.lenses.trace import Rays, trace, trace_path
-from robustflow.psf.shipped import shipped_lens
 
 from .lenses import cooke_triplet, plano_hyperbolic, thin_lens
 

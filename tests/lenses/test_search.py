@@ -12,7 +12,8 @@ from robustflow.lenses.goals import SPECIFICATIONS, goal_of
 from robustflow.lenses.merit import Limits
 from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
 from robustflow.lenses.search import Budget, Candidate, Structure, move, random_candidate, refine, search
-from robustflow.psf.shipped import lens_digest, manifest
+from robustflow.lenses.shipped import lens_digest
+from robustflow.psf.shipped import manifest
 from robustflow.random.rng import Rng
 
 SMALL = Budget(structures=40, screened=4, pool=3, moves=6, first_iterations=4, iterations=4, last_iterations=6)

@@ -76,8 +76,10 @@ def row(pred, clean, flow, valid, occluded):
         names += ["occ", "noc"]
     for name in names:
         out |= {f"n_{name}": 0, f"epe_sum_{name}": 0.0, f"rcre_sum_{name}": 0.0, f"fl_count_{name}": 0}
+    out |= {name.replace("epe", "clean_epe"): 0.0 for name in out if name.startswith("epe_sum")} | {"n_truth": 0}
     found = edges(flow, valid)
     for y, x in pixels(valid):
+        out["n_truth"] += bool(valid[y, x])
         out["n_invalid"] += distance(pred[y, x], (0, 0)) is None
         moved = distance(pred[y, x], clean[y, x])
         if moved is None:
@@ -90,6 +92,8 @@ def row(pred, clean, flow, valid, occluded):
         error = distance(pred[y, x], flow[y, x])
         out["n_valid"] += 1
         out["epe_sum"] += error
+        before = distance(clean[y, x], flow[y, x])
+        out["clean_epe_sum"] += before
         out["rcre_sum"] += moved
         out["magnitude_sum"] += distance(flow[y, x], (0, 0))
         out["fl_count"] += is_fl(error, flow[y, x])
@@ -99,6 +103,7 @@ def row(pred, clean, flow, valid, occluded):
         for name in regions_of(y, x, flow, occluded, found):
             out[f"n_{name}"] += 1
             out[f"epe_sum_{name}"] += error
+            out[f"clean_epe_sum_{name}"] += before
             out[f"rcre_sum_{name}"] += moved
             out[f"fl_count_{name}"] += is_fl(error, flow[y, x])
     return out

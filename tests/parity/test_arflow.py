@@ -8,9 +8,10 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
+from robustflow.models.execution import Execution
 from robustflow.models.input_convention import InputConvention
 from robustflow.models.own.nets.arflow import ARFlow
-from robustflow.models.torch.model import TorchModel
+from robustflow.models.torch.model import NetworkModel
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "arflow"
@@ -38,6 +39,6 @@ def test_the_adapter_stretches_as_the_original_is_evaluated(pack, case):
     stretched = expected.get("flow_at_test_shape")
     size = tuple(2 * side for side in stretched.shape[2:]) if stretched is not None else None
     convention = InputConvention(fit="stretch", multiple=64, size=size)
-    model = TorchModel("arflow", pack.fill(ARFlow()), convention, {}, device="cpu")
+    model = NetworkModel("arflow", pack.fill(ARFlow()), convention, {}, execution=Execution("cpu"))
     flow = torch.from_numpy(model.predict(*frames)).permute(2, 0, 1)[None]
     pack.check_flow(f"{case} flow through the adapter", flow, expected["flow"])

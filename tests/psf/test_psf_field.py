@@ -7,10 +7,12 @@ import pytest
 
 from robustflow.errors import DataError
 from robustflow.lenses.prescription import PIXEL
+from robustflow.lenses.render import field_rays, render
+from robustflow.lenses.shipped import shipped_lens
 from robustflow.lenses.trace import Rays, trace
 from robustflow.lenses.transfer import moments
-from robustflow.psf.psf_field import PsfField, field_rays, render
-from robustflow.psf.shipped import half_digest, halved, manifest, shipped_field, shipped_lens
+from robustflow.psf.psf_field import PsfField
+from robustflow.psf.shipped import half_digest, halved, manifest, shipped_field
 
 SEVERITIES = (1, 2, 3, 4, 5)
 

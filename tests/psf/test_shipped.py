@@ -13,6 +13,7 @@ from robustflow.lenses.goals import SPECIFICATIONS, goal_of
 from robustflow.lenses.merit import FREQUENCIES, Limits
 from robustflow.lenses.paraxial import first_order_of
 from robustflow.lenses.prescription import IMAGE_RADIUS
+from robustflow.lenses.shipped import ship, shipped_lens
 from robustflow.lenses.transfer import energy_within, modulation, moments, nominal_rms
 from robustflow.psf import shipped
 
@@ -22,7 +23,7 @@ MTF_TOLERANCE = {1: 0.06, 2: 0.06, 3: 0.06, 4: 0.09, 5: 0.06}
 
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_elements_field_and_f_number_are_the_papers(severity):
-    lens, wanted = shipped.shipped_lens(severity), SPECIFICATIONS[severity - 1]
+    lens, wanted = shipped_lens(severity), SPECIFICATIONS[severity - 1]
     order = first_order_of(lens)
     assert lens.elements == wanted.elements
     assert lens.half_field == wanted.half_field
@@ -33,7 +34,7 @@ def test_elements_field_and_f_number_are_the_papers(severity):
 
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_the_nominal_rms_radius_is_within_ten_percent_of_the_papers(severity):
-    assert nominal_rms(shipped.shipped_lens(severity), 8) == pytest.approx(SPECIFICATIONS[severity - 1].rms, rel=0.1)
+    assert nominal_rms(shipped_lens(severity), 8) == pytest.approx(SPECIFICATIONS[severity - 1].rms, rel=0.1)
 
 
 @pytest.mark.parametrize("severity", SEVERITIES)
@@ -61,7 +62,7 @@ def test_radius_and_energy_over_the_whole_field_are_the_references(shared, sever
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_a_shipped_lens_can_be_made(severity):
     """Centre and edge thickness of glass, gaps of air, and no face steeper than a hemisphere's 0.9."""
-    lens, limits = shipped.shipped_lens(severity), Limits()
+    lens, limits = shipped_lens(severity), Limits()
     slack = 0.05
     for k, surface in enumerate(lens.surfaces[:-1]):
         behind = lens.surfaces[k + 1]
@@ -91,7 +92,7 @@ def copy(tmp_path, monkeypatch):
 
 def test_an_unchanged_copy_is_accepted(copy):
     assert shipped.shipped_field(1).stack.shape == (64, 3, 61, 61)
-    assert shipped.shipped_lens(1).elements == 6
+    assert shipped_lens(1).elements == 6
 
 
 def test_a_changed_lens_is_refused(copy):
@@ -100,7 +101,7 @@ def test_a_changed_lens_is_refused(copy):
     lens["surfaces"][2]["curvature"] += 1e-6
     path.write_text(json.dumps(lens))
     with pytest.raises(DataError, match="not the file that was shipped"):
-        shipped.shipped_lens(1)
+        shipped_lens(1)
 
 
 def test_changed_psfs_are_refused(copy):
@@ -119,9 +120,9 @@ def test_damaged_psfs_are_one_error(copy, content):
 
 
 def test_shipping_writes_what_loading_accepts(copy):
-    lens, field = shipped.shipped_lens(2), shipped.shipped_field(2)
-    shipped.ship(3, lens, field, copy)
-    assert shipped.shipped_lens(3) == lens
+    lens, field = shipped_lens(2), shipped.shipped_field(2)
+    ship(3, lens, field, copy)
+    assert shipped_lens(3) == lens
     assert shipped.half_digest(shipped.halved(shipped.shipped_field(3))) == shipped.manifest()["psf_s2"]
 
 

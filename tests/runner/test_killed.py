@@ -110,3 +110,20 @@ def test_interrupted_run_says_what_is_kept(tmp_path):
     run.send_signal(signal.SIGTERM)
     assert run.wait(20) == 130
     assert "Give the same command again" in run.stderr.read().decode()
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.15, 0.6, 1.2])
+def test_ctrl_c_while_workers_start_is_one_line(tmp_path, delay):
+    """Ctrl-C reaches every process of the terminal, those that are still importing too; only one of them speaks."""
+    command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", "--model", "dis"]
+    options = ["--workers", "3", "--output", str(tmp_path / "run")]
+    run = subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True, start_new_session=True)
+    first = run.stderr.readline()
+    assert "units" in first
+    time.sleep(delay)
+    os.killpg(run.pid, signal.SIGINT)
+    _, said = run.communicate(timeout=60)
+    assert run.returncode == 130
+    lines = [line for line in said.splitlines() if " s left, last " not in line]
+    assert len(lines) == 1
+    assert lines[0].startswith("robustflow: stopped; ")

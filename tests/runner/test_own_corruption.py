@@ -63,7 +63,7 @@ def test_the_command_line_takes_it_and_an_edit_starts_apart(package, monkeypatch
     (package / "rain_depth.py").write_text("DEPTH = 5\n")  # a module that it imports
     forget()
     assert command(monkeypatch, *run, *own) == 1
-    assert "corruptions" in capsys.readouterr().err
+    assert "the source of the corruption rain has changed since" in capsys.readouterr().err
 
     assert command(monkeypatch, "pack", "run", "-o", "mine.robustflow") == 0
     assert command(monkeypatch, "verify", "mine.robustflow") == 0
@@ -81,7 +81,7 @@ def test_an_object_runs_in_processes_as_in_this_one(package):
     one, two = (run.rows.filter(pl.col("corruption") == "rain").sort("severity")["frames_digest"] for run in runs)
     assert one.to_list() == two.to_list()
     assert len(set(one)) == 2
-    with pytest.raises(RobustFlowError, match="corruptions"):
+    with pytest.raises(RobustFlowError, match="source of the corruption rain has changed"):
         rf.evaluate(Still(), output=package / "1", corruptions=["contrast", Rain(3)], severities=[1, 2])
 
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.corruptions.registry import FAMILIES
+from robustflow.corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import RunError, UsageError
-from robustflow.metrics.rows import ROW_SCHEMA, rows_frame
+from robustflow.metrics.rows import LATER_COLUMNS, ROW_SCHEMA, rows_frame
 from robustflow.metrics.summary import METRICS
 from robustflow.runs.aggregate import summarize
 
@@ -112,20 +112,54 @@ def test_regions_average_over_the_images_that_have_them():
     assert (occ.fl_clean, occ.fl, occ.share) == (0.0, 50.0, 20.0)
 
 
-def test_only_the_papers_corruptions_are_averaged():
+OTHERS = ("elastic_transform", "fog+jpeg_compression", "my_own_corruption")
+
+
+def test_a_run_averages_what_was_asked_for():
     rows = [row("a", epe=1.0), row("a", "fog", 1, epe=2.0)]
-    extra = [
-        row("a", name, 1, epe=100.0) for name in ("elastic_transform", "fog+jpeg_compression", "my_own_corruption")
-    ]
+    extra = [row("a", name, 1, epe=101.0 + i) for i, name in enumerate(OTHERS)]
     alone, beside = summarize(rows_frame(rows)), summarize(rows_frame(rows + extra))
-    assert beside.averaged_over == ["fog"]
-    assert (beside.epe, beside.cre, beside.families) == (alone.epe, alone.cre, alone.families)
-    for name in ("elastic_transform", "fog+jpeg_compression", "my_own_corruption"):
-        assert beside.corruptions[name].cre == 99.0
-        assert not beside.corruptions[name].averaged
+    assert beside.averaged_over == ["fog", *OTHERS]
+    assert (beside.epe, beside.cre, beside.crer) == (77.0, 76.0, 76.0)
+    assert beside.families == alone.families
+    for i, name in enumerate(OTHERS):
+        assert beside.corruptions[name].cre == 100.0 + i
         assert beside.corruptions[name].family is None
-    nothing = summarize(rows_frame([rows[0], *extra]))
-    assert (nothing.epe, nothing.averaged_over) == (None, [])
+    only = summarize(rows_frame([rows[0], extra[1]]))
+    assert (only.epe, only.cre, only.averaged_over) == (102.0, 101.0, ["fog+jpeg_compression"])
+
+
+def test_the_papers_mean_is_a_second_number_and_needs_all_its_corruptions():
+    paper = [row("a", name, 1, epe=2.0 + i) for i, name in enumerate(IMAGE_PAIR)]
+    clean, elastic = row("a", epe=1.0), row("a", "elastic_transform", 1, epe=100.0)
+    whole = summarize(rows_frame([clean, *paper, elastic]))
+    assert whole.epe == pytest.approx((20 * 11.5 + 100) / 21)
+    assert (whole.paper.epe, whole.paper.cre, whole.paper_over) == (11.5, 10.5, list(IMAGE_PAIR))
+    exact = summarize(rows_frame([clean, *paper]))
+    assert all(getattr(exact, metric) == getattr(exact.paper, metric) for metric in METRICS)
+    assert summarize(rows_frame([clean, *paper[1:], elastic])).paper is None
+    assert summarize(rows_frame([clean, *paper]), paper=PAPER_ORDER).paper is None
+    assert summarize(rows_frame([clean, *paper, elastic]), over="paper").epe == 11.5
+
+
+def test_cre_is_over_the_same_pixels_and_coverage_is_listed():
+    """The corrupted flow leaves out the 6 worst of 10 pixels: on the other 4 its error doubled, from 1 to 2 px."""
+    clean = row("a", epe=7.0, n_truth=10, clean_epe_sum=70.0)
+    fog = row("a", "fog", 1, n=4, epe=2.0, rcre=2.0, n_truth=10, clean_epe_sum=4.0, n_invalid=12)
+    summary = summarize(rows_frame([clean, fog | {"width": 10}]))
+    assert (summary.epe_clean, summary.epe, summary.cre) == (7.0, 2.0, 1.0)
+    assert (summary.clean.coverage, summary.coverage, summary.table("coverage")["1"].item()) == (1.0, 0.4, 0.4)
+
+
+def test_rows_of_before_the_clean_sum_have_a_cre_where_it_follows():
+    clean, fog = row("a", epe=7.0), row("a", "fog", 1, epe=9.0)
+    partial = row("a", "snow", 1, n=4, epe=2.0) | {"width": 10, "n_invalid": 12}
+    old = rows_frame([clean, fog]).drop(list(LATER_COLUMNS))
+    summary = summarize(old)
+    assert (summary.cre, summary.coverage) == (2.0, 1.0)
+    summary = summarize(rows_frame([clean, fog, partial]).drop(list(LATER_COLUMNS)))
+    assert (summary.cre, summary.corruptions["fog"].cre, summary.rcre) == (None, None, 0.0)
+    assert summary.corruptions["snow"].coverage == 0.4
 
 
 def test_order_is_the_papers_then_by_name():
@@ -183,7 +217,7 @@ def test_rows_without_a_pixel_to_measure_are_listed_not_averaged():
     assert (summary.epe, summary.cre, summary.epe_clean) == (2.0, 1.0, 2.0)
 
 
-NO_TRUTH = {name: None for name in ROW_SCHEMA if name in {"n_valid", "epe_sum", "rcre_sum", "wauc_sum", *COUNTS}}
+NO_TRUTH = dict.fromkeys(("n_valid", "n_truth", "epe_sum", "clean_epe_sum", "rcre_sum", "wauc_sum", *COUNTS))
 
 
 def test_without_ground_truth_rcre_is_over_all_pixels_and_the_rest_is_none():
@@ -191,7 +225,8 @@ def test_without_ground_truth_rcre_is_over_all_pixels_and_the_rest_is_none():
     summary = summarize(rows_frame(rows))
     assert summary.complete
     assert (summary.rcre, summary.rcre_all) == (2.0, 2.0)
-    assert {getattr(summary, m) for m in METRICS if not m.startswith("rcre")} == {None}
+    assert {getattr(summary, m) for m in METRICS if not m.startswith(("rcre", "coverage"))} == {None}
+    assert summary.coverage == 1.0
     assert (summary.epe_clean, summary.regions) == (None, {})
 
 
@@ -231,8 +266,10 @@ def runs(draw):
         n = draw(st.integers(0, 50))
         counts = {name: draw(st.integers(0, n)) for name in COUNTS}
         n_occ = draw(st.integers(0, n))
-        occ = {"n_occ": n_occ, "epe_sum_occ": draw(sums), "rcre_sum_occ": draw(sums), "fl_count_occ": n_occ // 2}
-        values = {name: draw(sums) for name in ("epe_sum", "rcre_sum", "rcre_all_sum", "wauc_sum")}
+        occ = {name: draw(sums) for name in ("epe_sum_occ", "rcre_sum_occ", "clean_epe_sum_occ")}
+        occ |= {"n_occ": n_occ, "fl_count_occ": n_occ // 2}
+        values = {name: draw(sums) for name in ("epe_sum", "clean_epe_sum", "rcre_sum", "rcre_all_sum", "wauc_sum")}
+        values["n_truth"] = n + draw(st.integers(0, 9))
         r = row(sample, corruption, severity, n, **counts | values | occ)
         rows.append(r if truth[sample] else r | NO_TRUTH | dict.fromkeys(occ))
     return rows
@@ -270,7 +307,7 @@ def _naive_scores(rows, averaging, total="epe_sum", moved="rcre_sum", count="n_v
             if found[s][count] and by_key.get((s, "clean", 0), {}).get(count)
         ]
         after = _naive_mean([(r[total], r[count]) for r, _ in both], averaging)
-        before = _naive_mean([(r[total], r[count]) for _, r in both], averaging)
+        before = _naive_mean([(r[f"clean_{total}"], r[count]) for r, _ in both], averaging)
         anywhere = [
             (r["rcre_all_sum"], r["n_all"]) if count == "n_valid" and r[count] is None else (r[moved], r[count])
             for r in found.values()
@@ -307,9 +344,8 @@ def test_equals_the_naive_loop(rows, averaging):
         inside = _naive_scores(rows, averaging, "epe_sum_occ", "rcre_sum_occ", "n_occ")
         assert summary.regions["occ"].epe_clean == _close(inside.get(("clean", 0), {}).get("epe"))
         for metric in ("epe", "cre", "rcre"):
-            fog = [inside[key][metric] for key in inside if key[0] == "fog"]
-            snow = [inside[key][metric] for key in inside if key[0] == "snow"]
-            parts = [[v for v in values if v is not None] for values in (fog, snow)]
+            each = [[inside[key][metric] for key in inside if key[0] == name] for name in summary.averaged_over]
+            parts = [[v for v in values if v is not None] for values in each]
             means = [sum(values) / len(values) for values in parts if values]
             expected_mean = sum(means) / len(means) if means else None
             assert getattr(summary.regions["occ"], metric) == _close(expected_mean)

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 import robustflow as rf
 from robustflow.cli.main import app
 from robustflow.errors import RunError
+from robustflow.metrics.rows import complete_rows
 from robustflow.runs.store import RunFolder
 
 DATA = Path(__file__).parent / "data"
@@ -83,7 +84,7 @@ def test_an_old_record_verifies():
 
 
 def test_a_finished_run_is_continued_or_refused_with_a_reason(finished):
-    before = RunFolder(finished).rows()
+    before = complete_rows(RunFolder(finished).rows())
     run = _continued(finished, corruptions=["contrast"], severities=[1, 2, 3])
     if run is None:
         return
@@ -96,7 +97,7 @@ def test_an_unfinished_run_is_continued_or_refused_with_a_reason(unfinished):
     clean.mkdir()
     stem = next((unfinished / "rows").iterdir()).name.split(".")[0]
     np.save(clean / f"{stem}.npy", np.full((500, 741, 2), 99, np.float32))  # one of these lay there, without checksum
-    before = RunFolder(unfinished).rows()
+    before = complete_rows(RunFolder(unfinished).rows())
     run = _continued(unfinished, corruptions=["contrast", "high_light"], severities=[1, 3])
     if run is None:
         return

@@ -11,8 +11,8 @@ from weakref import WeakKeyDictionary
 
 import polars as pl
 
-from ..corruptions.base import SEVERITIES
 from ..corruptions.registry import IMAGE_PAIR, PAPER_ORDER
+from ..severity import SEVERITIES
 from .labels import benchmark_label
 from .published.tables import PAPER_PAIRS
 from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA

@@ -18,6 +18,7 @@ from ..errors import DataError, RobustFlowError, UsageError
 from ..flowio import read_flow
 from ..images.io import IMAGE_SUFFIXES, stored_size
 from ..sample import Sample
+from ..video.container import open_video
 from .pairs import Clip, OnePair, PairSource
 
 MAX_BYTES = 64 * 2**20
@@ -104,7 +105,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
 def _clip(file: UploadFile, folder: Path) -> Clip:
     path = _saved(file, folder / "clip", VIDEO_SUFFIXES, "a video")
     try:
-        with av.open(str(path)) as container:
+        with open_video(path) as container:
             pixels = max((s.codec_context.width * s.codec_context.height for s in container.streams.video), default=0)
             frames = max((s.frames for s in container.streams.video), default=0)
     except (av.FFmpegError, ValueError, OSError) as error:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..corruptions import SEVERITIES, Corruption, corruption_name, load_corruption
-from ..corruptions.base import check_severity
 from ..datasets.base import Dataset
 from ..errors import UsageError
+from ..severity import check_severity
 from .facts import NEUTRAL, BenchmarkFacts
 
 

@@ -7,14 +7,26 @@ from typing import Annotated
 
 import typer
 
+from . import complete
 from .options import CommonDraws, PsfDir, Seed, SeverityScale, Variant, names, numbers, use_psf_dir
 
 
 def corrupt(
     frame1: Annotated[Path, typer.Argument(help="First frame.")],
     frame2: Annotated[Path, typer.Argument(help="Second frame, of the same size.")],
-    corruption: Annotated[str, typer.Option("--corruption", "-c", help="Comma-separated names.")],
-    severity: Annotated[str, typer.Option("--severity", "-s", help="Comma-separated, 1 to 5.")] = "3",
+    corruptions: Annotated[
+        str,
+        typer.Option(
+            "--corruptions",
+            "--corruption",
+            "-c",
+            autocompletion=complete.corruptions,
+            help="Comma-separated names, stacks (fog+snow), or module.path:Attribute of your own.",
+        ),
+    ],
+    severities: Annotated[
+        str, typer.Option("--severities", "--severity", "-s", help="Comma-separated, 1 (mild) to 5 (severe).")
+    ] = "3",
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the corrupted frames.")] = Path(
         "corrupted"
     ),
@@ -28,19 +40,19 @@ def corrupt(
 
     \b
     Examples:
-      robustflow corrupt a.png b.png --corruption fog
+      robustflow corrupt a.png b.png --corruptions fog
       robustflow corrupt a.png b.png -c snow,frost -s 1,3,5 --seed 7 -o corrupted
     """
     from ..atomic import make_folder
     from ..corruptions import corrupt as corrupt_pair
     from ..corruptions import corruption_name, load_corruption
-    from ..corruptions.base import check_severity
     from ..errors import UsageError
     from ..images.io import read_image, write_image
+    from ..severity import check_severity
 
     use_psf_dir(psf_dir)
-    chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruption) or []]
-    levels = [check_severity(level) for level in numbers(severity) or []]
+    chosen = [load_corruption(corruption_name(name), variant, severity_scale) for name in names(corruptions) or []]
+    levels = [check_severity(level) for level in numbers(severities) or []]
     if not chosen or not levels:
         raise UsageError("nothing to do: name at least one corruption and one severity")
     for one in chosen:

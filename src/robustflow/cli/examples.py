@@ -24,8 +24,10 @@ from .options import (
 def examples(
     run: Annotated[Path, typer.Argument(help="A run's folder.")],
     sample: Annotated[str | None, typer.Option("--sample", help="Draw this sample, as a PNG of its own.")] = None,
-    corruption: Annotated[str | None, typer.Option("--corruption", "-c", help="With --sample.")] = None,
-    severity: Annotated[int | None, typer.Option("--severity", "-s", help="With --sample.")] = None,
+    corruption: Annotated[
+        str | None, typer.Option("--corruption", "--corruptions", "-c", help="With --sample.")
+    ] = None,
+    severity: Annotated[int | None, typer.Option("--severity", "--severities", "-s", help="With --sample.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="The PNG of --sample.")] = None,
     data: Data = None,
     data_option: DataOptions = None,

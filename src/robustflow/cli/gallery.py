@@ -14,7 +14,7 @@ def gallery(
     frames: Annotated[
         tuple[Path, Path] | None, typer.Option("--frames", "-f", help="Two frames; the motorcycle pair by default.")
     ] = None,
-    severity: Annotated[int, typer.Option("--severity", "-s", help="1 (mild) to 5 (severe).")] = 3,
+    severity: Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 (mild) to 5 (severe).")] = 3,
     corruptions: Corruptions = None,
     severity_scale: SeverityScale = "paper",
     psf_dir: PsfDir = None,
@@ -31,12 +31,12 @@ def gallery(
       robustflow gallery --frames a.png b.png --corruptions fog,snow --severity-scale calibrated -o out
     """
     from ..atomic import make_folder, write_bytes
-    from ..corruptions.base import SEVERITIES, check_severity
     from ..datasets import load_dataset
     from ..images.io import read_image
     from ..report.gallery.figure import draw_figure
     from ..report.gallery.page import render_page
     from ..report.gallery.pictures import gallery as cells_of
+    from ..severity import SEVERITIES, check_severity
 
     use_psf_dir(psf_dir)
     check_severity(severity)

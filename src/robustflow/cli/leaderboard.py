@@ -61,11 +61,11 @@ def leaderboard(
 
 def _gallery() -> Slider | None:
     """The embedded pair under every corruption of image pairs; None where scikit-image comes without it."""
-    from ..corruptions.base import SEVERITIES
     from ..datasets import load_dataset
     from ..errors import AssetError
     from ..report.gallery.pictures import gallery
     from ..report.site.examples import gallery_slider
+    from ..severity import SEVERITIES
 
     key = "motorcycle"
     try:

@@ -16,7 +16,6 @@ _MODEL_LINE = "{:14s} {:13s} {!s:5s} {:13s} {:12s} {:13s} {:16s} {}"
 _OF_FILES = {
     "precomputed": ("a folder of flow files", ""),
     "onnx": ("an .onnx file", "onnx"),
-    "torchscript": ("a .ts file of TorchScript", "torch"),
     "torch_export": ("a .pt2 file of torch.export", "torch"),
 }
 """Models that hold any method: what they are read from, and the extra, which imports what it is called."""
@@ -86,22 +85,22 @@ def _models() -> list[str]:
         + "; ".join(f"ptlflow:{name} ({needs})" for name, needs in BESIDES.items())
         + ".",
         "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs; undeclared: say it with "
-        "-O trained_on=C+T.",
+        "--trained-on C+T.",
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",
         "Hardly any weights state a licence.",
-        "Your own: module.path:Attribute, an exported network (.onnx, .pt2, .ts) or a folder of flow files.",
+        "Your own: module.path:Attribute, an exported network (.onnx, .pt2) or a folder of flow files.",
     ]
 
 
 def _corruptions() -> list[str]:
-    from ..corruptions import CORRUPTIONS
+    from ..corruptions import CORRUPTIONS, load_corruption
 
     lines = []
     for name in CORRUPTIONS.names():
-        kind = CORRUPTIONS.get(name)
-        parameters = ", ".join(str(value) for value in kind.paper_severities)
-        lines.append(f"{name:20s} {kind.family:13s} {'temporal' if kind.temporal else '':9s} {parameters}")
+        one = load_corruption(name)
+        parameters = ", ".join(str(tuple(value) if isinstance(value, tuple) else value) for value in one.severities)
+        lines.append(f"{name:20s} {one.family:13s} {'temporal' if one.temporal else '':9s} {parameters}")
     return lines
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import traceback
 import warnings
 
 import typer
@@ -22,6 +23,7 @@ from .leaderboard import leaderboard
 from .listing import list_things
 from .optics import app as optics
 from .pack import pack
+from .predict import predict
 from .prepare import prepare
 from .profile import profile
 from .report import report
@@ -35,10 +37,10 @@ app = typer.Typer(
     epilog="Start with: robustflow run --model dis",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("run")(run)
+app.command("predict")(predict)
 app.command("show")(show)
 app.command("examples")(examples)
 app.command("profile")(profile)
@@ -68,6 +70,7 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    debug: bool = typer.Option(False, "--debug", help="Print the whole traceback of an error."),
 ) -> None:
     pass
 
@@ -75,9 +78,12 @@ def _options(
 def main() -> None:
     """Run the command line; a known error is one line on stderr and its exit code, a warning one line."""
     warnings.formatwarning = plain_warning
+    debug = "--debug" in sys.argv[1:]
     try:
-        app()
+        app([argument for argument in sys.argv[1:] if argument != "--debug"])
     except RobustFlowError as error:
+        if debug:
+            traceback.print_exception(error)
         from ..text import plain
 
         print(f"robustflow: {plain(str(error), None)}", file=sys.stderr)

@@ -14,8 +14,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-_Severity = Annotated[int, typer.Option("--severity", "-s", help="1 to 5.")]
-_Severities = Annotated[str, typer.Option("--severity", "-s", help="Comma-separated, 1 to 5.")]
+_Severity = Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 to 5.")]
+_Severities = Annotated[str, typer.Option("--severity", "--severities", "-s", help="Comma-separated, 1 to 5.")]
 
 
 @app.command()
@@ -32,13 +32,14 @@ def design(
       robustflow optics design --severity 2
       robustflow optics design --severity 4 --seed 7 --output lens.json
     """
-    from ..corruptions.base import check_severity
     from ..lenses.design import SHIPPED_SEEDS, structure_line
     from ..lenses.design import design as search_lens
     from ..lenses.prescription import write_lens
-    from ..psf.psf_field import render as render_field
-    from ..psf.shipped import lens_digest, manifest
-    from ..psf.shipped import ship as ship_lens
+    from ..lenses.render import render as render_field
+    from ..lenses.shipped import lens_digest
+    from ..lenses.shipped import ship as ship_lens
+    from ..psf.shipped import manifest
+    from ..severity import check_severity
 
     chosen = SHIPPED_SEEDS[check_severity(severity) - 1] if seed is None else seed
     lens = search_lens(severity, chosen, report=typer.echo)
@@ -70,8 +71,9 @@ def show(
     from ..atomic import make_folder
     from ..lenses.draw import contact_sheet, lens_figure, profile_figure, save_figure
     from ..lenses.prescription import read_lens
-    from ..psf.psf_field import render as render_field
-    from ..psf.shipped import shipped_field, shipped_lens
+    from ..lenses.render import render as render_field
+    from ..lenses.shipped import shipped_lens
+    from ..psf.shipped import shipped_field
     from .options import numbers
 
     if lens is not None:
@@ -112,8 +114,9 @@ def render(
     from ..atomic import write_bytes
     from ..errors import DataError, UsageError
     from ..lenses.prescription import read_lens
-    from ..psf.psf_field import render as render_field
-    from ..psf.shipped import half_digest, halved, manifest, shipped_lens
+    from ..lenses.render import render as render_field
+    from ..lenses.shipped import shipped_lens
+    from ..psf.shipped import half_digest, halved, manifest
     from .options import numbers
 
     if (lens is None) != (output is None):

@@ -9,22 +9,28 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import UsageError
+from . import complete
 
-ModelName = Annotated[
-    str,
-    typer.Option(
-        "--model",
-        "-m",
-        help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2, .ts), or a "
-        "folder of flow files.",
-    ),
-]
+_MODEL = typer.Option(
+    "--model",
+    "-m",
+    autocompletion=complete.models,
+    help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2), or a folder of "
+    "flow files.",
+)
+ModelName = Annotated[str, _MODEL]
+ModelNames = Annotated[list[str], _MODEL]
+"""Repeatable: one after the other."""
 ModelOptions = Annotated[
     list[str] | None,
     typer.Option("--option", "-O", metavar="KEY=VALUE", help="An option of the model, e.g. preset=fast. Repeatable."),
 ]
 Checkpoint = Annotated[
-    str | None, typer.Option(help="The model's weights: a file, or a published name (robustflow list models).")
+    str | None,
+    typer.Option(
+        autocompletion=complete.checkpoints,
+        help="The model's weights: a file, or a published name (robustflow list models).",
+    ),
 ]
 Device = Annotated[str | None, typer.Option(help="auto, cpu, cuda or cuda:0, for models that take it.")]
 Precision = Annotated[str | None, typer.Option(help="fp32 or bf16, for models that take it.")]
@@ -43,11 +49,24 @@ Corruptions = Annotated[
     str | None,
     typer.Option(
         "--corruptions",
+        "--corruption",
         "-c",
+        autocompletion=complete.corruptions,
         help="Comma-separated names, stacks (fog+snow), or module.path:Attribute of your own; all by default.",
     ),
 ]
-Severities = Annotated[str | None, typer.Option("--severities", "-s", help="Comma-separated, 1 (mild) to 5 (severe).")]
+Benchmark = Annotated[
+    str,
+    typer.Option(
+        "--benchmark",
+        "-b",
+        autocompletion=complete.benchmarks,
+        help="demo, kitti-fc, gopro-fc, any data set (folder, sintel, ...), or module.path:Attribute of your own.",
+    ),
+]
+Severities = Annotated[
+    str | None, typer.Option("--severities", "--severity", "-s", help="Comma-separated, 1 (mild) to 5 (severe).")
+]
 Limit = Annotated[int | None, typer.Option(help="Use only the first N pairs.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw; the same seed gives the same bytes anywhere.")]
 Variant = Annotated[str, typer.Option(help="Of the corruptions: default, reference, reference-bgr or paper.")]
@@ -76,7 +95,7 @@ def use_psf_dir(folder: Path | None) -> None:
     Raises:
         UsageError: no such folder.
     """
-    from ..corruptions.blur.psf import PSF_DIR
+    from ..corruptions.blur.psf_blur import PSF_DIR
 
     if folder is not None:
         if not folder.is_dir():
@@ -143,7 +162,7 @@ def model_options(pairs: list[str] | None, **named: str | None) -> tuple[tuple[s
     given = {key: value for key, value in named.items() if value is not None}
     for key, _ in options:
         if key in given:
-            raise UsageError(f"{key} is given twice, as -O {key}=... and as --{key}; give it once")
+            raise UsageError(f"{key} is given twice, as -O {key}=... and as --{key.replace('_', '-')}; give it once")
     return options + tuple(given.items())
 
 

@@ -72,7 +72,7 @@ def _print_model(
     from ..models.catalog import methods
     from ..models.input_convention import parse_size
     from ..models.loading import PTLFLOW
-    from ..models.torch.network import RANDOM
+    from ..models.torch.find_checkpoint import RANDOM
     from ..profiling.counts import count
     from ..profiling.measure import measure
     from ..profiling.network_of import network_of

@@ -8,7 +8,9 @@ from typing import Annotated
 
 import typer
 
+from ..errors import UsageError
 from .options import (
+    Benchmark,
     Checkpoint,
     CommonDraws,
     Corruptions,
@@ -16,7 +18,7 @@ from .options import (
     DataOptions,
     Device,
     Limit,
-    ModelName,
+    ModelNames,
     ModelOptions,
     Precision,
     PsfDir,
@@ -34,22 +36,25 @@ from .options import (
 
 
 def run(
-    model: ModelName,
-    benchmark: Annotated[
-        str, typer.Option("--benchmark", "-b", help="demo, kitti-fc, gopro-fc, or any data set: folder, sintel, ...")
-    ] = "demo",
+    model: ModelNames,
+    benchmark: Benchmark = "demo",
     data: Data = None,
     data_option: DataOptions = None,
     checkpoint: Checkpoint = None,
     device: Device = None,
     precision: Precision = None,
+    trained_on: Annotated[
+        str | None, typer.Option("--trained-on", help="Training sets of the model, e.g. C+T (robustflow list models).")
+    ] = None,
+    name: Annotated[str | None, typer.Option("--name", help="What to call the model in tables and figures.")] = None,
     option: ModelOptions = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
     limit: Limit = None,
     split: Split = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="The run's folder; in runs/ by default.")
+        Path | None,
+        typer.Option("--output", "-o", help="The run's folder, or that of several runs' folders; in runs/ by default."),
     ] = None,
     seed: Seed = 0,
     variant: Variant = "default",
@@ -69,7 +74,7 @@ def run(
         bool, typer.Option("--examples/--no-examples", help="Draw the worst and the median sample at the end.")
     ] = True,
 ) -> None:
-    """Measure how robust a model is.
+    """Measure how robust a model is, or one model after the other.
 
     A run can be stopped at any moment; the same command goes on where it stopped.
 
@@ -77,43 +82,57 @@ def run(
     Examples:
       robustflow run --model dis
       robustflow run --model farneback --benchmark kitti-fc --data ~/kitti --workers 4
+      robustflow run --model dis --model farneback --benchmark kitti-fc --data ~/kitti
       robustflow run --model raft --checkpoint things --device cuda --batch-size 5 --benchmark kitti-fc --data ~/kitti
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
-    from ..api import evaluate
+    from ..api import Result, evaluate
     from ..models import ModelSpec
-    from .progress import TerminalProgress
-    from .tables import print_result
+    from ..runner.progress import TerminalProgress
+    from ..text import file_name
+    from .tables import print_result, print_results
 
     use_psf_dir(psf_dir)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
+    options = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
+    if len(set(model)) < len(model):
+        raise UsageError("a model is named twice; name each once")
+    if name is not None and len(model) > 1:
+        raise UsageError("--name is for one model; leave it out, or run the models one by one")
+    results: list[Result] = []
     progress = TerminalProgress()
     try:
-        with progress:
-            result = evaluate(
-                ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device, precision=precision)),
-                benchmark,
-                data,
-                output,
-                corruptions=names(corruptions),
-                severities=numbers(severities),
-                limit=limit,
-                split=split,
-                data_options=dict(keyword_options(data_option)),
-                seed=seed,
-                variant=variant,
-                severity_scale=severity_scale,
-                common_draws=common_draws,
-                workers=workers,
-                batch_size=batch_size,
-                engine=engine,
-                timeout=timeout,
-                allow_invalid=allow_invalid,
-                examples=examples,
-                progress=progress,
-            )
+        for spec in model:
+            folder = output if output is None or len(model) == 1 else output / file_name(spec)
+            with progress:
+                result = evaluate(
+                    ModelSpec(spec, options),
+                    benchmark,
+                    data,
+                    folder,
+                    corruptions=names(corruptions),
+                    severities=numbers(severities),
+                    limit=limit,
+                    split=split,
+                    data_options=dict(keyword_options(data_option)),
+                    seed=seed,
+                    variant=variant,
+                    severity_scale=severity_scale,
+                    common_draws=common_draws,
+                    name=name,
+                    workers=workers,
+                    batch_size=batch_size,
+                    engine=engine,
+                    timeout=timeout,
+                    allow_invalid=allow_invalid,
+                    examples=examples,
+                    progress=progress,
+                )
+            print_result(result)
+            results.append(result)
     except KeyboardInterrupt:
         typer.echo(f"robustflow: stopped; {progress.kept()} Give the same command again to go on.", err=True)
         raise typer.Exit(130) from None
-    print_result(result)
+    if len(results) > 1:
+        print_results(results)

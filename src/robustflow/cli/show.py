@@ -11,7 +11,7 @@ import typer
 def show(
     run: Annotated[Path, typer.Argument(help="A run's folder or record.")],
     metric: Annotated[
-        str, typer.Option("--metric", help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, or all.")
+        str, typer.Option("--metric", help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage, or all.")
     ] = "all",
 ) -> None:
     """Print a run's tables again, and write its summary and report anew; of a record, print alone.

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import sys
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.table import Table
 
 from ..analysis.labels import METRIC_LABELS
 from ..errors import unknown_name
-from ..metrics.summary import METRICS, Summary
+from ..metrics.summary import METRICS, Scores, Summary, has_gaps
 from ..report import table as report_table
 from ..report.render.terminal import render as render_terminal
 from ..runs.plan import left_out_sentence
@@ -30,6 +32,9 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
     else:
         console.print(_by_severity(result, metric))
     console.print(_sentence(summary), highlight=False, soft_wrap=True)
+    if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):
+        line = f"the paper's mean, over its {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
+        console.print(line, highlight=False, soft_wrap=True)
     missing, unmeasured = (sum(len(unit.samples) for unit in units) for units in (summary.missing, summary.unmeasured))
     if missing:
         are = "is" if missing == 1 else "are"
@@ -39,12 +44,29 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
         console.print(f"Incomplete: {unmeasured} {have} no pixel to measure; the means are over the rest.")
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")
+        if summary.epe is not None and summary.cre is None:
+            console.print("CRE needs the clean error over the same pixels, which rows of this age do not hold.")
     for warning in dict.fromkeys(text for clip in result.manifest.get("clips", []) for text in clip["warnings"]):
         console.print(f"Warning: {plain(warning, None)}", highlight=False, soft_wrap=True)
     if result.left_out:
         console.print(f"Left out: {left_out_sentence(result.left_out)}.", highlight=False, soft_wrap=True)
     if report:
         console.print(f"report: {result.path / 'report.html'}", highlight=False, soft_wrap=True)
+
+
+def print_results(results: Sequence[Run]) -> None:
+    """Print one line for each run, and the command that says whether they differ."""
+    console = Console(width=None if Console().is_terminal else 120, markup=False)
+    names = ("epe_clean", "epe", "cre", "crer", "rcre")
+    table = Table(title=f"{len(results)} models", title_justify="left")
+    table.add_column("model")
+    for heading in ("clean EPE", "EPE", "CRE", "CREr", "RCRE"):
+        table.add_column(heading, justify="right")
+    for result in results:
+        table.add_row(plain(result.name), *(cell(getattr(result, name)) for name in names))
+    console.print(table)
+    folders = " ".join(shlex.quote(str(result.path)) for result in results)
+    console.print(f"Is the difference one? robustflow compare {folders}", highlight=False, soft_wrap=True)
 
 
 def for_stdout(table: report_table.Table) -> str:
@@ -62,8 +84,10 @@ def _overview(name: str, summary: Summary) -> Table:
         for m in ("epe", "cre", "crer", "rcre")
         if any(getattr(s, m) is not None for s in summary.corruptions.values())
     ]
+    if has_gaps(summary):
+        shown.append("coverage")
     for metric in shown:
-        table.add_column(METRIC_LABELS[metric], justify="right")
+        table.add_column(METRIC_LABELS.get(metric, metric), justify="right")
     levels = summary.severities()
     for level in levels:
         table.add_column(f"RCRE {level}" if level == levels[0] else str(level), justify="right")
@@ -95,10 +119,12 @@ def _sentence(summary: Summary) -> str:
         return "nothing could be measured"
     if summary.epe_clean is None:
         return f"RCRE {cell(summary.rcre)} px (no ground truth: EPE, CRE and CREr cannot be measured)"
-    return (
-        f"clean EPE {cell(summary.epe_clean)} px, EPE {cell(summary.epe)}, CRE {cell(summary.cre)}, "
-        f"CREr {cell(summary.crer)}, RCRE {cell(summary.rcre)}"
-    )
+    return f"clean EPE {cell(summary.epe_clean)} px, {_means(summary)}"
+
+
+def _means(scores: Scores) -> str:
+    each = ", ".join(f"{METRIC_LABELS[m]} {cell(getattr(scores, m))}" for m in ("epe", "cre", "crer", "rcre"))
+    return each if scores.coverage in (None, 1.0) else f"{each}, coverage {cell(scores.coverage)}"
 
 
 def cell(value: float | None) -> str:

@@ -9,7 +9,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from .progress import LINE_EVERY_S
+from ..runner.progress import LINE_EVERY_S
 
 
 class VideoProgress:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from ..severity import SEVERITIES
 from .api import corrupt, corrupt_clip, corruption_name, load_corruption
-from .base import SEVERITIES, Corruption
+from .base import Corruption
 from .registry import CLIP, CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
 
 __all__ = [

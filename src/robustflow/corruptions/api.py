@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from itertools import chain
-from typing import Any
+from typing import Any, overload
 
 from ..errors import UsageError, unknown_name
 from ..random.rng import Rng
 from ..sample import Frame, Sample
-from .base import BGR, SCALES, Corruption, check_severity
+from ..severity import check_severity
+from .base import BGR, SCALES, Corruption
 from .calibration.scale import calibrated_severities
 from .channel_order import ChannelsReversed
+from .given_images import as_frame, like_given
 from .own import OwnCorruption, adopt, own_corruption
 from .registry import CORRUPTIONS
 from .stack import Stack, is_stack, parse_stack, with_targets_adopted
@@ -89,21 +91,41 @@ def stream_for(corruption: Corruption, severity: int, seed: int, key: str, commo
     return Rng.of("robustflow", STREAM_VERSION, seed, corruption.name, 0 if common_draws else severity, key)
 
 
+@overload
 def corrupt(
     frame1: Frame,
     frame2: Frame,
     corruption: str | Corruption | type[Corruption],
     severity: int,
+    seed: int = ...,
+    key: str = ...,
+    variant: str = ...,
+    scale: str = ...,
+    common_draws: bool = ...,
+) -> tuple[Frame, Frame]: ...
+
+
+@overload
+def corrupt(frame1: Any, frame2: Any = ..., *args: Any, **kwargs: Any) -> Any: ...
+
+
+def corrupt(
+    frame1: Any,
+    frame2: Any = None,
+    corruption: str | Corruption | type[Corruption] = "",
+    severity: int = 0,
     seed: int = 0,
     key: str = "",
     variant: str = "default",
     scale: str = "paper",
     common_draws: bool = False,
-) -> tuple[Frame, Frame]:
-    """Corrupt a pair of frames.
+) -> Any:
+    """Corrupt a pair of frames, or a single image.
 
     Args:
-        frame1, frame2: RGB uint8 (H, W, 3), the same size.
+        frame1, frame2: RGB uint8 (H, W, 3), the same size; or images of Pillow, which come back as such (RGB). Without
+            `frame2` the image stands for the first frame of a pair: it is that frame, to the byte. So of a corruption
+            that changes one frame of the two (`over_exposure`, `under_exposure`) it is left alone by half of the draws.
         corruption: a name (`robustflow list corruptions`), `module.path:Attribute`, or a corruption of your own.
         severity: 1 (mild) to 5 (severe).
         seed: the benchmark's seed.
@@ -115,7 +137,7 @@ def corrupt(
             default each severity is drawn apart, as the paper's frames were.
 
     Returns:
-        Two new RGB uint8 arrays of the same shape. The same arguments give the same bytes, always.
+        Two new frames of the same shape; of a single image, one. The same arguments give the same bytes, always.
 
     Raises:
         UsageError: unknown name, variant, scale or severity, or one that the scale lacks.
@@ -126,12 +148,17 @@ def corrupt(
     >>> a, b = corrupt(grey, grey, "gaussian_noise", severity=3, seed=7)
     >>> a.shape, bool((a == b).all())
     ((32, 48, 3), False)
+    >>> bool((corrupt(grey, corruption="gaussian_noise", severity=3, seed=7) == a).all())
+    True
     """
-    Sample(key or "pair", (frame1, frame2))
-    first, second = corrupt_clip(
-        (frame1, frame2), corruption, severity, seed, key, variant, scale, common_draws=common_draws
-    )
-    return first, second
+    if isinstance(corruption, str) and not corruption:
+        raise UsageError("no corruption is named: corrupt(frame1, frame2, 'fog', severity=3)")
+    given = (frame1,) if frame2 is None else (frame1, frame2)
+    frames = tuple(as_frame(frame) for frame in given)
+    Sample(key or "pair", (frames[0], frames[-1]))
+    clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, common_draws=common_draws)
+    out = tuple(like_given(frame, one) for frame, one in zip(clip, given, strict=True))
+    return out if len(out) > 1 else out[0]
 
 
 def corrupt_clip(

@@ -9,11 +9,12 @@ equals frame `i` of a pair.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from ..errors import UsageError
 from ..random.rng import Rng
 from ..sample import Frame
+from ..severity import SEVERITIES, check_severity
 
 VARIANTS = ("default", "reference", "paper")
 """`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the
@@ -21,8 +22,6 @@ paper's text to the letter. Where a corruption knows no difference, the three ar
 
 BGR = "reference-bgr"
 """As `reference`, with BGR frames handed to code that expects RGB, as the reference code does: see channel_order."""
-
-SEVERITIES = (1, 2, 3, 4, 5)
 
 SCALES = ("paper", "calibrated")
 """`paper`: the paper's numbers. `calibrated`: equal mean SSIM for all corruptions (docs/severity-scales.md)."""
@@ -38,8 +37,10 @@ class Corruption(ABC):
     name: ClassVar[str]
     family: ClassVar[str]
     temporal: ClassVar[bool] = False
-    """True for the paper's temporal corruptions: what changes between the two frames matters."""
+    """True for the seven that the paper calls temporal: made for pairs and clips, not for single images."""
     paper_severities: ClassVar[tuple[Any, ...]]
+    level: ClassVar[type[NamedTuple] | None] = None
+    """What a severity's parameters are called, where it has several."""
     source_key: ClassVar[str] = ""
     """The name of `source` in a run's identity; empty where no file of the user's decides the result."""
 
@@ -49,7 +50,11 @@ class Corruption(ABC):
         if variant not in VARIANTS:
             raise UsageError(f"unknown variant '{variant}' of {self.name}: choose from {', '.join((*VARIANTS, BGR))}")
         self.variant = variant
-        self.severities = tuple(severities) if severities is not None else self.severities_of(variant)
+        levels = severities if severities is not None else self.severities_of(variant)
+        self.severities = tuple(map(self._named, levels))
+
+    def _named(self, parameters: Any) -> Any:
+        return parameters if self.level is None or parameters is None else self.level(*parameters)
 
     def severities_of(self, variant: str) -> tuple[Any, ...]:
         """The five parameters of a variant; override where the reference code's numbers differ."""
@@ -88,15 +93,3 @@ class Corruption(ABC):
 
         Frames before the pair have negative numbers, and are frames of the same clip like any other.
         """
-
-
-def check_severity(severity: int) -> int:
-    """Return `severity`, or refuse it.
-
-    >>> check_severity(6)
-    Traceback (most recent call last):
-    robustflow.errors.UsageError: severity 6 does not exist: choose 1 (mild) to 5 (severe)
-    """
-    if isinstance(severity, bool) or severity not in SEVERITIES:
-        raise UsageError(f"severity {severity} does not exist: choose 1 (mild) to 5 (severe)")
-    return int(severity)

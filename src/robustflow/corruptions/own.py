@@ -18,7 +18,8 @@ import numpy as np
 from ..errors import RobustFlowError, UsageError, unknown_name
 from ..random.rng import Rng
 from ..sample import Frame
-from .base import BGR, SEVERITIES, VARIANTS, Corruption
+from ..severity import SEVERITIES
+from .base import BGR, VARIANTS, Corruption
 from .registry import CORRUPTIONS, SHIPPED
 from .source_digest import source_digest
 

@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 from ..errors import UsageError
 from ..random.rng import Rng
 from ..sample import Frame
-from .base import SEVERITIES, Corruption, check_severity
+from ..severity import SEVERITIES, check_severity
+from .base import Corruption
 from .calibration.scale import calibrated_levels
 from .own import adopt_target, is_known, is_target
 from .registry import CORRUPTIONS, SHIPPED

@@ -68,7 +68,7 @@ def prescription_of(candidate: Candidate, goal: Goal, half_field: float, name: s
 def structure_line(lens: Lens) -> str:
     """The elements in order, the stop as a bar.
 
-    >>> from robustflow.psf.shipped import shipped_lens
+    >>> from robustflow.lenses.shipped import shipped_lens
     >>> structure_line(shipped_lens(2)).startswith("| ")
     True
     """

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..psf.psf_field import FIELDS, SIZE, PsfField, field_rays
+from ..psf.psf_field import FIELDS, SIZE, PsfField
 from .glass import AIR
 from .goals import goal_of
 from .merit import FIELDS as MEASURED_FIELDS
@@ -18,6 +18,7 @@ from .merit import FREQUENCIES as MEASURED_FREQUENCIES
 from .merit import aim
 from .paraxial import DESIGN_WAVELENGTH, first_order_of
 from .prescription import IMAGE_RADIUS, Lens
+from .render import field_rays
 from .trace import Rays, trace_path
 from .transfer import modulation, moments, nominal_rms
 

@@ -13,7 +13,7 @@ from importlib import resources
 
 import numpy as np
 
-from ..corruptions.base import check_severity
+from ..severity import check_severity
 from .merit import Goal
 from .prescription import IMAGE_RADIUS, tangent_of
 

@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import RobustFlowError
-from ..psf.spectrum import CHANNELS, channel_wavelengths
 from ..random.rng import Rng
 from .glass import AIR, SELLMEIER, abbe_number, refractive_index
 from .merit import AIM_TOLERANCE, FIELDS, Goal, Limits, aim
 from .paraxial import DESIGN_WAVELENGTH
 from .residuals import build, damped_least_squares, evaluate, residual_count
+from .spectrum import CHANNELS, channel_wavelengths
 
 Array = npt.NDArray[np.float64]
 _GLASSES = tuple(SELLMEIER)

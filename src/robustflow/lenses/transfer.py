@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from ..psf.psf_field import SIZE, PsfField, field_rays
+from ..psf.psf_field import SIZE, PsfField
 from .prescription import PIXEL, Lens
+from .render import field_rays
 
 Array = npt.NDArray[np.float64]
 _PLACE = np.arange(SIZE) - SIZE // 2.0

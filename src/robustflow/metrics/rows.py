@@ -1,14 +1,17 @@
 """The row: what is kept of one (sample, corruption, severity), as sums and counts.
 
 Everything reported later is computed from rows, so that another average, a region or a confidence interval
-needs no second run. CRE is not stored: it is the difference of two rows' errors.
+needs no second run. CRE is not stored: it is the difference of two errors over the same pixels, `epe_sum` and
+`clean_epe_sum`.
 
 Which pixels are counted. Let *usable* be the pixels where both the prediction and the model's clean
 prediction are finite (all of them, for a sound model).
 
-- `n_valid` = usable pixels with valid ground truth; the denominator of `epe_sum`, `rcre_sum`,
+- `n_valid` = usable pixels with valid ground truth; the denominator of `epe_sum`, `clean_epe_sum`, `rcre_sum`,
   `magnitude_sum`, `fl_count`, `px*_count` and `wauc_sum`. Null, as those are, where the sample has no ground
   truth.
+- `n_truth` = pixels with valid ground truth, predicted or not; `n_valid / n_truth` is the coverage. Null without
+  ground truth.
 - `n_<r>` = those of `n_valid` in region r; the denominator of that region's sums. Null where the sample has
   no such region (no ground truth, no occlusion map); 0 where the region is empty.
 - `n_all` = usable pixels; the denominator of `rcre_all_sum` and `pred_magnitude_sum`.
@@ -29,8 +32,12 @@ from .epe import epe_map, error_sum, flow_array, magnitude_map
 from .outliers import outlier_sums
 from .regions import REGIONS, Regions
 
-ROW_SCHEMA_VERSION = 1
-"""Raised when a column is added, dropped, or means something else; part of a run's identity."""
+ROW_SCHEMA_VERSION = 2
+"""Raised when a column is added, dropped, or means something else. Version 1 lacked `LATER_COLUMNS`."""
+
+ROW_MEANING_VERSION = 1
+"""Raised when a column means something else, so that rows of before and after cannot stand in one run; part of a run's
+identity."""
 
 CLEAN = "clean"
 """The corruption name of the row of a sample's clean frames, with severity 0."""
@@ -70,6 +77,19 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     )
 }
 """Columns of the rows and their types, in order. Sums are in pixels (`wauc_sum`: 1 per perfect pixel)."""
+
+LATER_COLUMNS: dict[str, type[pl.DataType]] = {
+    "n_truth": pl.Int64,
+    "clean_epe_sum": pl.Float64,
+    **{f"clean_epe_sum_{region}": pl.Float64 for region in REGIONS},
+}
+"""Columns that rows of version 1 lack: pixels with ground truth, and the sums of the clean flow's error over the pixels
+that the row's own error is summed over. `complete_rows` makes them where the others decide them."""
+
+FIRST_SCHEMA = dict(ROW_SCHEMA)
+"""The columns of version 1."""
+
+ROW_SCHEMA |= LATER_COLUMNS
 
 
 def measure(
@@ -133,7 +153,7 @@ def measure(
     }
     if sample.flow is None or regions is None:
         return row
-    error = epe_map(pred, sample.flow)
+    error, before = epe_map(pred, sample.flow), epe_map(clean_pred, sample.flow)
     counted = regions.valid & usable
     outliers = outlier_sums(error, regions.magnitude, counted)
     row |= {
@@ -146,10 +166,50 @@ def measure(
         "px3_count": outliers.px3_count,
         "px5_count": outliers.px5_count,
         "wauc_sum": outliers.wauc_sum,
+        "n_truth": int(np.count_nonzero(regions.valid)),
+        "clean_epe_sum": error_sum(before, counted).total,
     }
     for name, sums in regions.sums(error, moved).items():
         row |= {f"{field}_{name}": value for field, value in sums._asdict().items()}
+    for name, sums in regions.sums(before, moved).items():
+        row[f"clean_epe_sum_{name}"] = sums.epe_sum
     return row
+
+
+def complete_rows(rows: pl.DataFrame) -> pl.DataFrame:
+    """Rows of any version with the columns of `ROW_SCHEMA`; what rows of version 1 lack is made from the others.
+
+    Where a row counts as many pixels as its sample's clean row, they are the same pixels, so the clean error's sum over
+    them is the clean row's. Where it counts fewer (a model that left out pixels), version 1 did not keep it: null.
+
+    Args:
+        rows: of a whole run, the columns of version 1 or more.
+    """
+    absent = [name for name in LATER_COLUMNS if name not in rows.columns]
+    if absent:
+        rows = rows.with_columns(pl.lit(None, LATER_COLUMNS[name]).alias(name) for name in absent)
+    counts = {"clean_epe_sum": "n_valid", **{f"clean_epe_sum_{region}": f"n_{region}" for region in REGIONS}}
+    lacking = [pl.col(count).is_not_null() & pl.col(name).is_null() for name, count in counts.items()]
+    lacking.append(pl.col("n_valid").is_not_null() & pl.col("n_truth").is_null())
+    if not rows.select(pl.any_horizontal(lacking).any()).item():
+        return rows.select(list(ROW_SCHEMA))
+    whole = pl.col("n_all") == pl.col("height") * pl.col("width")
+    clean = rows.filter(pl.col("corruption") == CLEAN).unique("sample", keep="first")
+    clean = clean.select(
+        "sample",
+        *(pl.col(count).alias(f"_{count}") for count in counts.values()),
+        *(pl.col(name.removeprefix("clean_")).alias(f"_{name}") for name in counts),
+    )
+    joined = rows.join(clean, on="sample", how="left", maintain_order="left")
+    truth = pl.col("n_valid").filter(whole).first().over("sample")
+    completed = joined.with_columns(
+        pl.coalesce("n_truth", truth).alias("n_truth"),
+        *(
+            pl.coalesce(name, pl.when(pl.col(count) == pl.col(f"_{count}")).then(f"_{name}")).alias(name)
+            for name, count in counts.items()
+        ),
+    )
+    return completed.select(list(ROW_SCHEMA))
 
 
 def rows_frame(rows: Iterable[dict[str, Any]]) -> pl.DataFrame:

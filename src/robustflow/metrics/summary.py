@@ -14,7 +14,11 @@ Averaging = Literal["image", "pixel"]
 """`image`: the paper's, mean over the pixels of an image, then over images. `pixel`: over the pixels of all
 images at once. Means over severities, then over corruptions, follow in both."""
 
-METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc")
+METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc", "coverage")
+
+SUMMARY_VERSION = 2
+"""Raised when a field is added, or means something else. Version 1, which does not say so, had no `coverage`, `paper`
+and `paper_over`, and its overall means left out corruptions that the paper does not have."""
 
 
 class _Frozen(BaseModel):
@@ -34,6 +38,8 @@ class Scores(_Frozen):
         fl: Fl-all, percent.
         px1, px3, px5: pixels with an error above 1, 3, 5 px, percent.
         wauc: weighted area under the inlier curve, percent (100 is best).
+        coverage: share of the pixels with ground truth (of all pixels, without ground truth) that the means are over, 0
+            to 1: the others were not predicted, here or on the clean frames.
     """
 
     epe: float | None = None
@@ -46,6 +52,7 @@ class Scores(_Frozen):
     px3: float | None = None
     px5: float | None = None
     wauc: float | None = None
+    coverage: float | None = None
 
 
 class CorruptionScores(Scores):
@@ -53,7 +60,7 @@ class CorruptionScores(Scores):
 
     Attributes:
         family: the paper's family; None outside the paper.
-        averaged: whether it is part of the overall means (the paper's corruptions are).
+        averaged: whether it is part of the overall means.
         severities: the severities found, ascending.
         by_severity: for each metric a list beside `severities`.
     """
@@ -86,9 +93,10 @@ class Units(_Frozen):
 
 
 class Summary(Scores):
-    """The means of a run; the scores at the top are over the corruptions in `averaged_over`.
+    """The means of a run; the scores at the top are over the corruptions in `averaged_over`: all that were run.
 
     Attributes:
+        version: of the summary.
         row_schema: version of the rows it was made from.
         averaging: see `Averaging`.
         complete: False where anything is listed in `missing` or `unmeasured`; the means are over what exists.
@@ -103,8 +111,12 @@ class Summary(Scores):
         corruptions: in the paper's order, then the others by name.
         families: means over the corruptions of each of the paper's families.
         regions: overall means inside each region that occurs.
+        paper: the paper's mean, over its corruptions on this benchmark alone; None unless all of them were run. Only it
+            can be compared with published averages.
+        paper_over: the corruptions of `paper`, none where it is None.
     """
 
+    version: int = SUMMARY_VERSION
     row_schema: int = ROW_SCHEMA_VERSION
     averaging: Averaging
     complete: bool
@@ -118,6 +130,8 @@ class Summary(Scores):
     corruptions: dict[str, CorruptionScores]
     families: dict[str, Scores]
     regions: dict[str, RegionScores]
+    paper: Scores | None = None
+    paper_over: list[str] = []
 
     def severities(self) -> list[int]:
         """The severities that occur, ascending."""
@@ -143,3 +157,9 @@ class Summary(Scores):
         schema: dict[str, type[pl.DataType]] = {"corruption": pl.String, "family": pl.String}
         schema |= {str(severity): pl.Float64 for severity in severities} | {"mean": pl.Float64}
         return pl.DataFrame(records, schema=schema, orient="row")
+
+
+def has_gaps(summary: Summary) -> bool:
+    """Whether the model left out pixels, so that tables need the column `coverage`."""
+    each = (summary.clean, *summary.corruptions.values())
+    return any(scores.coverage is not None and scores.coverage < 1 for scores in each)

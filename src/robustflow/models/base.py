@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from types import ModuleType
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
 from ..errors import ModelError, RobustFlowError
 from ..sample import Flow, Frame
+from .where import where_raised
 from .window import Window
 
 
@@ -89,6 +91,18 @@ def model_identity(model: Any) -> dict[str, Any]:
     return {"object": f"{kind.__module__}.{kind.__qualname__}"}
 
 
+def name_of(model: Any) -> str | None:
+    """What a user's own model calls itself: its attribute `name`, where that is a text; None without one.
+
+    >>> class Mine:
+    ...     name = "My model"
+    >>> name_of(Mine()), name_of(print.__self__)
+    ('My model', None)
+    """
+    name = getattr(model, "name", None)
+    return name.strip() or None if isinstance(name, str) and not isinstance(model, ModuleType) else None
+
+
 def predict_checked(
     model: FlowModel | FlowLookup, frames: tuple[Frame, ...], key: str, corruption: str, severity: int
 ) -> Flow:
@@ -149,8 +163,8 @@ def _named(where: str) -> Iterator[None]:
         raise ModelError(f"{error} (on {where})") from error
     except (Exception, SystemExit) as error:
         raise ModelError(
-            f"the model raised {type(error).__name__} on {where}: {error or 'no message'}; "
-            "run the model on this pair by itself to see why"
+            f"the model raised {type(error).__name__} on {where}: {error or 'no message'}{where_raised(error)}; "
+            "give --debug for its whole traceback"
         ) from error
 
 

@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
-from ..errors import ModelError, UsageError
+from ..errors import ModelError, UsageError, unknown_name
+from .option_checks import check_count
 
 RAFT_SMALLEST = 121
 """Pixels a side. RAFT halves its correlation volume three times and divides by the last one's sides less one, which is
 0 up to 120 pixels: NaN. Its authors evaluate nothing so small and pad to multiples of 8 only, so such frames are
 refused, whichever implementation runs."""
+
+ORDERS = ("rgb", "bgr")
+_PerChannel = tuple[float, float, float]
+# Of ImageNet, RGB in 0..1, as torchvision documents them.
+_MEAN: _PerChannel = (255 * 0.485, 255 * 0.456, 255 * 0.406)
+_STD: _PerChannel = (255 * 0.229, 255 * 0.224, 255 * 0.225)
+_NONE: _PerChannel = (0.0, 0.0, 0.0)
+SCALINGS: dict[str, tuple[_PerChannel, float | _PerChannel]] = {
+    "0-1": (_NONE, 1 / 255),
+    "-1-1": ((127.5, 127.5, 127.5), 2 / 255),
+    "0-255": (_NONE, 1.0),
+    "imagenet": (_MEAN, (1 / _STD[0], 1 / _STD[1], 1 / _STD[2])),
+}
+"""By name: what is subtracted from RGB values 0..255, and what the difference is multiplied by."""
+_SMALLEST, _LARGEST = 4, 2**15
+"""Pixels along a side that an input fixes. Less is a number of channels, more asks for more memory than there is."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +107,47 @@ class InputConvention:
         if self.fit == "stretch" or self.size:
             about["size"] = list(self.size) if self.size else "next multiple"
         return about
+
+
+def named_convention(
+    *, order: str, scaling: str, multiple: int, size: tuple[int | None, int | None] = (None, None)
+) -> InputConvention:
+    """The convention that options describe: what the file of an exported network, or a user's module, leaves open.
+
+    Args:
+        order: of the colours, "rgb" or "bgr".
+        scaling: of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, less ImageNet's mean, over its deviation).
+        multiple: of height and width, reached by repeating the border.
+        size: (height, width) the network takes, where it takes one only; None for a dynamic side.
+
+    Raises:
+        UsageError: an unknown order or scaling, or a multiple below 1 or larger than any frame.
+        ModelError: a size no frame has.
+
+    >>> named_convention(order="bgr", scaling="0-255", multiple=8).fitted_size(375, 1242)
+    (376, 1248)
+    """
+    if order not in ORDERS:
+        raise unknown_name("order", str(order), ORDERS)
+    if scaling not in SCALINGS:
+        raise unknown_name("scaling", str(scaling), SCALINGS)
+    check_count("multiple", multiple)
+    if multiple > _LARGEST:
+        raise UsageError(f"multiple must be {_LARGEST} pixels at most, not {multiple}")
+    if not all(side is None or _SMALLEST <= side <= _LARGEST for side in size):
+        asked = "x".join("?" if side is None else str(side) for side in size)
+        raise ModelError(f"the network asks for frames of {asked}; export it for (N, 3, H, W), H and W dynamic")
+    mean, scale = SCALINGS[scaling]
+    if order == "bgr":
+        mean, scale = mean[::-1], scale[::-1] if isinstance(scale, tuple) else scale
+    return InputConvention(
+        mean=mean,
+        scale=scale,
+        order=cast(Literal["rgb", "bgr"], order),
+        fit="pad",
+        multiple=multiple,
+        size=size if any(size) else None,
+    )
 
 
 def parse_size(text: str, multiple: int) -> tuple[int, int]:

@@ -15,6 +15,7 @@ from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..registry import Registry
 from ..sample import Flow, Frame
 from .base import AnyModel, model_identity
+from .own.networks import OWN
 from .provenance import DECLARED
 from .tiling import tiled
 
@@ -23,13 +24,8 @@ MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
 MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
-MODELS.add("arflow", "robustflow.models.own.arflow:arflow")
-MODELS.add("upflow", "robustflow.models.own.upflow:upflow")
-MODELS.add("brightflow", "robustflow.models.own.brightflow:brightflow")
-MODELS.add("samflow_t", "robustflow.models.own.samflow:samflow_t")
-MODELS.add("samflow_b", "robustflow.models.own.samflow:samflow_b")
-MODELS.add("samflow_h", "robustflow.models.own.samflow:samflow_h")
-MODELS.add("flowdiffuser", "robustflow.models.own.flowdiffuser:flowdiffuser")
+for _name in OWN:
+    MODELS.add(_name, f"robustflow.models.own.networks:{_name}")
 for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
     MODELS.add(_name, f"robustflow.models.ptlflow.pairs:{_name}")
 for _name in ("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamflow", "memfof"):
@@ -37,14 +33,30 @@ for _name in ("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamf
 MODELS.add("raft_large", "robustflow.models.torch.torchvision:raft_large")
 MODELS.add("raft_small", "robustflow.models.torch.torchvision:raft_small")
 MODELS.add("onnx", "robustflow.models.exported.onnx:OnnxModel")
-for _name in ("torchscript", "torch_export"):
-    MODELS.add(_name, f"robustflow.models.exported.torch:{_name}")
+MODELS.add("torch_export", "robustflow.models.exported.pt2:torch_export")
 
 PTLFLOW = "ptlflow:"
 """Before the name of any model of ptlflow."""
 
-EXPORTED = {".onnx": "onnx", ".pt2": "torch_export", ".ts": "torchscript", ".torchscript": "torchscript"}
+EXPORTED = {".onnx": "onnx", ".pt2": "torch_export"}
 """Endings of files that are a model by themselves, and the model that reads them."""
+
+TORCH_OPTIONS = (
+    *("scaling", "order", "multiple", "layout", "output", "checkpoint", "sha256", "batched"),
+    *("device", "precision", "compile", "threads"),
+)
+"""Options of `TorchModel` that a `module:factory` of a bare PyTorch module takes from the command line."""
+
+_NOT_FOR_ALL = {
+    "device": "runs on the CPU only",
+    "precision": "has no precision to choose",
+    "checkpoint": "has no weights to load",
+}
+"""Options that the command line offers for every model, and why some models do not take them."""
+
+TORCHSCRIPT = (".ts", ".torchscript")
+"""Endings of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods of the file while it
+reads, before anything could be checked, and TorchScript's operators can write files."""
 
 
 def load_model(name: str, **options: Any) -> AnyModel:
@@ -52,8 +64,8 @@ def load_model(name: str, **options: Any) -> AnyModel:
 
     Args:
         name: a registered name (`robustflow list models`), `ptlflow:NAME` for any model of that library,
-            `module.path:Attribute` (an object with `predict`, a class or factory that makes one, or a function of two
-            frames), an exported network (a .onnx, .pt2, .ts or .torchscript file), or a folder of flow files.
+            `module.path:Attribute` (an object with `predict`, a PyTorch module, a class or factory that makes one, or
+            a function of two frames), an exported network (a .onnx or .pt2 file), or a folder of flow files.
         options: passed to the model's constructor (`preset="fast"` for `dis`). Every model also takes
             `tile="HEIGHTxWIDTH"`, to predict in tiles (see `tiling.TiledModel`).
 
@@ -66,6 +78,11 @@ def load_model(name: str, **options: Any) -> AnyModel:
     """
     registered = name in MODELS.names()
     exported = None if registered else EXPORTED.get(Path(name).suffix.lower())
+    if not registered and (name == "torchscript" or Path(name).suffix.lower() in TORCHSCRIPT):
+        raise UsageError(
+            f"model '{name}': TorchScript is not read, because reading such a file can run what its author put there; "
+            "export the network with torch.export.save (.pt2) or to ONNX"
+        )
     if exported is not None:
         if "checkpoint" in options:
             raise UsageError(
@@ -107,6 +124,11 @@ class ModelSpec:
         """Load the model; every call makes a new one."""
         return load_model(self.name, **{key: value for key, value in self.options if key != DECLARED})
 
+    @property
+    def is_own(self) -> bool:
+        """Whether it names the user's own code, `module.path:Attribute`."""
+        return ":" in self.name and not self.name.startswith(PTLFLOW) and not Path(self.name).exists()
+
     def identity(self, model: AnyModel) -> dict[str, Any]:
         """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
         that an edited model never continues the run of the unedited one. What the model says itself about an option
@@ -139,7 +161,7 @@ class FunctionModel:
 
 
 def as_model(found: Any, what: str) -> AnyModel:
-    """Anything with `predict`, `predict_clip` or `lookup` as it is; a class built, a function wrapped.
+    """Anything with `predict`, `predict_clip` or `lookup` as it is; a class built, a module or function wrapped.
 
     Args:
         found: what should be a model.
@@ -153,6 +175,10 @@ def as_model(found: Any, what: str) -> AnyModel:
         found = _construct(found, what, {})
     if isinstance(found, AnyModel):
         return found
+    if is_module(found):
+        from .torch.user_model import TorchModel
+
+        return TorchModel(found)
     if callable(found):
         return FunctionModel(found)
     raise ModelError(
@@ -170,6 +196,16 @@ def _no_such_path(name: str) -> UsageError:
     return UsageError(
         f"model '{name}': no such file or folder, nor a model of this name (see 'robustflow list models')"
     )
+
+
+def is_module(thing: Any) -> bool:
+    """Whether something is a PyTorch module, without importing PyTorch to find out.
+
+    >>> is_module(print)
+    False
+    """
+    torch = sys.modules.get("torch")
+    return torch is not None and isinstance(thing, torch.nn.Module)
 
 
 def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
@@ -192,19 +228,45 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
             public = [key for key in vars(found) if not key.startswith("_")]
             raise unknown_name(f"attribute of {module_name}", part, public)
         found = getattr(found, part)
+    if is_module(found) and not isinstance(found, AnyModel):
+        return _as_torch_model(found, name, options)
     if inspect.isclass(found) or (callable(found) and not _takes_two_frames(found)):
-        found = _construct(found, name, options)
+        parameters = _parameters(found)
+        takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
+        # Where the factory makes a bare module, what it does not take itself says how the module is to be used.
+        rest = {} if takes_any else {key: options[key] for key in options if key not in parameters}
+        factory_options = {key: options[key] for key in options if key not in rest}
+        if rest and not any(key in TORCH_OPTIONS for key in rest):
+            factory_options, rest = options, {}
+        built = _construct(found, name, factory_options)
+        if is_module(built) and not isinstance(built, AnyModel):
+            return _as_torch_model(built, name, rest)
+        if rest:
+            raise unknown_name(f"option of model '{name}'", next(iter(rest)), parameters or ["(it takes none)"])
+        found = built
     elif options:
         raise UsageError(f"model '{name}' is already built, so it takes no options: {', '.join(options)}")
     return as_model(found, f"model '{name}'")
+
+
+def _as_torch_model(module: Any, name: str, options: dict[str, Any]) -> AnyModel:
+    from .torch.user_model import TorchModel
+
+    for option in options:
+        if option not in TORCH_OPTIONS:
+            raise unknown_name(f"option of model '{name}'", option, TORCH_OPTIONS)
+    return TorchModel(module, **options)
 
 
 def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -> Any:
     parameters = _parameters(factory)
     takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
     for option in options:
-        if not takes_any and option not in parameters:
-            raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
+        if takes_any or option in parameters:
+            continue
+        if option in _NOT_FOR_ALL and name in MODELS.names():
+            raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; leave out --{option}")
+        raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
     needed = [key for key in needed_options(factory) if key not in options]
     if needed:
         raise UsageError(f"model '{name}' needs the option {needed[0]}: give -O {needed[0]}=VALUE")

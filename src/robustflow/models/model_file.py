@@ -18,6 +18,16 @@ _NO_MODEL = {
 }
 
 
+def require_file(path: Path) -> None:
+    """Say that a file is missing, before any library that would read it is imported.
+
+    Raises:
+        ModelError: there is nothing at `path`.
+    """
+    if not path.exists():
+        raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or give its path")
+
+
 @contextmanager
 def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, str]]:
     """Open a file, at its beginning, and say its SHA-256, 64 hexadecimal digits.

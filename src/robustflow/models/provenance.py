@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from ..errors import UsageError, unknown_name
 from .catalog import CheckpointEntry, checkpoints, methods
-from .torch.network import RANDOM
+from .torch.find_checkpoint import RANDOM
 
 Setting = Literal["knowledge", "OOD", "ID", "LEAKED", "untrained", "undeclared"]
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from ..errors import UsageError
-from ..models.torch.model import TorchModel
+from ..models.torch.model import NetworkModel
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Measured:
     device: str
 
 
-def measure(model: TorchModel, height: int, width: int, repeat: int = 1) -> Measured:
+def measure(model: NetworkModel, height: int, width: int, repeat: int = 1) -> Measured:
     """Predict a pair of random frames; one prediction more comes first where a GPU needs it to warm up.
 
     Raises:

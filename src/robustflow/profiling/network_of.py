@@ -7,10 +7,10 @@ from typing import Any
 from ..errors import UsageError
 from ..models.tiling import TiledModel
 from ..models.torch.clip_model import TorchClipModel
-from ..models.torch.model import TorchModel
+from ..models.torch.model import NetworkModel
 
 
-def network_of(model: Any) -> TorchModel:
+def network_of(model: Any) -> NetworkModel:
     """The adapter that holds a model's network, without the tiles it may predict in.
 
     Raises:
@@ -20,7 +20,7 @@ def network_of(model: Any) -> TorchModel:
         model = model.model
     if isinstance(model, TorchClipModel):
         raise UsageError(f"'{model.name}' sees a clip, and networks of two frames alone are profiled: choose another")
-    if not isinstance(model, TorchModel):
+    if not isinstance(model, NetworkModel):
         raise UsageError(
             "only PyTorch networks can be profiled: this model is none, or hides it; choose one that "
             "robustflow list models shows with the source own, ptlflow or torchvision"

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from ..errors import ModelError
 from ..models import load_model
 from ..models.catalog import methods
-from ..models.torch.network import RANDOM
+from ..models.torch.find_checkpoint import RANDOM
 from .counts import Counts, count
 from .network_of import network_of
 

@@ -9,27 +9,21 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
+import pickletools
+import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from ..atomic import make_folder, write_bytes
+from ..cache import cache_folder, cache_folders
 from ..errors import AssetError, DataError
 from .psf_field import SHAPE, PsfField
 
 LARGEST = 16 * 2**20
 """Bytes; a stack has 2.9 million, anything much larger is not one."""
-
-
-def cache_folder() -> Path:
-    """Where converted stacks are kept: `ROBUSTFLOW_CACHE`, else the user's cache folder."""
-    root = os.environ.get("ROBUSTFLOW_CACHE")
-    if root:
-        return Path(root) / "psf"
-    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(home) / "robustflow" / "psf"
 
 
 def find_stack(folder: Path, rms: float) -> Path:
@@ -52,7 +46,7 @@ def find_stack(folder: Path, rms: float) -> Path:
 def reference_field(folder: str | Path, rms: float) -> PsfField:
     """The PSFs of the reference lens of RMS radius `rms` from a folder of `.pth` files.
 
-    The file is read by torch with `weights_only`, once: the result is kept in `cache_folder()` under the SHA-256 of
+    The file is read by torch with `weights_only`, once: the result is kept in the user's cache under the SHA-256 of
     the file, and read from there without torch afterwards.
 
     Raises:
@@ -63,12 +57,16 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
     if path.stat().st_size > LARGEST:
         raise DataError(f"{path} has {path.stat().st_size} bytes, a PSF stack has 2.9 million; wrong file")
     data = path.read_bytes()
-    kept = cache_folder() / f"{hashlib.sha256(data).hexdigest()}.npy"
-    if kept.exists():
+    name = f"{hashlib.sha256(data).hexdigest()}.npy"
+    for kept in (folder / name for folder in cache_folders("psf")):
         try:
-            return PsfField(np.load(kept, allow_pickle=False)[:, :, ::-1, ::-1])
+            # mapped, so that a header that declares more than the file holds is refused before memory is taken
+            return PsfField(np.load(kept, mmap_mode="r", allow_pickle=False)[:, :, ::-1, ::-1])
+        except FileNotFoundError:
+            continue
         except (OSError, EOFError, ValueError, DataError):
             kept.unlink(missing_ok=True)  # damaged: convert the file again
+    kept = cache_folder("psf") / name
     stack = _read_tensor(path, data)
     field = PsfField(stack[:, :, ::-1, ::-1])
     buffer = io.BytesIO()
@@ -85,6 +83,7 @@ def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
         raise AssetError(
             f"reading {path} for the first time needs torch; install it with: pip install 'robustflow[torch]'"
         ) from error
+    _check_declared(path, data)
     try:
         tensor = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises a different type for each way in which a file can be wrong
@@ -92,3 +91,35 @@ def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
     if not isinstance(tensor, torch.Tensor) or tuple(tensor.shape) != SHAPE or tensor.dtype != torch.float32:
         raise DataError(f"{path} does not hold one float32 tensor of shape {SHAPE}; give an unchanged .pth file")
     return np.asarray(tensor.numpy(), np.float32)
+
+
+def _check_declared(path: Path, data: bytes) -> None:
+    """Refuse a small file that declares a large content, before anything is allocated for it.
+
+    Raises:
+        DataError: an entry of the archive, or a number in its index (a count of elements), is larger than any stack.
+    """
+    try:
+        if zipfile.is_zipfile(io.BytesIO(data)):
+            with zipfile.ZipFile(io.BytesIO(data)) as archive:
+                entries = archive.infolist()
+                largest = sum(entry.file_size for entry in entries)
+                small = [entry for entry in entries if entry.filename.endswith(".pkl")] if largest <= LARGEST else []
+                numbers = [number for entry in small for number in _numbers(io.BytesIO(archive.read(entry)))]
+        else:  # PyTorch before 1.6: five pickles, the first of them a magic number, and the values
+            stream, largest = io.BytesIO(data), len(data)
+            numbers = [number for place in range(5) for number in _numbers(stream) if place]
+    except (zipfile.BadZipFile, ValueError, RuntimeError, NotImplementedError, EOFError, zlib.error) as error:
+        raise DataError(f"{path} is not a PSF stack that can be read safely; give an unchanged .pth file") from error
+    largest = max([largest, *numbers])
+    if largest > LARGEST:
+        raise DataError(f"{path} declares a content of {largest} bytes or elements, a PSF stack has 2.9 million bytes")
+
+
+def _numbers(stream: io.BytesIO) -> list[int]:
+    """The sizes in the next pickle of a stream, without their signs; nothing of it is executed.
+
+    Storages are named by numbers, which older versions of PyTorch write as text: only true integers count.
+    """
+    whole = ("INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4")
+    return [abs(arg) for code, arg, _ in pickletools.genops(stream) if code.name in whole and isinstance(arg, int)]

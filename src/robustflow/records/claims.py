@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
-from ..corruptions.base import SEVERITIES
 from ..corruptions.registry import CORRUPTIONS
 from ..corruptions.stack import levels_of, split_stack
 from ..errors import UsageError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..models.provenance import Training, parse_training_sets, training_of
+from ..severity import SEVERITIES
 from ..text import plain
 from .contents import Manifest
 

@@ -8,7 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, f
 
 from ..errors import DataError, RunError, first_misfit
 from ..models.provenance import Setting, training_of
-from ..runs.store import MANIFEST_SCHEMA
+from ..runs.identity import LONGEST_NAME
+from ..runs.manifest_file import MANIFEST_SCHEMA
 from ..text import plain
 from .rows_text import MOST_ROWS
 from .text import holds_path, texts
@@ -112,9 +113,11 @@ class Manifest(_Strict):
     identity: Identity
     identity_digest: _Digest
     samples: Annotated[dict[_Text, list[tuple[_Text, int]]], Field(min_length=1, max_length=MOST_ROWS)]
+    file_digests: Annotated[dict[_Text, list[_Digest]], Field(max_length=MOST_ROWS)] = {}
     provenance: Provenance
     selection: Selection
     left_out: Annotated[dict[_Text, list[_Severity]], Field(max_length=1000)] = {}
+    name: Annotated[str, Field(max_length=LONGEST_NAME)] = ""
     started: Annotated[str, Field(max_length=40)]
     finished: Annotated[str, Field(max_length=40)] | None
     seconds: Annotated[dict[_Text, float], Field(max_length=20)]

@@ -11,7 +11,7 @@ import polars as pl
 from ..atomic import make_folder, write_bytes
 from ..corruptions.api import STREAM_VERSION
 from ..errors import DataError
-from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION
+from ..metrics.rows import ROW_KEY, ROW_MEANING_VERSION, ROW_SCHEMA
 from ..runs.costs import PROFILE, parse_cost
 from ..runs.identity import identity_digest
 from ..runs.plan import IDENTITY_VERSION
@@ -90,10 +90,10 @@ class Reader:
         self.plan = validated(Manifest, data, "manifest.json")
         identity, digest = self.plan.identity, self.plan.identity_digest
         versions = (identity.version, identity.streams, identity.rows)
-        if versions != (IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION):
+        if versions != (IDENTITY_VERSION, STREAM_VERSION, ROW_MEANING_VERSION):
             raise DataError(
                 f"manifest.json is of versions {versions} (identity, streams, rows), this version reads "
-                f"{(IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION)}; use the version that packed it"
+                f"{(IDENTITY_VERSION, STREAM_VERSION, ROW_MEANING_VERSION)}; use the version that packed it"
             )
         made = identity_digest(self.raw_manifest["identity"])
         if not made == digest == self.facts.run:

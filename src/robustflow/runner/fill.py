@@ -2,39 +2,24 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
-from typing import Protocol
 
 from ..datasets.base import FromClips
+from ..metrics.rows import CLEAN
 from ..models import ModelSpec
 from ..runs.manifest import now, open_manifest
 from ..runs.plan import Plan, unfinished_samples
 from ..runs.store import RunFolder
-from .engines.base import FinishedUnit, Job
+from ..text import file_name
+from .engines.base import Job
 from .engines.choose import Engine
-from .same_model import check_same_model
+from .kept_rows import kept_clean_rows
+from .progress import Progress
+from .resume_check import check_before_resuming
 from .setup import Setup
-
-
-class Progress(Protocol):
-    """Hears of every finished unit."""
-
-    def start(self, folder: Path, total: int, found: int) -> None: ...
-
-    def advance(self, done: FinishedUnit) -> None: ...
-
-
-class Silent:
-    """A `Progress` that shows nothing."""
-
-    def start(self, folder: Path, total: int, found: int) -> None:
-        """Nothing."""
-
-    def advance(self, done: FinishedUnit) -> None:
-        """Nothing."""
 
 
 def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
@@ -54,12 +39,12 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     plan, named = setup.plan, setup.model
     job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
     manifest = open_manifest(folder, plan)
-    if not isinstance(job.model, ModelSpec) and "object" in plan.model_identity:
-        check_same_model(folder, job, plan.benchmark.keys)
-    folder.write_manifest(manifest)
     cells = folder.tidy()
+    check_before_resuming(folder, job, plan)
+    folder.write_manifest(manifest)
     folder.settle(manifest["samples"], unfinished_samples(manifest, cells), cells)
     units = plan.missing(cells)
+    job = replace(job, kept=kept_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
     progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
     left = Counter(unit.key for unit in units)
     seconds: dict[str, float] = dict(manifest.get("seconds", {}))
@@ -82,5 +67,4 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
 def default_folder(plan: Plan, spec: ModelSpec | None) -> Path:
     """Where a run goes that is given no folder: `runs/<benchmark>_<model>_<identity>`."""
     name = spec.name if spec is not None else plan.model_identity.get("name", "model")
-    slug = re.sub(r"[^A-Za-z0-9_.-]+", "-", str(name)).strip("-.")[-40:] or "model"
-    return Path("runs") / f"{plan.benchmark.name}_{slug}_{plan.digest()[:8]}"
+    return Path("runs") / f"{plan.benchmark.name}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..errors import UsageError
 from ..models import ModelSpec
-from ..models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity, name_of
 from ..models.loading import as_model
 from ..models.provenance import DECLARED
 
@@ -29,6 +29,8 @@ class NamedModel:
     model: AnyModel
     identity: dict[str, Any]
     declared: str | None
+    name: str | None = None
+    """What a user's own model calls itself; None for those that are known by name."""
 
     def check_batch_size(self, size: int) -> None:
         """Refuse a batch size that the model does not take.
@@ -58,6 +60,7 @@ def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) ->
     if isinstance(model, ModelSpec):
         loaded = model.load()
         declared = dict(model.options).get(DECLARED, getattr(loaded, DECLARED, None))
-        return NamedModel(model, loaded, model.identity(loaded), declared)
+        own_name = name_of(loaded) if model.is_own else None
+        return NamedModel(model, loaded, model.identity(loaded), declared, own_name)
     given = as_model(model, f"the model {model!r}")
-    return NamedModel(None, given, model_identity(given), getattr(given, DECLARED, None))
+    return NamedModel(None, given, model_identity(given), getattr(given, DECLARED, None), name_of(given))

@@ -21,7 +21,7 @@ from ..models import ModelSpec
 from ..models.base import AnyModel
 from ..models.provenance import training_of
 from ..models.window import Window
-from ..runs.identity import differing
+from ..runs.identity import checked_name, differing
 from ..runs.plan import Plan, RunOptions, left_out_sentence
 from ..runs.run import Run
 from ..runs.source import RunSource
@@ -56,20 +56,21 @@ def set_up(
     severity_scale: str = "paper",
     allow_invalid: bool = False,
     common_draws: bool = False,
+    name: str | None = None,
 ) -> Setup:
     """What is asked for, checked as a whole; the model is loaded, and nothing is computed.
 
     Args:
         model: see `robustflow.evaluate`.
         benchmark: from `open_benchmark`, narrowed to what is to run.
-        seed, variant, severity_scale, allow_invalid, common_draws: see `robustflow.evaluate`.
+        seed, variant, severity_scale, allow_invalid, common_draws, name: see `robustflow.evaluate`.
 
     Raises:
         UsageError: parts that do not go together, or nothing to run.
         ModelError: the model cannot be loaded.
     """
-    for name in benchmark.corruptions:
-        load_corruption(name, variant, severity_scale)
+    for corruption in benchmark.corruptions:
+        load_corruption(corruption, variant, severity_scale)
     if benchmark.closed and severity_scale != "paper":
         raise UsageError(
             "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
@@ -79,7 +80,8 @@ def set_up(
     window = window_on(named.model, benchmark.dataset)
     options = _options(seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws)
     training = training_of(named.identity, named.declared)
-    plan = Plan(benchmark, options, named.identity, training.record(benchmark.name))
+    shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
+    plan = Plan(benchmark, options, named.identity, training.record(benchmark.name), shown)
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError(
             f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"

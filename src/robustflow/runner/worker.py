@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ from ..models.window import place_of_pair
 from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import RunOptions, Unit
 from ..sample import Flow, Frame, Sample
+from .kept_rows import check_same_data, check_same_model
 
 
 @dataclass
@@ -67,6 +68,8 @@ class Worker:
         on_predict: called with what is being predicted before each prediction and with None after it; the process
             engine watches a model's time this way.
         batch_size: severities of a unit that are predicted in one call, where the model can.
+        kept: clean rows measured earlier, by sample (see `kept_rows`); a sample of which there is one is refused
+            where its frames, its ground truth or the model's prediction are not what they were.
     """
 
     def __init__(
@@ -77,6 +80,7 @@ class Worker:
         clean_path: Callable[[str], Path],
         on_predict: Callable[[str | None], None] = lambda what: None,
         batch_size: int = 1,
+        kept: Mapping[str, dict[str, Any]] | None = None,
     ) -> None:
         self._dataset = dataset
         self._model = model
@@ -84,6 +88,7 @@ class Worker:
         self._clean_path = clean_path
         self._on_predict = on_predict
         self._batch_size = batch_size
+        self._kept = kept or {}
         self._context = None
         if options.window is not None:
             assert isinstance(dataset, Clips)
@@ -120,6 +125,10 @@ class Worker:
         """A sample, with its clean frames."""
         return self._load(key).sample
 
+    def clean_flow(self, key: str) -> Flow:
+        """The flow of a sample's clean frames, float32 (H, W, 2), pixels."""
+        return self._load(key).clean
+
     def frames(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """The corrupted frames of a cell."""
         return self._corrupt(self._load(key).sample, corruption, severity)
@@ -143,7 +152,12 @@ class Worker:
             if clean is None:
                 (clean,) = self._predict([sample.frames], key, CLEAN, (0,))
                 write_clean(path, clean, made_of)
-            self._loaded = _Loaded(sample, regions, clean)
+            loaded = _Loaded(sample, regions, clean)
+            if key in self._kept:
+                row = self._row(loaded, clean, sample.frames, CLEAN, 0)
+                check_same_data(self._kept[key], row)
+                check_same_model(self._kept[key], row)
+            self._loaded = loaded
         return self._loaded
 
     def _corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:

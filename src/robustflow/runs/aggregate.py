@@ -1,29 +1,28 @@
 """From rows to means, by the paper's averaging and by pooled pixels.
 
 The paper averages over the pixels of an image, then images, then severities, then corruptions (section
-"Robustness Metrics"). Every mean here is `math.fsum(...) / count`, which is exactly rounded and so does not
-depend on the order of the rows; the summary of the same rows is the same to the byte however they were
-computed or stored.
+"Robustness Metrics"). A run's mean is over the corruptions that it was asked for; the paper's, over its 20 or 24,
+is given beside it where all of them were run. Every mean here is `math.fsum(...) / count`, which is exactly
+rounded and so does not depend on the order of the rows; the summary of the same rows is the same to the byte
+however they were computed or stored.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from typing import Any, get_args
+from collections.abc import Collection, Iterable, Sequence
+from typing import Any, Literal, get_args
 
 import polars as pl
 
-from ..corruptions.registry import FAMILIES, PAPER_ORDER
+from ..corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
 from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
 from ..metrics.robustness import cre, crer
-from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA
+from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
 from .plan import Cell
-
-"""(sample, corruption, severity)."""
 
 _WHOLE = {
     "epe": ("epe_sum", "n_valid", 1.0),
@@ -33,11 +32,12 @@ _WHOLE = {
     "px3": ("px3_count", "n_valid", 100.0),
     "px5": ("px5_count", "n_valid", 100.0),
     "wauc": ("wauc_sum", "n_valid", 100.0),
+    "coverage": ("n_covered", "n_wanted", 1.0),
 }
 """Metric: (column of its sum, column of its count, factor)."""
 
 _NEEDS: tuple[tuple[str, str], ...] = (
-    *((count, total) for total, count, _ in _WHOLE.values()),
+    *((count, total) for total, count, _ in _WHOLE.values() if count in FIRST_SCHEMA),
     ("n_valid", "rcre_sum"),
     *((f"n_{region}", f"{total}_{region}") for region in REGIONS for total in ("epe_sum", "rcre_sum", "fl_count")),
     *((f"n_{region}", "n_valid") for region in REGIONS),
@@ -45,7 +45,14 @@ _NEEDS: tuple[tuple[str, str], ...] = (
 """(column of a count, column of what is there wherever pixels were counted)."""
 
 
-def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Iterable[Cell] | None = None) -> Summary:
+def summarize(
+    rows: pl.DataFrame,
+    averaging: Averaging = "image",
+    planned: Iterable[Cell] | None = None,
+    *,
+    paper: Collection[str] = IMAGE_PAIR,
+    over: Literal["all", "paper"] = "all",
+) -> Summary:
     """The means of a run.
 
     Args:
@@ -53,11 +60,14 @@ def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Itera
         averaging: "image" (the paper's) or "pixel" (the pixels of all images in one mean).
         planned: every (sample, corruption, severity) there should be, clean rows as (sample, "clean", 0). By
             default every sample found, at every (corruption, severity) found and clean.
+        paper: the corruptions that the paper's mean on the benchmark is over.
+        over: what the overall means are over: all corruptions found, or those alone that the paper has, as summaries of
+            version 1 were made.
 
     Returns:
-        A `Summary`. CRE compares the same samples: those found both at the setting and clean. Overall means
-        are over the paper's corruptions alone; others (elastic_transform, a user's own, stacks "a+b") are
-        listed beside them.
+        A `Summary`. CRE compares the same pixels of the same samples: those found both at the setting and clean, where
+        both flows are predicted. Overall means are over every corruption found, elastic_transform, a user's own and
+        stacks "a+b" among them; `Summary.paper` holds the paper's mean.
 
     Raises:
         RunError: columns or sums that are missing, or a (sample, corruption, severity) found twice.
@@ -65,7 +75,7 @@ def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Itera
     """
     if averaging not in get_args(Averaging):
         raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
-    rows = _checked(rows)
+    rows = complete_rows(_checked(rows))
     found = list(rows.select(ROW_KEY).iter_rows())
     samples = {sample for sample, _, _ in found}
     settings = {(corruption, severity) for _, corruption, severity in found} | {(CLEAN, 0)}
@@ -77,11 +87,14 @@ def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Itera
     whole = rows.with_columns(
         rcre_sum=pl.when(pl.col("n_valid").is_null()).then("rcre_all_sum").otherwise("rcre_sum"),
         rcre_n=with_truth,
+        n_covered=with_truth,
+        n_wanted=pl.when(pl.col("n_valid").is_null()).then(pl.col("height") * pl.col("width")).otherwise("n_truth"),
     )
     clean, by_setting = _scores(whole, _WHOLE | {"rcre": ("rcre_sum", "rcre_n", 1.0)}, averaging)
-    corruptions = _corruptions(by_setting, clean)
+    corruptions = _corruptions(by_setting, clean, over)
     averaged_over = [name for name, scores in corruptions.items() if scores.averaged]
     overall = _mean_scores([corruptions[name] for name in averaged_over], clean)
+    in_paper = [name for name in corruptions if name in paper]
     families = {
         family: _mean_scores([corruptions[name] for name in names if name in corruptions], clean)
         for family, names in FAMILIES.items()
@@ -100,16 +113,18 @@ def summarize(rows: pl.DataFrame, averaging: Averaging = "image", planned: Itera
         averaged_over=averaged_over,
         corruptions=corruptions,
         families=families,
-        regions=_regions(rows, averaging),
+        regions=_regions(rows, averaging, over),
+        paper=_mean_scores([corruptions[name] for name in in_paper], clean) if set(in_paper) == set(paper) else None,
+        paper_over=in_paper if set(in_paper) == set(paper) else [],
     )
 
 
 def _checked(rows: pl.DataFrame) -> pl.DataFrame:
-    """The columns of the schema in key order, or the reason why these are no rows of a run."""
-    absent = [name for name in ROW_SCHEMA if name not in rows.columns]
+    """The rows in the order of their keys, or the reason why these are not the rows of a run."""
+    absent = [name for name in FIRST_SCHEMA if name not in rows.columns]
     if absent:
         raise RunError(f"rows lack the column '{absent[0]}': they are of another schema; run the benchmark again")
-    rows = rows.select(list(ROW_SCHEMA)).sort(ROW_KEY)
+    rows = rows.sort(ROW_KEY)
     twice = rows.filter(rows.select(ROW_KEY).is_duplicated())
     if twice.height:
         sample, corruption, severity = twice.select(ROW_KEY).row(0)
@@ -144,19 +159,26 @@ _Columns = dict[str, tuple[str, str, float]]
 def _scores(
     rows: pl.DataFrame, columns: _Columns, averaging: Averaging
 ) -> tuple[Scores, dict[tuple[str, int], Scores]]:
-    """Scores on the clean frames, and at each (corruption, severity)."""
+    """Scores on the clean frames, and at each (corruption, severity).
+
+    CRE is None throughout where rows of an earlier version do not say what the clean error is over their pixels.
+    """
     total, count, _ = columns["epe"]
+    before = f"clean_{total}"
     clean_rows = rows.filter(pl.col("corruption") == CLEAN)
     clean = Scores(**_means(clean_rows, columns, averaging))
-    partner = clean_rows.select("sample", _clean_sum=total, _clean_n=count)
+    partner = clean_rows.select("sample", _clean_n=count)
     settings = rows.filter(pl.col("corruption") != CLEAN).join(partner, on="sample", how="left", maintain_order="left")
+    comparable = settings.filter((pl.col(count) > 0) & (pl.col("_clean_n") > 0))[before].null_count() == 0
     by_setting = {}
     for key, group in settings.partition_by("corruption", "severity", as_dict=True, maintain_order=True).items():
         corruption, severity = key
         both = group.filter((pl.col(count) > 0) & (pl.col("_clean_n") > 0))
-        paired = _means(both, {"epe": columns["epe"], "before": ("_clean_sum", "_clean_n", 1.0)}, averaging)
         scores = Scores(**_means(group, columns, averaging))
-        moved = cre(paired["epe"], paired["before"])
+        moved = None
+        if comparable:
+            paired = _means(both, {"epe": columns["epe"], "before": (before, count, 1.0)}, averaging)
+            moved = cre(paired["epe"], paired["before"])
         by_setting[corruption, severity] = scores.model_copy(update={"cre": moved, "crer": crer(moved, clean.epe)})
     return clean, by_setting
 
@@ -185,7 +207,9 @@ def _mean_scores(parts: Sequence[Scores], clean: Scores) -> Scores:
     return Scores(**means | {"crer": crer(means["cre"], clean.epe)})
 
 
-def _corruptions(by_setting: dict[tuple[str, int], Scores], clean: Scores) -> dict[str, CorruptionScores]:
+def _corruptions(
+    by_setting: dict[tuple[str, int], Scores], clean: Scores, over: Literal["all", "paper"]
+) -> dict[str, CorruptionScores]:
     found: dict[str, dict[int, Scores]] = defaultdict(dict)
     for (corruption, severity), scores in sorted(by_setting.items(), key=lambda item: item[0]):
         found[corruption][severity] = scores
@@ -195,7 +219,7 @@ def _corruptions(by_setting: dict[tuple[str, int], Scores], clean: Scores) -> di
         name: CorruptionScores(
             **_mean_scores(list(found[name].values()), clean).model_dump(),
             family=family_of.get(name),
-            averaged=name in PAPER_ORDER,
+            averaged=over == "all" or name in PAPER_ORDER,
             severities=list(found[name]),
             by_severity={m: [getattr(scores, m) for scores in found[name].values()] for m in METRICS},
         )
@@ -203,7 +227,7 @@ def _corruptions(by_setting: dict[tuple[str, int], Scores], clean: Scores) -> di
     }
 
 
-def _regions(rows: pl.DataFrame, averaging: Averaging) -> dict[str, RegionScores]:
+def _regions(rows: pl.DataFrame, averaging: Averaging, over: Literal["all", "paper"]) -> dict[str, RegionScores]:
     out = {}
     for region in REGIONS:
         count = f"n_{region}"
@@ -215,7 +239,7 @@ def _regions(rows: pl.DataFrame, averaging: Averaging) -> dict[str, RegionScores
             "fl": (f"fl_count_{region}", count, 100.0),
         }
         clean, by_setting = _scores(rows, columns, averaging)
-        corruptions = _corruptions(by_setting, clean)
+        corruptions = _corruptions(by_setting, clean, over)
         overall = _mean_scores([c for c in corruptions.values() if c.averaged], clean)
         clean_rows = rows.filter((pl.col("corruption") == CLEAN) & pl.col(count).is_not_null())
         inside, n_valid = sum(clean_rows[count].to_list()), sum(clean_rows["n_valid"].to_list())

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
+from ..corruptions.sources import OWN
 from ..datasets.base import Clips
 from ..datasets.context_frames import ContextFrames
 from ..errors import RunError
 from .environment import environment
+from .file_digests import file_digests
 from .identity import differing, identity_digest
 from .plan import Plan
 from .store import RunFolder
@@ -22,17 +26,28 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     """
     identity = plan.identity()
     old = folder.manifest() or {}
+    if old and identity_digest(old["identity"]) != old["identity_digest"]:
+        raise RunError(
+            f"{folder.manifest_path} was changed after it was written (its identity does not have the digest beside "
+            "it); put back a copy of it, or choose another folder with --output"
+        )
     if old and old["identity_digest"] != identity_digest(identity) and folder.rows().is_empty():
         folder.keep_clean(())
         old = {}
     if old and old["identity_digest"] != identity_digest(identity):
         raise RunError(
-            f"{folder.path} holds another run (it differs in: {differing(identity, old['identity'])}); "
+            f"{folder.path} holds another run ({_difference(identity, old['identity'])}); "
             "choose another folder with --output"
         )
-    samples = {key: _fingerprint(plan, key) for key in plan.benchmark.keys}
-    before = old.get("samples", {})
-    changed = sorted(key for key in samples if before.get(key, samples[key]) != samples[key])
+    files = {key: _files(plan, key) for key in plan.benchmark.keys}
+    samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
+    digests = file_digests(files)
+    before, before_digests = old.get("samples", {}), old.get("file_digests", {})  # older manifests have no digests
+    changed = sorted(
+        key
+        for key in samples
+        if before.get(key, samples[key]) != samples[key] or before_digests.get(key, digests[key]) != digests[key]
+    )
     if changed:
         raise RunError(
             f"{folder.path} was made from other files for sample '{changed[0]}' ({len(changed)} differ); "
@@ -47,12 +62,14 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
         "identity": identity,
         "identity_digest": identity_digest(identity),
         "samples": before | samples,
+        "file_digests": before_digests | digests,
         "provenance": _provenance(old.get("provenance"), plan.provenance),
         "selection": {
             "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
             "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
         },
         **({"left_out": left_out} if left_out else {}),
+        **({"name": name} if (name := plan.name or old.get("name")) else {}),
         "started": old.get("started", now()),
         "finished": None,
         "seconds": old.get("seconds", {}),
@@ -60,20 +77,52 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     }
 
 
+def _difference(now: dict[str, Any], before: dict[str, Any]) -> str:
+    """In what two identities differ, in words; corruptions of the user's own by name.
+
+    >>> _difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0, "corruptions": {"rain": "a"}})
+    'the source of the corruption rain has changed since'
+    >>> _difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0})
+    'it was begun without your corruption rain'
+    """
+    parts = differing(now, before)
+    if parts != OWN:
+        return f"it differs in: {parts}"
+    mine, recorded = now.get(OWN, {}), before.get(OWN, {})
+    if edited := [name for name in mine if name in recorded and mine[name] != recorded[name]]:
+        return f"the source of the corruption {', '.join(edited)} has changed since"
+    if added := [name for name in mine if name not in recorded]:
+        return f"it was begun without your corruption {', '.join(added)}"
+    return f"it was begun with the corruption {', '.join(map(str, recorded))} besides"
+
+
 def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[str, Any]:
     """What was declared before stays when nothing is declared now."""
     return before if before and given.get("basis") == "undeclared" else given
 
 
-def _fingerprint(plan: Plan, key: str) -> list[list[Any]]:
-    """Names and sizes of a sample's files: enough to notice other data under the same names, cheap to compute."""
+def last_changed(plan: Plan, keys: Iterable[str]) -> str:
+    """The sample whose files changed last, by the file system's own clock, which a copied date does not set back."""
+    return max(keys, key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(_files(plan, key))), default=0))
+
+
+def _files(plan: Plan, key: str) -> list[Path]:
+    """The files that a sample is read from."""
     dataset, window = plan.benchmark.dataset, plan.options.window
     files = dataset.files(key)
-    if window is not None:
-        assert isinstance(dataset, Clips)
-        files = list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+    if window is None:
+        return files
+    assert isinstance(dataset, Clips)
+    return list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+
+
+def _names_and_sizes(files: Sequence[Path]) -> list[list[Any]]:
+    return [[name, stat.st_size] for name, stat in _stats(files)]
+
+
+def _stats(files: Sequence[Path]) -> list[tuple[str, os.stat_result]]:
     try:
-        return [[path.name, path.stat().st_size] for path in files]
+        return [(path.name, path.stat()) for path in files]
     except OSError as error:
         raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
 

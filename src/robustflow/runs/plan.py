@@ -10,7 +10,7 @@ from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
 from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.stack import levels_of
-from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
+from ..metrics.rows import CLEAN, ROW_MEANING_VERSION
 from ..models.window import Window
 from .identity import identity_digest
 
@@ -63,6 +63,8 @@ class Plan:
     options: RunOptions
     model_identity: dict[str, Any]
     provenance: dict[str, Any] = field(default_factory=dict)
+    name: str | None = None
+    """What the model is called in tables and figures; it changes no number either."""
 
     def units(self) -> list[Unit]:
         """Everything that a complete run consists of; each sample's clean unit first."""
@@ -114,7 +116,7 @@ class Plan:
                 "variant": self.options.variant,
                 "allow_invalid": self.options.allow_invalid,
                 "streams": STREAM_VERSION,
-                "rows": ROW_SCHEMA_VERSION,
+                "rows": ROW_MEANING_VERSION,
             }
         )
 

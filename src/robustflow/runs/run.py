@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import polars as pl
 
 from ..atomic import write_json
+from ..benchmarks import benchmark_facts
 from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
+from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
 from ..models.provenance import training_of
+from ..text import plain
 from .aggregate import summarize
 from .plan import Cell, planned_cells
 from .store import RunFolder
@@ -41,7 +44,7 @@ class Run:
     @cached_property
     def rows(self) -> pl.DataFrame:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
-        return with_groups(self._folder.rows(), str(self.manifest["identity"]["dataset"]))
+        return with_groups(complete_rows(self._folder.rows()), str(self.manifest["identity"]["dataset"]))
 
     def release_rows(self) -> None:
         """Let go of the rows in memory; they are read again when they are asked for."""
@@ -49,12 +52,14 @@ class Run:
 
     @cached_property
     def summary(self) -> Summary:
-        """The paper's means, and where they are incomplete."""
+        """Means over the corruptions of this run, the paper's beside them, and where they are incomplete."""
         return self.summarize("image")
 
-    def summarize(self, averaging: Averaging = "image") -> Summary:
-        """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
-        return summarize(self.rows, averaging, self.planned())
+    def summarize(self, averaging: Averaging = "image", over: Literal["all", "paper"] = "all") -> Summary:
+        """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel"); `over` as for
+        `robustflow.runs.aggregate.summarize`."""
+        facts = benchmark_facts(str(self.manifest["identity"]["benchmark"]))
+        return summarize(self.rows, averaging, self.planned(), paper=facts.paper_corruptions, over=over)
 
     @property
     def epe_clean(self) -> float | None:
@@ -86,7 +91,7 @@ class Run:
         """The model's name, for headings; never blank."""
         model = self.manifest["identity"]["model"]
         names = (str(model[key]).strip() for key in ("spec", "name", "object") if model.get(key))
-        return next(filter(None, names), "(no name)")
+        return str(self.manifest.get("name") or "").strip() or next(filter(None, names), "(no name)")
 
     @property
     def setting(self) -> str:
@@ -104,14 +109,22 @@ class Run:
         """Severities asked for that do not exist on the run's severity scale, by corruption; they are in no mean."""
         return dict(self.manifest.get("left_out", {}))
 
-    def document(self) -> dict[str, Any]:
-        """What `summary.json` holds: the paper's means, the pooled ones, which run, and its setting."""
+    def document(self, over: Literal["all", "paper"] = "all") -> dict[str, Any]:
+        """What `summary.json` holds: means by the paper's averaging, the pooled ones, which run, and its setting.
+
+        `over` as for `summarize`.
+        """
+        means = self.summary if over == "all" else self.summarize(over=over)
         return {
-            **self.summary.model_dump(),
-            "pooled": self.summarize("pixel").model_dump(),
+            **means.model_dump(),
+            "pooled": self.summarize("pixel", over).model_dump(),
             "run": self.manifest["identity_digest"],
             "setting": self.setting,
         }
+
+    def __str__(self) -> str:
+        """The numbers in a few lines, for `print(result)`."""
+        return "\n".join(_lines(self))
 
     def write_means(self) -> None:
         """Write `summary.json`."""
@@ -120,3 +133,25 @@ class Run:
     def planned(self) -> list[Cell]:
         """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
         return planned_cells(self.manifest)
+
+
+def _lines(run: Run) -> list[str]:
+    """Which run, its means, and what is missing."""
+    title = benchmark_facts(str(run.manifest["identity"]["benchmark"])).title
+    samples = len(run.manifest["samples"])
+    head = f"{plain(run.name)} ({plain(run.setting)}) on {plain(title)}, {samples} pair{'s' if samples != 1 else ''}"
+    means = [
+        f"{name} {value:.4g}{unit}"
+        for name, value, unit in (
+            ("clean EPE", run.epe_clean, " px"),
+            ("EPE", run.epe, " px"),
+            ("CRE", run.cre, " px"),
+            ("CREr", run.crer, ""),
+            ("RCRE", run.rcre, " px"),
+        )
+        if value is not None
+    ]
+    summary = run.summary
+    complete = "" if summary.complete else "not complete: "
+    over = ", ".join(map(plain, summary.averaged_over)) or "nothing yet"
+    return [head, ", ".join(means) or "nothing measured", f"{complete}mean over {over}", plain(str(run.path), None)]

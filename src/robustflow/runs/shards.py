@@ -21,14 +21,11 @@ import polars as pl
 from ..atomic import write_bytes
 from ..digest import digest_of_bytes
 from ..errors import RunError
-from ..metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
+from ..metrics.rows import LATER_COLUMNS, ROW_KEY, ROW_SCHEMA, rows_frame
 from .plan import Cell
 
 PACK = "pack"
 """Name of a shard of many samples; no sample's name, for those end in a hyphen and eight digits."""
-
-LATER_COLUMNS: frozenset[str] = frozenset()
-"""Columns that rows have only since a later version; null in shards written before."""
 
 _SUFFIX = ".parquet"
 _DIGEST = re.compile(r"\.([0-9a-f]{32})$")

@@ -62,7 +62,7 @@ class RunSource:
             return cls(model, None if data is None else Path(data), dict(found["data_options"]))
         except FileNotFoundError:
             return cls()
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             raise RunError(f"{folder / FILE} is damaged; delete it, and name --model and --data instead") from error
 
     def model_to_reuse(self, given: Mapping[str, Any]) -> ModelSpec | None:

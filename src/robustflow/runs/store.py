@@ -10,7 +10,6 @@ source.json        where model and data lay on this machine
 
 from __future__ import annotations
 
-import json
 import re
 import shutil
 from collections.abc import Collection, Iterable, Sequence
@@ -24,10 +23,9 @@ from ..atomic import TEMPORARY, make_folder, write_json
 from ..digest import digest_of_bytes
 from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY, rows_frame
+from .manifest_file import MANIFEST_SCHEMA, read_manifest
 from .plan import Cell, Unit
 from .shards import PACK, cells_of, list_shards, merge_shards, name_of, read_shards, write_shard
-
-MANIFEST_SCHEMA = 1
 
 _MANY_SHARDS = 64
 """As many small shards become one."""
@@ -92,21 +90,7 @@ class RunFolder:
         Raises:
             RunError: it is not ours, damaged, or of another schema.
         """
-        try:
-            manifest = json.loads(self.manifest_path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return None
-        except (OSError, ValueError) as error:
-            raise RunError(
-                f"{self.manifest_path} cannot be read ({error}); choose another folder with --output"
-            ) from error
-        schema = manifest.get("schema") if isinstance(manifest, dict) else None
-        if schema != MANIFEST_SCHEMA:
-            raise RunError(
-                f"{self.path} was written with run schema {schema}, this version reads {MANIFEST_SCHEMA}; "
-                "choose another folder with --output, or use the version that wrote it"
-            )
-        return dict(manifest)
+        return read_manifest(self.manifest_path)
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest atomically."""

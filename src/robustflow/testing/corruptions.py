@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..corruptions.api import load_corruption, stream_for
-from ..corruptions.base import SEVERITIES
 from ..errors import UsageError
 from ..sample import Frame
+from ..severity import SEVERITIES
 
 _SHAPES = ((48, 64), (33, 61))
 """A size with even numbers, and one without: code that halves an image shows itself."""

@@ -13,15 +13,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import av
 import numpy as np
 from av.error import FFmpegError
 
 from ..errors import DataError
 from ..sample import Frame
+from .container import open_video, reason
 
 _NEAR = 48
 """Frames worth decoding forward rather than seeking."""
+
+_KEYS_BACK = 2
+"""Key frames to begin decoding with, where the nearest does not do (an open group of pictures)."""
 
 
 class VideoReader:
@@ -30,7 +33,7 @@ class VideoReader:
     Holds one decoded frame and an open file. Can be pickled, and survives a fork: the copy opens the file anew.
 
     Raises:
-        DataError: not a video, damaged, or without a video stream.
+        DataError: not a video, damaged, cut short, or without a video stream.
     """
 
     _container: Any
@@ -80,21 +83,17 @@ class VideoReader:
             return step(*arguments)
         except (FFmpegError, OSError, ValueError) as error:
             self._close()
-            reason = (str(error).splitlines() or [type(error).__name__])[0]
-            raise DataError(f"{self._path}: not a readable video ({reason}); check or convert the file") from error
+            why = reason(error)
+            raise DataError(f"{self._path}: not a readable video ({why}); check or convert the file") from error
 
     def _open(self) -> None:
         self._close()
-        self._container = av.open(str(self._path))
-        if not self._container.streams.video:
-            raise ValueError("it has no video stream")
+        self._container = open_video(self._path)
         self._frames = iter(self._container.decode(video=0))
 
     def _index(self) -> None:
         stamps, keys = [], []
-        with av.open(str(self._path)) as container:
-            if not container.streams.video:
-                raise ValueError("it has no video stream")
+        with open_video(self._path) as container:
             for packet in container.demux(video=0):
                 if packet.size and not packet.is_discard:
                     stamps.append(packet.pts)
@@ -114,42 +113,62 @@ class VideoReader:
 
     def _holds(self) -> bool:
         """Whether the packets tell the truth about the first frame and about the end."""
-        last = self._key_stamps[-1]
         try:
             self._open()
             first = next(self._frames or iter(()), None)
-            self._container.seek(last, stream=self._container.streams.video[0])
-            tail = [frame.pts for frame in self._container.decode(video=0)]
+            tail = self._tail()
         except FFmpegError:
             return False
         finally:
             self._close()
-        expected = [stamp for stamp in self._stamps if stamp >= last]
-        starts = first is not None and first.pts == self._stamps[0]
-        return starts and None not in tail and [stamp for stamp in tail if stamp >= last] == expected
+        expected = [stamp for stamp in self._stamps if stamp >= self._key_stamps[-1]]
+        return first is not None and first.pts == self._stamps[0] and tail == expected
+
+    def _tail(self) -> list[int]:
+        """Time stamps of what can be decoded from the last key frame on; "" where one has none."""
+        stamps: list[int] = []
+        for key in self._key_stamps[-1 : -1 - _KEYS_BACK : -1]:
+            self._container.seek(key, stream=self._container.streams.video[0])
+            try:
+                stamps = [-1 if frame.pts is None else frame.pts for frame in self._container.decode(video=0)]
+                break
+            except FFmpegError:  # frames before the key frame in time need those before it in the file
+                self._open()
+        return [stamp for stamp in stamps if stamp >= self._key_stamps[-1]]
 
     def _decode(self, index: int) -> Frame:
         forward = self._frames is not None and self._position < index
         if not forward or (self._stamps and index - self._position > _NEAR):
-            self._start(index)
+            for back in range(_KEYS_BACK):
+                try:
+                    self._start(index, back)
+                    return self._advance(index)
+                except FFmpegError:  # as above: begin a key frame earlier, in the end with the file
+                    self._close()
+            self._open()
+        return self._advance(index)
+
+    def _advance(self, index: int) -> Frame:
         for frame in self._frames or ():
             number = self._number(frame)
             self._position = number
             if number == index:
+                if frame.is_corrupt:
+                    raise ValueError(f"frame {index} is damaged")
                 return np.ascontiguousarray(frame.to_ndarray(format="rgb24"))
             if number > index:
                 break
         raise ValueError(f"frame {index} cannot be decoded")
 
-    def _start(self, index: int) -> None:
-        """Open the file, at the last key frame not after `index` where seeking is possible."""
+    def _start(self, index: int, back: int) -> None:
+        """Open the file, some key frames before the last one not after `index` where seeking is possible."""
         if self._container is None:
             self._open()
-        if not self._stamps:
+        place = bisect_right(self._key_stamps, self._stamps[index]) - 1 - back if self._stamps else -1
+        if place < 0:
             self._open()
             return
-        key = self._key_stamps[max(bisect_right(self._key_stamps, self._stamps[index]) - 1, 0)]
-        self._container.seek(key, stream=self._container.streams.video[0])
+        self._container.seek(self._key_stamps[place], stream=self._container.streams.video[0])
         self._frames = iter(self._container.decode(video=0))
         first = next(self._frames, None)
         if first is None or first.pts > self._stamps[index]:  # the container's index led past it

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from fractions import Fraction
 from itertools import pairwise
@@ -14,9 +15,7 @@ import numpy as np
 from ..errors import DataError
 from ..images.io import IMAGE_SUFFIXES, image_size, read_image
 from ..sample import Frame
-
-CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yuv4mpegpipe,gif"
-"""Demuxers that a video may be read with; never a playlist, which could name other files or addresses."""
+from .container import open_video, reason
 
 
 class Source(Protocol):
@@ -78,7 +77,7 @@ class VideoFile:
     def __init__(self, path: Path, name: str = "", evenly: bool = False) -> None:
         self.path = path
         self.name = name or path.stem.lstrip(".") or "clip"
-        with self._open() as container:
+        with open_video(self.path) as container:
             stream = container.streams.video[0]
             declared, rate, tick = stream.frames, stream.average_rate or stream.guessed_rate, stream.time_base
             self._pixels = stream.codec_context.pix_fmt or "unknown"
@@ -91,8 +90,9 @@ class VideoFile:
         if self.variable and not evenly:
             low, high = self.variable
             raise DataError(
-                f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); convert it to "
-                "a constant one, or take its frames as evenly spaced with robustflow prepare gopro-fc --fps"
+                f"{path}: variable frame rate ({low * 1000:.1f} to {high * 1000:.1f} ms between frames); give --fps "
+                f"{float(self.fps or 30):.4g} to take its frames as evenly spaced, or resample it in time: "
+                f"{resample_command(path, self.fps)}"
             )
         first = next(self.frames(), None)
         if first is None:
@@ -107,20 +107,21 @@ class VideoFile:
         """
         size: tuple[int, ...] | None = None
         read = 0
-        with self._open() as container:
+        with open_video(self.path) as container:
             stream = container.streams.video[0]
-            stream.codec_context.thread_count, stream.thread_type = 1, "NONE"
             try:
                 for read, picture in enumerate(container.decode(stream), start=1):
                     if read <= start:
                         continue
+                    if picture.is_corrupt:
+                        raise DataError(f"{self.path}: frame {read - 1} is damaged; copy or convert it again")
                     frame = _upright(picture, self.path)
                     size = size or frame.shape
                     if frame.shape != size:
                         raise DataError(f"{self.path}: the picture size changes at frame {read - 1}; cut it there")
                     yield frame
             except (av.error.FFmpegError, OSError) as error:
-                raise DataError(f"{self.path}: damaged at frame {read} ({_reason(error)}); convert it again") from error
+                raise DataError(f"{self.path}: damaged at frame {read} ({reason(error)}); convert it again") from error
         if read < self.count:
             raise DataError(f"{self.path}: {read} of {self.count} frames can be decoded; copy or convert it again")
 
@@ -135,19 +136,6 @@ class VideoFile:
             "variable_rate": bool(self.variable),
         }
 
-    def _open(self) -> Any:
-        if not self.path.is_file():
-            raise DataError(f"{self.path}: no such file; check the path")
-        try:
-            options = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
-            container = av.open(str(self.path.absolute()), options=options)
-        except (av.error.FFmpegError, OSError, ValueError) as error:
-            raise DataError(f"{self.path}: not a video, or damaged ({_reason(error)}); check the file") from error
-        if not container.streams.video:
-            container.close()
-            raise DataError(f"{self.path}: has no video stream; check the file")
-        return container
-
     def _times(self, container: Any, stream: Any) -> tuple[list[int], int]:
         """Presentation times of the frames to show, and how many there are; nothing is decoded."""
         times: list[int] = []
@@ -159,8 +147,19 @@ class VideoFile:
                     if packet.pts is not None:
                         times.append(packet.pts)
         except (av.error.FFmpegError, OSError) as error:
-            raise DataError(f"{self.path}: damaged ({_reason(error)}); copy or convert it again") from error
+            raise DataError(f"{self.path}: damaged ({reason(error)}); copy or convert it again") from error
         return sorted(times), count
+
+
+def resample_command(path: Path, fps: Fraction | None) -> str:
+    """The command that gives a video a constant frame rate without losing anything of its frames.
+
+    >>> resample_command(Path("holiday.mov"), Fraction(30))
+    'ffmpeg -i holiday.mov -vf fps=30 -c:v libx264 -crf 0 -an holiday_constant.mkv'
+    """
+    output = path.with_name(f"{path.stem}_constant.mkv")
+    vf = f"-vf fps={fps or 30} -c:v libx264 -crf 0 -an"
+    return f"ffmpeg -i {shlex.quote(str(path))} {vf} {shlex.quote(str(output))}"
 
 
 def pictures_in(folder: Path) -> list[Path]:
@@ -188,7 +187,3 @@ def _upright(picture: Any, path: Path) -> Frame:
     if rest:
         raise DataError(f"{path}: rotated by {picture.rotation} degrees; only quarter turns can be followed")
     return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24"), quarter % 4))
-
-
-def _reason(error: BaseException) -> str:
-    return getattr(error, "strerror", None) or str(error) or type(error).__name__

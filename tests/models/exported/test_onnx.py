@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 
 import numpy as np
 import pytest
@@ -238,9 +239,7 @@ def test_without_a_file(tmp_path):
 def test_without_the_extra_the_message_names_it(tmp_path, monkeypatch, library):
     from importlib.util import find_spec
 
-    monkeypatch.setattr(
-        "robustflow.models.torch.network.find_spec", lambda name: None if name == library else find_spec(name)
-    )
+    monkeypatch.setattr("robustflow.models.extras.find_spec", lambda name: None if name == library else find_spec(name))
     with pytest.raises(ModelError, match=rf"needs {library}, which is not installed: pip install 'robustflow\[onnx\]'"):
         network(tmp_path)
 
@@ -317,3 +316,17 @@ def test_weights_outside_its_folder_are_refused(tmp_path, location):
     assert "\n" not in str(error.value)
     with pytest.raises(Exception, match=r"(?i)external|outside|escape|load model"):
         ort.InferenceSession(str(path), providers=["CPUExecutionProvider"])  # nor would the library itself
+
+
+def test_weights_in_a_pipe_are_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "weights")
+    path = graphs.with_weights_beside(tmp_path / "net.onnx", "weights")
+    with pytest.raises(ModelError, match="its weights 'weights' are not a regular file"):
+        rf.load_model(str(path))
+
+
+def test_a_missing_file_comes_before_a_missing_library(tmp_path, monkeypatch):
+    monkeypatch.setattr("robustflow.models.extras.find_spec", lambda name: None)
+    for name in ("net.onnx", "net.pt2"):
+        with pytest.raises(ModelError, match="no such checkpoint"):
+            rf.load_model(str(tmp_path / name))

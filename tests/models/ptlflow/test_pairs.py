@@ -28,7 +28,7 @@ PAPER = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", 
 def test_without_the_extra_the_message_names_it(name, monkeypatch):
     find = util.find_spec
     monkeypatch.setattr(
-        "robustflow.models.torch.network.find_spec", lambda library: None if library == "ptlflow" else find(library)
+        "robustflow.models.extras.find_spec", lambda library: None if library == "ptlflow" else find(library)
     )
     with pytest.raises(
         ModelError, match=rf"model '{name}' needs ptlflow.*pip install 'robustflow\[ptlflow\]'"

@@ -19,7 +19,7 @@ NAMES = ("arflow", "upflow", "brightflow")
 def test_without_the_extra_the_message_names_it(name, monkeypatch):
     find = util.find_spec
     monkeypatch.setattr(
-        "robustflow.models.torch.network.find_spec", lambda library: None if library == "torch" else find(library)
+        "robustflow.models.extras.find_spec", lambda library: None if library == "torch" else find(library)
     )
     with pytest.raises(ModelError, match=rf"model '{name}' needs PyTorch.*pip install 'robustflow\[torch\]'"):
         load_model(name)

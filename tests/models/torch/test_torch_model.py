@@ -12,13 +12,19 @@ import torch
 from robustflow import evaluate
 from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.models.base import FlowModel
+from robustflow.models.execution import Execution
 from robustflow.models.input_convention import InputConvention
 from robustflow.models.own.nets.arflow import ARFlow
 from robustflow.models.own.nets.brightflow import BrightFlow
 from robustflow.models.own.nets.upflow import UPFlow
-from robustflow.models.torch.model import TorchModel, find_device
+from robustflow.models.torch.model import NetworkModel, find_device
 
 pytestmark = pytest.mark.torch
+
+
+def network(name, net, convention, settings, **execution):
+    """A network's adapter, executed as the options say."""
+    return NetworkModel(name, net, convention, settings, Execution(**execution))
 
 
 class Spy(torch.nn.Module):
@@ -31,7 +37,7 @@ class Spy(torch.nn.Module):
 
 
 def spy(**convention):
-    model = TorchModel("spy", Spy(), InputConvention(**convention), {}, device="cpu")
+    model = network("spy", Spy(), InputConvention(**convention), {}, device="cpu")
     return model, model.net
 
 
@@ -130,7 +136,7 @@ def test_as_many_first_as_second_frames():
     ("error", "says"),
     [
         (RuntimeError("kernel size\ncan't be greater"), "'spy' fails on frames of 5x7 .RuntimeError: kernel.*larger"),
-        (torch.OutOfMemoryError("CUDA out of memory"), "CUDA out of memory.; predict fewer pairs at once"),
+        (torch.OutOfMemoryError("CUDA out of memory"), r"CUDA out of memory \(at .*\)\); predict fewer pairs at once"),
         (ModelError("made for more frames"), "^made for more frames$"),
     ],
 )
@@ -157,7 +163,7 @@ def test_what_a_network_raises_names_the_size(error, says):
 )
 def test_execution_options_that_cannot_be(options, error, says):
     with pytest.raises(error, match=says):
-        TorchModel("spy", Spy(), InputConvention(), {}, **options)
+        network("spy", Spy(), InputConvention(), {}, **options)
 
 
 def test_auto_is_a_device_this_machine_has():
@@ -166,7 +172,7 @@ def test_auto_is_a_device_this_machine_has():
 
 def test_threads_and_precision_hold_during_a_prediction_only():
     before = torch.get_num_threads()
-    model = TorchModel("spy", Spy(), InputConvention(), {}, device="cpu", precision="bf16", threads=3)
+    model = network("spy", Spy(), InputConvention(), {}, device="cpu", precision="bf16", threads=3)
     model.predict(*frames())
     assert model.net.precise == (True, 3)
     assert torch.get_num_threads() == before
@@ -176,9 +182,9 @@ def test_threads_and_precision_hold_during_a_prediction_only():
 def test_identity_names_what_changes_the_numbers():
     convention = InputConvention(fit="pad", multiple=8)
     options = [{}, {"precision": "bf16"}, {"threads": 2}, {"compile": True}]
-    models = [TorchModel("spy", Spy(), convention, {"iterations": 12}, device="cpu", **each) for each in options]
-    models += [TorchModel("spy", Spy(), convention, {"iterations": 24}, device="cpu")]
-    models += [TorchModel("spy", Spy(), InputConvention(), {"iterations": 12}, device="cpu")]
+    models = [network("spy", Spy(), convention, {"iterations": 12}, device="cpu", **each) for each in options]
+    models += [network("spy", Spy(), convention, {"iterations": 24}, device="cpu")]
+    models += [network("spy", Spy(), InputConvention(), {"iterations": 12}, device="cpu")]
     identities = [model.identity() for model in models]
     assert all(identities[i] != identities[j] for i in range(6) for j in range(i))
     assert identities[0] == {
@@ -230,7 +236,7 @@ def textured_pairs(count, height, width):
 @pytest.mark.parametrize("name", NETS)
 def test_the_batch_changes_nothing(name):
     build, convention = NETS[name]
-    model = TorchModel(name, seeded(build), convention, {}, device="cpu")
+    model = network(name, seeded(build), convention, {}, device="cpu")
     first, second = textured_pairs(3, 100, 130)
     together = model.run(first, second)  # as on a GPU
     alone = [model.predict(a, b) for a, b in zip(first, second, strict=True)]
@@ -247,7 +253,7 @@ def test_bf16_is_near_fp32_and_another_number(name):
     first, second = textured_pairs(1, 100, 130)
     net = seeded(build)
     full, half = (
-        TorchModel(name, net, convention, {}, device="cpu", precision=precision).predict(first[0], second[0])
+        network(name, net, convention, {}, device="cpu", precision=precision).predict(first[0], second[0])
         for precision in ("fp32", "bf16")
     )
     difference = np.abs(full - half).mean()
@@ -257,11 +263,11 @@ def test_bf16_is_near_fp32_and_another_number(name):
 
 def test_the_manifest_says_how_it_was_executed(tmp_path):
     convention = InputConvention(fit="stretch", multiple=64, size=(64, 128))
-    model = TorchModel("arflow", seeded(ARFlow), convention, {}, device="cpu", precision="bf16")
+    model = network("arflow", seeded(ARFlow), convention, {}, device="cpu", precision="bf16")
     run = {"corruptions": ["contrast"], "severities": [1]}
     said = evaluate(model, output=tmp_path / "run", **run).manifest["identity"]["model"]
     assert (said["precision"], said["compile"], said["device"]) == ("bf16", False, "cpu")
-    other = TorchModel("arflow", seeded(ARFlow), convention, {}, device="cpu")
+    other = network("arflow", seeded(ARFlow), convention, {}, device="cpu")
     with pytest.raises(RunError, match="holds another run"):
         evaluate(other, output=tmp_path / "run", **run)
 
@@ -271,8 +277,7 @@ def test_a_compiled_network_gives_the_same_flow():
     build, convention = NETS["arflow"]
     first, second = textured_pairs(1, 100, 130)
     plain, compiled = (
-        TorchModel("arflow", seeded(build), convention, {}, device="cpu", compile=compiled)
-        for compiled in (False, True)
+        network("arflow", seeded(build), convention, {}, device="cpu", compile=compiled) for compiled in (False, True)
     )
     flow = compiled.predict(first[0], second[0])
     assert np.abs(flow - plain.predict(first[0], second[0])).max() <= 1e-3
@@ -281,11 +286,11 @@ def test_a_compiled_network_gives_the_same_flow():
 
 
 def test_a_frame_too_small_for_upflow_says_so():
-    model = TorchModel("upflow", UPFlow(), InputConvention(), {}, device="cpu")
+    model = network("upflow", UPFlow(), InputConvention(), {}, device="cpu")
     with pytest.raises(ModelError, match="wider or higher than 64 pixels, not 64 x 40"):
         model.predict(*frames(2, 40, 64))
 
 
 def test_the_smallest_frames_still_give_a_flow():
-    model = TorchModel("brightflow", BrightFlow(2), NETS["brightflow"][1], {}, device="cpu")
+    model = network("brightflow", BrightFlow(2), NETS["brightflow"][1], {}, device="cpu")
     assert np.isfinite(model.predict(*frames(2, 16, 12))).all()

@@ -87,6 +87,21 @@ _whole = pl.col("n_all") == _pixels
 _all_of = ("n", "epe_sum", "rcre_sum", "fl_count")
 
 RULES: dict[str, _Expr] = {
+    "its clean error is not that of the sample's clean row": _any(
+        [
+            (pl.col(f"n_{part}") == pl.col(f"n_{part}{_BEFORE}"))
+            & (pl.col(f"clean_epe_sum{name}") != pl.col(f"epe_sum{name}{_BEFORE}"))
+            for part, name in (("valid", ""), *((region, f"_{region}") for region in REGIONS))
+        ]
+    ),
+    "the error changed by more than the flow moved over the same pixels": _any(
+        [
+            (pl.col(f"epe_sum{name}") - pl.col(f"clean_epe_sum{name}")).abs()
+            > pl.col(f"rcre_sum{name}")
+            + _CLOSE * (1 + pl.col(f"epe_sum{name}") + pl.col(f"clean_epe_sum{name}") + pl.col(f"rcre_sum{name}"))
+            for name in ("", *(f"_{region}" for region in REGIONS))
+        ]
+    ),
     "its sums are negative or not finite": _any([~pl.col(c).is_finite() | (pl.col(c) < 0) for c in _SUMS]),
     "it has more outliers than pixels": _any(
         [(pl.col(c) > pl.col("n_valid")) | (pl.col(c) < 0) for c in _OUTLIERS]
@@ -101,7 +116,8 @@ RULES: dict[str, _Expr] = {
     "it counts more pixels than there are": _any(
         [pl.col(c) < 0 for c in _COUNTS]
         + [pl.col("height") < 1, pl.col("width") < 1, pl.col("n_all") + pl.col("n_invalid") > _pixels]
-        + [pl.col("n_valid") > pl.col("n_all")]
+        + [pl.col("n_valid") > pl.col("n_all"), pl.col("n_valid") > pl.col("n_truth"), pl.col("n_truth") > _pixels]
+        + [_whole & (pl.col("n_valid") != pl.col("n_truth"))]
     ),
     "numbers are there without the others that belong to them": _any(
         [_missing_together(_TRUTH)]
@@ -135,7 +151,8 @@ RULES: dict[str, _Expr] = {
         [_differs_within_sample(name, pl.lit(True)) for name in ("height", "width", "group")]
     ),
     "its ground truth is another one than that of the sample's other rows": _any(
-        [
+        [_differs_within_sample("n_truth", pl.col("n_truth").is_not_null())]
+        + [
             _differs_within_sample(name, _whole)
             for name in ("n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
         ]

@@ -48,8 +48,8 @@ def audit_run(run: Run, audited: str | None = None) -> Audit:
 
 
 def _summary(run: Run) -> tuple[str, int, list[Finding]]:
-    made = run.document()
     given = _read_summary(run.path / "summary.json")
+    made = run.document() if "version" in given else _of_first_version(run.document(over="paper"))
     count, findings = 0, []
     for path, left, right in _leaves((), given, made):
         if path == ("run",):
@@ -82,6 +82,18 @@ def _read_summary(path: Path) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise RunError(f"{path} is no summary; write it anew with robustflow show {path.parent}")
     return found
+
+
+_LATER_FIELDS = ("version", "coverage", "paper", "paper_over")
+
+
+def _of_first_version(document: Any) -> Any:
+    """A summary as version 1 wrote it (see `robustflow.metrics.summary.SUMMARY_VERSION`), from one over the paper's
+    corruptions."""
+    if not isinstance(document, dict):
+        return document
+    kept = {name: _of_first_version(value) for name, value in document.items() if name not in _LATER_FIELDS}
+    return kept | {"row_schema": 1} if "row_schema" in kept else kept
 
 
 _ABSENT = object()

@@ -16,7 +16,7 @@ the resamples without any spread outweigh the tail there is no interval. `docs/d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -24,13 +24,17 @@ import numpy as np
 
 from ...errors import UsageError
 from ...random.rng import Rng
-from .estimates import Array, Estimates
+from .estimates import Array
+from .statistic import Statistic, Values
 
 FEW = 12
 RESAMPLES = 4999
 LEVEL = 0.95
 _BLOCK = 2**22
 """Numbers in one block of weights: resamples are drawn in blocks, so memory stays bounded."""
+
+_WIDTH = 512
+"""Columns in one product with the weights."""
 
 Key = TypeVar("Key", bound=Hashable)
 
@@ -54,7 +58,7 @@ class Interval:
 
 
 def bootstrap(
-    statistics: Mapping[Key, Callable[[Array], Estimates]],
+    statistics: Mapping[Key, Statistic],
     clusters: int,
     *,
     level: float = LEVEL,
@@ -65,7 +69,7 @@ def bootstrap(
     """Intervals and p-values of several statistics of the same data, from the same resamples.
 
     Args:
-        statistics: each makes its `Estimates` from weights, float64 (B, G).
+        statistics: of the same clusters.
         clusters: G.
         level: of the intervals, between 0 and 1.
         resamples: how many; the p-value cannot be below 1 / (resamples + 1).
@@ -73,12 +77,12 @@ def bootstrap(
         symmetric: estimate both tails together, as for differences.
 
     Raises:
-        UsageError: a level or number of resamples that cannot be meant.
+        UsageError: a level or number of resamples out of range.
 
     >>> import numpy as np
-    >>> from robustflow.analysis.uncertainty.estimates import weighted_means
-    >>> errors = np.linspace(1, 3, 30)[:, None]
-    >>> one = bootstrap({"mean": lambda w: weighted_means(errors, np.ones((30, 1)), np.ones(1), w)}, 30)["mean"]
+    >>> from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
+    >>> errors = Mean(np.linspace(1, 3, 30)[:, None], np.ones((30, 1)), np.ones(1))
+    >>> one = bootstrap({"mean": Statistic([Term(errors)])}, 30)["mean"]
     >>> one.low < 2 < one.high and one.p < 0.01
     True
     """
@@ -92,10 +96,27 @@ def bootstrap(
         return {key: _without_interval(estimates) for key, estimates in found.items()}
     pivots: dict[Key, list[Array]] = {key: [] for key in statistics}
     for weights in _resamples(clusters, resamples, seed):
-        for key, statistic in statistics.items():
-            pivots[key].append(_pivots(statistic(weights), found[key].theta[0]))
+        for key, values in _values(statistics, weights):
+            pivots[key].append(_pivots(values, found[key].theta[0]))
     together = symmetric or clusters < FEW
     return {key: _interval(found[key], np.concatenate(pivots[key]), together, level) for key in statistics}
+
+
+def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, Values]]:
+    """Each statistic's values, with the products of the weights made for many statistics at once."""
+    keys = list(statistics)
+    while keys:
+        width = 0
+        some: list[Key] = []
+        while keys and (not some or width + statistics[keys[0]].columns.shape[1] <= _WIDTH):
+            some.append(keys.pop(0))
+            width += statistics[some[-1]].columns.shape[1]
+        products = weights @ np.concatenate([statistics[key].columns for key in some], axis=1)
+        start = 0
+        for key in some:
+            end = start + statistics[key].columns.shape[1]
+            yield key, statistics[key].values(weights, products[:, start:end])
+            start = end
 
 
 def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
@@ -117,7 +138,7 @@ def _resamples(clusters: int, resamples: int, seed: int) -> Iterator[Array]:
         yield np.bincount(place, minlength=count * clusters).reshape(count, clusters).astype(np.float64)
 
 
-def _pivots(estimates: Estimates, center: float) -> Array:
+def _pivots(estimates: Values, center: float) -> Array:
     """t* of each resample: 0 where the resample repeats the data, infinite where it has no spread of its own."""
     shift, spread = estimates.theta - center, estimates.standard_error
     tiny = 1e-12 * max(abs(center), float(np.nanmax(np.abs(shift), initial=0.0)))
@@ -126,7 +147,7 @@ def _pivots(estimates: Estimates, center: float) -> Array:
     return np.asarray(np.where(np.abs(shift) <= tiny, 0.0, pivots)[np.isfinite(shift)])
 
 
-def _interval(found: Estimates, pivots: Array, symmetric: bool, level: float) -> Interval:
+def _interval(found: Values, pivots: Array, symmetric: bool, level: float) -> Interval:
     estimate, error = float(found.theta[0]), float(found.standard_error[0])
     if not np.isfinite(estimate) or not np.isfinite(error):
         return _without_interval(found)
@@ -147,6 +168,6 @@ def _interval(found: Estimates, pivots: Array, symmetric: bool, level: float) ->
     return Interval(estimate, error, float(estimate - above * error), float(estimate - below * error), float(p))
 
 
-def _without_interval(found: Estimates) -> Interval:
+def _without_interval(found: Values) -> Interval:
     error = float(found.standard_error[0])
     return Interval(float(found.theta[0]), error if np.isfinite(error) else None, None, None, None)

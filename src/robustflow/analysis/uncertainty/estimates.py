@@ -39,8 +39,8 @@ class Estimates:
     influence: Array
     weights: Array
 
-    def __sub__(self, other: Estimates) -> Estimates:
-        return Estimates(self.theta - other.theta, self.influence - other.influence, self.weights)
+    def __add__(self, other: Estimates) -> Estimates:
+        return Estimates(self.theta + other.theta, self.influence + other.influence, self.weights)
 
     def __truediv__(self, other: Estimates) -> Estimates:
         with np.errstate(divide="ignore", invalid="ignore"):

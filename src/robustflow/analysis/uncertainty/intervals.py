@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import polars as pl
 
 from .bootstrap import LEVEL, RESAMPLES, bootstrap
-from .estimates import Array, Estimates
 from .sums import AVERAGE, CLEAN, METRICS, ClusterSums
 
 _SCHEMA: dict[str, Any] = {
@@ -61,7 +58,7 @@ def intervals(
     """
     sums = ClusterSums.of(rows)
     keys = statistics_of(sums, severities, corruptions)
-    statistics: dict[Key, Callable[[Array], Estimates]] = {key: partial(sums.estimate, *key) for key in keys}
+    statistics = {key: sums.statistic(*key) for key in keys}
     found = bootstrap(statistics, len(sums.clusters), level=level, resamples=resamples, seed=seed) if keys else {}
     shared = (sums.images, len(sums.clusters), level)
     records = [

@@ -6,8 +6,7 @@ spread is what the test rests on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from itertools import combinations
 from typing import Any
 
@@ -17,7 +16,6 @@ import polars as pl
 from ...errors import RunError
 from ...metrics.rows import ROW_KEY
 from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap
-from .estimates import Array, Estimates
 from .holm import holm
 from .intervals import Key, statistics_of
 from .sentences import difference_sentence
@@ -141,17 +139,14 @@ def _differences(
         raise RunError("the two runs group their samples differently; compare runs of the same data")
     keys = [key for key in keys if second.measured(*key)]
 
-    def difference(key: Key, weights: Array) -> Estimates:
-        return first.estimate(*key, weights) - second.estimate(*key, weights)
-
-    statistics: dict[Any, Callable[[Array], Estimates]] = {key: partial(difference, key) for key in keys}
+    statistics = {key: first.statistic(*key) - second.statistic(*key) for key in keys}
     found = bootstrap(statistics, len(first.clusters), level=level, resamples=resamples, seed=seed, symmetric=True)
     whole = np.ones((1, len(first.clusters)))
     return {
         key: (
             found[key],
-            float(first.estimate(*key, whole).theta[0]),
-            float(second.estimate(*key, whole).theta[0]),
+            float(first.statistic(*key)(whole).theta[0]),
+            float(second.statistic(*key)(whole).theta[0]),
         )
         for key in keys
         if np.isfinite(found[key].estimate)

@@ -9,9 +9,10 @@ import polars as pl
 
 from ...corruptions.registry import PAPER_ORDER
 from ...errors import UsageError, unknown_name
-from ...metrics.rows import CLEAN
+from ...metrics.rows import CLEAN, complete_rows
 from ..results import AVERAGE
-from .estimates import Array, Estimates, weighted_means
+from .estimates import Array
+from .statistic import Mean, Statistic, Term
 
 METRICS = ("epe", "cre", "crer", "rcre")
 Setting = tuple[str, int]
@@ -43,22 +44,18 @@ class ClusterSums:
         """Sums of the rows of one run (`robustflow.metrics.rows.ROW_SCHEMA`). Images without a pixel to measure are
         left out, as in the run's summary."""
         values = image_errors(rows)
-        clusters = tuple(sorted(set(values["group"])))
+        clusters = tuple(values["group"].unique().sort())
         dirty = values.filter(pl.col("corruption") != CLEAN)
-        settings = tuple(sorted(set(dirty.select("corruption", "severity").iter_rows())))
-        group_of = {name: index for index, name in enumerate(clusters)}
-        column_of = {setting: index for index, setting in enumerate(settings)}
+        settings = tuple(dirty.select("corruption", "severity").unique().sort("corruption", "severity").iter_rows())
         shape = (len(clusters), len(settings))
-        at = (
-            np.array([group_of[name] for name in dirty["group"]], np.int64),
-            np.array([column_of[key] for key in dirty.select("corruption", "severity").iter_rows()], np.int64),
-        )
+        columns = pl.DataFrame(settings, schema={"corruption": pl.String, "severity": pl.Int64}, orient="row")
+        at = _places(dirty, clusters, columns.with_row_index("_column"))
         sums, counts = {}, {}
         for metric in ("epe", "cre", "rcre"):
             sums[metric], counts[metric] = _added(dirty[metric], at, shape)
         clean = values.filter(corruption=CLEAN)
-        at = (np.array([group_of[name] for name in clean["group"]], np.int64), np.zeros(clean.height, np.int64))
-        clean_sum, clean_count = _added(clean["epe"], at, (len(clusters), 1))
+        only = pl.DataFrame({"corruption": [CLEAN], "severity": [0], "_column": [0]})
+        clean_sum, clean_count = _added(clean["epe"], _places(clean, clusters, only), (len(clusters), 1))
         return cls(clusters, values["sample"].n_unique(), settings, sums, counts, clean_sum, clean_count)
 
     def corruptions(self) -> list[str]:
@@ -66,30 +63,29 @@ class ClusterSums:
         found = {name for name, _ in self.settings}
         return [name for name in PAPER_ORDER if name in found] + sorted(found - set(PAPER_ORDER))
 
-    def estimate(self, metric: str, corruption: str, severity: int | None, weights: Array) -> Estimates:
-        """A mean of the run in every resample.
+    def statistic(self, metric: str, corruption: str, severity: int | None = None) -> Statistic:
+        """A mean of the run, as a function of how often each cluster is drawn.
 
         Args:
             metric: "epe", "cre", "crer" or "rcre".
-            corruption: a corruption, "average" over the paper's, or "clean" (EPE alone).
+            corruption: a corruption, "average" over all that were run, or "clean" (EPE alone).
             severity: one of the corruption's, or None for the mean over them.
-            weights: float64 (B, G), how often each cluster is drawn.
 
         Raises:
             UsageError: a metric or setting that does not exist.
         """
         if metric not in METRICS:
             raise unknown_name("metric", metric, METRICS)
-        clean = weighted_means(self.clean_sum, self.clean_count, np.ones(1), weights)
+        clean = Mean(self.clean_sum, self.clean_count, np.ones(1))
         if corruption == CLEAN:
             if metric != "epe":
                 raise UsageError(f"{metric} of the clean frames is not defined: choose epe")
-            return clean
+            return Statistic([Term(clean)])
         stored = "cre" if metric == "crer" else metric
         share = self._share(stored, corruption, severity)
         columns = np.flatnonzero(share)
-        mean = weighted_means(self.sums[stored][:, columns], self.counts[stored][:, columns], share[columns], weights)
-        return mean / clean if metric == "crer" else mean
+        mean = Mean(self.sums[stored][:, columns], self.counts[stored][:, columns], share[columns])
+        return Statistic([Term(mean, clean if metric == "crer" else None)])
 
     def measured(self, metric: str, corruption: str, severity: int | None = None) -> bool:
         """Whether there is an image to average over."""
@@ -103,7 +99,7 @@ class ClusterSums:
         """float64 (K,): the weight of each setting in the mean over severities, then corruptions."""
         share = np.zeros(len(self.settings))
         found = self.counts[metric].sum(axis=0) > 0
-        names = [name for name in PAPER_ORDER if name in dict(self.settings)] if corruption == AVERAGE else [corruption]
+        names = self.corruptions() if corruption == AVERAGE else [corruption]
         of_name = {
             name: [
                 k
@@ -120,7 +116,9 @@ class ClusterSums:
 
 def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
     """One line per row of a run: sample, group, corruption, severity, frames_digest, and the image's mean epe, cre and
-    rcre in pixels, null where nothing could be measured. RCRE is over all pixels where there is no ground truth."""
+    rcre in pixels, null where nothing could be measured. Both errors of CRE are over the same pixels; RCRE is over all
+    pixels where there is no ground truth."""
+    rows = complete_rows(rows)
     without_truth = pl.col("n_valid").is_null()
     images = rows.select(
         "sample",
@@ -129,15 +127,25 @@ def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
         "severity",
         "frames_digest",
         epe=pl.when(pl.col("n_valid") > 0).then(pl.col("epe_sum") / pl.col("n_valid")),
+        _before=pl.when(pl.col("n_valid") > 0).then(pl.col("clean_epe_sum") / pl.col("n_valid")),
         rcre=pl.when(pl.coalesce("n_valid", "n_all") > 0).then(
             pl.when(without_truth)
             .then(pl.col("rcre_all_sum") / pl.col("n_all"))
             .otherwise(pl.col("rcre_sum") / pl.col("n_valid"))
         ),
     )
-    clean = images.filter(corruption=CLEAN).select("sample", _before="epe")
+    clean = images.filter(corruption=CLEAN).select("sample", _clean="epe")
     joined = images.join(clean, on="sample", how="left", maintain_order="left")
-    return joined.with_columns(cre=pl.col("epe") - pl.col("_before")).drop("_before")
+    moved = pl.when(pl.col("_clean").is_not_null()).then(pl.col("epe") - pl.col("_before"))
+    return joined.with_columns(cre=moved).drop("_before", "_clean")
+
+
+def _places(values: pl.DataFrame, clusters: tuple[str, ...], columns: pl.DataFrame) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of each value among clusters and settings."""
+    groups = pl.DataFrame({"group": clusters}, schema={"group": pl.String}).with_row_index("_row")
+    at = values.select("group", "corruption", "severity").join(groups, on="group", how="left", maintain_order="left")
+    at = at.join(columns, on=["corruption", "severity"], how="left", maintain_order="left")
+    return at["_row"].to_numpy(), at["_column"].to_numpy()
 
 
 def _added(values: pl.Series, at: tuple[np.ndarray, np.ndarray], shape: tuple[int, int]) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from torch.utils._pytree import tree_flatten, tree_unflatten
 from torchvision import tv_tensors
 
 from ...errors import DataError
-from ..base import SEVERITIES
+from ...severity import SEVERITIES
 from .transform import CorruptionTransform
 
 

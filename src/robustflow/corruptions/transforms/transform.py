@@ -23,8 +23,9 @@ import numpy.typing as npt
 from ...errors import DataError, UsageError
 from ...random.rng import Rng
 from ...sample import Frame
+from ...severity import SEVERITIES, check_severity
 from ..api import STREAM_VERSION, load_corruption
-from ..base import SEVERITIES, Corruption, check_severity
+from ..base import Corruption
 from ..registry import CLIP, IMAGE_PAIR
 from ..stack import is_stack, levels_of, parse_stack
 

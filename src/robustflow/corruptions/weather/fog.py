@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,15 @@ FogMap = npt.NDArray[np.float32]
 """float32 (H, W) in [0, 1]."""
 
 
+class FogLevel(NamedTuple):
+    """A severity."""
+
+    strength: float
+    """c: how much of the map is added."""
+    decay: float
+    """Of the fractal: the higher, the smoother."""
+
+
 class Fog(Corruption):
     """A plasma fractal added to both frames, and the contrast lowered (paper, appendix, weather).
 
@@ -27,12 +36,13 @@ class Fog(Corruption):
 
     name = "fog"
     family = "weather"
+    level = FogLevel
     paper_severities = ((1.5, 2.0), (2.0, 2.0), (2.5, 1.7), (2.5, 1.5), (3.0, 1.4))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> tuple[float, FogMap]:
         """(strength, the map)."""
-        strength, decay = self.parameter(severity)
-        return float(strength), plasma_corner(rng, *shape, decay)
+        fog: FogLevel = self.parameter(severity)
+        return float(fog.strength), plasma_corner(rng, *shape, fog.decay)
 
     def apply(self, frame: Frame, state: tuple[float, FogMap], index: int) -> Frame:
         """Lay the fog over one frame."""

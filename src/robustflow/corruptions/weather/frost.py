@@ -29,6 +29,13 @@ class FrostState(NamedTuple):
     """Share of the frost."""
 
 
+class FrostLevel(NamedTuple):
+    """A severity: out = keep * frame + add * frost."""
+
+    keep: float
+    add: float
+
+
 class Frost(Corruption):
     """A photograph of frost over both frames: out = a * x + b * frost (paper, appendix, weather).
 
@@ -44,15 +51,16 @@ class Frost(Corruption):
 
     name = "frost"
     family = "weather"
+    level = FrostLevel
     paper_severities = ((1.0, 0.4), (0.8, 0.6), (0.7, 0.7), (0.65, 0.7), (0.6, 0.75))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> FrostState:
         """The texture and the place it is cut at."""
-        keep, add = self.parameter(severity)
+        level: FrostLevel = self.parameter(severity)
         slot = rng.integer(0, len(TEXTURES))
         height, width = enlarged_shape(slot, shape)
         top, left = rng.integer(0, height - shape[0]), rng.integer(0, width - shape[1])
-        return FrostState(slot, top, left, (shape[0], shape[1]), keep, add)
+        return FrostState(slot, top, left, (shape[0], shape[1]), level.keep, level.add)
 
     def apply(self, frame: Frame, state: FrostState, index: int) -> Frame:
         """Lay the frost over one frame."""

@@ -4,7 +4,7 @@ They belong to the Python package `imagecorruptions` (Apache-2.0) and are not pa
 
 1. the folder named by the environment variable ROBUSTFLOW_FROST_DIR (nothing else is tried where it is set),
 2. an installed `imagecorruptions` or `imagecorruptions-imaug`, which is located but never imported,
-3. the user's cache (XDG_CACHE_HOME, else the platform's cache folder) under robustflow/frost,
+3. the user's cache (see `robustflow.cache`), where it is now or was in earlier versions,
 4. the package's wheel, fetched once through pip without its dependencies into that cache.
 
 Every file is checked against its SHA-256 each time it is read.
@@ -21,12 +21,15 @@ import zipfile
 from importlib.util import find_spec
 from pathlib import Path
 
+from ...cache import cache_folder, cache_folders
 from ...errors import AssetError
 
 FOLDER_VARIABLE = "ROBUSTFLOW_FROST_DIR"
 WHEEL = "imagecorruptions==1.1.2"
 _INSIDE = "imagecorruptions/frost"
 _PIP_SECONDS = 600
+PART = "frost"
+"""Of the user's cache."""
 
 TEXTURES: dict[str, str] = {
     "frost1.png": "ff9f907860bd7a835d459e32f9d588062b7f61ee267343cc7222b56753a14755",
@@ -53,30 +56,18 @@ def read_texture(slot: int) -> bytes:
     named = os.environ.get(FOLDER_VARIABLE)
     if named:
         return _read_named(Path(named).expanduser(), name)
-    for folder in (*_installed_folders(), cache_folder()):
+    for folder in (*_installed_folders(), *cache_folders(PART)):
         content = _read(folder / name)
         if content is not None and _is_genuine(name, content):
             return content
         if content is not None:
             _say(f"{folder / name} is not the photograph of {WHEEL} (SHA-256 differs); looking further")
-    _fetch(cache_folder())
-    content = _read(cache_folder() / name)
+    folder = cache_folder(PART)
+    _fetch(folder)
+    content = _read(folder / name)
     if content is None or not _is_genuine(name, content):
-        raise AssetError(f"frost texture {cache_folder() / name} vanished or changed while it was read; run again")
+        raise AssetError(f"frost texture {folder / name} vanished or changed while it was read; run again")
     return content
-
-
-def cache_folder() -> Path:
-    """Where fetched textures are kept."""
-    if base := os.environ.get("XDG_CACHE_HOME"):
-        root = Path(base)
-    elif sys.platform == "win32":
-        root = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        root = Path.home() / "Library" / "Caches"
-    else:
-        root = Path.home() / ".cache"
-    return root / "robustflow" / "frost"
 
 
 def _read_named(folder: Path, name: str) -> bytes:

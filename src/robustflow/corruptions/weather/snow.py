@@ -26,6 +26,25 @@ class SnowState(NamedTuple):
     severity: int
 
 
+class SnowLevel(NamedTuple):
+    """A severity."""
+
+    mean: float
+    """Of the noise that flakes come from, on [0, 1]."""
+    deviation: float
+    """Its standard deviation."""
+    zoom: float
+    """Size of a flake."""
+    threshold: float
+    """Noise below it is no flake."""
+    radius: int
+    """Of the motion, pixels."""
+    sigma: float
+    """Of the motion, pixels."""
+    share: float
+    """Of the image that is kept under the veil."""
+
+
 class Snow(Corruption):
     """Whitened frames with motion-blurred flakes (paper, appendix, weather; temporal).
 
@@ -38,6 +57,7 @@ class Snow(Corruption):
     name = "snow"
     family = "weather"
     temporal = True
+    level = SnowLevel
     paper_severities = (
         (0.1, 0.3, 3.0, 0.5, 10, 4, 0.8),
         (0.2, 0.3, 2.0, 0.5, 12, 4, 0.7),
@@ -48,28 +68,30 @@ class Snow(Corruption):
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> SnowState:
         """The direction of the fall; the flakes come with each frame."""
-        _, _, _, _, radius, sigma, _ = self.parameter(severity)
-        return SnowState(rng.spawn("flakes"), line_kernel(radius, sigma, rng.uniform(-135.0, -45.0)), severity)
+        level: SnowLevel = self.parameter(severity)
+        return SnowState(
+            rng.spawn("flakes"), line_kernel(level.radius, level.sigma, rng.uniform(-135.0, -45.0)), severity
+        )
 
     def apply(self, frame: Frame, state: SnowState, index: int) -> Frame:
         """Let it snow on frame `index`."""
-        mean, deviation, zoom, threshold, _, _, share = self.parameter(state.severity)
+        level: SnowLevel = self.parameter(state.severity)
         height, width = frame.shape[:2]
-        rows, columns = -int(-height // zoom), -int(-width // zoom)
+        rows, columns = -int(-height // level.zoom), -int(-width // level.zoom)
         field = normal_field(state.flakes.spawn("frame", index), rows, columns)
-        flakes = np.empty((round(rows * zoom), round(columns * zoom)), np.uint16)
+        flakes = np.empty((round(rows * level.zoom), round(columns * level.zoom)), np.uint16)
         _enlarge(
             field,
-            mean,
-            deviation * UNIT,
-            threshold,
+            level.mean,
+            level.deviation * UNIT,
+            level.threshold,
             *_between(len(flakes), rows),
             *_between(flakes.shape[1], columns),
             flakes,
         )
         layer = move_plane(flakes, state.motion)[:height, :width]
         out = np.empty_like(frame, order="C")
-        _whiten(contiguous(frame), layer, np.float32(share), out)
+        _whiten(contiguous(frame), layer, np.float32(level.share), out)
         return out
 
 

@@ -32,6 +32,23 @@ class SpatterLayer(NamedTuple):
     """Mud hides what is behind it; water adds its colour."""
 
 
+class SpatterLevel(NamedTuple):
+    """A severity."""
+
+    mean: float
+    """Of the noise that drops come from, on [0, 1]."""
+    deviation: float
+    """Its standard deviation."""
+    sigma: float
+    """Of the blur that makes drops of it, pixels."""
+    threshold: float
+    """Noise below it is no drop."""
+    strength: float
+    """Opacity of water, or sigma of the mud's blur."""
+    mud: bool
+    """Mud rather than water."""
+
+
 class Spatter(Corruption):
     """Drops of water (severities 1 to 3) or mud (4 and 5) on the lens, one layer for the pair (paper, appendix).
 
@@ -42,6 +59,7 @@ class Spatter(Corruption):
 
     name = "spatter"
     family = "weather"
+    level = SpatterLevel
     paper_severities = (
         (0.65, 0.3, 4.0, 0.69, 0.6, False),
         (0.65, 0.3, 3.0, 0.68, 0.6, False),

@@ -90,6 +90,17 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
     return tuple(map(CheckpointEntry.model_validate, _lines("checkpoints")))
 
 
+def published_names(model: str) -> list[str]:
+    """Names of the public checkpoints of a model, as far as the catalog knows them.
+
+    >>> published_names("raft_small")
+    ['C_T_V1', 'C_T_V2']
+    """
+    method = methods().get(model)
+    undeclared = method.undeclared.split("+") if method and method.undeclared else []
+    return [entry.checkpoint for entry in checkpoints() if entry.model == model] + undeclared
+
+
 def is_installed(method: MethodEntry) -> bool:
     """Whether the libraries that a method needs are here.
 

@@ -1,1 +1,1 @@
-"""Exported networks as flow models: ONNX, torch.export, TorchScript."""
+"""Exported networks as flow models: ONNX and torch.export."""

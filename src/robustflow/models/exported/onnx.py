@@ -15,17 +15,16 @@ import numpy.typing as npt
 
 from ...errors import ModelError, UsageError, unknown_name
 from ...sample import Flow, Frame
-from ..input_convention import InputConvention
-from ..model_file import damaged, opened
+from ..extras import require
+from ..input_convention import InputConvention, named_convention
+from ..model_file import damaged, opened, require_file
 from ..option_checks import check_count
 from ..pairs import predict_by_size
-from ..torch.network import require
-from .base import (
+from ..signature import (
     Dim,
     batch_and_size,
     chosen_inputs,
     describe_arrays,
-    exported_convention,
     flow_layout,
     infer_layout,
     refuse_lost_frame,
@@ -79,10 +78,11 @@ class OnnxModel:
             )
         check_count("threads", threads)
         self._device = _parse_device(device)
-        exported_convention(order=order, scaling=scaling, multiple=multiple)  # an option is refused before the file
+        named_convention(order=order, scaling=scaling, multiple=multiple)  # an option is refused before the file
+        path = Path(checkpoint).expanduser()
+        require_file(path)
         for library in ("onnxruntime", "onnx"):
             require(library, "onnx", "onnx")
-        path = Path(checkpoint).expanduser()
         with opened(path, sha256) as (file, digest):
             model = parsed(path, file.read())
         beside = external_files(path, model)
@@ -93,7 +93,7 @@ class OnnxModel:
         shapes = [(node.name, _shape(node.shape)) for node in self._inputs]
         self._layout = infer_layout(shapes, layout)
         self._batched, size = batch_and_size(shapes)
-        self.convention = exported_convention(order=order, scaling=scaling, multiple=multiple, size=size)
+        self.convention = named_convention(order=order, scaling=scaling, multiple=multiple, size=size)
         refuse_lost_frame([node.name for node in self._inputs], read_inputs(model))
         self._dtypes = [_dtype(node) for node in self._inputs]
         self._settings = {
@@ -168,7 +168,7 @@ class OnnxModel:
             what = describe_arrays([(name, array.shape) for name, array in given.items()])
             raise ModelError(
                 f"the network failed on {what}: {_first_line(error)}; give the multiple of height and width that it "
-                "needs (-O multiple=64), or export it anew"
+                "needs (-O multiple=64), or export it again"
             ) from None
         flow = np.asarray(flow)
         pairs, _, height, width = image1.shape
@@ -177,7 +177,7 @@ class OnnxModel:
 
 
 def _images(frames: list[Frame], convention: InputConvention) -> npt.NDArray[np.float32]:
-    """Frames of one size as (N, 3, H, W), the way `TorchModel` makes them."""
+    """Frames of one size as (N, 3, H, W), the way `NetworkModel` makes them."""
     values = np.stack(frames).astype(np.float32)
     if convention.order == "bgr":
         values = values[..., ::-1]

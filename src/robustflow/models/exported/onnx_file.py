@@ -75,8 +75,10 @@ def _digest(path: Path, name: str) -> str:
     if not name or not file.is_relative_to(folder):
         raise ModelError(
             f"{path}: refused: it takes weights from '{name[:200]}', outside its own folder; get the genuine file, or "
-            "save it anew with its weights beside it"
+            "save it again with its weights beside it"
         )
+    if file.exists() and not file.is_file():  # a pipe would never end, a device never answer
+        raise ModelError(f"{path}: refused: its weights '{name[:200]}' are not a regular file; get the genuine file")
     try:
         with file.open("rb") as weights:
             return hashlib.file_digest(weights, "sha256").hexdigest()

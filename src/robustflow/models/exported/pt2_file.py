@@ -149,7 +149,7 @@ def _check_plain(text: str) -> None:
 
 
 def _check_operator(text: str) -> None:
-    if not _OPERATORS.fullmatch(text):
+    if not _OPERATORS.fullmatch(text) or any(part.startswith("__") for part in text.split(".")):
         raise _RefusedError(f"its graph calls '{text[:100]}'")
 
 

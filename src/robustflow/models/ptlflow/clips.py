@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import UsageError
+from ..execution import Execution, with_execution
 from ..option_checks import check_count
 from ..window import Window
 from .pairs import ptlflow_model, ptlflow_network
@@ -57,6 +58,7 @@ CLIPS = {
 """Multi-frame networks by ptlflow's name."""
 
 
+@with_execution
 def ptlflow_clip_model(
     name: str,
     architecture: str,
@@ -65,10 +67,7 @@ def ptlflow_clip_model(
     before: int | None = None,
     iterations: int | None = None,
     sha256: str | None = None,
-    device: str = "auto",
-    precision: str = "fp32",
-    compile: bool = False,
-    threads: int = 1,
+    execution: Execution,
 ) -> TorchClipModel:
     """A multi-frame model of ptlflow. It keeps nothing from clip to clip.
 
@@ -77,7 +76,7 @@ def ptlflow_clip_model(
         architecture: a name of `CLIPS`.
         checkpoint, iterations, sha256: see `ptlflow_model`.
         before: for MemFlow and STaRFlow: frames before the pair, from 1; the authors' by default.
-        device, precision, compile, threads: see `TorchModel`.
+        execution: see `Execution`; its fields are options.
 
     Raises:
         ModelError: ptlflow is not installed, or the model or checkpoint cannot be loaded.
@@ -103,10 +102,7 @@ def ptlflow_clip_model(
         checkpoint,
         iterations=iterations,
         sha256=sha256,
-        device=device,
-        precision=precision,
-        compile=compile,
-        threads=threads,
+        execution=execution,
     )
     from ..torch.clip_model import TorchClipModel, TorchStreamModel
 

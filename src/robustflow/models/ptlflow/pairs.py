@@ -16,13 +16,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import ModelError, unknown_name
+from ..catalog import published_names
+from ..execution import Execution, with_execution
+from ..extras import require
 from ..input_convention import RAFT_SMALLEST, InputConvention
-from ..torch.network import network_model, require
+from ..torch.find_checkpoint import needs_checkpoint, refuse_missing_file
+from ..torch.network import network_model
 from .options import constructor_options
 
 if TYPE_CHECKING:
     from ..torch.checkpoint import Checkpoint
-    from ..torch.model import TorchModel
+    from ..torch.model import NetworkModel
 
 _SMALLEST = {
     **dict.fromkeys(("raft", "raft_small", "gma", "csflow", "skflow", "gmflownet", "craft"), RAFT_SMALLEST),
@@ -41,10 +45,12 @@ BESIDES = {
 }
 """What some of ptlflow's models need besides ptlflow, which does not install it."""
 
+_SOURCE = "the authors' file"
 _BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
 """Whose pairs of a batch were found not to see each other. FlowFormer's do, by 1e-4 px."""
 
 
+@with_execution
 def ptlflow_model(
     name: str,
     architecture: str,
@@ -52,11 +58,8 @@ def ptlflow_model(
     *,
     iterations: int | None = None,
     sha256: str | None = None,
-    device: str = "auto",
-    precision: str = "fp32",
-    compile: bool = False,
-    threads: int = 1,
-) -> TorchModel:
+    execution: Execution,
+) -> NetworkModel:
     """A two-frame model of ptlflow, on whole frames; its own tiling, which a checkpoint may turn on, stays off.
 
     Args:
@@ -66,7 +69,7 @@ def ptlflow_model(
             "random".
         iterations: of the recurrent update; None for ptlflow's default. The paper's evaluation takes 12.
         sha256: the file's hash, or its first eight or more digits, to be checked.
-        device, precision, compile, threads: see `TorchModel`.
+        execution: see `Execution`; its fields are options.
 
     Raises:
         ModelError: ptlflow is not installed, or the model or checkpoint cannot be loaded.
@@ -85,10 +88,7 @@ def ptlflow_model(
         checkpoint,
         iterations=iterations,
         sha256=sha256,
-        device=device,
-        precision=precision,
-        compile=compile,
-        threads=threads,
+        execution=execution,
     )
 
 
@@ -100,10 +100,14 @@ def ptlflow_network(
     *,
     iterations: int | None,
     sha256: str | None,
-    **execution: Any,
-) -> TorchModel:
+    execution: Execution,
+) -> NetworkModel:
     """A network of ptlflow as `wrap` makes it callable; arguments and errors as of `ptlflow_model`."""
+    names = published_names(architecture)
+    refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
     require("ptlflow", "ptlflow", name)
+    if checkpoint is None and names:
+        raise needs_checkpoint(name, names, _SOURCE)  # said at once: the library takes seconds to import
     with _silence():
         import ptlflow
     if architecture not in ptlflow.get_model_names():
@@ -125,7 +129,7 @@ def ptlflow_network(
         build,
         InputConvention(order="bgr", scale=1.0, smallest=_SMALLEST.get(architecture, 1)),
         checkpoint,
-        source="the authors' file",
+        source=_SOURCE,
         sha256=sha256,
         published=getattr(reference, "pretrained_checkpoints", None) or {},
         settings={
@@ -135,7 +139,7 @@ def ptlflow_network(
             **({"use_tile_input": False} if "use_tile_input" in options else {}),
         },
         adapt=_adapt,
-        **execution,
+        execution=execution,
     )
 
 
@@ -187,7 +191,7 @@ def _silence() -> Iterator[None]:
         yield
 
 
-def _of_the_paper(name: str) -> partial[TorchModel]:
+def _of_the_paper(name: str) -> partial[NetworkModel]:
     return partial(ptlflow_model, name, name, iterations=12)
 
 

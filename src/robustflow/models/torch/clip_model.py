@@ -10,7 +10,7 @@ import torch
 from ...errors import UsageError
 from ...sample import Flow, Frame
 from ..window import Window
-from .model import TorchModel
+from .model import NetworkModel
 
 
 class TorchClipModel:
@@ -21,7 +21,7 @@ class TorchClipModel:
         window: the frames that it wants.
     """
 
-    def __init__(self, network: TorchModel, window: Window) -> None:
+    def __init__(self, network: NetworkModel, window: Window) -> None:
         self.window = window
         self._network = network
 
@@ -36,7 +36,7 @@ class TorchClipModel:
         return self._network.net
 
     def identity(self) -> dict[str, Any]:
-        """See `TorchModel.identity`; the window is in a run's identity where it is used."""
+        """See `NetworkModel.identity`; the window is in a run's identity where it is used."""
         return self._network.identity()
 
     def predict_clip(self, frames: Sequence[Frame], index: int) -> Flow:

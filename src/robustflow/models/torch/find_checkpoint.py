@@ -3,11 +3,39 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from ...errors import ModelError, unknown_name
-from .network import RANDOM
+
+RANDOM = "random"
+"""The checkpoint that is none: seeded random weights, for measuring cost and for tests."""
+
+
+def refuse_missing_file(
+    model: str, checkpoint: str | Path | None, published: Collection[str], source: str, *, strict: bool = True
+) -> None:
+    """Refuse a checkpoint that was given and is not there. Needs no library, so it comes before their imports.
+
+    Args:
+        model: for messages.
+        checkpoint: a path, a name among `published`, "random", or None, which passes.
+        published: names of checkpoints that can be fetched.
+        source: which file is meant and where its authors keep it.
+        strict: `published` is complete, so any other name is unknown.
+
+    Raises:
+        ModelError: no such file.
+        UsageError: a name that is not published.
+    """
+    if checkpoint is None or str(checkpoint) in (RANDOM, *published) or Path(checkpoint).expanduser().exists():
+        return
+    path = Path(checkpoint)
+    if not path.suffix and len(path.parts) == 1 and (published or not strict):
+        if strict:
+            raise unknown_name(f"checkpoint of {model}", str(checkpoint), [*published, RANDOM])
+        return
+    raise ModelError(f"model '{model}': no file {checkpoint}; {_get(published, source)}, and put it there")
 
 
 def find_checkpoint(
@@ -30,17 +58,23 @@ def find_checkpoint(
         ModelError: no checkpoint, no such file, or one that cannot be fetched: says where to put it.
         UsageError: a name that is not published.
     """
-    names = f"name one of {', '.join(published)}, or get" if published else "get"
     if checkpoint is None:
-        raise ModelError(f"model '{model}' needs its checkpoint: {names} {source}, and give its path as --checkpoint")
+        raise needs_checkpoint(model, published, source)
     if str(checkpoint) in published:
         return _cached(model, published[str(checkpoint)])
-    path = Path(checkpoint).expanduser()
-    if not path.exists():
-        if published and not path.suffix and len(path.parts) == 1:
-            raise unknown_name(f"checkpoint of {model}", str(checkpoint), [*published, RANDOM])
-        raise ModelError(f"model '{model}': no file {checkpoint}; {names} {source}, and put it there")
-    return path, None
+    refuse_missing_file(model, checkpoint, published, source)
+    return Path(checkpoint).expanduser(), None
+
+
+def needs_checkpoint(model: str, published: Collection[str], source: str) -> ModelError:
+    """The error for a network that was given no weights."""
+    return ModelError(
+        f"model '{model}' needs its checkpoint: {_get(published, source)}, and give its path as --checkpoint"
+    )
+
+
+def _get(published: Collection[str], source: str) -> str:
+    return f"name one of {', '.join(published)}, or get {source}" if published else f"get {source}"
 
 
 def _cached(model: str, url: str) -> tuple[Path, str | None]:

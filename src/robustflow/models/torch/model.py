@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
-import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ...errors import ModelError, RobustFlowError, UsageError, unknown_name
+from ...errors import ModelError, RobustFlowError, UsageError
 from ...sample import Flow, Frame
+from ..execution import Execution
 from ..input_convention import InputConvention
-from ..option_checks import check_count, check_switch
-from ..own.blocks.resize import resize_flow
 from ..pairs import predict_by_size
+from ..where import where_raised
+from .fit import fitted_images, unfitted_flow
 from .reproducible import reproducible
 
-PRECISIONS = ("fp32", "bf16")
 
-
-class TorchModel:
+class NetworkModel:
     """Satisfies `FlowModel`.
 
     Args:
@@ -29,13 +26,10 @@ class TorchModel:
         net: two images (N, 3, H, W) to one flow (N, 2, H, W) in pixels; put into evaluation mode here.
         convention: how the network wants its images.
         settings: what else changes its numbers (checkpoint hash, iterations), for `identity`.
-        device: "auto" (a CUDA device where there is one, else the CPU), "cpu", "cuda", "cuda:1", ...
-        precision: "fp32" (without TF32) or "bf16" (automatic mixed precision).
-        compile: compile the network with `torch.compile` on its first call.
-        threads: of the CPU. One by default: more can change the last bits of a result, and runs use more processes.
+        execution: device, precision, compilation, threads.
 
     Raises:
-        UsageError: an unknown device or precision.
+        UsageError: an unknown device.
         ModelError: a device this machine does not have.
     """
 
@@ -45,25 +39,15 @@ class TorchModel:
         net: nn.Module,
         convention: InputConvention,
         settings: Mapping[str, Any],
-        *,
-        device: str = "auto",
-        precision: Literal["fp32", "bf16"] = "fp32",
-        compile: bool = False,
-        threads: int = 1,
+        execution: Execution,
     ) -> None:
-        if precision not in PRECISIONS:
-            raise unknown_name("precision", str(precision), PRECISIONS)
-        check_count("threads", threads)
-        check_switch("compile", compile)
         self.name = name
         self.convention = convention
-        self.device = find_device(device)
+        self.device = find_device(execution.device)
         self.net = net.to(self.device).eval().requires_grad_(False)
         self._settings = dict(settings)
-        self._precision = precision
-        self._compile = compile
-        self._threads = threads
-        self._call = torch.compile(self.net) if compile else self.net
+        self._execution = execution
+        self._call = torch.compile(self.net) if execution.compile else self.net
 
     def identity(self) -> dict[str, Any]:
         """What changes the numbers: the network's settings, its input, and how it is executed."""
@@ -71,10 +55,7 @@ class TorchModel:
             "name": self.name,
             **self._settings,
             "input": self.convention.describe(),
-            "device": self.device.type,
-            "precision": self._precision,
-            "compile": self._compile,
-            "threads": self._threads,
+            **self._execution.record(self.device.type),
             "torch": torch.__version__,
         }
 
@@ -120,11 +101,11 @@ class TorchModel:
         """
         height, width = batches[0][0].shape[:2]
         self.convention.fitted_size(height, width)
-        with torch.inference_mode(), reproducible(self._threads):
-            images = [self._images(frames) for frames in batches]
-            with torch.autocast(self.device.type, torch.bfloat16, enabled=self._precision == "bf16"):
+        with torch.inference_mode(), reproducible(self._execution.threads):
+            images = [fitted_images(frames, self.convention, self.device) for frames in batches]
+            with torch.autocast(self.device.type, torch.bfloat16, enabled=self._execution.precision == "bf16"):
                 flow = self._ask(images, arguments, height, width)
-            flow = self._unfit(flow.float(), height, width)
+            flow = unfitted_flow(flow.float(), self.convention, height, width)
             return list(flow.permute(0, 2, 3, 1).contiguous().cpu().numpy())
 
     def _ask(self, images: list[Tensor], arguments: dict[str, Any], height: int, width: int) -> Tensor:
@@ -138,31 +119,9 @@ class TorchModel:
                 advice = "predict fewer pairs at once, in tiles (option tile), or on the cpu"
             message = " ".join(str(error).split())
             raise ModelError(
-                f"model '{self.name}' fails on frames of {height}x{width} ({type(error).__name__}: {message}); {advice}"
+                f"model '{self.name}' fails on frames of {height}x{width} ({type(error).__name__}: {message}"
+                f"{where_raised(error)}); {advice}"
             ) from error
-        return flow
-
-    def _images(self, frames: list[Frame]) -> Tensor:
-        values = torch.from_numpy(np.stack(frames)).to(self.device).permute(0, 3, 1, 2).float()
-        if self.convention.order == "bgr":
-            values = values.flip(1)
-        mean = values.new_tensor(self.convention.mean).view(1, 3, 1, 1)
-        scale = self.convention.scale
-        images = (values - mean) * (scale if isinstance(scale, float) else values.new_tensor(scale).view(1, 3, 1, 1))
-        if self.convention.fit == "pad":
-            mode = "replicate" if self.convention.padding == "replicate" else "constant"
-            return F.pad(images, self.convention.padding_sides(*images.shape[2:]), mode=mode)
-        if self.convention.fit == "stretch":
-            size = self.convention.fitted_size(*images.shape[2:])
-            return F.interpolate(images, size=size, mode="bilinear", align_corners=False)
-        return images
-
-    def _unfit(self, flow: Tensor, height: int, width: int) -> Tensor:
-        if self.convention.fit == "pad":
-            left, _, above, _ = self.convention.padding_sides(height, width)
-            return flow[:, :, above : above + height, left : left + width]
-        if self.convention.fit == "stretch":
-            return resize_flow(flow, (height, width))
         return flow
 
 

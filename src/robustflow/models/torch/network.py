@@ -3,35 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import ModelError, UsageError
+from ...errors import UsageError
+from ..execution import Execution
+from ..extras import require
 from ..input_convention import InputConvention
+from .find_checkpoint import RANDOM, find_checkpoint, refuse_missing_file
 
 if TYPE_CHECKING:
     from .checkpoint import Checkpoint
-    from .model import TorchModel
-
-RANDOM = "random"
-"""The checkpoint that is none: seeded random weights, for measuring cost and for tests."""
-
-
-def require(library: str, extra: str, model: str) -> None:
-    """Say which extra a model needs where its library is not installed.
-
-    >>> require("numpy", "none", "dis")
-
-    Raises:
-        ModelError: the library is not there.
-    """
-    if find_spec(library) is None:
-        title = "PyTorch" if library == "torch" else library
-        raise ModelError(
-            f"model '{model}' needs {title}, which is not installed: pip install 'robustflow[{extra}]' "
-            "(with -c constraints.txt from a checkout)"
-        )
+    from .model import NetworkModel
 
 
 def network_model(
@@ -46,8 +29,8 @@ def network_model(
     scope: str | None = None,
     settings: Mapping[str, Any] | None = None,
     adapt: Callable[[Any, Checkpoint], Mapping[str, Any]] | None = None,
-    **execution: Any,
-) -> TorchModel:
+    execution: Execution,
+) -> NetworkModel:
     """Build a network, load its checkpoint strictly, and wrap it.
 
     Args:
@@ -63,32 +46,33 @@ def network_model(
         settings: what else changes the network's numbers.
         adapt: changes the network by what the checkpoint says beside its weights, before they are loaded; returns what
             is to be recorded.
-        execution: `device`, `precision`, `compile`, `threads` of `TorchModel`.
+        execution: device, precision, compilation, threads.
 
     Raises:
         ModelError: without torch, without a checkpoint, or with one that does not fit.
         UsageError: a name that is not published.
     """
+    if checkpoint == RANDOM and sha256 is not None:
+        raise UsageError("random weights have no file: leave out sha256, or give a checkpoint")
+    refuse_missing_file(name, checkpoint, published or {}, source)
     require("torch", "torch", name)
-    from .model import TorchModel
-
     settings = dict(settings or {})
     if checkpoint == RANDOM:
-        if sha256 is not None:
-            raise UsageError("random weights have no file: leave out sha256, or give a checkpoint")
-        return TorchModel(name, _seeded(build), convention, {"checkpoint": RANDOM, **settings}, **execution)
+        from .model import NetworkModel
+
+        return NetworkModel(name, _seeded(build), convention, {"checkpoint": RANDOM, **settings}, execution)
+    path, known = find_checkpoint(name, checkpoint, published or {}, source)
     from .checkpoint import read_checkpoint
-    from .find_checkpoint import find_checkpoint
+    from .model import NetworkModel
     from .weights import load_weights
 
-    path, known = find_checkpoint(name, checkpoint, published or {}, source)
     read = read_checkpoint(path, sha256 or known)
     net = build()
     if adapt is not None:
         settings |= adapt(net, read)
     cast = load_weights(net, read, name, scope)
     identity = {"checkpoint": read.sha256, **({"weights_cast_from": cast} if cast else {}), **settings}
-    return TorchModel(name, net, convention, identity, **execution)
+    return NetworkModel(name, net, convention, identity, execution)
 
 
 def _seeded(build: Callable[[], Any]) -> Any:

@@ -6,25 +6,29 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..catalog import published_names
+from ..execution import Execution, with_execution
+from ..extras import require
 from ..input_convention import RAFT_SMALLEST, InputConvention
 from ..option_checks import check_count
-from .network import network_model, require
+from .find_checkpoint import needs_checkpoint, refuse_missing_file
+from .network import network_model
 
 if TYPE_CHECKING:
-    from .model import TorchModel
+    from .model import NetworkModel
+
+_SOURCE = "a file of https://download.pytorch.org/models"
 
 
+@with_execution
 def _raft(
     name: str,
     checkpoint: str | Path | None = None,
     *,
     iterations: int = 12,
     sha256: str | None = None,
-    device: str = "auto",
-    precision: str = "fp32",
-    compile: bool = False,
-    threads: int = 1,
-) -> TorchModel:
+    execution: Execution,
+) -> NetworkModel:
     """RAFT as torchvision has it, padded to multiples of 8 by repeating the border.
 
     Args:
@@ -32,10 +36,14 @@ def _raft(
         checkpoint: torchvision's name of the weights (C_T_V2, C_T_SKHT_V2, ...), a file of them, or "random".
         iterations: of the recurrent update.
         sha256: the file's hash, or its first eight or more digits, to be checked.
-        device, precision, compile, threads: see `TorchModel`.
+        execution: see `Execution`; its fields are options.
     """
     check_count("iterations", iterations)
+    names = published_names(name)
+    refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
     require("torchvision", "torch", name)
+    if checkpoint is None and names:
+        raise needs_checkpoint(name, names, _SOURCE)  # said at once: the library takes seconds to import
     from torchvision import __version__ as version
     from torchvision.models import optical_flow
 
@@ -50,7 +58,7 @@ def _raft(
         build,
         InputConvention(scale=1.0, fit="pad", multiple=8, smallest=RAFT_SMALLEST),
         checkpoint,
-        source="a file of https://download.pytorch.org/models",
+        source=_SOURCE,
         sha256=sha256,
         published={weights.name: weights.url for weights in kinds[name]},
         settings={
@@ -58,10 +66,7 @@ def _raft(
             "library": f"torchvision {version}",
             "normalisation": "-1..1",
         },
-        device=device,
-        precision=precision,
-        compile=compile,
-        threads=threads,
+        execution=execution,
     )
 
 

@@ -10,9 +10,9 @@ from matplotlib.lines import Line2D
 
 from ...analysis.labels import METRIC_LABELS, UNITS, long_label, metric_label
 from ...analysis.uncertainty import intervals
-from ...corruptions.base import SEVERITIES
 from ...corruptions.registry import PAPER_ORDER
 from ...errors import UsageError
+from ...severity import SEVERITIES
 from ...text import name_text
 from .canvas import SERIES, new_figure
 from .marks import Mark, MarkedFigure

@@ -9,8 +9,8 @@ from typing import Any
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
-from ... import __version__
 from ...text import plain
+from ...version import VERSION
 from . import assets
 from .board import boards_of
 from .content import Content
@@ -52,7 +52,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             style=assets.style(),
             script=assets.script(),
             policy=assets.policy(),
-            version=__version__,
+            version=VERSION,
         )
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,8 @@ class Job:
     batch_size: int = 1
     loaded: AnyModel | None = field(default=None, compare=False)
     """The model, where this process has it already; it does not travel to another process."""
+    kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    """Clean rows that the run holds already, by sample: a sample that goes on has to give the same again."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "loaded": None}
@@ -39,7 +41,8 @@ class Job:
     def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
         """A worker with the model of `load_model`."""
         clean_path = RunFolder(self.folder).clean_path
-        return Worker(self.dataset, self.load_model(), self.options, clean_path, on_predict, self.batch_size)
+        model = self.load_model()
+        return Worker(self.dataset, model, self.options, clean_path, on_predict, self.batch_size, self.kept)
 
 
 @dataclass(frozen=True)

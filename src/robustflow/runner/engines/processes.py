@@ -14,6 +14,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
@@ -40,9 +41,11 @@ _UNGUARDED = (
 def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> Iterator[FinishedUnit]:
     """Compute the units in `workers` processes; `timeout` is the longest a single prediction may take, in seconds."""
     _check_picklable(job)
-    pool = [_Process(job) for _ in range(workers)]
+    pool: list[_Process] = []
     schedule = Schedule(units)
     try:
+        for _ in range(workers):
+            pool.append(_Process(job))
         for process in pool:
             process.give(schedule)
         while any(process.unit for process in pool):
@@ -85,16 +88,8 @@ class _Process:
         self._predicting: tuple[str, float] | None = None
         self._began = False
         self._process = context.Process(target=_serve, args=(theirs, job), daemon=True)
-        before = {name: os.environ.get(name) for name in _ONE_THREAD}
-        os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
-        try:
+        with _one_thread(), _no_interrupt():
             self._process.start()
-        finally:
-            for name, value in before.items():
-                if value is None:
-                    del os.environ[name]
-                else:
-                    os.environ[name] = value
         theirs.close()
 
     def give(self, schedule: Schedule) -> None:
@@ -149,9 +144,35 @@ class _Process:
         return f"sample '{self.unit.key}', {self.unit.corruption}" if self.unit else "nothing"
 
 
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """The environment in which a process begins whose libraries compute in one thread each."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Ctrl-C waits here until a process has begun, which inherits that it does not hear it."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _serve(pipe: Connection, job: Job) -> None:
     """The life of a worker process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     warnings.formatwarning = errors.plain_warning
     import cv2
 

@@ -55,6 +55,11 @@ class SamFlow(nn.Module):
         self.register_buffer("sam_mean", torch.tensor(_SAM_MEAN).view(3, 1, 1), persistent=False)
         self.register_buffer("sam_std", torch.tensor(_SAM_STD).view(3, 1, 1), persistent=False)
 
+    @classmethod
+    def of(cls, size: Literal["tiny", "base", "huge"], finetuned: bool, iterations: int) -> SamFlow:
+        """The network of a size; `finetuned` is for the huge one alone."""
+        return cls("huge_finetuned" if finetuned else size, iterations)
+
     def fused_context(self, image1: Tensor) -> Tensor:
         """The context network's and SAM's features of RGB (N, 3, H, W) in 0..255, fused: (N, 256, H / 8, W / 8)."""
         sam = self.up_layer8(self.sam_encoder((image1 - self.sam_mean) / self.sam_std))

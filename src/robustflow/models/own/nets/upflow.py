@@ -9,9 +9,9 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from ....errors import ModelError
+from ...torch.resize import resize, resize_flow
 from ..blocks.local_correlation import WINDOW, local_correlation
 from ..blocks.pwc import ContextNetwork, DenseEstimator, FeaturePyramid, conv
-from ..blocks.resize import resize, resize_flow
 from ..blocks.warp import inside_mask, warp
 from .upflow_visibility import visible
 
@@ -105,6 +105,11 @@ class UPFlow(nn.Module):
         self.context_networks = ContextNetwork(self.flow_estimators.channels + 2)
         self.conv_1x1 = nn.ModuleList(conv(channels, 32, kernel=1) for channels in (196, 128, 96, 64, 32))
         self.sgi_model = SelfGuidedUpsampler(self.sampling)
+
+    @classmethod
+    def of(cls, align_corners: bool, mask_threshold: float) -> UPFlow:
+        """The network with these two ways of `Sampling`."""
+        return cls(Sampling(align_corners, mask_threshold))
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
         """The flow from image 1 to image 2, (N, 2, H, W) in pixels."""

@@ -1,0 +1,163 @@
+"""One statistic of the clusters in many resamples, by matrix products of the weights with a few columns.
+
+A statistic is a sum of terms +-A or +-A/C, with A and C the weighted means over settings of `estimates.weighted_means`.
+Settings at which every cluster has the same number of images (all of them, in a complete run) share one column: with
+x_g = sum_k v_k T_gk over such settings and N_g their images,
+
+    m = sum_g w_g x_g / sum_g w_g N_g        A = sum of the m of its columns
+
+and with f_j the derivative of the statistic with respect to column j, the influence of cluster g is
+
+    U_g = sum_j f_j (x_gj - m_j N_gj) / n_j         n_j = sum_g w_g N_gj
+
+so sum_g w_g U_g^2 is a quadratic form in the columns (x, N), whose coefficients are weights times products of columns.
+No array of resamples by clusters is made for a statistic. Columns are centred by the means of the data, so that nothing
+cancels. A resample that lacks a column altogether is left to the formula of `estimates`, as is a statistic with more
+than `_COLUMNS` of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from .estimates import Array, Estimates, weighted_means
+
+_COLUMNS = 12
+_ROUNDING = 1e-13
+
+
+class Values(Protocol):
+    """A statistic and its standard error in B resamples, float64 (B,) each."""
+
+    @property
+    def theta(self) -> Array: ...
+
+    @property
+    def standard_error(self) -> Array: ...
+
+
+class _Values(NamedTuple):
+    theta: Array
+    standard_error: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Mean:
+    """The weighted mean over settings of the means over images.
+
+    Attributes:
+        total: float64 (G, K), sums over the images of a cluster at a setting.
+        count: float64 (G, K), how many images those are.
+        share: float64 (K,), the weight of each setting, sum 1.
+    """
+
+    total: Array
+    count: Array
+    share: Array
+
+    def columns(self) -> tuple[Array, Array]:
+        """x and N, float64 (G, J): settings that have the same images are one column."""
+        column_of: dict[bytes, int] = {}
+        places = [column_of.setdefault(column.tobytes(), len(column_of)) for column in self.count.T]
+        placed = np.zeros((len(places), len(column_of)))
+        placed[np.arange(len(places)), places] = self.share
+        return self.total @ placed, self.count[:, [places.index(place) for place in range(len(column_of))]]
+
+    def estimates(self, weights: Array) -> Estimates:
+        """With the influence of each cluster, for weights float64 (B, G)."""
+        return weighted_means(self.total, self.count, self.share, weights)
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """`sign` times a mean, or times the ratio of two."""
+
+    mean: Mean
+    over: Mean | None = None
+    sign: float = 1.0
+
+
+class Statistic:
+    """A sum of terms; called with weights, float64 (B, G), it gives its values in every resample.
+
+    Attributes:
+        columns: float64 (G, P), whose products with the weights `values` makes the values from: products of several
+            statistics can be made in one.
+
+    >>> errors = np.array([[1.0], [2.0], [3.0], [6.0]])
+    >>> mean = Mean(errors, np.ones((4, 1)), np.ones(1))
+    >>> values = Statistic([Term(mean)])(np.ones((1, 4)))
+    >>> values.theta.tolist(), values.standard_error.round(4).tolist()
+    ([3.0], [1.0801])
+    """
+
+    def __init__(self, terms: Sequence[Term]) -> None:
+        self.terms = tuple(terms)
+        means = [mean for term in self.terms for mean in (term.mean, term.over) if mean is not None]
+        parts = [mean.columns() for mean in means]
+        edges = np.cumsum([0, *(x.shape[1] for x, _ in parts)])
+        self._slices = [slice(start, end) for start, end in pairwise(edges)]
+        images = np.concatenate([images for _, images in parts], axis=1)
+        sums = np.concatenate([x for x, _ in parts], axis=1)
+        self._count = sums.shape[1] if sums.shape[1] <= _COLUMNS else 0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            self._centers = np.nan_to_num(sums.sum(axis=0) / images.sum(axis=0))
+        both = np.concatenate([sums - self._centers * images, images], axis=1)[:, : 2 * self._count]
+        self._first, self._second = np.triu_indices(2 * self._count)
+        self.columns = np.concatenate([both, both[:, self._first] * both[:, self._second]], axis=1)
+
+    def __sub__(self, other: Statistic) -> Statistic:
+        return Statistic([*self.terms, *(Term(term.mean, term.over, -term.sign) for term in other.terms)])
+
+    def __call__(self, weights: Array) -> Values:
+        return self.values(weights, weights @ self.columns)
+
+    def values(self, weights: Array, products: Array) -> Values:
+        """The values, from weights float64 (B, G) and their products with `columns`, float64 (B, P)."""
+        count = self._count
+        images = products[:, count : 2 * count]
+        if not count or not (images > 0).all():
+            return self.estimates(weights)
+        means = products[:, :count] / images  # less the centers
+        slopes = np.zeros_like(means)
+        theta = np.zeros(len(weights))
+        at = iter(self._slices)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for term in self.terms:
+                columns = next(at)
+                mean = means[:, columns].sum(axis=1) + self._centers[columns].sum()
+                if term.over is None:
+                    theta += term.sign * mean
+                    slopes[:, columns] = term.sign
+                    continue
+                below = next(at)
+                divisor = means[:, below].sum(axis=1) + self._centers[below].sum()
+                theta += term.sign * mean / divisor
+                slopes[:, columns] = (term.sign / divisor)[:, None]
+                slopes[:, below] = (-term.sign * mean / divisor**2)[:, None]
+            slopes /= images
+            coefficients = np.concatenate([slopes, -slopes * means], axis=1)
+            form = coefficients[:, self._first] * coefficients[:, self._second]
+            parts = form * products[:, 2 * count :] * np.where(self._first == self._second, 1.0, 2.0)
+            squares = parts.sum(axis=1)
+            squares[squares <= _ROUNDING * np.abs(parts).sum(axis=1)] = 0.0  # one cluster alone has no spread
+        clusters = weights.shape[1]
+        if clusters < 2:
+            return _Values(theta, np.full(len(theta), np.nan))
+        return _Values(theta, np.sqrt(clusters / (clusters - 1) * squares))
+
+    def estimates(self, weights: Array) -> Estimates:
+        """The same with the influence of every cluster, float64 (B, G): slower by about the number of clusters."""
+        total: Estimates | None = None
+        for term in self.terms:
+            one = term.mean.estimates(weights)
+            one = one / term.over.estimates(weights) if term.over is not None else one
+            one = Estimates(term.sign * one.theta, term.sign * one.influence, weights)
+            total = one if total is None else total + one
+        assert total is not None
+        return total

@@ -1,0 +1,27 @@
+"""The user's cache: where it is on this platform, and where earlier versions had it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from platformdirs import user_cache_path
+
+CACHE_VARIABLE = "ROBUSTFLOW_CACHE"
+"""Environment variable that names another folder for everything that is kept."""
+
+
+def cache_folder(part: str) -> Path:
+    """Where a part of the cache is kept: in `ROBUSTFLOW_CACHE`, else in the platform's folder for caches.
+
+    >>> cache_folder("frost").name
+    'frost'
+    """
+    named = os.environ.get(CACHE_VARIABLE)
+    return (Path(named).expanduser() if named else user_cache_path("robustflow", appauthor=False)) / part
+
+
+def cache_folders(part: str) -> list[Path]:
+    """Where to look for a part of the cache: where it is kept now, and where earlier versions kept it."""
+    roots = [os.environ.get("XDG_CACHE_HOME"), os.environ.get("LOCALAPPDATA"), str(Path.home() / ".cache")]
+    return list(dict.fromkeys([cache_folder(part), *(Path(root) / "robustflow" / part for root in roots if root)]))

@@ -1,0 +1,47 @@
+"""What the shell offers after a tab: names of models, corruptions, benchmarks and data sets."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+def models(incomplete: str) -> list[str]:
+    """Names of models.
+
+    >>> models("farn")
+    ['farneback']
+    """
+    from ..models import MODELS
+
+    return _beginning(MODELS.names(), incomplete)
+
+
+def checkpoints(incomplete: str) -> list[str]:
+    """Published checkpoints of any model, and random weights."""
+    from ..models.catalog import checkpoints as catalogue
+
+    return _beginning(("random", *(entry.checkpoint for entry in catalogue())), incomplete)
+
+
+def corruptions(incomplete: str) -> list[str]:
+    """Names of corruptions, after the last comma or plus of what is typed.
+
+    >>> corruptions("fog,fro")
+    ['fog,frost']
+    """
+    from ..corruptions import CORRUPTIONS
+
+    cut = max(incomplete.rfind(","), incomplete.rfind("+")) + 1
+    return [incomplete[:cut] + name for name in _beginning(CORRUPTIONS.names(), incomplete[cut:])]
+
+
+def benchmarks(incomplete: str) -> list[str]:
+    """Names of benchmarks and of data sets, which can be one."""
+    from ..benchmarks import BENCHMARKS
+    from ..datasets import DATASETS
+
+    return _beginning((*BENCHMARKS.names(), *DATASETS.names()), incomplete)
+
+
+def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
+    return list(dict.fromkeys(name for name in names if name.startswith(incomplete)))

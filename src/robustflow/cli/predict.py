@@ -1,0 +1,86 @@
+"""`robustflow predict`: the flow of a model for frames or a clip."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import (
+    Checkpoint,
+    DataOptions,
+    Device,
+    ModelName,
+    ModelOptions,
+    Precision,
+    keyword_options,
+    model_options,
+)
+
+
+def predict(
+    frames: Annotated[
+        list[Path], typer.Argument(metavar="FRAMES...", help="Two or more pictures, a folder of them, or a video.")
+    ],
+    model: ModelName = "dis",
+    checkpoint: Checkpoint = None,
+    device: Device = None,
+    precision: Precision = None,
+    option: ModelOptions = None,
+    data_option: DataOptions = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the flows.")] = Path("flows"),
+    suffix: Annotated[
+        str, typer.Option("--format", help="flo (Middlebury), png (KITTI, 16 bits), pfm, or flo5 (Spring).")
+    ] = "flo",
+    pictures: Annotated[
+        bool, typer.Option("--pictures/--no-pictures", help="Write a picture in flow colours beside each flow.")
+    ] = True,
+    radius: Annotated[
+        float | None,
+        typer.Option("--max-flow", metavar="PX", help="Length in full colour; what 99 % stay below, by default."),
+    ] = None,
+    video: Annotated[
+        Path | None, typer.Option("--video", metavar="FILE.mp4", help="Write frames above their flow as a video.")
+    ] = None,
+    fps: Annotated[float, typer.Option(help="Frames per second of --video.")] = 25.0,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace flows that are there.")] = False,
+) -> None:
+    """Predict flow for each pair of adjacent frames, as files that any tool of the field reads.
+
+    \b
+    Examples:
+      robustflow predict a.png b.png
+      robustflow predict --model raft --checkpoint things frames/ -o flows --format png
+      robustflow predict --model farneback clip.mp4 --video flow.mp4 --no-pictures
+    """
+    from ..errors import UsageError
+    from ..models import ModelSpec
+    from ..runner.predict import frames_of, predict_flows, write_pictures, write_video
+    from .video_progress import VideoProgress
+
+    if radius is not None and not 0 < radius < float("inf"):
+        raise UsageError(f"--max-flow {radius}: a length in pixels above 0")
+    if not 0 < fps <= 1000:
+        raise UsageError(f"--fps {fps}: above 0 and at most 1000")
+    if video is not None and video.suffix.lower() != ".mp4":
+        raise UsageError(f"--video {video}: the name ends in .mp4")
+    if video is not None and video.exists() and not overwrite:
+        raise UsageError(f"{video} is there already; choose another name, or give --overwrite")
+    spec = ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device, precision=precision))
+    dataset = frames_of(frames, dict(keyword_options(data_option)))
+    total = len(dataset.keys())
+    done = []
+    with VideoProgress() as progress:
+        for one in predict_flows(spec, dataset, output, suffix=suffix, overwrite=overwrite):
+            done.append(one)
+            progress(str(output), "predicting", len(done), total)
+        longest = radius if radius is not None else max(one.radius for one in done)
+        if pictures:
+            for number, _ in enumerate(write_pictures(done, longest), 1):
+                progress(str(output), "drawing", number, total)
+        if video is not None:
+            write_video(video, done, dataset, longest, fps)
+    typer.echo(str(output))
+    if video is not None:
+        typer.echo(str(video))

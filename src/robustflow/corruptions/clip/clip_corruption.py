@@ -1,0 +1,34 @@
+"""What a corruption of a whole clip is to code that has only images: a name, five numbers, and a refusal."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NoReturn
+
+from ...errors import UsageError
+from ...random.rng import Rng
+from ...sample import Frame
+from ..base import Corruption
+
+
+class ClipCorruption(Corruption):
+    """A corruption of a clip. Nothing in it is random, and two images are not enough for it.
+
+    A dataset that holds the clips (`robustflow.datasets.gopro_fc.GoProFC`) gives its frames already corrupted.
+    """
+
+    temporal: ClassVar[bool] = True
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoReturn:
+        """Refuse: there is no clip here.
+
+        Raises:
+            UsageError: always.
+        """
+        raise UsageError(
+            f"{self.name} needs the clip that the frames come from, not two images; "
+            "use the benchmark gopro-fc (robustflow prepare gopro-fc, then run --benchmark gopro-fc)"
+        )
+
+    def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:
+        """Refuse, as `draw`."""
+        raise UsageError(f"{self.name} needs the clip that the frames come from, not one image")

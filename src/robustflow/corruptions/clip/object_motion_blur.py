@@ -1,0 +1,13 @@
+"""Object motion blur."""
+
+from __future__ import annotations
+
+from .clip_corruption import ClipCorruption
+
+
+class ObjectMotionBlur(ClipCorruption):
+    """The mean of the 2c + 1 master frames around a key frame (appendix, "Object Motion Blur"); parameter c."""
+
+    name = "object_motion_blur"
+    family = "blur"
+    paper_severities = (3, 6, 9, 12, 15)

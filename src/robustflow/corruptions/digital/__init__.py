@@ -1,0 +1,1 @@
+"""Digital corruptions (paper, appendix "Digital corruptions")."""

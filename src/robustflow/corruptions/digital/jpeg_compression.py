@@ -1,0 +1,32 @@
+"""JPEG compression."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ...errors import RobustFlowError
+from ...random.rng import Rng
+from ...sample import Frame
+from ..base import Corruption
+
+
+class JpegCompression(Corruption):
+    """Through a baseline JPEG file with 4:2:0 chroma; `severities` are its quality (paper, "JPEG compression")."""
+
+    name = "jpeg_compression"
+    family = "digital"
+    paper_severities = (25, 18, 15, 10, 7)
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> int:
+        """Nothing is random; the state is the quality."""
+        return int(self.parameter(severity))
+
+    def apply(self, frame: Frame, state: int, index: int) -> Frame:
+        """Write and read one frame."""
+        bgr = cv2.cvtColor(np.ascontiguousarray(frame), cv2.COLOR_RGB2BGR)
+        done, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, state])
+        if not done:
+            raise RobustFlowError(f"OpenCV cannot encode a JPEG of {frame.shape[1]}x{frame.shape[0]} pixels")
+        decoded = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB, dst=decoded)

@@ -1,0 +1,24 @@
+"""Pixelation."""
+
+from __future__ import annotations
+
+from ...random.rng import Rng
+from ...sample import Frame
+from ..base import Corruption
+from ..kernels.box_resize import pixelated
+
+
+class Pixelate(Corruption):
+    """Shrunk by a box filter to a factor of the size, grown back; `severities` are the factor (paper, "Pixelation")."""
+
+    name = "pixelate"
+    family = "digital"
+    paper_severities = (0.6, 0.5, 0.4, 0.3, 0.25)
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> float:
+        """Nothing is random; the state is the factor."""
+        return float(self.parameter(severity))
+
+    def apply(self, frame: Frame, state: float, index: int) -> Frame:
+        """Shrink and enlarge one frame."""
+        return pixelated(frame, state)

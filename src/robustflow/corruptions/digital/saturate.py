@@ -1,0 +1,72 @@
+"""Saturation."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ...random.rng import Rng
+from ...sample import Frame
+from ..base import Corruption
+
+
+class Saturation(NamedTuple):
+    """S' = S alpha + beta."""
+
+    alpha: float
+    beta: float
+
+
+class Saturate(Corruption):
+    """S' = S alpha + beta in HSV; `severities` are (alpha, beta) (paper, "Saturate").
+
+    The reference code has the first two severities the other way round and cuts fractions of a grey level off
+    (`variant="reference"`). Hue and V stay, so
+    with V = max(R, G, B) and m = min(R, G, B) a channel c becomes V - V S' (V - c) / (V - m). Grey has hue 0: where
+    beta > 0 it turns red.
+    """
+
+    name = "saturate"
+    family = "digital"
+    level = Saturation
+    paper_severities = ((0.1, 0.0), (0.3, 0.0), (2.0, 0.0), (5.0, 0.1), (20.0, 0.2))
+
+    def severities_of(self, variant: str) -> tuple[Any, ...]:
+        """The reference code's order of the first two for the variant "reference"."""
+        first, second, *rest = self.paper_severities
+        return (second, first, *rest) if variant == "reference" else self.paper_severities
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Saturation:
+        """Nothing is random; the state is (alpha, beta)."""
+        return self.parameter(severity)
+
+    def apply(self, frame: Frame, state: Saturation, index: int) -> Frame:
+        """Change the saturation of one frame."""
+        source = np.require(frame, requirements=("C", "W"))
+        out = np.empty_like(source)
+        alpha, beta = (np.float32(10.0 * value) for value in state)
+        _saturate(source.reshape(-1), alpha, beta, self.variant == "reference", out.reshape(-1))
+        return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _saturate(source: Any, alpha: Any, beta: Any, floor: bool, out: Any) -> None:
+    """`alpha` and `beta` are ten times the paper's, float32, so that all but the quotient is exact for its numbers."""
+    ten, one, zero = np.float32(10), np.float32(1), np.float32(0)
+    # Adding and subtracting 2**23 rounds to an integer, half to even; the conversion to an integer cuts off.
+    half_even = zero if floor else np.float32(2**23)
+    for i in range(source.size // 3):
+        r, g, b = np.float32(source[3 * i]), np.float32(source[3 * i + 1]), np.float32(source[3 * i + 2])
+        value = max(r, max(g, b))
+        delta = value - min(r, min(g, b))
+        grey = one if delta == zero else zero
+        chroma = min(ten * value, alpha * delta + beta * value)  # 10 V S'
+        scale = ten * (delta + grey)
+        r = value - chroma * (value - r) / scale
+        g = value - chroma * (value - g + grey) / scale
+        b = value - chroma * (value - b + grey) / scale
+        out[3 * i] = np.uint8(np.int32(r + half_even - half_even))
+        out[3 * i + 1] = np.uint8(np.int32(g + half_even - half_even))
+        out[3 * i + 2] = np.uint8(np.int32(b + half_even - half_even))

@@ -1,0 +1,34 @@
+"""Images as users have them: arrays, or images of Pillow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from ..errors import DataError
+from ..sample import Frame
+
+_EIGHT_BITS = ("RGB", "L", "P", "1")
+
+
+def as_frame(image: Any) -> Frame:
+    """An image as RGB uint8 (H, W, 3); an array as it is, to be checked by what takes it.
+
+    Raises:
+        DataError: an image of Pillow with transparency, or not of 8 bits: the conversion is the user's to choose.
+
+    >>> as_frame(Image.new("L", (4, 3), 7)).shape
+    (3, 4, 3)
+    """
+    if not isinstance(image, Image.Image):
+        return image
+    if image.mode not in _EIGHT_BITS or "transparency" in image.info:
+        raise DataError(f"an image has the mode {image.mode}: corruptions need RGB of 8 bits; use image.convert('RGB')")
+    return np.asarray(image.convert("RGB"))
+
+
+def like_given(frame: Frame, given: Any) -> Any:
+    """A corrupted frame as what it was made from: an image of Pillow, or an array."""
+    return Image.fromarray(frame) if isinstance(given, Image.Image) else frame

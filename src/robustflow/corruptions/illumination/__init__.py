@@ -1,0 +1,1 @@
+"""Illumination corruptions: a change of V in HSV (paper, appendix "Illumination corruptions")."""

@@ -1,0 +1,24 @@
+"""Low light."""
+
+from __future__ import annotations
+
+from ...random.rng import Rng
+from ...sample import Frame
+from ..base import Corruption
+from ..kernels.value_table import Table, look_up, shift_table
+
+
+class LowLight(Corruption):
+    """V' = V - c on [0, 1]; `severities` are c (paper, "Low-Light")."""
+
+    name = "low_light"
+    family = "illumination"
+    paper_severities = (0.1, 0.2, 0.3, 0.4, 0.5)
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Table:
+        """Nothing is random; the state is the table."""
+        return shift_table(-255.0 * self.parameter(severity))
+
+    def apply(self, frame: Frame, state: Table, index: int) -> Frame:
+        """Light one frame."""
+        return look_up(frame, state)

@@ -1,0 +1,12 @@
+"""Under exposure."""
+
+from __future__ import annotations
+
+from .over_exposure import OverExposure
+
+
+class UnderExposure(OverExposure):
+    """As `OverExposure`, with negative ev (paper, "Under Exposure")."""
+
+    name = "under_exposure"
+    paper_severities = (-0.4, -0.8, -1.2, -1.6, -2.0)

@@ -1,0 +1,1 @@
+"""Noise corruptions, independent from frame to frame (paper, appendix "Noise corruptions")."""

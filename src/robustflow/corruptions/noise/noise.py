@@ -1,0 +1,40 @@
+"""What the three noises share: the amount of noise, and a stream for each frame.
+
+Sample s of a frame (row-major, channels last) is decided by lane s of the frame's hash words alone: 32-bit lanes for
+Gaussian and shot noise, 16-bit lanes for impulse noise. So any part of a frame can be computed by itself, and nothing
+but integers is compared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...random.rng import Rng
+from ..base import Corruption
+
+BLOCK = 256
+"""Hash words computed at a time: they stay in the first-level cache, and their loop vectorises."""
+
+
+@dataclass(frozen=True)
+class NoiseState:
+    """What a pair shares: the amount of noise. `stream` names the streams of its frames."""
+
+    parameter: float
+    stream: Rng
+
+    def key(self, index: int) -> np.uint64:
+        """The key of frame `index`."""
+        return np.uint64(self.stream.spawn("frame", index).key)
+
+
+class Noise(Corruption):
+    """What the three noises share."""
+
+    family = "noise"
+
+    def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoiseState:
+        """The amount of noise, and the stream that frames spawn theirs from."""
+        return NoiseState(float(self.parameter(severity)), rng)

@@ -1,0 +1,46 @@
+"""The prescriptions of the five lenses that come with the package, checked by hash, and how new ones are shipped."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+
+from ..atomic import write_bytes, write_json
+from ..psf import shipped as shipped_psfs
+from ..psf.psf_field import PsfField
+from ..psf.shipped import check_digest, half_digest, halved
+from ..severity import check_severity
+from .prescription import Lens, read_lens
+
+
+def shipped_lens(severity: int) -> Lens:
+    """The lens of a severity.
+
+    >>> shipped_lens(1).elements
+    6
+    """
+    lens = read_lens(shipped_psfs.DATA / f"lens_s{check_severity(severity)}.json")
+    check_digest(f"lens_s{severity}", lens_digest(lens))
+    return lens
+
+
+def lens_digest(lens: Lens) -> str:
+    """SHA-256 of a prescription's content, whatever the file's line ends."""
+    return hashlib.sha256(lens.model_dump_json().encode()).hexdigest()
+
+
+def ship(severity: int, lens: Lens, field: PsfField, folder: Path | None = None) -> None:
+    """Write a lens, its PSFs and their hashes where the package finds them."""
+    folder = shipped_psfs.DATA if folder is None else folder
+    half = halved(field)
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, half=half.astype("<f2"))
+    write_bytes(folder / f"lens_s{severity}.json", (lens.model_dump_json(indent=1) + "\n").encode())
+    write_bytes(folder / f"psf_s{severity}.npz", buffer.getvalue())
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    write_json(path, {**manifest, f"lens_s{severity}": lens_digest(lens), f"psf_s{severity}": half_digest(half)})

@@ -1,0 +1,77 @@
+"""How a network is executed, the same for every adapter: device, precision, compilation, threads."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
+from typing import Any, TypeVar
+
+from ..errors import unknown_name
+from .option_checks import check_count, check_switch
+
+PRECISIONS = ("fp32", "bf16")
+Model = TypeVar("Model")
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How a PyTorch network is executed.
+
+    Attributes:
+        device: "auto" (a CUDA device where there is one, else the CPU), "cpu", "cuda", "cuda:1", ...
+        precision: "fp32" (without TF32) or "bf16" (automatic mixed precision).
+        compile: compile the network with `torch.compile` on its first call.
+        threads: of the CPU. One by default: more can change the last bits of a result, and runs use more processes.
+
+    Raises:
+        UsageError: an unknown precision, no number of threads, `compile` neither true nor false.
+
+    >>> Execution(threads=2).record("cpu")
+    {'device': 'cpu', 'precision': 'fp32', 'compile': False, 'threads': 2}
+    """
+
+    device: str = "auto"
+    precision: str = "fp32"
+    compile: bool = False
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        if self.precision not in PRECISIONS:
+            raise unknown_name("precision", str(self.precision), PRECISIONS)
+        check_count("threads", self.threads)
+        check_switch("compile", self.compile)
+
+    def record(self, device: str) -> dict[str, Any]:
+        """For a model's identity; `device` is the kind that was taken."""
+        return {"device": device, "precision": self.precision, "compile": self.compile, "threads": self.threads}
+
+
+def with_execution(factory: Callable[..., Model]) -> Callable[..., Model]:
+    """Let a factory take the fields of `Execution` as options of its own, and give it one `execution`.
+
+    >>> @with_execution
+    ... def build(size=3, *, execution):
+    ...     return size, execution.device
+    >>> build(4, device="cpu")
+    (4, 'cpu')
+    >>> list(inspect.signature(build).parameters)
+    ['size', 'device', 'precision', 'compile', 'threads']
+    """
+    names = [field.name for field in fields(Execution)]
+
+    @wraps(factory)
+    def build(*arguments: Any, **options: Any) -> Model:
+        given = {name: options.pop(name) for name in names if name in options}
+        return factory(*arguments, execution=Execution(**given), **options)
+
+    signature = inspect.signature(factory)
+    own = [parameter for name, parameter in signature.parameters.items() if name != "execution"]
+    shared = [
+        inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=field.default)
+        for field in fields(Execution)
+    ]
+    last = [parameter for parameter in own if parameter.kind is inspect.Parameter.VAR_KEYWORD]
+    build.__signature__ = signature.replace(parameters=[*(one for one in own if one not in last), *shared, *last])  # type: ignore[attr-defined]
+    return build

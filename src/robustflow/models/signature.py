@@ -1,0 +1,167 @@
+"""The inputs and outputs of a network: how a pair goes in, at what size, and how a flow comes out.
+
+Shared by ONNX files, torch.export files and a user's own modules. Importable without the torch extra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Sequence
+from typing import Any, Literal, cast
+
+from ..errors import ModelError, unknown_name
+
+Layout = Literal["pair", "stacked", "concatenated"]
+LAYOUTS = ("pair", "stacked", "concatenated")
+"""Two inputs (N, 3, H, W); one input (N, 2, 3, H, W); one input (N, 6, H, W)."""
+
+Dim = int | None
+"""A dimension of an input; None where it is dynamic."""
+
+
+def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str | None) -> Layout:
+    """How a pair goes into a network.
+
+    Args:
+        inputs: names and shapes of what the network takes; the shape is None where the file does not say.
+        layout: one of `LAYOUTS`, or None to tell it from the inputs.
+
+    Raises:
+        UsageError: an unknown layout.
+        ModelError: inputs that no layout fits, or several do.
+
+    >>> infer_layout([("images", (None, 6, None, None))], None)
+    'concatenated'
+    """
+    if layout is not None and layout not in LAYOUTS:
+        raise unknown_name("layout", str(layout), LAYOUTS)
+    fitting = [name for name in LAYOUTS if _fits(name, [shape for _, shape in inputs])]
+    chosen = [name for name in fitting if layout in (None, name)]
+    if len(chosen) == 1:
+        return cast(Layout, chosen[0])
+    if chosen:
+        reason = f"several are possible; give the option layout, one of {', '.join(chosen)}"
+    elif fitting:
+        reason = f"layout={layout} does not fit; {fitting[0]} does"
+    else:
+        reason = "expected two of (N, 3, H, W), one of (N, 2, 3, H, W) or one of (N, 6, H, W); export it with such"
+    raise ModelError(f"the network's inputs are {describe_arrays(inputs)}: {reason}")
+
+
+def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[bool, tuple[Dim, Dim]]:
+    """Whether a network takes several pairs at once, and the (height, width) it takes, None where that is dynamic.
+
+    Raises:
+        ModelError: a batch fixed at more than one pair, or inputs of two sizes.
+
+    >>> batch_and_size([("a", (1, 3, 64, None)), ("b", (1, 3, 64, None))])
+    (False, (64, None))
+    """
+    shapes = [tuple(shape) for _, shape in inputs if shape is not None]
+    batches = {shape[0] for shape in shapes} - {None}
+    sizes = [{shape[axis] for shape in shapes} - {None} for axis in (-2, -1)]
+    if batches - {1} or any(len(side) > 1 for side in sizes):
+        raise ModelError(
+            f"the network's inputs are {describe_arrays(inputs)}: expected a dynamic batch or a batch of 1, and frames "
+            "of one size; export it with such"
+        )
+    height, width = (next(iter(side), None) for side in sizes)
+    return not batches and bool(shapes), (height, width)
+
+
+def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str | None) -> list[int]:
+    """Positions of the inputs in the order in which the frames go into them.
+
+    Args:
+        inputs: names and shapes of what the network takes.
+        names: of its inputs, first frame first, separated by a comma; None for the file's order.
+
+    Raises:
+        UsageError: a name the network does not have.
+        ModelError: inputs that would get nothing.
+
+    >>> chosen_inputs([("next", None), ("previous", None)], "previous, next")
+    [1, 0]
+    """
+    known = [name for name, _ in inputs]
+    wanted = known if names is None else [name.strip() for name in str(names).split(",")]
+    for name in wanted:
+        if name not in known:
+            raise unknown_name("input of the network", name, known)
+    if sorted(wanted) != sorted(known):
+        raise ModelError(
+            f"the network's inputs are {describe_arrays(inputs)}, and only {', '.join(wanted)} would be given; export "
+            "it without the others"
+        )
+    return [known.index(name) for name in wanted]
+
+
+def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
+    """Refuse a network that reads one of its two frames only.
+
+    That is what `torch.export` makes, and `torch.onnx.export` with dynamo, of one example tensor given twice.
+
+    Args:
+        inputs: names of what the network takes.
+        read: those that it reads.
+
+    Raises:
+        ModelError: it reads some and not others.
+    """
+    inputs = list(inputs)
+    lost = [name for name in inputs if name not in read]
+    if 0 < len(lost) < len(inputs):
+        raise ModelError(
+            f"the network does not read its input {', '.join(lost)[:60]}: given one tensor as both frames, the "
+            "exporter took them for one input; export it with two tensors"
+        )
+
+
+def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Literal["nchw", "nhwc"]:
+    """Which axis of an output holds (u, v): told by its shape, channels first where both would fit.
+
+    Args:
+        shape: of the output.
+        pairs: that went in.
+        height, width: of the network's input.
+
+    Raises:
+        ModelError: an output that is no flow at the input's resolution.
+
+    >>> flow_layout((1, 40, 64, 2), 1, 40, 64)
+    'nhwc'
+    """
+    if tuple(shape) == (pairs, 2, height, width):
+        return "nchw"
+    if tuple(shape) == (pairs, height, width, 2):
+        return "nhwc"
+    raise ModelError(
+        f"the network's flow has the shape {tuple(shape)} for {pairs} inputs of {height}x{width}; expected "
+        f"{(pairs, 2, height, width)} or {(pairs, height, width, 2)}; make it so, or choose another with -O output="
+    )
+
+
+def describe_arrays(arrays: Sequence[tuple[str, Sequence[Any] | None]]) -> str:
+    """Names and shapes, for messages.
+
+    >>> describe_arrays([("image1", (1, 3, None, None)), ("x", None)])
+    'image1 (1, 3, ?, ?), x (unknown shape)'
+    """
+    described = []
+    for name, shape in list(arrays)[:8]:
+        sides = None if shape is None else ", ".join("?" if side is None else str(side) for side in shape)
+        described.append(f"{name[:60]!s} ({'unknown shape' if sides is None else sides})")
+    more = len(arrays) - len(described)
+    return (", ".join(described) or "none") + (f" and {more} more" if more > 0 else "")
+
+
+def _fits(layout: str, shapes: Sequence[Sequence[Dim] | None]) -> bool:
+    """Whether inputs of these shapes can be this layout; an unknown side or shape fits everywhere."""
+    count, axes = {"pair": (2, (3,)), "stacked": (1, (2, 3)), "concatenated": (1, (6,))}[layout]
+    return len(shapes) == count and all(
+        shape is None
+        or (
+            len(shape) == len(axes) + 3
+            and all(side in (None, axis) for side, axis in zip(shape[1:-2], axes, strict=True))
+        )
+        for shape in shapes
+    )

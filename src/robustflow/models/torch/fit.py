@@ -1,0 +1,46 @@
+"""Frames as the images that a network takes, and its flow at the frames' size again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ...sample import Frame
+from ..input_convention import InputConvention
+from .resize import resize_flow
+
+
+def fitted_images(frames: Sequence[Frame], convention: InputConvention, device: torch.device) -> Tensor:
+    """RGB uint8 frames (H, W, 3) of one size as float32 (N, 3, H', W'), as the convention asks.
+
+    >>> frame = np.full((3, 5, 3), 255, np.uint8)
+    >>> fitted_images([frame], InputConvention(fit="pad", multiple=4), torch.device("cpu")).shape
+    torch.Size([1, 3, 4, 8])
+    """
+    values = torch.from_numpy(np.stack(list(frames))).to(device).permute(0, 3, 1, 2).float()
+    if convention.order == "bgr":
+        values = values.flip(1)
+    mean = values.new_tensor(convention.mean).view(1, 3, 1, 1)
+    scale = convention.scale
+    images = (values - mean) * (scale if isinstance(scale, float) else values.new_tensor(scale).view(1, 3, 1, 1))
+    if convention.fit == "pad":
+        mode = "replicate" if convention.padding == "replicate" else "constant"
+        return F.pad(images, convention.padding_sides(*images.shape[2:]), mode=mode)
+    if convention.fit == "stretch":
+        size = convention.fitted_size(*images.shape[2:])
+        return F.interpolate(images, size=size, mode="bilinear", align_corners=False)
+    return images
+
+
+def unfitted_flow(flow: Tensor, convention: InputConvention, height: int, width: int) -> Tensor:
+    """A network's flow (N, 2, H', W') at the frames' own size, (N, 2, height, width)."""
+    if convention.fit == "pad":
+        left, _, above, _ = convention.padding_sides(height, width)
+        return flow[:, :, above : above + height, left : left + width]
+    if convention.fit == "stretch":
+        return resize_flow(flow, (height, width))
+    return flow

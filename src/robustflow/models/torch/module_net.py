@@ -1,0 +1,131 @@
+"""Any PyTorch module or exported program behind the call of the project's own networks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from ...errors import ModelError, RobustFlowError
+from ..signature import describe_arrays, flow_layout
+from ..where import where_raised
+
+LAYOUTS = ("pair", "concatenated", "stacked", "images")
+"""How a pair goes into a module: two images (N, 3, H, W); one (N, 6, H, W); one (N, 2, 3, H, W); or that one in a
+dictionary, `{"images": ...}`, as ptlflow's models take it."""
+
+
+class ModuleNet(nn.Module):
+    """Gives a module its images the way it takes them and finds the flow in what it returns.
+
+    Args:
+        module: the network, or the program of an exported file; its mode is left as it is.
+        call: calls it with its list of inputs.
+        layout: how the pair goes in, one of `LAYOUTS`.
+        output: position or key of the flow among several outputs; None for the last.
+        batched: it takes several pairs at once; else each goes through by itself.
+        dtypes: of its inputs; None for float32.
+    """
+
+    def __init__(
+        self,
+        module: nn.Module,
+        call: Callable[[list[Any]], Any],
+        layout: str,
+        output: Any,
+        batched: bool,
+        dtypes: Sequence[torch.dtype] | None = None,
+    ) -> None:
+        super().__init__()
+        self.module = module
+        self.call = call
+        self.layout = layout
+        self.output = output
+        self.batched = batched
+        self.dtypes = dtypes
+
+    def train(self, mode: bool = True) -> ModuleNet:
+        """Leave the module in its mode: an exported program refuses to be asked."""
+        self.training = mode
+        return self
+
+    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
+        """Images (N, 3, H, W) in the module's own colours and range, to flow (N, 2, H, W) in pixels."""
+        if self.batched:
+            return self._flow(image1, image2)
+        return torch.cat([self._flow(*pair) for pair in zip(image1.split(1), image2.split(1), strict=True)])
+
+    def returned(self, image1: Tensor, image2: Tensor) -> Any:
+        """What the module itself returns for such images.
+
+        Raises:
+            ModelError: the module fails; the sentence says where.
+        """
+        inputs = self._inputs(image1, image2)
+        try:
+            return self.call(inputs)
+        except RobustFlowError:
+            raise
+        except Exception as error:  # whatever its operators raise; the last line says it, those above where
+            reason = next((line for line in reversed(str(error).splitlines()) if line.strip()), type(error).__name__)
+            shapes = [value["images"].shape if isinstance(value, dict) else value.shape for value in inputs]
+            what = describe_arrays([(f"input {i}", tuple(shape)) for i, shape in enumerate(shapes)])
+            raise ModelError(
+                f"the network failed on {what}: {type(error).__name__}: {reason.strip()[:200]}{where_raised(error)}; "
+                "give the layout or the multiple of height and width that it takes (-O layout=, -O multiple=)"
+            ) from error
+
+    def _inputs(self, image1: Tensor, image2: Tensor) -> list[Any]:
+        if self.layout == "pair":
+            inputs = [image1.contiguous(), image2.contiguous()]
+        elif self.layout == "concatenated":
+            inputs = [torch.cat([image1, image2], dim=1)]
+        else:
+            inputs = [torch.stack([image1, image2], dim=1)]
+        if self.dtypes is not None:
+            inputs = [value.to(dtype) for value, dtype in zip(inputs, self.dtypes, strict=True)]
+        return [{"images": inputs[0]}] if self.layout == "images" else inputs
+
+    def _flow(self, image1: Tensor, image2: Tensor) -> Tensor:
+        flow = chosen_output(self.returned(image1, image2), self.output)
+        pairs, _, height, width = image1.shape
+        if flow.ndim == 5 and flow.shape[1] == 1:
+            flow = flow[:, 0]
+        channels_last = flow_layout(flow.shape, pairs, height, width) == "nhwc"
+        return flow.permute(0, 3, 1, 2) if channels_last else flow
+
+
+def chosen_output(returned: Any, output: Any) -> Tensor:
+    """The flow in what a module returned; of a list under the chosen key, the last.
+
+    >>> chosen_output({"flows": [torch.zeros(1), torch.ones(1)], "other": 3}, "flows")
+    tensor([1.])
+
+    Raises:
+        ModelError: there is no tensor.
+    """
+    outputs = outputs_of(returned)
+    if isinstance(output, int) and output < 0 and len(outputs) >= -output:
+        output = list(outputs)[output]
+    name = str(output) if output is not None else (list(outputs)[-1] if outputs else "")
+    flow = outputs.get(name)
+    while isinstance(flow, list | tuple) and flow:
+        flow = flow[-1]
+    if not isinstance(flow, Tensor):
+        known = ", ".join(outputs) or f"none ({type(returned).__name__})"
+        raise ModelError(f"the network has no flow as output '{name}'; its outputs are {known[:200]}")
+    return flow
+
+
+def outputs_of(returned: Any) -> dict[str, Any]:
+    """What a module returned, by key or position.
+
+    >>> list(outputs_of([torch.zeros(1), torch.ones(1)]))
+    ['0', '1']
+    """
+    if isinstance(returned, dict):
+        return {str(key): value for key, value in returned.items()}
+    several: Iterable[Any] = returned if isinstance(returned, list | tuple) else [returned]
+    return {str(i): value for i, value in enumerate(several) if not isinstance(value, str | bytes)}

@@ -1,0 +1,168 @@
+"""A user's own PyTorch module as a flow model, in one line."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from ...errors import ModelError, UsageError, unknown_name
+from ..execution import Execution
+from ..input_convention import ORDERS, SCALINGS, named_convention
+from ..option_checks import check_count, check_switch
+from ..where import where_raised
+from .checkpoint import read_checkpoint
+from .guess import LAST, Declared, complete
+from .model import NetworkModel, find_device
+from .module_net import LAYOUTS, ModuleNet
+from .weights import load_weights
+
+_KNOWN = {
+    "torchvision.models.optical_flow": (Declared("-1-1", "rgb", "pair", LAST), 8),
+    "ptlflow.models": (Declared("0-1", "bgr", "images", "flows"), 1),
+}
+"""Libraries whose models all take their images alike, and the multiple of height and width that they need."""
+MULTIPLE = 8
+
+
+class TorchModel(NetworkModel):
+    """A PyTorch module as a flow model. Satisfies `FlowModel`.
+
+    Say how the network was trained to see its images; what is left out is looked up (torchvision, ptlflow), or found
+    by trying the common conventions on shifted textures. Only one that is clearly best is taken, and a warning says
+    which; of a network without trained weights nothing can be found, so it must be declared. What was taken is part of
+    `identity`, and so of a run's manifest.
+
+    Args:
+        net: the module. A copy of it is put into evaluation mode and run; training of the original can go on.
+        scaling: of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, less ImageNet's mean, over its deviation).
+        order: of the colours, "rgb" or "bgr".
+        multiple: of height and width, reached by repeating the border, half of it on each side; 8 by default.
+        layout: "pair" (two images (N, 3, H, W)), "concatenated" (one (N, 6, H, W)), "stacked" (one (N, 2, 3, H, W)) or
+            "images" (that one in a dictionary, as ptlflow's models take it).
+        output: position or key of the flow among several outputs; of a list under that key, the last. The flow is
+            (N, 2, H, W) or (N, H, W, 2), (u right, v down) in pixels, at the images' resolution.
+        checkpoint: a file of weights to load first, strictly and without running anything in it.
+        sha256: the file's hash, or its first eight or more digits, to be checked.
+        name: to show in tables and figures; the class's by default.
+        trained_on: training sets ("C+T"), see `robustflow list models`.
+        batched: it takes several pairs at once, and none changes another's flow.
+        device, precision, compile, threads: see `Execution`.
+
+    Raises:
+        UsageError: not a module, or an option that it cannot have.
+        ModelError: no convention is clearly best, the module fails, or a checkpoint that does not fit.
+
+    >>> class Net(nn.Module):
+    ...     def forward(self, image1, image2):
+    ...         return (image1 - image2)[:, :2]
+    >>> import numpy as np
+    >>> frame = np.zeros((30, 41, 3), np.uint8)
+    >>> TorchModel(Net(), scaling="0-1", order="rgb", device="cpu").predict(frame, frame).shape
+    (30, 41, 2)
+    """
+
+    def __init__(
+        self,
+        net: nn.Module,
+        *,
+        scaling: str | None = None,
+        order: str | None = None,
+        multiple: int | None = None,
+        layout: str | None = None,
+        output: str | int | None = None,
+        checkpoint: str | Path | None = None,
+        sha256: str | None = None,
+        name: str | None = None,
+        trained_on: str | None = None,
+        batched: bool = False,
+        device: str = "auto",
+        precision: str = "fp32",
+        compile: bool = False,
+        threads: int = 1,
+    ) -> None:
+        if not isinstance(net, nn.Module):
+            raise UsageError(f"TorchModel takes a torch.nn.Module, not {type(net).__name__}")
+        choices = {"scaling": (scaling, SCALINGS), "order": (order, ORDERS), "layout": (layout, LAYOUTS)}
+        for option, (value, choice) in choices.items():
+            if value is not None and value not in choice:
+                raise unknown_name(option, str(value), choice)
+        check_count("multiple", MULTIPLE if multiple is None else multiple)
+        check_switch("batched", batched)
+        execution = Execution(device, precision, compile, threads)
+        kind = f"{type(net).__module__}.{type(net).__qualname__}"
+        module = _copied(net, kind)
+        weights = _loaded(module, checkpoint, sha256, type(net).__name__)
+        module.to(find_device(device)).eval().requires_grad_(False)
+
+        library = next((known for start, known in _KNOWN.items() if kind.startswith(start)), None)
+        known, known_multiple = library or (Declared(), MULTIPLE)
+        declared = Declared(scaling or known.scaling, order or known.order, layout or known.layout, output)
+        if declared.output is None and declared.layout == known.layout:
+            declared = replace(declared, output=known.output)
+
+        def call(inputs: list[Any]) -> Any:
+            return module(*inputs)
+
+        evidence = ""
+        if not (declared.complete and declared.layout):
+            declared, evidence = complete(module, call, declared, find_device(device), threads)
+        if evidence:
+            warnings.warn(
+                f"{type(net).__name__} did not say how it wants its images; taken: {declared.describe()}, because "
+                f"{evidence}. Declare it with robustflow.TorchModel to be sure",
+                stacklevel=2,
+            )
+        self.declared = declared
+        self.trained_on = trained_on
+        convention = named_convention(
+            order=declared.order or "rgb",
+            scaling=declared.scaling or "0-1",
+            multiple=known_multiple if multiple is None else multiple,
+        )
+        settings = {
+            "object": kind,
+            "checkpoint": weights,
+            "layout": declared.layout,
+            "output": "last" if declared.output in (None, LAST) else declared.output,
+            "batched": batched,
+        }
+        wrapped = ModuleNet(module, call, declared.layout or "pair", declared.output, batched)
+        self._class = type(net).__name__
+        super().__init__(name or self._class, wrapped, convention, settings, execution)
+
+    def identity(self) -> dict[str, Any]:
+        """See `NetworkModel.identity`; the name that was given changes no number and is not part of it."""
+        return {**super().identity(), "name": self._class}
+
+
+def _copied(net: nn.Module, kind: str) -> nn.Module:
+    try:
+        return copy.deepcopy(net)
+    except Exception as error:
+        raise ModelError(
+            f"the module {kind} cannot be copied ({type(error).__name__}: {' '.join(str(error).split())}"
+            f"{where_raised(error)}); build it again and give that one"
+        ) from error
+
+
+def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None, name: str) -> str:
+    """Load a checkpoint, where one is given; the hash of it, or else of the weights that the module has."""
+    if checkpoint is not None:
+        read = read_checkpoint(checkpoint, sha256)
+        load_weights(module, read, name)
+        return read.sha256
+    if sha256 is not None:
+        raise UsageError("sha256 is of a checkpoint's file: give the checkpoint, or leave it out")
+    digest = hashlib.sha256()
+    for key, value in sorted(module.state_dict().items()):
+        if isinstance(value, Tensor):
+            digest.update(f"{key} {value.dtype} {tuple(value.shape)}\n".encode())
+            digest.update(value.detach().cpu().contiguous().view(-1).view(torch.uint8).numpy().tobytes())
+    return f"state_dict {digest.hexdigest()}"

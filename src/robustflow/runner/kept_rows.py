@@ -1,0 +1,81 @@
+"""Whether a clean row that is measured again is the one that a run holds: the same frames, ground truth and model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import isclose
+from typing import Any
+
+from ..errors import RunError
+from ..metrics.rows import CLEAN
+from ..runs.store import RunFolder
+
+_FRAMES = ("frames_digest", "height", "width")
+_TRUTH = ("n_valid", "magnitude_sum")
+"""Columns that the ground truth decides, where every pixel's prediction is finite."""
+_PREDICTION = ("pred_magnitude_sum", "epe_sum", "n_invalid")
+"""Columns that another model's flow changes, the first also without ground truth."""
+_TOLERANCE = 1e-3
+"""Relative. More than a GPU's arithmetic differs from one run to the next, less than a change of a model."""
+
+KEPT = ("sample", "corruption", "severity", "n_all", *_FRAMES, *_TRUTH, *_PREDICTION)
+"""The columns that are compared."""
+
+
+def kept_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """The clean rows that a run already holds of these samples, by sample; the columns in `KEPT`.
+
+    Raises:
+        RunError: a shard cannot be read.
+    """
+    rows = folder.rows(KEPT)
+    rows = rows.filter((rows["corruption"] == CLEAN) & rows["sample"].is_in(list(keys)))
+    return {row["sample"]: row for row in rows.iter_rows(named=True)}
+
+
+def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
+    """Compare what frames and ground truth decide.
+
+    Args:
+        before: the row that the run holds.
+        now: the same row, measured again by any model.
+
+    Raises:
+        RunError: they differ.
+    """
+    if any(before[column] != now[column] for column in _FRAMES):
+        raise _other_data(before["sample"], "frames")
+    counted = all(row["n_all"] == row["height"] * row["width"] for row in (before, now))
+    if counted and any(before[column] != now[column] for column in _TRUTH):
+        raise _other_data(before["sample"], "ground truth")
+
+
+def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
+    """Compare what the model decides.
+
+    Args:
+        before: the row that the run holds.
+        now: the same row, measured again.
+
+    Raises:
+        RunError: they differ by more than arithmetic does.
+    """
+    if not all(_close(before[column], now[column]) for column in _PREDICTION):
+        raise RunError(
+            f"the model predicts another flow on sample '{before['sample']}' than when this run measured it, though it "
+            "has the same name: its code, a module it imports or its weights have changed; choose another folder with "
+            "--output, or restore the model"
+        )
+
+
+def _other_data(key: str, what: str) -> RunError:
+    return RunError(
+        f"sample '{key}' has other {what} than when this run measured it, in files of the same names and sizes; "
+        "restore the data, or choose another folder with --output"
+    )
+
+
+def _close(before: float | None, now: float | None) -> bool:
+    if before is None or now is None:
+        return before is now
+    return before == now or isclose(before, now, rel_tol=_TOLERANCE)

@@ -1,0 +1,154 @@
+"""Flow of a model for frames that somebody has: files, pictures of them, and a video."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from ..atomic import make_folder
+from ..datasets import load_dataset
+from ..datasets.base import Dataset
+from ..datasets.context_frames import window_on
+from ..datasets.pairs import Pair, PairDataset
+from ..errors import DataError, UsageError
+from ..flowio import read_flow, write_flow
+from ..images.flow_colours import flow_colours, flow_radius
+from ..images.io import image_size, write_image
+from ..models import ModelSpec
+from ..models.base import AnyModel, FlowLookup
+from ..runs.plan import RunOptions
+from ..sample import Frame
+from ..video.clip import write_clip
+from ..video.codec import crf
+from ..video.colour import I420, rgb_to_i420
+from .engines.serial import one_opencv_thread
+from .named_model import name_model
+from .worker import Worker
+
+FORMATS = ("flo", "png", "pfm", "flo5")
+"""What flow can be written as; "png" is KITTI's 16-bit one."""
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """One pair that is done.
+
+    Attributes:
+        key: of the pair.
+        flow: the file.
+        radius: the length in pixels that 99 % of its vectors do not exceed.
+    """
+
+    key: str
+    flow: Path
+    radius: float
+
+
+def frames_of(paths: list[Path], options: Mapping[str, object]) -> Dataset:
+    """Two or more pictures in the order given, or a folder of them, or a video, as pairs of adjacent frames.
+
+    Raises:
+        UsageError: one picture, or options with pictures.
+        DataError: nothing there that can be read.
+    """
+    if len(paths) == 1:
+        if paths[0].is_file() and _is_picture(paths[0]):
+            raise UsageError(f"{paths[0]} is one frame; give two or more, a folder of frames, or a video")
+        return load_dataset("folder", paths[0], **options)
+    if options:
+        raise UsageError(f"-D {next(iter(options))}=... is for a folder or a video, not for single pictures")
+    pairs = {
+        f"{index:04d}_{first.stem}" if len(paths) > 2 else first.stem: Pair((first, second), group="frames")
+        for index, (first, second) in enumerate(pairwise(paths))
+    }
+    return PairDataset(pairs, paths[0].parent)
+
+
+def predict_flows(
+    model: str | Path | ModelSpec | AnyModel,
+    dataset: Dataset,
+    folder: Path,
+    *,
+    suffix: str = "flo",
+    overwrite: bool = False,
+) -> Iterator[Predicted]:
+    """Write the flow of every pair as FOLDER/KEY.SUFFIX, one after the other; each file is whole or not there.
+
+    Args:
+        model: a name, a path, or anything that `evaluate` takes as a model.
+        dataset: of `frames_of`, or any other.
+        folder: made where it is not there.
+        suffix: one of `FORMATS`.
+        overwrite: replace files that are there.
+
+    Raises:
+        UsageError: an unknown format, or a file that is in the way; nothing is predicted then.
+        ModelError: the model cannot be loaded, or does not answer with a flow.
+        DataError: a frame cannot be read, or a file cannot be written.
+    """
+    if suffix not in FORMATS:
+        raise UsageError(f"unknown format '{suffix}': choose {', '.join(FORMATS)}")
+    keys = dataset.keys()
+    targets = {key: folder / f"{key}.{suffix}" for key in keys}
+    there = [path for path in targets.values() if path.exists()]
+    if there and not overwrite:
+        raise UsageError(f"{there[0]} is there already; choose another folder with -o, or give --overwrite")
+    named = name_model(model)
+    if isinstance(named.model, FlowLookup):
+        raise UsageError("a folder of flow files predicts nothing; name a model")
+    options = RunOptions(allow_invalid=True, window=window_on(named.model, dataset))
+    with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
+        worker = Worker(dataset, named.model, options, lambda key: Path(scratch) / "clean.npy")
+        for key, target in targets.items():
+            Path(scratch, "clean.npy").unlink(missing_ok=True)
+            flow = worker.clean_flow(key)
+            make_folder(target.parent)
+            write_flow(target, flow)
+            yield Predicted(key, target, flow_radius(flow))
+
+
+def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
+    """A picture in flow colours beside each flow file, KEY.colours.png; the same colour is the same flow in all."""
+    for one in predicted:
+        flow, valid = read_flow(one.flow)
+        path = one.flow.with_suffix(".colours.png")
+        write_image(path, flow_colours(flow, radius, valid))
+        yield path
+
+
+def write_video(path: Path, predicted: list[Predicted], dataset: Dataset, radius: float, fps: float) -> None:
+    """An MP4 (H.264) with each first frame above its flow in colours.
+
+    Raises:
+        DataError: frames of different sizes, or the file cannot be written.
+    """
+    height, width = dataset.load(predicted[0].key).shape
+
+    def pictures() -> Iterator[I420]:
+        for one in predicted:
+            frame = dataset.load(one.key).frames[0]
+            if frame.shape[:2] != (height, width):
+                raise DataError(f"{one.key} has another size than the frames before it; a video has one size")
+            flow, valid = read_flow(one.flow)
+            yield rgb_to_i420(_stacked(frame, flow_colours(flow, radius, valid)))
+
+    make_folder(path.parent)
+    write_clip(path, pictures(), (2 * height, width), Fraction(fps).limit_denominator(1001), crf(18))
+
+
+def _stacked(frame: Frame, below: Frame) -> Frame:
+    return np.ascontiguousarray(np.concatenate((frame, below)))
+
+
+def _is_picture(path: Path) -> bool:
+    try:
+        image_size(path)
+    except DataError:
+        return False
+    return True

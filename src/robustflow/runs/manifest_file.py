@@ -1,0 +1,105 @@
+"""`manifest.json` as it is read: of this schema and in the shape that a run writes, or refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..errors import RunError, first_misfit
+from ..text import plain
+
+MANIFEST_SCHEMA = 1
+_DEEPEST = 60
+
+_Severity = Annotated[int, Field(ge=0, le=5)]
+
+
+class _Shape(BaseModel):
+    """What is read of a part; what else stands in it is kept."""
+
+    model_config = ConfigDict(extra="allow", strict=True)
+
+
+class _Identity(_Shape):
+    benchmark: str
+    dataset: str
+    protocol: dict[str, Any]
+    model: dict[str, Any]
+    seed: int
+    variant: str
+    allow_invalid: bool
+
+
+class _Selection(_Shape):
+    corruptions: list[str]
+    severities: list[_Severity]
+
+
+class _Provenance(_Shape):
+    setting: str
+
+
+class _Manifest(_Shape):
+    identity: _Identity
+    identity_digest: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
+    samples: dict[str, list[list[Any]]]
+    selection: _Selection
+    provenance: _Provenance | None = None
+    left_out: dict[str, list[_Severity]] = {}
+    started: str = ""
+    finished: str | None = None
+    seconds: dict[str, float] = {}
+    environment: dict[str, Any] = {}
+    clips: list[dict[str, Any]] = []
+
+
+def read_manifest(path: Path) -> dict[str, Any] | None:
+    """The manifest in a file; None where there is no such file.
+
+    Raises:
+        RunError: it cannot be read, is of another schema, or has another shape. Nothing is repaired.
+    """
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, RecursionError) as error:
+        raise _damaged(path, " ".join(str(error).split())) from error
+    schema = manifest.get("schema") if isinstance(manifest, dict) else None
+    if schema is not None and (schema != MANIFEST_SCHEMA or isinstance(schema, bool)):
+        raise RunError(
+            f"{path} was written with run schema {plain(str(schema))}, this version reads {MANIFEST_SCHEMA}; "
+            "choose another folder with --output, or use the version that wrote it"
+        )
+    if not isinstance(manifest, dict) or schema is None:
+        raise _damaged(path, "it is not the manifest of a run")
+    if _too_deep(manifest):
+        raise _damaged(path, "its parts are nested too deeply")
+    try:
+        _Manifest.model_validate(manifest)
+    except ValidationError as error:
+        raise _damaged(path, plain(first_misfit(error), 200)) from error
+    return manifest
+
+
+def _damaged(path: Path, why: str) -> RunError:
+    return RunError(
+        f"{path} is damaged ({why}); put back a copy of it, or choose another folder with --output, and leave this one"
+    )
+
+
+def _too_deep(value: Any) -> bool:
+    """Whether lists and objects are nested deeper than any that a run writes."""
+    level = [value]
+    for _ in range(_DEEPEST):
+        level = [part for each in level if isinstance(each, dict | list) for part in _parts(each)]
+        if not level:
+            return False
+    return True
+
+
+def _parts(value: dict[str, Any] | list[Any]) -> list[Any]:
+    return list(value.values()) if isinstance(value, dict) else value

@@ -1,0 +1,139 @@
+"""Somebody's video file, opened with care: known containers only, whole by its own account, decoded strictly."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import av
+
+from ..errors import DataError
+
+CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg,h264,hevc,yuv4mpegpipe,gif"
+"""Demuxers that a video may be read with; never a playlist, which could name other files or addresses."""
+
+STRICT = {"err_detect": "crccheck+bitstream+buffer+explode"}
+"""Options of a decoder that raises where it would otherwise fill in what it cannot decode. With more than one thread
+the decoder of H.264 forgets the error, so there is one."""
+
+_CUT = "copy or download it again"
+
+
+def open_video(path: Path) -> Any:
+    """A container whose video stream decodes strictly, in one thread.
+
+    Raises:
+        DataError: no such file, not a video, of a container that is not read, or not as long as it says.
+    """
+    if not path.is_file():
+        raise DataError(f"{path}: no such file; check the path")
+    try:
+        options = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
+        container = av.open(str(path.absolute()), options=options)
+    except av.error.ArgumentError as error:  # what is not on the list
+        raise DataError(f"{path}: not a readable video (no container that is read); convert it to .mp4") from error
+    except (av.error.FFmpegError, OSError, ValueError) as error:
+        raise DataError(f"{path}: not a readable video ({reason(error)}); check or convert the file") from error
+    try:
+        if not container.streams.video:
+            raise DataError(f"{path}: has no video stream; check the file")
+        check_length(path, container.format.name)
+        context = container.streams.video[0].codec_context
+        context.thread_count, context.thread_type = 1, "NONE"
+        context.options = STRICT
+    except BaseException:
+        container.close()
+        raise
+    return container
+
+
+def check_length(path: Path, kind: str) -> None:
+    """Refuse a file that is shorter or longer than its container says; what a container does not say is not checked.
+
+    Args:
+        kind: FFmpeg's name of the container.
+    """
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        if "matroska" in kind:
+            _check_matroska(path, file, size)
+        elif kind == "avi":
+            _check_avi(path, file, size)
+        elif kind == "mpegts":
+            _check_transport_stream(path, file, size)
+
+
+def reason(error: BaseException) -> str:
+    """Why FFmpeg or the system refused, in one line."""
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return str(text).splitlines()[0]
+
+
+def _check_matroska(path: Path, file: BinaryIO, size: int) -> None:
+    """The elements at the top (EBML header, segment, nothing else of note) tile the file."""
+    position = 0
+    for identity, start, length in _elements(file, size):
+        if length is None:
+            return  # a live recording, which ends where it ends
+        if identity not in _TOP:
+            break
+        position = start + length
+    if position != size:
+        state = "cut short" if position > size else "damaged"
+        raise DataError(f"{path}: {state}, {size} bytes where its segments say {position}; {_CUT}")
+
+
+_TOP = (0x1A45DFA3, 0x18538067, 0xEC, 0xBF)
+"""EBML header, segment, void, check sum."""
+
+
+def _elements(file: BinaryIO, size: int) -> Iterator[tuple[int, int, int | None]]:
+    position = 0
+    while position < size:
+        file.seek(position)
+        head = file.read(16)
+        width = 9 - head[0].bit_length() if head else 9
+        if width > 4 or len(head) <= width:
+            yield -1, position, 0
+            return
+        identity, head = int.from_bytes(head[:width], "big"), head[width:]
+        digits = 9 - head[0].bit_length()
+        if digits > 8 or len(head) < digits:
+            yield -1, position, 0
+            return
+        length = int.from_bytes(head[:digits], "big") - (1 << 7 * digits)
+        unknown = length == (1 << 7 * digits) - 1
+        yield identity, position + width + digits, None if unknown else length
+        if unknown:
+            return
+        position += width + digits + length
+
+
+def _check_avi(path: Path, file: BinaryIO, size: int) -> None:
+    """The RIFF chunks (more than one in files beyond 1 GB) tile the file."""
+    position = 0
+    while position < size:
+        file.seek(position)
+        head = file.read(8)
+        if head[:4] not in (b"RIFF", b"JUNK") or len(head) < 8:
+            raise DataError(f"{path}: damaged, {size - position} bytes at its end belong to nothing; {_CUT}")
+        length = int.from_bytes(head[4:], "little")
+        position += 8 + length + length % 2
+    if position - size not in (0, 1):
+        raise DataError(f"{path}: cut short, {size} bytes where its header says {position}; {_CUT}")
+
+
+def _check_transport_stream(path: Path, file: BinaryIO, size: int) -> None:
+    """Packets of one length fill the file."""
+    start = file.read(1024)
+    for length, first in ((188, 0), (192, 4), (204, 0)):
+        if all(start[place : place + 1] in (b"G", b"") for place in range(first, 1024, length)):
+            if size % length:
+                raise DataError(f"{path}: cut short or damaged, its last packet is not whole; {_CUT}")
+            file.seek(max(0, size - 256 * length))
+            tail = file.read()
+            if all(tail[place] == ord("G") for place in range(first, len(tail), length)):
+                return
+            break
+    raise DataError(f"{path}: damaged, its packets do not follow each other; {_CUT}")

@@ -1,0 +1,76 @@
+"""`robustflow predict`: what is written is what the model says."""
+
+from __future__ import annotations
+
+import av
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.images.io import read_image, write_image
+
+from ..video import clips
+
+
+@pytest.fixture
+def pair(tmp_path):
+    rng = np.random.default_rng(0)
+    texture = rng.integers(0, 256, (80, 120, 3), np.uint8)
+    paths = [tmp_path / f"{name}.png" for name in "ab"]
+    for shift, path in enumerate(paths):
+        write_image(path, np.ascontiguousarray(np.roll(texture, 3 * shift, axis=1)))
+    return paths
+
+
+def test_two_frames(robustflow, pair):
+    code, out, _ = robustflow("predict", *pair, "-o", "flows")
+    assert (code, out) == (0, "flows\n")
+    flow, valid = rf.read_flow("flows/a.flo")
+    expected = rf.load_model("dis").predict(*map(read_image, pair))
+    assert valid.all()
+    np.testing.assert_array_equal(flow, expected)
+    assert np.median(flow[..., 0]) == pytest.approx(3, abs=0.5)
+    assert read_image("flows/a.colours.png").shape == (80, 120, 3)
+
+
+def test_nothing_is_overwritten(robustflow, pair):
+    assert robustflow("predict", *pair, "-o", "flows")[0] == 0
+    code, _, error = robustflow("predict", *pair, "-o", "flows", "-m", "farneback")
+    assert (code, error.count("\n")) == (2, 1)
+    assert "--overwrite" in error
+    np.testing.assert_array_equal(rf.read_flow("flows/a.flo")[0], rf.load_model("dis").predict(*map(read_image, pair)))
+    assert robustflow("predict", *pair, "-o", "flows", "-m", "farneback", "--overwrite")[0] == 0
+
+
+def test_a_clip_as_a_video(robustflow, tmp_path):
+    clip = clips.clip(tmp_path / "clip.mp4", 4).path
+    arguments = ("predict", clip, "--video", "flow.mp4", "--no-pictures", "--format", "png", "-o", "flows")
+    code, out, _ = robustflow(*arguments)
+    assert (code, out) == (0, "flows\nflow.mp4\n")
+    with av.open("flow.mp4") as container:
+        frames = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    with av.open(str(clip)) as container:
+        first = next(container.decode(video=0)).to_ndarray(format="rgb24")
+    assert len(frames) == 3
+    height = first.shape[0]
+    assert frames[0].shape[0] == 2 * height
+    assert np.abs(frames[0][:height].astype(int) - first).mean() < 8  # above: the frame, compressed again
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("a.png",), "is one frame"),
+        (("a.png", "b.png", "--format", "gif"), "unknown format 'gif'"),
+        (("a.png", "b.png", "--max-flow", "0"), "--max-flow 0.0"),
+        (("a.png", "b.png", "--video", "x.avi"), "ends in .mp4"),
+        (("a.png", "b.png", "-D", "step=2"), "for a folder or a video"),
+        (("a.png", "gone.png"), "gone.png"),
+    ],
+)
+def test_bad_input_is_one_line(robustflow, pair, tmp_path, monkeypatch, arguments, says):
+    monkeypatch.chdir(tmp_path)
+    code, _, error = robustflow("predict", *arguments)
+    assert code in (1, 2)
+    assert error.count("\n") == 1
+    assert says in error

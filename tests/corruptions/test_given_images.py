@@ -1,0 +1,40 @@
+"""`corrupt` takes single images, and images of Pillow, as they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from robustflow.corruptions import IMAGE_PAIR, corrupt
+from robustflow.errors import DataError, UsageError
+
+FRAME = np.random.default_rng(1).integers(0, 256, (40, 56, 3), dtype=np.uint8)
+
+
+@pytest.mark.parametrize("name", [name for name in IMAGE_PAIR if name != "psf_blur"])
+def test_a_single_image_is_the_first_frame_of_a_pair(name):
+    pair = corrupt(FRAME, FRAME, name, 3, 2, "k")
+    assert (corrupt(FRAME, corruption=name, severity=3, seed=2, key="k") == pair[0]).all()
+
+
+def test_images_of_pillow_come_back_as_such():
+    image = Image.fromarray(FRAME)
+    first, second = corrupt(image, image, "snow", 3)
+    assert isinstance(first, Image.Image)
+    assert (first.mode, first.size) == ("RGB", image.size)
+    assert (np.asarray(second) == corrupt(FRAME, FRAME, "snow", 3)[1]).all()
+    assert isinstance(corrupt(image.convert("L"), corruption="fog", severity=1), Image.Image)
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "I;16", "F", "CMYK"])
+def test_what_cannot_be_converted_without_a_choice_is_refused(mode):
+    with pytest.raises(DataError, match="convert"):
+        corrupt(Image.new(mode, (8, 8)), corruption="fog", severity=1)
+
+
+def test_a_call_without_a_corruption_says_so():
+    with pytest.raises(UsageError, match="no corruption"):
+        corrupt(FRAME, FRAME)
+    with pytest.raises(UsageError, match="severity 0"):
+        corrupt(FRAME, corruption="fog")

@@ -1,0 +1,244 @@
+"""A user's own PyTorch module: declared, known by its library, or found by trying; and what cannot be found."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+import torch
+from torch import nn
+
+import robustflow as rf
+from robustflow.errors import ModelError, UsageError
+from robustflow.models import ModelSpec
+from robustflow.models.loading import as_model
+from robustflow.models.torch.shifted import SHIFTS, shifted_pair
+
+from .matcher import trained_matcher
+from .small_net import one_line
+
+pytestmark = pytest.mark.torch
+SOURCE = """
+import torch
+
+class Net(torch.nn.Module):
+    def __init__(self, gain=1.0):
+        super().__init__()
+        self.gain = torch.nn.Parameter(torch.tensor(gain))
+    def forward(self, image1, image2):
+        return image1[:, :2] * self.gain
+
+def factory(gain=2.0):
+    return Net(gain)
+
+net = Net(3.0)
+
+class Broken(Net):
+    def forward(self, image1, image2):
+        return image1.no_such_thing
+"""
+
+
+class Channels(nn.Module):
+    """u is the first image's first channel, v the second's last, in whatever way they come in and go out."""
+
+    def __init__(self, layout="pair", returns=lambda flow: flow):
+        super().__init__()
+        self.layout, self.returns = layout, returns
+        self.one = nn.Parameter(torch.ones(1))
+        self.norm = nn.BatchNorm2d(2)  # of which nothing is used: only its mode matters
+
+    def forward(self, *images):
+        if self.layout == "images":
+            images = (images[0]["images"],)
+        if self.layout in ("images", "stacked"):
+            images = images[0][:, 0], images[0][:, 1]
+        elif self.layout == "concatenated":
+            if images[0].shape[1] != 6:
+                raise ValueError("six channels")
+            images = images[0][:, :3], images[0][:, 3:]
+        first, second = images
+        return self.returns(torch.cat([first[:, :1], second[:, 2:]], 1) * self.one)
+
+
+def frames(height=13, width=19, seed=0):
+    return list(np.random.default_rng(seed).integers(0, 256, (2, height, width, 3)).astype(np.uint8))
+
+
+def declared(net, **options):
+    return rf.TorchModel(net, **{"scaling": "0-255", "order": "rgb", "device": "cpu", **options})
+
+
+def expected(first, second):
+    return np.stack([first[..., 0], second[..., 2]], 2)
+
+
+@pytest.mark.parametrize("layout", ["pair", "concatenated", "stacked", "images"])
+@pytest.mark.parametrize("said", [True, False])
+def test_every_way_in_declared_or_the_only_one_that_works(layout, said):
+    model = declared(Channels(layout), **({"layout": layout} if said else {}))
+    np.testing.assert_array_equal(model.predict(*frames()), expected(*frames()))
+    assert model.identity()["layout"] == layout
+
+
+WAYS_OUT = {
+    "list": (lambda flow: [flow * 2, flow], None),
+    "first of a tuple": (lambda flow: (flow, flow * 2), 0),
+    "dictionary": (lambda flow: {"flow": flow, "other": flow * 2}, "flow"),
+    "list in a dictionary": (lambda flow: {"flow": [flow * 2, flow], "info": flow * 3}, "flow"),
+    "ptlflow": (lambda flow: {"flows": flow[:, None]}, "flows"),
+    "channels last": (lambda flow: flow.permute(0, 2, 3, 1), None),
+}
+
+
+@pytest.mark.parametrize("way", WAYS_OUT)
+def test_every_way_out(way):
+    returns, output = WAYS_OUT[way]
+    model = declared(Channels(returns=returns), layout="pair", output=output)
+    np.testing.assert_array_equal(model.predict(*frames()), expected(*frames()))
+
+
+def test_the_module_of_the_user_stays_as_it_was():
+    net = Channels().train()
+    declared(net).predict(*frames())
+    assert net.training
+    assert net.norm.training
+    assert net.one.requires_grad
+
+
+def test_identity_holds_the_weights_and_the_convention_and_not_the_name():
+    net = Channels()
+    one = declared(net, layout="pair").identity()
+    assert one == declared(net, name="Mine", layout="pair").identity()
+    assert one["input"]["multiple"] == 8
+    other = Channels()
+    with torch.no_grad():
+        other.one.mul_(2)
+    changed = [declared(other), declared(net, order="bgr"), declared(net, scaling="0-1"), declared(net, multiple=16)]
+    assert all(model.identity() != one for model in changed)
+
+
+def test_weights_of_a_file(tmp_path):
+    other = Channels()
+    with torch.no_grad():
+        other.one.mul_(2)
+    torch.save({"state_dict": {f"module.{key}": value for key, value in other.state_dict().items()}}, tmp_path / "w.pt")
+    model = declared(Channels(), checkpoint=tmp_path / "w.pt")
+    np.testing.assert_array_equal(model.predict(*frames()), 2.0 * expected(*frames()))
+    with pytest.raises(ModelError, match="no such checkpoint"):
+        declared(Channels(), checkpoint=tmp_path / "x.pt")
+
+
+def test_a_network_of_torchvision_needs_no_declaration():
+    optical_flow = pytest.importorskip("torchvision", reason="needs the torch extra").models.optical_flow
+    torch.manual_seed(0)
+    net = optical_flow.raft_small(weights=None).eval()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        model = as_model(net, "it")
+    image1, image2 = (shifted_pair(0)[i] for i in (0, 1))
+    with torch.inference_mode():
+        inputs = [torch.from_numpy(image).permute(2, 0, 1)[None] / 127.5 - 1 for image in (image1, image2)]
+        flow = net(*inputs)[-1][0].permute(1, 2, 0).numpy()
+    assert np.abs(flow).max() > 0.1
+    np.testing.assert_allclose(model.predict(image1, image2), flow, atol=1e-3)
+
+
+def test_the_order_of_a_trained_network_is_found_and_said():
+    net = trained_matcher()
+    with pytest.warns(UserWarning, match=r"Matcher did not say .* taken: scaling=-1-1, order=bgr, layout=pair"):
+        model = rf.TorchModel(net, scaling="-1-1", device="cpu")
+    assert model.identity()["input"]["order"] == "bgr"
+    pair = shifted_pair(1000)
+    assert pair.error(model.predict(*pair[:2])) < 0.5 < np.hypot(*pair.shift)
+
+
+@pytest.mark.slow
+def test_the_whole_convention_of_a_trained_network_is_found():
+    with pytest.warns(UserWarning, match="taken: scaling=-1-1, order=bgr, layout=pair, output=-1"):
+        model = rf.TorchModel(trained_matcher(), device="cpu")
+    assert (model.declared.scaling, model.declared.order) == ("-1-1", "bgr")
+
+
+class AnyRange(nn.Module):
+    """The trained network behind a norm: it answers to every range alike, so none can be found."""
+
+    def __init__(self):
+        super().__init__()
+        self.net = trained_matcher()
+
+    def forward(self, image1, image2):
+        images = (
+            (image - image.mean((2, 3), True)) / image.std((2, 3), keepdim=True) / 2 for image in (image1, image2)
+        )
+        return self.net(*images)
+
+
+@pytest.mark.parametrize(
+    ("net", "options", "says"),
+    [
+        (
+            AnyRange(),
+            {"order": "bgr"},
+            r"scaling=.* is not clearly better than scaling=.*; declare it: ",
+        ),
+        (Channels(), {}, "as networks without trained weights are; declare it"),
+        (nn.Conv2d(3, 2, 3), {}, "takes a pair in none of the common ways"),
+    ],
+    ids=["any range", "untrained", "no flow"],
+)
+def test_what_cannot_be_told_asks_for_a_declaration(net, options, says):
+    with pytest.raises(ModelError, match=says) as error:
+        rf.TorchModel(net, device="cpu", layout=None if isinstance(net, nn.Conv2d) else "pair", **options)
+    one_line(error)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"scaling": "0-2"}, "unknown scaling '0-2'"),
+        ({"order": "gbr"}, "unknown order 'gbr'"),
+        ({"layout": "both"}, "unknown layout 'both'"),
+        ({"multiple": 0}, "multiple must be a whole number from 1"),
+        ({"precision": "fp64"}, "unknown precision 'fp64'"),
+        ({"sha256": "0" * 64}, "sha256 is of a checkpoint's file"),
+    ],
+)
+def test_options_that_cannot_be(options, says):
+    with pytest.raises(UsageError, match=says):
+        declared(Channels(), **options)
+
+
+def test_module_and_factory_from_the_command_line(tmp_path, monkeypatch):
+    (tmp_path / "nets_of_a_user.py").write_text(SOURCE)
+    monkeypatch.syspath_prepend(tmp_path)
+    first, second = frames()
+    options = {"scaling": "0-255", "order": "rgb", "device": "cpu"}
+    for attribute, gain in (("Net", 1.0), ("factory", 2.0), ("net", 3.0)):
+        model = rf.load_model(f"nets_of_a_user:{attribute}", **options)
+        np.testing.assert_array_equal(model.predict(first, second), first[..., :2] * gain)
+    model = rf.load_model("nets_of_a_user:factory", gain=5.0, **options)
+    np.testing.assert_array_equal(model.predict(first, second), first[..., :2] * 5.0)
+    spec = ModelSpec("nets_of_a_user:factory", tuple(options.items()))
+    assert spec.identity(spec.load())["input"]["scale"] == 1.0
+    with pytest.raises(UsageError, match="unknown option of model 'nets_of_a_user:factory' 'gian'"):
+        rf.load_model("nets_of_a_user:factory", gian=5.0, **options)
+    broken = rf.load_model("nets_of_a_user:Broken", layout="pair", **options)
+    with pytest.raises(ModelError, match=r"AttributeError: .*no_such_thing.* \(at .*nets_of_a_user\.py:18\)") as error:
+        broken.predict(first, second)
+    one_line(error)
+
+
+def test_every_shifted_pair_is_what_it_says():
+    for index, shift in enumerate(SHIFTS):
+        pair = shifted_pair(index)
+        u, v = pair.shift
+        assert (u, v) == shift
+        inner = pair.frame1[10:-10, 10:-10]
+        np.testing.assert_array_equal(inner, pair.frame2[10 + v : -10 + v, 10 + u : -10 + u])
+        assert pair.error(np.full((*inner.shape[:2], 2), shift, np.float32)) == 0
+        assert inner.std() > 20

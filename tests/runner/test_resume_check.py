@@ -1,0 +1,131 @@
+"""A run never goes on with another model or with other data under the old names."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.errors import RunError
+from robustflow.metrics.regions import Regions
+from robustflow.metrics.rows import measure
+from robustflow.runner.kept_rows import check_same_data, check_same_model
+from robustflow.sample import Sample
+
+
+@pytest.fixture
+def frames(tmp_path):
+    """Three frames of noise, uncompressed: any of them can change without its size changing. Two pairs."""
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for index in range(3):
+        _paint(folder, index, seed=index)
+    return folder
+
+
+def _paint(folder, index, seed):
+    picture = np.random.default_rng(seed).integers(0, 256, (40, 48, 3)).astype(np.uint8)
+    cv2.imwrite(str(folder / f"{index:04d}.bmp"), picture)
+
+
+def _brightness(frame1, frame2):
+    return np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32)
+
+
+def _run(tmp_path, frames, severities, model=_brightness):
+    output = tmp_path / "run"
+    return rf.evaluate(model, "folder", frames, output, corruptions=["contrast"], severities=severities)
+
+
+@pytest.mark.parametrize("severities", [[1], [1, 2]], ids=["complete", "with more to do"])
+def test_a_frame_of_the_same_name_and_size_with_other_bytes_stops_a_run(tmp_path, frames, severities):
+    before = _run(tmp_path, frames, [1]).rows
+    _paint(frames, 2, seed=9)
+    with pytest.raises(RunError, match=r"sample '.*' has other frames than when this run measured it"):
+        _run(tmp_path, frames, severities)
+    assert rf.load_run(tmp_path / "run").rows.equals(before)
+    _paint(frames, 2, seed=2)
+    assert _run(tmp_path, frames, severities).rows.height == 2 * (1 + len(severities))
+
+
+def test_every_sample_that_goes_on_is_compared_not_only_the_one_that_changed_last(tmp_path, frames):
+    _run(tmp_path, frames, [1])
+    _paint(frames, 0, seed=9)
+    _paint(frames, 2, seed=2)  # the same again, but the last that was written
+    with pytest.raises(RunError, match="has other frames"):
+        _run(tmp_path, frames, [1, 2])
+
+
+def test_another_ground_truth_of_the_same_size_stops_a_run(tmp_path):
+    truth = np.ones((40, 48, 2), np.float32)
+
+    frame = np.zeros((40, 48, 3), np.uint8)
+
+    def row(flow):
+        sample = Sample("a", (frame, frame), flow, np.ones((40, 48), bool))
+        return measure(truth, truth, sample, Regions.of(sample))
+
+    check_same_data(row(truth), row(truth))
+    check_same_model(row(truth), row(truth))
+    with pytest.raises(RunError, match="other ground truth"):
+        check_same_data(row(truth), row(2 * truth))
+
+
+def test_weights_at_a_fixed_path_that_changed_stop_a_run(tmp_path, frames, monkeypatch):
+    (tmp_path / "model_with_weights_for_test.py").write_text(
+        "import numpy as np\nfrom pathlib import Path\n"
+        "WEIGHTS = Path(__file__).with_name('weights.npy')\n"
+        "class Model:\n"
+        "    def __init__(self): self.value = np.load(WEIGHTS)\n"
+        "    def predict(self, a, b): return np.full((*a.shape[:2], 2), self.value, np.float32)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    np.save(tmp_path / "weights.npy", 1.0)
+    before = _run(tmp_path, frames, [1], "model_with_weights_for_test:Model").rows
+    np.save(tmp_path / "weights.npy", 4.0)
+    for severities in ([1], [1, 2]):
+        with pytest.raises(RunError, match=r"predicts another flow on sample .*its weights have changed"):
+            _run(tmp_path, frames, severities, "model_with_weights_for_test:Model")
+    np.save(tmp_path / "weights.npy", 1.0)
+    after = _run(tmp_path, frames, [1, 2], "model_with_weights_for_test:Model")
+    assert after.rows.filter(after.rows["severity"] < 2).equals(before)
+
+
+def test_an_edited_module_that_the_model_imports_stops_a_run(tmp_path, frames, monkeypatch):
+    (tmp_path / "model_that_imports_for_test.py").write_text(
+        "import numpy as np\nfrom imported_for_test import VALUE\n"
+        "def flow(a, b): return np.full((*a.shape[:2], 2), VALUE, np.float32)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    for value, refused in ((1, False), (25, True), (1, False)):
+        (tmp_path / "imported_for_test.py").write_text(f"VALUE = {value}\n{'#' * value}\n")
+        for name in ("model_that_imports_for_test", "imported_for_test"):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        if refused:
+            with pytest.raises(RunError, match="a module it imports"):
+                _run(tmp_path, frames, [1, 2], "model_that_imports_for_test:flow")
+        else:
+            _run(tmp_path, frames, [1], "model_that_imports_for_test:flow")
+
+
+def test_an_interrupted_run_goes_on_with_the_same_model(tmp_path, frames):
+    alive = []
+    clean = cv2.imread(str(frames / "0000.bmp"))[..., ::-1]
+
+    def dies(frame1, frame2):
+        if not alive and not np.array_equal(frame1, clean):
+            raise KeyboardInterrupt
+        return _brightness(frame1, frame2)
+
+    with pytest.raises(KeyboardInterrupt):
+        _run(tmp_path, frames, [1], dies)
+    (flow,) = (tmp_path / "run/clean").iterdir()
+    assert flow.stat().st_size > 40 * 48 * 8
+    alive.append(True)
+    assert _run(tmp_path, frames, [1], dies).rows.height == 4
+    assert not list((tmp_path / "run/clean").iterdir())

@@ -1,0 +1,117 @@
+"""A manifest of the wrong shape: one sentence that names the file and what to do, and nothing is repaired."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+
+import robustflow as rf
+from robustflow.errors import RunError
+from robustflow.runs.run import Run
+
+CELL = {"corruptions": ["contrast"], "severities": [1]}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("manifest") / "run"
+    rf.evaluate("dis", output=folder, **CELL)
+    return folder
+
+
+def _without(*path):
+    def edit(manifest):
+        part = manifest
+        for key in path[:-1]:
+            part = part[key]
+        del part[path[-1]]
+        return manifest
+
+    return edit
+
+
+def _with(value, *path):
+    def edit(manifest):
+        part = manifest
+        for key in path[:-1]:
+            part = part[key]
+        part[path[-1]] = value
+        return manifest
+
+    return edit
+
+
+SHAPES = {
+    "a list": lambda manifest: [manifest],
+    "a number": lambda manifest: 3,
+    "empty": lambda manifest: {},
+    "nothing but the schema": lambda manifest: {"schema": 1},
+    "no identity": _without("identity"),
+    "no digest": _without("identity_digest"),
+    "no samples": _without("samples"),
+    "no selection": _without("selection"),
+    "no model": _without("identity", "model"),
+    "no seed": _without("identity", "seed"),
+    "identity a list": _with([], "identity"),
+    "model a text": _with("dis", "identity", "model"),
+    "digest a number": _with(5, "identity_digest"),
+    "samples a list": _with(["motorcycle"], "samples"),
+    "a sample a number": _with(7, "samples", "motorcycle"),
+    "corruptions null": _with(None, "selection", "corruptions"),
+    "severity 9": _with([9], "selection", "severities"),
+    "provenance a list": _with([1], "provenance"),
+    "seconds a text": _with("long", "seconds"),
+    "left out a list": _with([1], "left_out"),
+    "deep": _with(json.loads("[" * 900 + "]" * 900), "identity", "protocol", "x"),
+}
+
+
+def damaged(whole, tmp_path, text: str):
+    folder = tmp_path / "run"
+    shutil.copytree(whole, folder)
+    (folder / "manifest.json").write_text(text)
+    return folder, {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != ".lock"}
+
+
+def refused(folder, before, match: str) -> None:
+    for use in (Run, lambda path: rf.evaluate("dis", output=path, **CELL)):
+        with pytest.raises(RunError, match=match) as error:
+            use(folder)
+        assert "\n" not in str(error.value)
+        assert "choose another folder" in str(error.value)
+    assert before == {path: path.read_bytes() for path in before}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_another_shape_is_refused_and_kept(shape, whole, tmp_path):
+    manifest = json.loads((whole / "manifest.json").read_text())
+    refused(*damaged(whole, tmp_path, json.dumps(SHAPES[shape](manifest))), r"manifest\.json is damaged")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[" * 100_000, '{"schema": 1' + "0" * 5000 + "}", "\ufeff{}"])
+def test_no_json_is_refused_and_kept(text, whole, tmp_path):
+    refused(*damaged(whole, tmp_path, text), r"manifest\.json (is damaged|was written with)")
+
+
+def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path):
+    """Before, the run went on and wrote its own identity over the edited one."""
+    manifest = json.loads((whole / "manifest.json").read_text())
+    folder, before = damaged(whole, tmp_path, json.dumps(_with(7, "identity", "seed")(manifest)))
+    with pytest.raises(RunError, match=r"was changed after it was written .* put back a copy"):
+        rf.evaluate("dis", output=folder, **CELL)
+    assert before == {path: path.read_bytes() for path in before}
+
+
+def test_what_is_written_is_read(whole):
+    assert Run(whole).manifest == json.loads((whole / "manifest.json").read_text())
+
+
+@pytest.mark.parametrize("text", ["[]", "[" * 100_000, '{"model": 3, "data": null, "data_options": {}}'])
+def test_a_source_of_another_shape_is_one_sentence(text, tmp_path):
+    from robustflow.runs.source import RunSource
+
+    (tmp_path / "source.json").write_text(text)
+    with pytest.raises(RunError, match=r"source\.json is damaged; delete it, and name --model and --data instead"):
+        RunSource.read(tmp_path)

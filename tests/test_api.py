@@ -1,0 +1,90 @@
+"""The package's root as a person meets it: completion, print, and progress that shows itself where somebody looks."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+
+import robustflow as rf
+from robustflow.models import ModelSpec
+
+SCRIPT = """
+import sys
+import robustflow as rf
+if __name__ == "__main__":
+    rf.evaluate("dis", output=sys.argv[1], corruptions=["contrast"], severities=[1], progress={progress})
+"""
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("api") / "run"
+    return rf.evaluate("dis", output=folder, corruptions=["contrast", "fog"], severities=[1, 3])
+
+
+def test_completion_shows_the_public_names():
+    """Before any of them was used: in an interpreter of its own."""
+    shown = subprocess.run(
+        [sys.executable, "-c", "import robustflow; print(*dir(robustflow))"], capture_output=True, text=True, check=True
+    ).stdout.split()
+    assert set(rf.__all__) <= set(shown)
+    assert {"evaluate", "load_run", "compare"} <= set(shown)
+    assert not {"annotations", "import_module", "TYPE_CHECKING"} & set(shown)
+
+
+def test_print_shows_the_numbers(result):
+    text = str(result)
+    head, means, over, where = text.splitlines()
+    assert head.startswith("dis (knowledge) on ")
+    assert head.endswith(", 1 pair")
+    numbers = ("epe_clean", "epe", "cre", "crer", "rcre")
+    assert [part.split()[-2 if "px" in part else -1] for part in means.split(", ")] == [
+        f"{getattr(result, name):.4g}" for name in numbers
+    ]
+    assert over == "mean over contrast, fog"
+    assert where == str(result.path)
+
+
+def test_print_escapes_what_a_file_says(result):
+    other = rf.load_run(result.path)
+    other.manifest["identity"]["model"] = {"name": "a\x1b[31m\nb"}
+    assert "\x1b" not in str(other)
+    assert len(str(other).splitlines()) == 4
+
+
+@pytest.mark.parametrize(
+    ("progress", "screen", "seen"), [(None, True, True), (False, True, False), (None, False, False)]
+)
+def test_progress_shows_itself_on_a_terminal(progress, screen, seen, tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT.format(progress=progress))
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "script.py", "run"]
+    environment = os.environ | {"TERM": "xterm", "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "120"}
+    process = subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stderr=theirs if screen else subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    out, err = process.communicate(timeout=120)
+    os.set_blocking(ours, False)
+    os.close(theirs)
+    try:
+        drawn = os.read(ours, 1 << 20)
+    except OSError:  # nothing was written
+        drawn = b""
+    os.close(ours)
+    assert process.returncode == 0
+    assert not out
+    assert not err
+    assert (b"2/2" in drawn) == seen
+    assert bool(drawn) == seen
+
+
+def test_a_named_model_is_loaded_once(tmp_path, monkeypatch):
+    loaded = []
+    load = ModelSpec.load
+    monkeypatch.setattr(ModelSpec, "load", lambda self: loaded.append(self.name) or load(self))
+    rf.evaluate("dis", output=tmp_path / "run", corruptions=["contrast"], severities=[1], examples=True)
+    assert loaded == ["dis"]

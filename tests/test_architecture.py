@@ -1,0 +1,38 @@
+"""The floors of the house (docs/design/architecture.md): contracts in pyproject.toml, checked by import-linter."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def _lint(source: Path) -> subprocess.CompletedProcess[str]:
+    """The contracts against the package in `source`, with late and type-checking imports."""
+    program = "import sys; from importlinter.cli import lint_imports_command; lint_imports_command(sys.argv[1:])"
+    return subprocess.run(
+        [sys.executable, "-c", program, "--no-cache", "--config", str(ROOT / "pyproject.toml")],
+        env={**os.environ, "PYTHONPATH": str(source), "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def test_data_flows_one_way():
+    linted = _lint(ROOT / "src")
+    assert linted.returncode == 0, linted.stdout[-3000:]
+
+
+def test_a_planted_violation_is_found(tmp_path):
+    package = tmp_path / "robustflow"
+    shutil.copytree(ROOT / "src" / "robustflow", package, ignore=shutil.ignore_patterns("__pycache__", "data", "*.csv"))
+    late = "def table() -> object:\n    from ..report.table import Table\n\n    return Table\n"
+    (package / "metrics" / "planted.py").write_text(late)
+    linted = _lint(tmp_path)
+    assert linted.returncode == 1
+    assert "robustflow.metrics.planted -> robustflow.report.table" in linted.stdout
