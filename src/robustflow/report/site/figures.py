@@ -85,13 +85,11 @@ def page_figures(content: Content) -> list[PageFigure]:
     moved = iter(displacements_of(list(content.runs.values())).items())
     while lines := dict(islice(moved, len(SERIES))):
         drawn.append(("", "displacement", displacement_figure(lines)))
-    figures = [_page_figure(f"figure-{index}", *one, content) for index, one in enumerate(drawn)]
-    return [
-        replace(figure, frames=figure.frames + notes[frames])
-        if name == "severity_curves" and frames in notes
-        else figure
-        for figure, (frames, name, _) in zip(figures, drawn, strict=True)
-    ]
+    made = []
+    for index, (of, name, drawing) in enumerate(drawn):
+        one = _page_figure(f"figure-{index}", of, name, drawing, content)
+        made.append(replace(one, frames=one.frames + notes.get(of, "")) if name == "severity_curves" else one)
+    return made
 
 
 def _best_runs(frames: str, content: Content) -> list[str]:
