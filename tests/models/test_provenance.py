@@ -9,7 +9,10 @@ import pytest
 import robustflow as rf
 from robustflow.analysis.published.tables import published_methods
 from robustflow.analysis.scores import setting_of
+from robustflow.benchmarks.setting import manifest_provenance, training_record
+from robustflow.benchmarks.setting import setting_of as setting_on
 from robustflow.datasets import DATASETS
+from robustflow.datasets.split import drive_disjoint_split, kitti_split
 from robustflow.errors import UsageError
 from robustflow.models import MODELS, ModelSpec
 from robustflow.models.catalog import checkpoints, methods
@@ -49,9 +52,9 @@ def test_the_catalog_agrees_with_the_list_of_checkpoints(shared):
     for entry in checkpoints():
         training = training_of_entry(entry)
         row = expected[entry.file]
-        assert training.setting("kitti-fc") == row["label_kitti_fc"]
-        assert training.setting("gopro-fc") == row["label_gopro_fc"]
-        assert (training.setting("sintel") == "LEAKED") == (row["saw_sintel"] != "no")
+        assert setting_on(training, "kitti-fc") == row["label_kitti_fc"]
+        assert setting_on(training, "gopro-fc") == row["label_gopro_fc"]
+        assert (setting_on(training, "sintel") == "LEAKED") == (row["saw_sintel"] != "no")
 
 
 def test_no_checkpoint_of_ptlflow_is_left_out():
@@ -71,7 +74,8 @@ def test_no_checkpoint_of_ptlflow_is_left_out():
     [
         ("C+T", "kitti-fc", "OOD"),
         ("C+T>K:train", "kitti-fc", "ID"),
-        ("C+T>K:train", "kitti2015", "ID"),
+        ("C+T>K:train", "kitti2015", "LEAKED"),  # evaluated whole
+        ("C+T>K:drive-disjoint", "kitti-fc", "LEAKED"),
         ("C+T+S+K+H", "kitti-fc", "LEAKED"),
         ("C+T+S+K+H", "gopro-fc", "OOD"),
         ("kitti-raw", "kitti-fc", "ID"),
@@ -85,7 +89,61 @@ def test_no_checkpoint_of_ptlflow_is_left_out():
     ],
 )
 def test_settings(sets, benchmark, setting):
-    assert training_of({"name": "mine", "checkpoint": "ab" * 32}, sets).setting(benchmark) == setting
+    assert setting_on(training_of({"name": "mine", "checkpoint": "ab" * 32}, sets), benchmark) == setting
+
+
+def _on_kitti(sets: str, keys: list[str], **protocol: str) -> dict:
+    training = training_of({"name": "mine", "checkpoint": "ab" * 32}, sets)
+    return training_record(training, "kitti-fc", keys, protocol)
+
+
+def test_in_domain_is_granted_by_the_evaluated_pairs():
+    """Everything here was "ID" by name alone."""
+    evaluation, training = kitti_split([f"{number:06d}" for number in range(200)])
+    assert _on_kitti("K:train", evaluation)["setting"] == "ID"
+    leaked = _on_kitti("K:train", [*evaluation[:3], training[0]])  # a --split with one pair of the training part
+    assert (leaked["setting"], leaked["note"]) == (
+        "LEAKED",
+        "pairs: 1 of the 4 evaluated are among the training pairs of K:train",
+    )
+    assert _on_kitti("K:train", ["000002", "000003"])["setting"] == "LEAKED"  # a small folder, evaluated whole
+    assert _on_kitti("K:train", evaluation, frames="released")["setting"] == "undeclared"
+    assert _on_kitti("K:released", evaluation, frames="released")["setting"] == "ID"
+    assert _on_kitti("K:released", evaluation)["setting"] == "undeclared"
+    assert _on_kitti("K:train", ["a", "b"])["setting"] == "undeclared"
+
+
+def test_a_near_duplicate_is_noted():
+    keys = [f"{number:06d}" for number in range(200)]
+    near = _on_kitti("K:train", kitti_split(keys).evaluation)
+    assert near["note"] == "pairs: 45 of the 56 evaluated with a known drive share it with training pairs"
+    apart = _on_kitti("K:drive-disjoint", drive_disjoint_split(keys).evaluation)
+    assert apart["setting"] == "ID"
+    assert "note" not in apart
+
+
+def test_raw_data_hold_the_evaluated_frames():
+    evaluation = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
+    raw = _on_kitti("KR", evaluation)
+    assert raw["setting"] == "ID"
+    assert raw["note"] == (
+        "pairs: KITTI's raw data hold the frames of 56 of the 80 evaluated, seen unless they were left out"
+    )
+    assert "note" not in _on_kitti("KR:train", evaluation)
+
+
+def test_a_later_call_with_training_pairs_makes_a_run_leaked():
+    manifest = {
+        "identity": {"benchmark": "kitti-fc", "protocol": {}, "model": {"name": "mine"}},
+        "samples": {"000000": []},
+        "provenance": {"setting": "ID", "trained_on": ["kitti2015:train"], "basis": "declared", "note": "by hand"},
+    }
+    first = manifest_provenance(manifest)
+    assert (first["setting"], first["note"]) == ("ID", "by hand")
+    later = manifest_provenance({**manifest, "samples": {"000000": [], "000002": []}, "provenance": first})
+    assert later["setting"] == "LEAKED"
+    assert later["note"].startswith("by hand; pairs: 1 of the 2 evaluated")
+    assert manifest_provenance({**manifest, "provenance": None})["setting"] == "undeclared"
 
 
 def test_every_data_set_that_models_train_on_has_a_name():
@@ -97,13 +155,13 @@ def test_a_known_file_is_known_by_its_hash_whatever_is_declared():
     digest = "3a831a4b" + "0" * 56
     training = training_of({"name": "raft", "checkpoint": digest}, "C")
     assert training.basis == "catalog: raft kitti"
-    assert training.setting("kitti-fc") == "LEAKED"
-    assert training_of({"name": "gma", "checkpoint": digest}).setting("kitti-fc") == "undeclared"
-    assert training_of({"name": "raft", "checkpoint": "3a831a4b"}).setting("kitti-fc") == "undeclared"
+    assert setting_on(training, "kitti-fc") == "LEAKED"
+    assert setting_on(training_of({"name": "gma", "checkpoint": digest}), "kitti-fc") == "undeclared"
+    assert setting_on(training_of({"name": "raft", "checkpoint": "3a831a4b"}), "kitti-fc") == "undeclared"
 
 
 def test_random_weights_are_untrained():
-    assert training_of({"name": "raft", "checkpoint": "random"}, "C+T").setting("kitti-fc") == "untrained"
+    assert setting_on(training_of({"name": "raft", "checkpoint": "random"}, "C+T"), "kitti-fc") == "untrained"
 
 
 @pytest.mark.parametrize("text", ["", "C+Q", "kiti2015", "K:test", "K:", "C++T+"])

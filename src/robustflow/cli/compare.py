@@ -23,7 +23,7 @@ def compare(
     """Say whether models differ, image by image, with intervals and corrected p-values.
 
     Two runs are compared in a table: overall in every metric, and under each corruption in one (CRE by default, RCRE
-    without ground truth); bold is better by more than chance. More than two are compared pairwise in the
+    without ground truth); bold is lower by more than chance. More than two are compared pairwise in the
     average of one metric: a sentence each on the terminal, a line each in the other formats.
 
     \b
@@ -35,6 +35,7 @@ def compare(
     from ..analysis.labels import METRIC_LABELS
     from ..analysis.scores import run_names
     from ..analysis.uncertainty import compare_all
+    from ..analysis.uncertainty.paired import common_remark
     from ..analysis.uncertainty.sums import METRICS
     from ..atomic import write_bytes
     from ..errors import RunError, UsageError, unknown_name
@@ -60,6 +61,7 @@ def compare(
     else:
         rows = dict(zip(run_names(found), (run.rows for run in found), strict=True))
         chosen = metric or ("rcre" if any(run.cre is None for run in found) else "cre")
+        note = common_remark(rows)
         table = compare_all(rows, chosen, level=level, resamples=resamples, seed=seed)
         if table.is_empty():
             label = METRIC_LABELS[chosen]
@@ -71,9 +73,9 @@ def compare(
         shown = comparison.table(metric or "")
         text = for_stdout(shown) if on_screen else render(shown, format)
     elif format == "terminal":
-        text = "".join(f"{plain(sentence, None)}\n" for sentence in table["sentence"])
+        text = "".join(f"{plain(sentence, None)}\n" for sentence in (*table["sentence"], *filter(None, [note])))
     else:
-        text = render(pairs_table(table), format)
+        text = render(pairs_table(table, note), format)
     if output is None:
         typer.echo(text, nl=False)
     else:

@@ -44,6 +44,7 @@ def list_things(
 
 
 def _models() -> list[str]:
+    from ..benchmarks.setting import setting_of
     from ..models import MODELS
     from ..models.catalog import checkpoints, is_installed, methods
     from ..models.provenance import training_of_entry
@@ -51,7 +52,7 @@ def _models() -> list[str]:
 
     seen: dict[str, list[str]] = {}
     for entry in checkpoints():
-        setting = training_of_entry(entry).setting("kitti-fc")
+        setting = setting_of(training_of_entry(entry), "kitti-fc")
         seen.setdefault(entry.model, []).append(f"{entry.checkpoint} {setting}")
     lines = [
         _MODEL_LINE.format(

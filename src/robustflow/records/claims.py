@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from ..benchmarks.setting import training_record
 from ..corruptions.registry import CORRUPTIONS
 from ..corruptions.stack import levels_of, split_stack
 from ..errors import UsageError
@@ -81,8 +82,11 @@ def training_problems(plan: Manifest, raw: dict[str, Any]) -> list[str]:
             known = Training(parse_training_sets("+".join(said.trained_on or [])), "declared")
         except UsageError as error:
             return [f"the declared training sets say nothing: {plain(str(error), 120)}"]
-    record = known.record(benchmark)
-    if (said.setting, said.basis, said.trained_on) != (record["setting"], record["basis"], record["trained_on"]):
+    record = training_record(known, benchmark, plan.samples, plan.identity.protocol)
+    settings = {record["setting"]}
+    if any(":" in name for name in record["trained_on"] or ()):
+        settings.add("ID")  # older versions did not look at the pairs; what is shown is judged when it is read
+    if said.setting not in settings or (said.basis, said.trained_on) != (record["basis"], record["trained_on"]):
         return [
             f"the manifest says {said.setting} by {said.basis}, trained on {_sets(said.trained_on)}; for this model "
             f"and benchmark it is {record['setting']} by {record['basis']}, trained on {_sets(record['trained_on'])}"

@@ -6,8 +6,9 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
 
+from ..benchmarks.setting import manifest_provenance
 from ..errors import DataError, RunError, first_misfit
-from ..models.provenance import Setting, training_of
+from ..models.provenance import Setting
 from ..runs.identity import LONGEST_NAME
 from ..runs.manifest_file import MANIFEST_SCHEMA
 from ..text import plain
@@ -173,9 +174,7 @@ def shareable_manifest(manifest: dict[str, Any], keep_paths: bool = False) -> di
     """
     kept = {field.alias or name for name, field in Manifest.model_fields.items()}
     out = {name: value for name, value in manifest.items() if name in kept}
-    identity = manifest["identity"]
-    # Runs of older versions do not say what their model was trained on.
-    out.setdefault("provenance", training_of(identity["model"]).record(identity["benchmark"]))
+    out["provenance"] = manifest_provenance(manifest)
     environment = manifest["environment"]
     machine = environment["machine"]
     out["environment"] = {

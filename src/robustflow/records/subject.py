@@ -66,7 +66,7 @@ def subject_of(run: Run, plan: Manifest) -> Subject:
         pairs=summary.samples,
         corruptions=len(plan.selection.corruptions),
         severities=len(plan.selection.severities),
-        setting=plan.provenance.setting,
+        setting=run.setting,
         epe_clean=summary.epe_clean,
         epe=summary.epe,
         cre=summary.cre,

@@ -10,6 +10,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from ..analysis.audit.run_folder import audit_run
+from ..benchmarks.setting import manifest_provenance
 from ..errors import RobustFlowError
 from ..runs.run import Run
 from ..text import plain
@@ -142,7 +143,7 @@ def verify_read(
 def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
     """The checks of what a record claims, by name, and what it is about where all of it could be read."""
     problems = training_problems(reader.plan, reader.raw_manifest)
-    out = {"training": _outcome(problems, reader.plan.provenance.setting)}
+    out = {"training": _outcome(problems, str(manifest_provenance(reader.raw_manifest)["setting"]))}
     with TemporaryDirectory(prefix="robustflow-") as folder:
         reader.extract(Path(folder))
         run = Run(folder)

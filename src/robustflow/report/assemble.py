@@ -10,7 +10,7 @@ import polars as pl
 
 from ..analysis.cost_ranks import run_costs
 from ..analysis.displacements import displacements_of
-from ..analysis.labels import benchmark_label
+from ..analysis.labels import on_benchmark
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results
 from ..analysis.scores import run_names, run_results
@@ -138,4 +138,4 @@ def _whose(frames: str, part: pl.DataFrame) -> str:
     benchmark, models = part["benchmark"][0], list(dict.fromkeys(part["model"]))
     named, more = models[:_MOST_NAMED], len(models) - _MOST_NAMED
     told = ", ".join(map(plain, named)) + (f" and {more} more" if more > 0 else "")
-    return f"{told} on {benchmark_label(benchmark)}"
+    return on_benchmark(told, benchmark)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
+from ..benchmarks.setting import training_record
 from ..corruptions import load_corruption
 from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.own import is_known, own_among
@@ -81,7 +82,8 @@ def set_up(
     options = _options(seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws)
     training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
-    plan = Plan(benchmark, options, named.identity, training.record(benchmark.name), shown)
+    provenance = training_record(training, benchmark.name, benchmark.keys, benchmark.protocol)
+    plan = Plan(benchmark, options, named.identity, provenance, shown)
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError(
             f"nothing to run: {left_out_sentence(plan.left_out())}; choose others, or the paper's --severity-scale"
@@ -175,7 +177,10 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
     own = [str(name) for name in identity.get(OWN, {})]
     for name in own:
         if not is_known(name):
-            raise RunError(f"the run's corruption '{name}' is not known here; install the package that brings it")
+            raise RunError(
+                f"the run's corruption '{plain(name)}' is your own or an installed package's, and not "
+                "known here: name it with --own-corruption MODULE:ATTRIBUTE, or install its package"
+            )
     common_draws = bool(identity.get("common_draws", False))
     return _options(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window, own, common_draws)
 

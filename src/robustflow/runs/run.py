@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -10,15 +11,18 @@ import polars as pl
 
 from ..atomic import write_json
 from ..benchmarks import benchmark_facts
+from ..benchmarks.setting import manifest_provenance
 from ..datasets.kitti_drives import with_groups
 from ..errors import RunError
 from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
-from ..models.provenance import training_of
 from ..text import plain
 from .aggregate import summarize
+from .made_from import is_current, made_from, note_made
 from .plan import Cell, planned_cells
 from .store import RunFolder
+
+SUMMARY = "summary.json"
 
 
 class Run:
@@ -52,8 +56,11 @@ class Run:
 
     @cached_property
     def summary(self) -> Summary:
-        """Means over the corruptions of this run, the paper's beside them, and where they are incomplete."""
-        return self.summarize("image")
+        """Means over the corruptions of this run, the paper's beside them, and where they are incomplete.
+
+        Read from `summary.json` where it was made from these rows, else computed.
+        """
+        return self._kept_means() or self._means
 
     def summarize(self, averaging: Averaging = "image", over: Literal["all", "paper"] = "all") -> Summary:
         """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel"); `over` as for
@@ -95,10 +102,13 @@ class Run:
 
     @property
     def setting(self) -> str:
-        """What the model has seen of the benchmark: "OOD", "ID", "LEAKED", ... (see `Training.setting`)."""
-        identity = self.manifest["identity"]
-        recorded = self.manifest.get("provenance") or training_of(identity["model"]).record(identity["benchmark"])
-        return str(recorded["setting"])
+        """What the model has seen of the benchmark: "OOD", "ID", "LEAKED", ... (`robustflow.benchmarks.setting`)."""
+        return str(self.provenance["setting"])
+
+    @cached_property
+    def provenance(self) -> dict[str, Any]:
+        """What is known of the model's training, and what that makes of the run: setting, trained_on, basis, note."""
+        return manifest_provenance(self.manifest)
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
         """One metric, corruption x severity, in the paper's order."""
@@ -111,10 +121,11 @@ class Run:
 
     def document(self, over: Literal["all", "paper"] = "all") -> dict[str, Any]:
         """What `summary.json` holds: means by the paper's averaging, the pooled ones, which run, and its setting.
+        Always computed from the rows.
 
         `over` as for `summarize`.
         """
-        means = self.summary if over == "all" else self.summarize(over=over)
+        means = self._means if over == "all" else self.summarize(over=over)
         return {
             **means.model_dump(),
             "pooled": self.summarize("pixel", over).model_dump(),
@@ -127,8 +138,27 @@ class Run:
         return "\n".join(_lines(self))
 
     def write_means(self) -> None:
-        """Write `summary.json`."""
-        write_json(self.path / "summary.json", self.document())
+        """Write `summary.json`, unless the one that is there was made from these rows."""
+        if not is_current(self.path, SUMMARY, self._made_from):
+            write_json(self.path / SUMMARY, self.document())
+            note_made(self.path, SUMMARY, self._made_from)
+
+    @cached_property
+    def _means(self) -> Summary:
+        return self.summarize("image")
+
+    @cached_property
+    def _made_from(self) -> str:
+        return made_from(self.path, self.rows, beside=False)
+
+    def _kept_means(self) -> Summary | None:
+        if not is_current(self.path, SUMMARY, self._made_from):
+            return None
+        try:
+            document = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
+            return Summary.model_validate({name: document[name] for name in Summary.model_fields})
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            return None
 
     def planned(self) -> list[Cell]:
         """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""

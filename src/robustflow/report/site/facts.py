@@ -21,11 +21,11 @@ def run_facts(run: Run) -> Facts:
     """Of a run, from its manifest: model, data, seed, versions, and what is left out or not as in the paper."""
     manifest = run.manifest
     identity, environment = manifest["identity"], manifest.get("environment") or {}
-    provenance = manifest.get("provenance") or {}
+    provenance = run.provenance
     facts = [
         ("Model", _spelled(identity["model"])),
         ("Setting", run.setting),
-        ("Trained on", ", ".join(provenance.get("trained_on") or ()) or "nobody said, or nothing"),
+        ("Trained on", ", ".join(provenance.get("trained_on") or ()) or "not declared"),
         ("How that is known", str(provenance.get("basis", ""))),
         ("Note on the training", str(provenance.get("note", ""))),
         ("Benchmark", f"{identity['benchmark']} ({identity.get('dataset', '')})"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ...analysis.anatomy import by_severity
-from ...analysis.labels import METRIC_LABELS, benchmark_label, long_label, metric_label
+from ...analysis.labels import METRIC_LABELS, benchmark_label, long_label, metric_label, setting_words
 from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.registry import PAPER_ORDER
 from ...text import plain
@@ -145,7 +145,7 @@ def _sentences(entry: Entry) -> tuple[str, ...]:
         told = [f"{long_label(name)} ({values[name]:{sign}.2f} px)" for name in order]
         worst = told[:-1][:3]
         are = "is" if len(worst) == 1 else "are"
-        where = f"{benchmark_label(entry.benchmark)}, {entry.setting}"
+        where = f"{benchmark_label(entry.benchmark)}, {setting_words(entry.setting)}"
         return (f"{where}: by {METRIC_LABELS[metric]} the worst {are} {', '.join(worst)}; the mildest is {told[-1]}.",)
     return ()
 
@@ -177,7 +177,7 @@ def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
     for name in [name for name in PAPER_ORDER if any((m, name) in e.texts for m, e in shown)] + [AVERAGE]:
         cells = tuple((e.texts.get((m, name), "–"), "") for m, e in shown)
         lines.append(("Average" if name == AVERAGE else long_label(name), cells))
-    columns = tuple(f"{METRIC_LABELS[metric]} {entry.setting}" for metric, entry in shown)
+    columns = tuple(f"{METRIC_LABELS[metric]} {setting_words(entry.setting)}" for metric, entry in shown)
     return HeatTable(f"{title} (px)", columns, tuple(tops[metric] for metric, _ in shown), tuple(lines))
 
 

@@ -1,0 +1,136 @@
+"""What a model's numbers on a benchmark are worth, by what it was trained on and by which pairs were evaluated.
+
+"ID" means: saw the domain, and none of the evaluated frames. Whether that is so depends on the pairs. `K:train` names
+the 120 pairs that the project's split leaves for training; whoever evaluates one of them, by another `--split`, in a
+small folder that is evaluated whole, or in the data set as a whole, measures what the model has seen.
+
+KITTI's raw data contain the frames of most pairs. A model trained on them without labels has seen those frames unless
+its authors left them out (`KR:train`); its numbers are "ID", and a note counts the pairs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from ..datasets.kitti_drives import drives, related
+from ..datasets.split import KITTI_SPLITS, kitti_split
+from ..models.provenance import KNOWLEDGE, RANDOM, Setting, Training, training_of
+from .registry import benchmark_facts
+
+_KITTI = "kitti2015"
+_PAIRS = [f"{number:06d}" for number in range(200)]
+_RAW = "kitti-raw"
+_RELEASED = "released"
+_PAIRS_NOTE = "pairs: "
+"""How a note begins that follows from the evaluated pairs."""
+
+
+def training_record(
+    training: Training,
+    benchmark: str,
+    keys: Collection[str] | None = None,
+    protocol: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Setting, training sets, how they are known, and what is not certain: what a manifest says of a model's training.
+
+    Args:
+        training: of the model.
+        benchmark: its name.
+        keys: the evaluated samples; the benchmark's usual ones by default.
+        protocol: of the benchmark: whether the frames are the released ones.
+
+    >>> mine = Training(("flyingchairs", "kitti2015:train"), "declared")
+    >>> training_record(mine, "kitti-fc")["setting"], training_record(mine, "kitti-fc", ["000002"])["setting"]
+    ('ID', 'LEAKED')
+    """
+    setting, notes = _judge(training, benchmark, keys, protocol or {})
+    sets = None if training.sets is None else list(training.sets)
+    about = {"setting": setting, "trained_on": sets, "basis": training.basis}
+    note = "; ".join(filter(None, (training.note, *notes)))
+    return about | ({"note": note} if note else {})
+
+
+def setting_of(
+    training: Training,
+    benchmark: str,
+    keys: Collection[str] | None = None,
+    protocol: Mapping[str, Any] | None = None,
+) -> Setting:
+    """What the numbers of a model on a benchmark are worth.
+
+    "OOD": saw nothing of its domain. "ID": saw its domain, and none of the frames it evaluates. "LEAKED": saw frames
+    that it evaluates. "knowledge": learns nothing. "untrained": random weights. "undeclared": not declared, not to be
+    told, or the frames are the user's own. Arguments as for `training_record`.
+
+    >>> setting_of(Training(("flyingchairs", "kitti2015"), "declared"), "kitti-fc")
+    'LEAKED'
+    >>> setting_of(Training(("kitti2015",), "declared"), "gopro-fc")
+    'OOD'
+    """
+    return _judge(training, benchmark, keys, protocol or {})[0]
+
+
+def manifest_provenance(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """What a run's manifest records of the training, judged by all samples of the run: those of a later call too, and
+    by today's rules where an older version wrote it."""
+    identity, record = manifest["identity"], manifest.get("provenance")
+    if record is None:
+        training = training_of(identity["model"])
+    else:
+        sets, basis = record.get("trained_on"), str(record["basis"])
+        own = [part for part in str(record.get("note", "")).split("; ") if not part.startswith(_PAIRS_NOTE)]
+        named = None if sets is None else tuple(sets)
+        training = Training(named, basis, "; ".join(own), trained=basis not in (RANDOM, KNOWLEDGE))
+    return training_record(training, str(identity["benchmark"]), list(manifest["samples"]), identity.get("protocol"))
+
+
+def _judge(
+    training: Training, benchmark: str, keys: Collection[str] | None, protocol: Mapping[str, Any]
+) -> tuple[Setting, list[str]]:
+    if not training.trained:
+        return ("untrained" if training.basis == RANDOM else "knowledge"), []
+    facts = benchmark_facts(benchmark)
+    if training.sets is None or not facts.training_set:
+        return "undeclared", []
+    if facts.training_set in training.sets:
+        return "LEAKED", []
+    if keys is None and facts.training_set == _KITTI:
+        keys = kitti_split(_PAIRS).evaluation if facts.published else _PAIRS
+    parts = [name.partition(":")[2] for name in training.sets if name.startswith(f"{facts.training_set}:")]
+    related_sets = {*facts.same_domain, *(f"{name}:train" for name in facts.same_domain)} & {*training.sets}
+    notes = [_raw_note(facts.training_set, keys)] if _RAW in related_sets and keys is not None else []
+    settings: set[Setting] = {"ID"} if parts or related_sets else {"OOD"}
+    if facts.training_set == _KITTI and keys is not None:
+        for part in parts:
+            setting, note = _kitti_part(part, keys, protocol)
+            settings.add(setting)
+            notes.append(note)
+    worst = next(one for one in ("LEAKED", "undeclared", "ID", "OOD") if one in settings)
+    return worst, [f"{_PAIRS_NOTE}{note}" for note in notes if note]
+
+
+def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -> tuple[Setting, str]:
+    """What `K:part` is worth for these pairs, and what must be said about it."""
+    released = protocol.get("frames") == _RELEASED
+    if released != (part == _RELEASED):
+        own = "the released KITTI-FC has a split of its own, which K:released names"
+        return "undeclared", f"whether K:{part} holds evaluated pairs cannot be told; {own}"
+    if part == _RELEASED:
+        return "ID", ""
+    if not {*keys} <= {*_PAIRS}:
+        return "undeclared", f"whether K:{part} holds evaluated pairs cannot be told; they are not named as in KITTI"
+    trained = KITTI_SPLITS[part](_PAIRS).training
+    seen = {*keys} & {*trained}
+    if seen:
+        return "LEAKED", f"{len(seen)} of the {len(keys)} evaluated are among the training pairs of K:{part}"
+    known = [key for key in keys if key in drives(_KITTI)]
+    near = related(known, trained)
+    if not near:
+        return "ID", ""
+    return "ID", f"{len(near)} of the {len(known)} evaluated with a known drive share it with training pairs"
+
+
+def _raw_note(training_set: str, keys: Collection[str]) -> str:
+    count = sum(key in drives(training_set) for key in keys)
+    return f"KITTI's raw data hold the frames of {count} of the {len(keys)} evaluated, seen unless they were left out"
