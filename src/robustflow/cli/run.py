@@ -87,27 +87,31 @@ def run(
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
-    from ..api import Result, evaluate
     from ..models import ModelSpec
-    from ..runner.progress import TerminalProgress
-    from ..text import file_name
-    from .tables import print_result, print_results
 
-    use_psf_dir(psf_dir)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
     if len(set(model)) < len(model):
         raise UsageError("a model is named twice; name each once")
     if name is not None and len(model) > 1:
         raise UsageError("--name is for one model; leave it out, or run the models one by one")
+    specs = [ModelSpec(each, options) for each in model]
+    for spec in specs:
+        spec.refuse_early()  # before the imports below, which take seconds
+    use_psf_dir(psf_dir)
+    from ..api import Result, evaluate
+    from ..runner.progress import TerminalProgress
+    from ..text import file_name
+    from .tables import print_result, print_results
+
     results: list[Result] = []
     progress = TerminalProgress()
     try:
-        for spec in model:
-            folder = output if output is None or len(model) == 1 else output / file_name(spec)
+        for spec in specs:
+            folder = output if output is None or len(model) == 1 else output / file_name(spec.name)
             with progress:
                 result = evaluate(
-                    ModelSpec(spec, options),
+                    spec,
                     benchmark,
                     data,
                     folder,
