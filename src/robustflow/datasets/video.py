@@ -10,10 +10,11 @@ from ..errors import DataError, UsageError
 from ..layout import positive
 from ..sample import Frame, Sample
 from ..video.reader import VideoReader
+from .samples import Samples
 from .section import Place, place
 
 
-class Video:
+class Video(Samples):
     """Pairs of frames `step` apart; keys are frame numbers from "000000". One group, for frames of a video are
     not independent. Implements `Dataset` and `Clips`.
 
