@@ -140,3 +140,24 @@ def test_a_multi_frame_model(tmp_path, monkeypatch, capsys):
     result = rf.Result("run")
     assert result.manifest["identity"]["window"] == {"before": 1, "after": 1, "ends": "repeat"}
     assert result.summary.complete
+
+
+def test_add_your_dataset(tmp_path, monkeypatch, capsys):
+    page = (DOCS / "add-your-dataset.md").read_text()
+    module, check, benchmark = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    commands = re.findall(r"```\n(robustflow run .*?)\n```", page)
+    (tmp_path / "my_data.py").write_text(module + "\n\n" + benchmark)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    exec(compile(check, "add-your-dataset.md", "exec"), {})
+    assert capsys.readouterr().out == "shifted\n"
+    for number, command in enumerate(commands):
+        monkeypatch.setattr(sys, "argv", [*shlex.split(command), "--no-examples", "--output", f"run{number}"])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        assert stop.value.code in (0, None)
+    identity, haze = (rf.load_run(f"run{number}").manifest["identity"] for number in (0, 1))
+    assert (identity["benchmark"], identity["protocol"]["options"]) == ("shifted", {"size": "80"})
+    assert identity["protocol"]["own"]["dataset"] == "my_data:Shifted"
+    assert (haze["benchmark"], haze["dataset"]) == ("haze", "shifted")
+    assert set(rf.load_run("run1").summary.corruptions) == {"fog", "contrast"}

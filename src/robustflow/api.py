@@ -155,9 +155,10 @@ def evaluate(
     ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
+    from .runner.default_folder import default_folder, warn_of_edited_corruptions
     from .runner.engines.choose import choose_engine
     from .runner.engines.processes import refuse_unguarded_script
-    from .runner.fill import default_folder, fill
+    from .runner.fill import fill
     from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
     from .runs.source import RunSource
@@ -177,7 +178,10 @@ def evaluate(
     )
     setup.model.check_batch_size(batch_size)
     compute = choose_engine(engine, workers, timeout)
-    folder = RunFolder(output if output is not None else default_folder(setup.plan, setup.model.spec))
+    if output is None:
+        output = default_folder(setup.plan, setup.model.spec)
+        warn_of_edited_corruptions(output, setup.plan)
+    folder = RunFolder(output)
     folder.lock()
     try:
         with shown(progress) as listener:

@@ -40,6 +40,23 @@ def locate(
     raise DataError(f"{root}: {state} {wanted}{hint}")
 
 
+def user_path(path: str | Path) -> Path:
+    """A path that a user gave, with `~` as their home folder.
+
+    Raises:
+        DataError: no user of that name, or a name that no file system takes.
+    """
+    try:
+        expanded = Path(path).expanduser()
+        expanded.exists()
+    except RuntimeError as error:
+        raise DataError(f"{path}: no such user's home folder; write the path out") from error
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise DataError(f"{str(path)[:60]}...: not a usable path ({why}); check it") from error
+    return expanded
+
+
 def numbered(folder: Path, pattern: str) -> dict[int, Path]:
     """The files of a folder whose whole name matches `pattern`, by the number in its first group, ascending.
 

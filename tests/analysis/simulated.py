@@ -30,7 +30,7 @@ def rows_of(
             "n_all": PIXELS,
             "n_valid": PIXELS,
             "pred_magnitude_sum": 1.0,
-            "magnitude_sum": 1.0,
+            "magnitude_sum": 50.0 * PIXELS,
             "fl_count": 0,
             "px1_count": 0,
             "px3_count": 0,

@@ -255,7 +255,7 @@ def test_a_constant_shift_is_certain():
     assert line["low"] == pytest.approx(-0.5)
     assert line["p_holm"] < 0.01
     assert line["sentence"].startswith("The average EPE of A is lower than that of B by 0.50 px")
-    assert line["sentence"].endswith("A is better.")
+    assert line["sentence"].endswith("A is more accurate.")
     clean = found.filter(metric="epe", corruption="clean").row(0, named=True)
     assert clean["p"] == 1
 

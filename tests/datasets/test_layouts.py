@@ -66,13 +66,23 @@ def test_kitti_with_one_kind_of_map(tmp_path: Path) -> None:
     assert occ.valid.sum() > noc.valid.sum()
 
 
-@pytest.mark.parametrize(
-    "lost", ["image_2/000001_10.png", "image_2/000001_11.png", "flow_occ/000001_10.png", "flow_noc/000001_10.png"]
-)
+@pytest.mark.parametrize("lost", ["image_2/000001_10.png", "image_2/000001_11.png", "flow_occ/000001_10.png"])
 def test_kitti_never_pairs_the_wrong_files(tmp_path: Path, lost: str) -> None:
     kitti(tmp_path, ["000000", "000001", "000002"])
     (tmp_path / lost).unlink()
     refused("kitti2015", tmp_path, f"{lost}: missing")
+
+
+def test_a_missing_noc_map_costs_only_what_it_holds(tmp_path: Path) -> None:
+    """The paper needs flow_occ alone."""
+    kitti(tmp_path, ["000000", "000001", "000002"])
+    (tmp_path / "flow_noc" / "000001_10.png").unlink()
+    with pytest.warns(UserWarning, match=r"1 of 3 maps are missing \(000001_10.png") as caught:
+        dataset = load_dataset("kitti2015", tmp_path)
+    assert len(caught) == 1
+    samples = [dataset.load(f"{number:06d}") for number in range(3)]
+    assert [sample.occluded is None for sample in samples] == [False, True, False]
+    assert all(sample.meta == {"ground_truth": "occ"} for sample in samples)
 
 
 def test_kitti2012_chooses_colour_or_grey(tmp_path: Path) -> None:

@@ -104,3 +104,28 @@ def test_common_draws_are_another_run_with_the_same_places(package):
     }  # fmt: skip
     assert len(exposed[True]) == 1
     assert len(exposed[False]) == 2
+
+
+def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(package):
+    from rain_module import Rain
+
+    first = rf.evaluate(Still(), corruptions=[Rain(2)], severities=[1])
+    assert rf.evaluate(Still(), corruptions=[Rain(2)], severities=[1, 2]).path == first.path
+    with pytest.warns(
+        UserWarning, match="source of the corruption rain has changed since runs/.* starts apart, in runs/"
+    ):
+        other = rf.evaluate(Still(), corruptions=[Rain(3)], severities=[1])
+    assert other.path != first.path
+    assert set(first.rows["severity"]) == {0, 1, 2}
+
+
+def test_a_run_is_drawn_again_only_with_the_corruption_that_the_user_names(package, monkeypatch, capsys):
+    own = ["--corruptions", "rain_module:Rain"]
+    assert command(monkeypatch, "run", "--model", "dis", "-s", "1", "--no-examples", "--output", "run", *own) == 0
+    forget()
+    monkeypatch.setattr("robustflow.corruptions.own._own", {})
+    assert command(monkeypatch, "examples", "run") == 1
+    assert "name it with --own-corruption MODULE:ATTRIBUTE" in capsys.readouterr().err
+    assert "rain_module" not in sys.modules
+    assert command(monkeypatch, "examples", "run", "--own-corruption", "rain_module:Rain") == 0
+    assert (package / "run" / "examples" / "worst.jpg").is_file()

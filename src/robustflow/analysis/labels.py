@@ -13,7 +13,7 @@ SETTING_LABELS = {
     "OOD": "Out-of-domain (OOD)",
     "ID": "In-domain (ID)",
     "LEAKED": "Trained on the evaluated pairs (LEAKED)",
-    "own": "Own models",
+    "own": "Training not stated",
     "untrained": "Random weights",
 }
 FAMILY_LABELS = {name: name.capitalize() for name in FAMILIES}
@@ -56,6 +56,26 @@ def benchmark_label(benchmark: str) -> str:
     ('KITTI-FC', 'sintel')
     """
     return BENCHMARK_LABELS.get(benchmark, plain(benchmark, 40))
+
+
+def on_benchmark(model: str, benchmark: str) -> str:
+    """A model and what it was measured on, in words; the name may hold the benchmark already.
+
+    >>> on_benchmark("dis", "gopro-fc"), on_benchmark("dis (GoPro-FC)", "gopro-fc")
+    ('dis on GoPro-FC', 'dis on GoPro-FC')
+    """
+    label = benchmark_label(benchmark)
+    return f"{model.removesuffix(f' ({label})')} on {label}"
+
+
+def setting_words(setting: str) -> str:
+    """A setting inside a sentence.
+
+    >>> setting_words("own"), setting_words("ID")
+    ('training not stated', 'ID')
+    """
+    words = {"own": "training not stated", "knowledge": "knowledge-driven", "untrained": "random weights"}
+    return words.get(setting, plain(setting, 40))
 
 
 def short_label(corruption: str) -> str:

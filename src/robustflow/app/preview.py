@@ -23,9 +23,9 @@ from ..metrics.robustness import crer
 from ..metrics.rows import measure
 from ..models import FlowModel
 from ..models.base import predict_checked
-from ..runner.engines.serial import one_opencv_thread
 from ..runs.example_cells import cell_scores
 from ..sample import Flow, Frame, Sample
+from ..threads import one_opencv_thread
 from .choices import Models
 from .pairs import SourceStore
 

@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.types import Message
 
 from ..datasets.pairs import read_frames
-from ..datasets.video import VIDEO_SUFFIXES
+from ..datasets.suffixes import VIDEO_SUFFIXES
 from ..errors import DataError, RobustFlowError, UsageError
 from ..flowio import read_flow
 from ..images.io import IMAGE_SUFFIXES, stored_size

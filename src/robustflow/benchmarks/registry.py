@@ -6,11 +6,15 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..datasets import DATASETS, dataset_facts
+from ..datasets.suffixes import VIDEO_SUFFIXES
 from ..errors import UsageError, unknown_name
+from ..layout import user_path
 from ..registry import Registry
+from ..target import is_target
 from .base import Benchmark
 from .dataset import from_dataset
 from .facts import BenchmarkFacts, facts_of_dataset
+from .own import own_benchmark, own_dataset_benchmark
 
 
 class Definition(Protocol):
@@ -36,6 +40,9 @@ class Definition(Protocol):
         """
 
 
+DEFAULT = "demo"
+"""The benchmark where none is named."""
+
 BENCHMARKS: Registry[Definition] = Registry("benchmark", entry_point_group="robustflow.benchmarks")
 BENCHMARKS.add("demo", "robustflow.benchmarks.demo:Demo")
 BENCHMARKS.add("kitti-fc", "robustflow.benchmarks.kitti_fc:KittiFC")
@@ -51,8 +58,10 @@ def load_benchmark(
     """A benchmark by name.
 
     Args:
-        name: "demo", "kitti-fc", "gopro-fc", or any data set: "folder" (your own frames or video), "sintel", ...
-        data: the folder that holds its samples (for "folder" and "gopro-fc" also a video file); "demo" needs none.
+        name: "demo", "kitti-fc", "gopro-fc", any data set: "folder" (your own frames or video), "sintel", ...; or your
+            own as `module.path:Attribute`.
+        data: the folder that holds its samples (for "folder" and "gopro-fc" also a video file); "demo" needs none. With
+            the default "demo", a video file is read as "folder", and `module.path:Attribute` is your own data set.
         split: a file naming the samples to evaluate, one key a line; or "drive-disjoint", of KITTI 2015.
         options: of a data set, for example {"render_pass": "final"} for Sintel.
 
@@ -63,12 +72,23 @@ def load_benchmark(
     >>> load_benchmark("demo").keys
     ('motorcycle',)
     """
-    root = Path(data).expanduser() if data is not None else None
     chosen = Path(split).expanduser() if split is not None else None
+    reserved = [*BENCHMARKS.names(), *DATASETS.names()]
+    if data is not None and is_target(str(data)) and not Path(data).exists():
+        if name != DEFAULT:
+            raise UsageError(f"{data} is a data set of its own; leave out --benchmark, or give {name} its folder")
+        return own_dataset_benchmark(str(data), chosen, options or {}, reserved)
+    root = user_path(data) if data is not None else None
+    if name == DEFAULT and root is not None and root.suffix.lower() in VIDEO_SUFFIXES and root.is_file():
+        name = "folder"
+    if is_target(name):
+        if options:
+            raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
+        return own_benchmark(name, root, chosen, reserved)
     if name not in BENCHMARKS.names():
         if name in DATASETS.names():
             return from_dataset(name, root, chosen, options or {})
-        raise unknown_name("benchmark", name, [*BENCHMARKS.names(), *DATASETS.names()])
+        raise unknown_name("benchmark", name, reserved)
     if options:
         raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
     return BENCHMARKS.get(name).open(root, chosen)

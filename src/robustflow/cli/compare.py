@@ -30,8 +30,8 @@ def compare(
     """Say whether models differ, image by image, with intervals and corrected p-values.
 
     Two runs are compared in a table: overall in every metric, and under each corruption in one (CRE by default, RCRE
-    without ground truth); bold is better by more than chance. More than two are ranked, with
-    the ranks that the tests leave each, and compared pairwise in the average of one metric: a sentence each on the
+    without ground truth); bold is lower by more than chance. More than two are ranked, with the
+    ranks that the tests leave each, and compared pairwise in the average of one metric: a sentence each on the
     terminal, a line each in the other formats.
 
     Runs of one model with several seeds are split into what images, seeds and severities contribute to the spread; runs
@@ -46,6 +46,7 @@ def compare(
     from ..analysis.labels import METRIC_LABELS
     from ..analysis.scores import run_names
     from ..analysis.uncertainty import compare_all, standings
+    from ..analysis.uncertainty.paired import common_remark
     from ..analysis.uncertainty.sums import METRICS
     from ..atomic import write_bytes
     from ..errors import RunError, UsageError, unknown_name
@@ -81,6 +82,7 @@ def compare(
         table = comparison.frame if metric is None else comparison.frame.filter(metric=metric)
     else:
         rows = dict(zip(run_names(found), (run.rows for run in found), strict=True))
+        note = common_remark(rows)
         table = compare_all(rows, chosen, level=level, resamples=resamples, seed=seed)
         if table.is_empty():
             label = METRIC_LABELS[chosen]
@@ -93,9 +95,10 @@ def compare(
         text = for_stdout(shown) if on_screen else render(shown, format)
     elif format == "terminal":
         ranking = for_stdout(standings_table(standings(table, list(rows)), chosen)) if _every_pair(table, rows) else ""
-        text = ranking + "".join(f"{plain(sentence, None)}\n" for sentence in table["sentence"])
+        sentences = (*table["sentence"], *filter(None, [note]))
+        text = ranking + "".join(f"{plain(sentence, None)}\n" for sentence in sentences)
     else:
-        text = render(pairs_table(table), format)
+        text = render(pairs_table(table, note), format)
     if output is None:
         typer.echo(text, nl=False)
     else:

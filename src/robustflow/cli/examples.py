@@ -13,10 +13,12 @@ from .options import (
     DataOptions,
     Device,
     ModelOptions,
+    OwnCorruptions,
     Precision,
     PsfDir,
     keyword_options,
     model_options,
+    use_own_corruptions,
     use_psf_dir,
 )
 
@@ -36,6 +38,7 @@ def examples(
     device: Device = None,
     precision: Precision = None,
     option: ModelOptions = None,
+    own_corruption: OwnCorruptions = None,
     psf_dir: PsfDir = None,
 ) -> None:
     """Draw the worst and the median sample of a run: frames, corrupted frames, flows and the map of errors.
@@ -62,6 +65,7 @@ def examples(
     from ..runs.store import RunFolder
 
     use_psf_dir(psf_dir)
+    use_own_corruptions(own_corruption)
     result = Run(run)
     cell = (sample, corruption, severity)
     if any(part is not None for part in cell) and None in cell:

@@ -45,6 +45,14 @@ Split = Annotated[
         help="File naming the pairs to use, one a line, instead of the built-in split; or drive-disjoint (KITTI 2015)."
     ),
 ]
+OwnCorruptions = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--own-corruption",
+        metavar="MODULE:ATTRIBUTE",
+        help="A corruption of your own that the run has; nothing is imported because a run names it.",
+    ),
+]
 Corruptions = Annotated[
     str | None,
     typer.Option(
@@ -87,6 +95,18 @@ SeverityScale = Annotated[
         help="paper, or calibrated: the same mean SSIM for every corruption (see robustflow calibrate).",
     ),
 ]
+
+
+def use_own_corruptions(targets: list[str] | None) -> None:
+    """Import corruptions of the user's own, so that runs with them can be made again.
+
+    Raises:
+        UsageError: one cannot be imported, or is not a corruption.
+    """
+    from ..corruptions.api import corruption_name
+
+    for target in targets or []:
+        corruption_name(target)
 
 
 def use_psf_dir(folder: Path | None) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from ..errors import UsageError
+from ..text import counted
 
 prepare = typer.Typer(help="Make a benchmark's data from recordings.", no_args_is_help=True)
 
@@ -71,7 +72,8 @@ def gopro_fc(
     with VideoProgress() as progress:
         clips = prepare_folder(sources, output, settings, workers, limit, progress)
     pairs = sum(len(clip.pairs) for clip in clips)
-    typer.echo(f"{output}: {len(clips)} clips, {pairs} pairs; now: robustflow run --benchmark gopro-fc --data {output}")
+    made = f"{counted(len(clips), 'clip')}, {counted(pairs, 'pair')}"
+    typer.echo(f"{output}: {made}; now: robustflow run --benchmark gopro-fc --data {output}")
 
 
 def _rate(text: str | None) -> Fraction | None:

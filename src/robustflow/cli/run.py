@@ -91,13 +91,8 @@ def run(
       robustflow run --model dis --seeds 3 --output runs/dis && robustflow compare runs/dis/seed*
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
-    from ..api import Result, evaluate
     from ..models import ModelSpec
-    from ..runner.progress import TerminalProgress
-    from ..text import file_name
-    from .tables import print_result, print_results
 
-    use_psf_dir(psf_dir)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision, trained_on=trained_on)
     if len(set(model)) < len(model):
@@ -106,16 +101,25 @@ def run(
         raise UsageError("--name is for one model; leave it out, or run the models one by one")
     if seeds < 1:
         raise UsageError(f"--seeds {seeds}: give 1 or more")
+    specs = [ModelSpec(each, options) for each in model]
+    for spec in specs:
+        spec.refuse_early()  # before the imports below, which take seconds
+    use_psf_dir(psf_dir)
+    from ..api import Result, evaluate
+    from ..runner.progress import TerminalProgress
+    from ..text import file_name
+    from .tables import print_result, print_results
+
     results: list[Result] = []
     progress = TerminalProgress()
     try:
-        for spec in model:
-            of_model = output if output is None or len(model) == 1 else output / file_name(spec)
+        for spec in specs:
+            of_model = output if output is None or len(model) == 1 else output / file_name(spec.name)
             for number in range(seed, seed + seeds):
                 folder = of_model if of_model is None or seeds == 1 else of_model / f"seed{number}"
                 with progress:
                     result = evaluate(
-                        ModelSpec(spec, options),
+                        spec,
                         benchmark,
                         data,
                         folder,

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import UsageError
-from .options import Checkpoint, DataOptions, Device, ModelOptions, keyword_options, model_options
+from .options import (
+    Checkpoint,
+    DataOptions,
+    Device,
+    ModelOptions,
+    OwnCorruptions,
+    keyword_options,
+    model_options,
+    use_own_corruptions,
+)
 
 if TYPE_CHECKING:
     from ..models import ModelSpec
@@ -36,6 +45,7 @@ def verify(
         int | None, typer.Option("--check-frames", metavar="N", help="Rows to compare with data or model [20].")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Which rows these are; new ones each time by default.")] = None,
+    own_corruption: OwnCorruptions = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Check records: the file, hashes, what was planned, the rows, and every mean recomputed from them.
@@ -57,6 +67,7 @@ def verify(
 
     if model is None and (checkpoint is not None or device is not None or option):
         raise UsageError("--checkpoint, --device and -O belong to a model: name it with --model")
+    use_own_corruptions(own_corruption)
     spec = None if model is None else ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device))
     rows = _Rows(data, dict(keyword_options(data_option)), 20 if check_frames is None else check_frames, seed)
     frames = rows.compare if data is not None or check_frames is not None or spec is not None else None

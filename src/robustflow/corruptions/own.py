@@ -133,17 +133,17 @@ def adopt_target(target: str) -> str:
     if "" not in sys.path and not any(place == _here() for place in sys.path):
         sys.path.insert(0, _here())  # a console script does not see the user's folder; `python -m` would
     try:
-        found: Any = import_module(module_name)
+        value: Any = import_module(module_name)
     except (Exception, SystemExit) as error:
         raise UsageError(
             f"cannot import '{module_name}' for corruption '{target}': {type(error).__name__}: {error}; "
             "run from the folder that holds it, or install its package"
         ) from error
     for part in attribute.split("."):
-        if not hasattr(found, part):
-            raise unknown_name(f"attribute of {module_name}", part, [key for key in vars(found) if key[0] != "_"])
-        found = getattr(found, part)
-    return adopt(found)
+        if not hasattr(value, part):
+            raise unknown_name(f"attribute of {module_name}", part, [key for key in vars(value) if key[0] != "_"])
+        value = getattr(value, part)
+    return adopt(value)
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:

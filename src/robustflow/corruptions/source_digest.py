@@ -35,8 +35,8 @@ def source_digest(made: Any) -> str:
     for text in sorted(_sources(kind)):
         digest.update(hashlib.sha256(text).digest())
     if not inspect.isclass(made):
-        said = getattr(made, "source", "")
-        state = said if isinstance(said, str) and said else {k: v for k, v in vars(made).items() if k != "variant"}
+        named = getattr(made, "source", "")
+        state = named if isinstance(named, str) and named else {k: v for k, v in vars(made).items() if k != "variant"}
         digest.update(_spell(state, f"{kind.__name__}").encode())
     digest.update(kind.__qualname__.encode())
     return digest.hexdigest()

@@ -30,7 +30,7 @@ def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[st
     """
     sources = {kind.source_key: load_corruption(kind.name, variant).source for kind in _kinds_with_sources()}
     parts = {part for name in names for part, _ in split_stack(name)}
-    own = {part: found.source for part in sorted(parts) if (found := own_corruption(part, variant)) is not None}
+    own = {part: one.source for part in sorted(parts) if (one := own_corruption(part, variant)) is not None}
     return {key: source for key, source in sources.items() if source} | ({OWN: own} if own else {})
 
 

@@ -14,7 +14,8 @@ from ..images.io import IMAGE_SUFFIXES, image_size
 from ..layout import folders, positive
 from .facts import DatasetFacts, described
 from .pairs import Pair, PairDataset
-from .video import VIDEO_SUFFIXES, Video
+from .suffixes import VIDEO_SUFFIXES
+from .video import Video
 
 FACTS = DatasetFacts(
     title="Your own frames",

@@ -6,6 +6,7 @@
 
 `flow_occ` is the ground truth, and a pixel with flow there but none in `flow_noc` is occluded. A folder that holds
 only `flow_noc` is read with that as ground truth and without occlusion maps; the two are never mixed within a run.
+Where a map of `flow_noc` is missing beside one of `flow_occ`, the pair has no occlusion map.
 (In 2015 both maps hold the same vectors. In 2012 they differ by up to some pixels, as they were filled in separately.)
 
 The group of a pair is the drive it was taken from (`kitti_drives.py`).
@@ -17,6 +18,7 @@ Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -138,14 +140,23 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, Pair]:
             "ground truth can be measured as dataset 'folder'"
         )
     keys = {key for source in (folder / images, truth) for key in _firsts(source)}
-    groups, pairs = drive_groups(dataset), {}
+    groups, pairs, missing = drive_groups(dataset), {}, list[str]()
     for key in keys:
         first, flow = folder / images / f"{key}_10.png", truth / f"{key}_10.png"
         partner(first, flow)
         second = partner(folder / images / f"{key}_11.png", first)
         partner(flow, first)
-        hidden = partner(noc / flow.name, flow) if occ and noc else None
-        pairs[key] = Pair((first, second), flow, hidden, group=groups.get(key, ""))
+        visible = noc / flow.name if occ and noc else None
+        if visible is not None and not visible.is_file():
+            missing.append(visible.name)
+            visible = None
+        pairs[key] = Pair((first, second), flow, visible, group=groups.get(key, ""))
+    if missing:
+        warnings.warn(
+            f"{noc}: {len(missing)} of {len(keys)} maps are missing ({min(missing)}, ...); errors on visible and on "
+            "occluded pixels are left empty for these pairs, all else is measured",
+            stacklevel=3,
+        )
     return pairs
 
 

@@ -11,8 +11,6 @@ from ..layout import positive
 from ..sample import Frame, Sample
 from ..video.reader import VideoReader
 
-VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".mpg", ".mpeg", ".ts")
-
 
 class Video:
     """Pairs of frames `step` apart; keys are frame numbers from "000000". One group, for frames of a video are

@@ -27,7 +27,7 @@ def cre(epe: float | None, epe_clean: float | None) -> float | None:
 
 
 def crer(cre: float | None, epe_clean: float | None) -> float | None:
-    """Corruption Robustness Error ratio. None where it is not defined: no CRE, or a clean error of (nearly) 0.
+    """Corruption Robustness Error ratio. None where it is not defined: no CRE, or a clean error of exactly 0.
 
     >>> crer(0.5, 2.0)
     0.25

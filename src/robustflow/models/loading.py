@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import sys
 from collections.abc import Callable, Mapping
@@ -11,10 +10,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from ..digest import digest_of_bytes
 from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..registry import Registry
 from ..sample import Flow, Frame
 from .base import AnyModel, model_identity
+from .early import refuse_early
 from .own.networks import OWN
 from .provenance import DECLARED
 from .tiling import tiled
@@ -124,6 +125,10 @@ class ModelSpec:
         """Load the model; every call makes a new one."""
         return load_model(self.name, **{key: value for key, value in self.options if key != DECLARED})
 
+    def refuse_early(self) -> None:
+        """Say what is missing without importing the libraries that would read it; see `early`."""
+        refuse_early(self.name, dict(self.options), EXPORTED)
+
     @property
     def is_own(self) -> bool:
         """Whether it names the user's own code, `module.path:Attribute`."""
@@ -140,7 +145,7 @@ class ModelSpec:
         module = sys.modules.get(self.name.partition(":")[0]) if users else None
         if module is not None and module.__file__:
             source = Path(module.__file__).read_bytes()
-            identity |= {"spec": self.name, "source": hashlib.blake2b(source, digest_size=16).hexdigest()}
+            identity |= {"spec": self.name, "source": digest_of_bytes(source)}
         return identity
 
 

@@ -6,8 +6,6 @@ run on one OpenCV thread, which makes the flow the same on every machine.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import cv2
@@ -15,17 +13,8 @@ import numpy as np
 
 from ..errors import ModelError, UsageError, unknown_name
 from ..sample import Flow, Frame
+from ..threads import one_opencv_thread
 from .option_checks import check_count
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        yield
-    finally:
-        cv2.setNumThreads(before)
 
 
 class Farneback:
@@ -83,7 +72,7 @@ class Farneback:
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         """See `FlowModel.predict`."""
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
-        with _one_thread():
+        with one_opencv_thread():
             flow = cv2.calcOpticalFlowFarneback(grey1, grey2, None, flags=0, **self._parameters)
         return np.asarray(flow, np.float32)
 
@@ -121,7 +110,7 @@ class Dis:
                 f"dis needs frames of 8x12 pixels or more, not {height}x{width}; give larger ones, or model dis_rgb"
             )
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
-        with _one_thread():
+        with one_opencv_thread():
             # A fresh object per pair: DIS keeps the last flow as a starting point otherwise.
             method = cv2.DISOpticalFlow.create(self.PRESETS.index(self._preset))
             flow = method.calc(grey1, grey2, None)

@@ -34,13 +34,13 @@ def find_stack(folder: Path, rms: float) -> Path:
     """
     if not folder.is_dir():
         raise AssetError(f"the PSF folder {folder} does not exist; give the folder with the reference's .pth files")
-    found = sorted(folder.glob(f"*rms{rms:.4f}*.pth"))
-    if len(found) != 1:
+    files = sorted(folder.glob(f"*rms{rms:.4f}*.pth"))
+    if len(files) != 1:
         raise AssetError(
-            f"{folder} holds {len(found)} files named *rms{rms:.4f}*.pth, one is needed; "
+            f"{folder} holds {len(files)} files named *rms{rms:.4f}*.pth, one is needed; "
             "give the folder with the five PSF stacks of the reference code"
         )
-    return found[0]
+    return files[0]
 
 
 def reference_field(folder: str | Path, rms: float) -> PsfField:

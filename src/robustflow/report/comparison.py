@@ -11,7 +11,7 @@ from ..analysis.labels import METRIC_LABELS, long_label, metric_label
 from ..analysis.scores import run_names
 from ..analysis.uncertainty import compare as compare_rows
 from ..analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
-from ..analysis.uncertainty.paired import common_rows
+from ..analysis.uncertainty.paired import common_remark
 from ..analysis.uncertainty.sentences import p_text
 from ..analysis.uncertainty.sums import AVERAGE, CLEAN, METRICS
 from ..errors import unknown_name
@@ -28,7 +28,7 @@ _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "h
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
-    """Two runs over the same frames, first minus second: below 0 the first is better.
+    """Two runs over the same frames, first minus second: below 0 the first has the lower value.
 
     Attributes:
         names: of the two runs.
@@ -118,25 +118,26 @@ class Comparison:
         return render(self.table(), "html")
 
 
-def pairs_table(frame: pl.DataFrame) -> Table:
+def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
     """Every two of many models, for `robustflow.report.render`.
 
     Args:
         frame: from `robustflow.analysis.uncertainty.compare_all`, of one metric, not empty.
+        note: what was left out, "" for nothing.
     """
     metric = frame["metric"][0]
     lines = [
         Line(f"{plain(row['first'])} against {plain(row['second'])}", _cells(row, row["level"]))
         for row in frame.iter_rows(named=True)
     ]
-    remark = f"p is corrected for {len(lines)} comparisons; bold is better by more than chance."
+    remark = f"p is corrected for {len(lines)} comparisons; bold is lower by more than chance."
     columns = tuple(map(Column, ("first", "second", *_DIFFERENCE)))
     return Table(
         "pairs",
         "Every two models",
         columns,
         (Section(f"Average {metric_label(metric)}", tuple(lines)),),
-        (remark,),
+        tuple(filter(None, (remark, note))),
         "Models",
     )
 
@@ -175,10 +176,4 @@ def compare(first: Run, second: Run, *, level: float = LEVEL, resamples: int = R
     first_name, second_name = run_names([first, second])
     names = (first_name, second_name)
     frame = compare_rows(first.rows, second.rows, names, level=level, resamples=resamples, seed=seed)
-    common = common_rows(first.rows, second.rows, names)[0].height
-    counts = [run.rows.height for run in (first, second)]
-    remark = (
-        f"Compared is what both measured: {common} of the {counts[0]} settings of {names[0]} (clean frames among them) "
-        f"and of the {counts[1]} of {names[1]}."
-    )
-    return Comparison(names, frame, remark if common < max(counts) else "")
+    return Comparison(names, frame, common_remark({first_name: first.rows, second_name: second.rows}))

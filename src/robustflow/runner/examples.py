@@ -24,7 +24,7 @@ from ..runs.example_record import FOLDER, RECORD, are_current, drop_examples, ex
 from ..runs.plan import Cell
 from ..runs.run import Run
 from ..sample import Frame
-from .engines.serial import one_opencv_thread
+from ..threads import one_opencv_thread
 from .setup import Setup
 from .worker import View, Worker
 

@@ -5,15 +5,12 @@ from __future__ import annotations
 import time
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 from ..datasets.base import FromClips
 from ..metrics.rows import CLEAN
-from ..models import ModelSpec
 from ..runs.manifest import now, open_manifest
-from ..runs.plan import Plan, unfinished_samples
+from ..runs.plan import unfinished_samples
 from ..runs.store import RunFolder
-from ..text import file_name
 from .engines.base import Job
 from .engines.choose import Engine
 from .kept_rows import kept_clean_rows
@@ -38,6 +35,7 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     """
     plan, named = setup.plan, setup.model
     job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
+    before = folder.manifest()
     manifest = open_manifest(folder, plan)
     cells = folder.tidy()
     check_before_resuming(folder, job, plan)
@@ -58,13 +56,11 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
             seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
         progress.advance(done)
     folder.pack()
+    if not units and before is not None and before["finished"] is not None:
+        since = {name: before[name] for name in ("finished", "seconds", "environment")}
+        folder.write_manifest({**manifest, **since, **({"clips": before["clips"]} if "clips" in before else {})})
+        return
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
     if isinstance(job.dataset, FromClips):
         manifest["clips"] = job.dataset.clip_records()
     folder.write_manifest({**manifest, "seconds": seconds, "finished": now()})
-
-
-def default_folder(plan: Plan, spec: ModelSpec | None) -> Path:
-    """Where a run goes that is given no folder: `runs/<benchmark>_<model>_<identity>`."""
-    name = spec.name if spec is not None else plan.model_identity.get("name", "model")
-    return Path("runs") / f"{plan.benchmark.name}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"

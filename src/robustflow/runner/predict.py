@@ -24,10 +24,10 @@ from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
 from ..runs.plan import RunOptions
 from ..sample import Frame
+from ..threads import one_opencv_thread
 from ..video.clip import write_clip
 from ..video.codec import crf
 from ..video.colour import I420, rgb_to_i420
-from .engines.serial import one_opencv_thread
 from .named_model import name_model
 from .worker import Worker
 

@@ -21,6 +21,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bar
 
+from ..text import counted
 from .engines.base import FinishedUnit
 
 LINE_EVERY_S = 10.0
@@ -91,7 +92,11 @@ class TerminalProgress:
         self._folder, self._total, self._finished, self._found = folder, total, found, found
         self._started = self._last_line = time.monotonic()
         kept = f", {found} of them already there" if found else ""
-        self._console.print(f"{folder}: {total} units{kept}", highlight=False, soft_wrap=True)
+        self._console.print(
+            f"{folder}: {counted(total, 'step')} (a pair under one corruption each){kept}",
+            highlight=False,
+            soft_wrap=True,
+        )
         if self._console.is_terminal or (self._console.is_jupyter and find_spec("ipywidgets") is not None):
             columns = (
                 BarColumn(),
@@ -125,4 +130,4 @@ class TerminalProgress:
         """What a stopped run leaves behind, as a sentence."""
         if self._folder is None:
             return "nothing had begun."
-        return f"{self._finished} of {self._total} units are kept in {self._folder}."
+        return f"{self._finished} of {counted(self._total, 'step')} are kept in {self._folder}."

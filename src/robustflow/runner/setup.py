@@ -177,7 +177,10 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
     own = [str(name) for name in identity.get(OWN, {})]
     for name in own:
         if not is_known(name):
-            raise RunError(f"the run's corruption '{name}' is not known here; install the package that brings it")
+            raise RunError(
+                f"the run's corruption '{plain(name)}' is your own or an installed package's, and not "
+                "known here: name it with --own-corruption MODULE:ATTRIBUTE, or install its package"
+            )
     common_draws = bool(identity.get("common_draws", False))
     return _options(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window, own, common_draws)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from ..corruptions.base import Corruption
 from ..corruptions.own import adopt
 from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..datasets.context_frames import ContextFrames
+from ..digest import digest_of_bytes
 from ..errors import DataError, ModelError
 from ..metrics.regions import Regions
 from ..metrics.rows import CLEAN, measure
@@ -234,8 +234,4 @@ class Worker:
 
 def frames_digest(frames: tuple[Frame, ...]) -> str:
     """32 hexadecimal digits that name the exact bytes of some frames."""
-    digest = hashlib.blake2b(digest_size=16)
-    for frame in frames:
-        digest.update(str(frame.shape).encode())
-        digest.update(frame.tobytes())
-    return digest.hexdigest()
+    return digest_of_bytes(*(part for frame in frames for part in (str(frame.shape).encode(), frame.tobytes())))

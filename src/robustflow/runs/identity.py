@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..corruptions.sources import OWN
 from ..digest import digest_of_value
 from ..errors import UsageError
 
@@ -28,6 +29,32 @@ def differing(now: dict[str, Any], before: dict[str, Any]) -> str:
     """
     names = sorted(key for key in now.keys() | before.keys() if now.get(key) != before.get(key))
     return ", ".join(names) or "identity"
+
+
+def describe_difference(now: dict[str, Any], before: dict[str, Any]) -> str:
+    """In what two identities differ, in words; corruptions of the user's own by name.
+
+    >>> describe_difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0, "corruptions": {"rain": "a"}})
+    'the source of the corruption rain has changed since'
+    >>> describe_difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0})
+    'it was begun without your corruption rain'
+    """
+    parts = differing(now, before)
+    if parts != OWN:
+        return f"it differs in: {parts}"
+    if edited := edited_corruptions(now, before):
+        return f"the source of the corruption {', '.join(edited)} has changed since"
+    if added := [name for name in now.get(OWN, {}) if name not in before.get(OWN, {})]:
+        return f"it was begun without your corruption {', '.join(added)}"
+    return f"it was begun with the corruption {', '.join(map(str, before[OWN]))} besides"
+
+
+def edited_corruptions(now: dict[str, Any], before: dict[str, Any]) -> list[str]:
+    """The user's corruptions whose source differs between two identities; none where anything else differs too."""
+    mine, recorded = now.get(OWN, {}), before.get(OWN, {})
+    if differing(now, before) != OWN or not isinstance(recorded, dict):
+        return []
+    return [name for name in mine if name in recorded and mine[name] != recorded[name]]
 
 
 def checked_name(name: str) -> str:

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from ..benchmarks.setting import manifest_provenance
-from ..corruptions.sources import OWN
 from ..datasets.base import Clips
 from ..datasets.context_frames import ContextFrames
 from ..errors import RunError
 from .environment import environment
 from .file_digests import file_digests
-from .identity import differing, identity_digest
+from .identity import describe_difference, identity_digest
 from .plan import Plan
 from .store import RunFolder
 
@@ -37,7 +36,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
         old = {}
     if old and old["identity_digest"] != identity_digest(identity):
         raise RunError(
-            f"{folder.path} holds another run ({_difference(identity, old['identity'])}); "
+            f"{folder.path} holds another run ({describe_difference(identity, old['identity'])}); "
             "choose another folder with --output"
         )
     files = {key: _files(plan, key) for key in plan.benchmark.keys}
@@ -80,25 +79,6 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
         "seconds": old.get("seconds", {}),
         "environment": environment(),
     }
-
-
-def _difference(now: dict[str, Any], before: dict[str, Any]) -> str:
-    """In what two identities differ, in words; corruptions of the user's own by name.
-
-    >>> _difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0, "corruptions": {"rain": "a"}})
-    'the source of the corruption rain has changed since'
-    >>> _difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0})
-    'it was begun without your corruption rain'
-    """
-    parts = differing(now, before)
-    if parts != OWN:
-        return f"it differs in: {parts}"
-    mine, recorded = now.get(OWN, {}), before.get(OWN, {})
-    if edited := [name for name in mine if name in recorded and mine[name] != recorded[name]]:
-        return f"the source of the corruption {', '.join(edited)} has changed since"
-    if added := [name for name in mine if name not in recorded]:
-        return f"it was begun without your corruption {', '.join(added)}"
-    return f"it was begun with the corruption {', '.join(map(str, recorded))} besides"
 
 
 def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -17,8 +18,11 @@ from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
 from ..text import plain
 from .aggregate import summarize
+from .made_from import is_current, made_from, note_made
 from .plan import Cell, planned_cells
 from .store import RunFolder
+
+SUMMARY = "summary.json"
 
 
 class Run:
@@ -46,10 +50,17 @@ class Run:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
         return with_groups(complete_rows(self._folder.rows()), str(self.manifest["identity"]["dataset"]))
 
+    def release_rows(self) -> None:
+        """Let go of the rows in memory; they are read again when they are asked for."""
+        self.__dict__.pop("rows", None)
+
     @cached_property
     def summary(self) -> Summary:
-        """Means over the corruptions of this run, the paper's beside them, and where they are incomplete."""
-        return self.summarize("image")
+        """Means over the corruptions of this run, the paper's beside them, and where they are incomplete.
+
+        Read from `summary.json` where it was made from these rows, else computed.
+        """
+        return self._kept_means() or self._means
 
     def summarize(self, averaging: Averaging = "image", over: Literal["all", "paper"] = "all") -> Summary:
         """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel"); `over` as for
@@ -110,10 +121,11 @@ class Run:
 
     def document(self, over: Literal["all", "paper"] = "all") -> dict[str, Any]:
         """What `summary.json` holds: means by the paper's averaging, the pooled ones, which run, and its setting.
+        Always computed from the rows.
 
         `over` as for `summarize`.
         """
-        means = self.summary if over == "all" else self.summarize(over=over)
+        means = self._means if over == "all" else self.summarize(over=over)
         return {
             **means.model_dump(),
             "pooled": self.summarize("pixel", over).model_dump(),
@@ -126,8 +138,27 @@ class Run:
         return "\n".join(_lines(self))
 
     def write_means(self) -> None:
-        """Write `summary.json`."""
-        write_json(self.path / "summary.json", self.document())
+        """Write `summary.json`, unless the one that is there was made from these rows."""
+        if not is_current(self.path, SUMMARY, self._made_from):
+            write_json(self.path / SUMMARY, self.document())
+            note_made(self.path, SUMMARY, self._made_from)
+
+    @cached_property
+    def _means(self) -> Summary:
+        return self.summarize("image")
+
+    @cached_property
+    def _made_from(self) -> str:
+        return made_from(self.path, self.rows, beside=False)
+
+    def _kept_means(self) -> Summary | None:
+        if not is_current(self.path, SUMMARY, self._made_from):
+            return None
+        try:
+            document = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
+            return Summary.model_validate({name: document[name] for name in Summary.model_fields})
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            return None
 
     def planned(self) -> list[Cell]:
         """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""

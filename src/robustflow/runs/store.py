@@ -108,7 +108,7 @@ class RunFolder:
         name = _slug(key)
         shards = list_shards(self.rows_folder)
         mine = [path for path in shards if name_of(path) == name or name_of(path).startswith(f"{name}.")]
-        if len(mine) > 1:
+        if [name_of(path) for path in mine] != [name]:
             merge_shards(mine, name)
         self.clean_path(key).unlink(missing_ok=True)
         self.pack(_MANY_SHARDS)

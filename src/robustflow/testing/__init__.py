@@ -7,10 +7,24 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .corruptions import check_corruption
+    from .datasets import check_dataset
+    from .models import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroFlow, check_model
 
-_WHERE = {"check_corruption": "corruptions"}
+_WHERE = {
+    "check_corruption": "corruptions",
+    "check_dataset": "datasets",
+    **dict.fromkeys(("check_model", "BrightnessFlow", "ConstantFlow", "ShiftedTruth", "ZeroFlow"), "models"),
+}
 
-__all__ = ["check_corruption"]
+__all__ = [
+    "BrightnessFlow",
+    "ConstantFlow",
+    "ShiftedTruth",
+    "ZeroFlow",
+    "check_corruption",
+    "check_dataset",
+    "check_model",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -17,6 +17,7 @@ from numba import njit
 
 from ..errors import UsageError
 from ..sample import Frame
+from ..threads import one_opencv_thread
 
 Field = npt.NDArray[np.float32]
 
@@ -51,14 +52,10 @@ class FlowInterpolator:
 
 def _dis(first: Frame, second: Frame) -> Field:
     """Flow by DIS on grey frames, float32 (H, W, 2)."""
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(1)  # its patch search runs in stripes, one per thread, and differs with their number
-    try:
+    with one_opencv_thread():
         grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (first, second)]
         solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
         return np.asarray(solver.calc(grey[0], grey[1], None), np.float32)
-    finally:
-        cv2.setNumThreads(threads)
 
 
 @njit(cache=True, nogil=True)

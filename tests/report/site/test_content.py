@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import polars as pl
 import pytest
 
 from robustflow.analysis.results import parse_results
@@ -48,8 +49,22 @@ def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
         assert low < entry.numbers["cre", "average"] < high
     best = headline(content)
     assert "A has the lowest CRE" in best[0]
-    assert "A is better" in best[1]
+    assert "A changes less under corruption and is as accurate on clean frames." in best[1]
+    assert "clean EPE" in best[0]
     assert "p < 0.001" in best[1]
+
+
+def test_no_useless_model_is_crowned(many_images, monkeypatch):
+    """A model whose error is that of zero flow has the lowest CRE, for it can hardly get worse."""
+    useless, sound = many_images("Blind", 1.0, seed=3), many_images("Sound", 1.5)
+    rows = useless.rows.with_columns(magnitude_sum=pl.lit(0.0), rcre_all_sum=pl.lit(0.0))
+    monkeypatch.setitem(useless.__dict__, "rows", rows)
+    sentences = headline(whole_content([useless, sound], published=False))
+    assert not any("Blind has the lowest" in sentence for sentence in sentences)
+    assert sentences[0].startswith("Sound on ")
+    (reason,) = (sentence for sentence in sentences if sentence.startswith("Not ranked: Blind, because"))
+    assert "of zero flow" in reason
+    assert "hardly depends on the frames" in reason
 
 
 def test_the_best_two_of_many_are_corrected_for_having_been_chosen(many_images):
@@ -113,7 +128,7 @@ def test_a_run_that_measured_nothing_is_still_the_page_of_that_run(tmp_path):
     assert (board.benchmark, board.count, board.columns) == ("demo", 1, ())
     text = (run.path / "report.html").read_text()
     assert "predicted pixels were NaN or infinite" in text
-    assert 'data-primary aria-labelledby="title-blind"' in text
+    assert 'id="primary" data-page="blind"' in text
 
 
 def test_no_results_at_all_say_so():

@@ -19,7 +19,7 @@ from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap
 from .holm import holm
 from .intervals import Key, statistics_of
 from .sentences import difference_sentence
-from .sums import AVERAGE, ClusterSums
+from .sums import AVERAGE, CLEAN, ClusterSums
 
 COMPARISON_SCHEMA: dict[str, Any] = {
     "first": pl.String,
@@ -39,7 +39,7 @@ COMPARISON_SCHEMA: dict[str, Any] = {
     "level": pl.Float64,
     "sentence": pl.String,
 }
-"""`difference` is first minus second: below 0 the first is better. `p_holm` is corrected over `comparisons`."""
+"""`difference` is first minus second: below 0 the first is lower. `p_holm` is corrected over `comparisons`."""
 
 
 def compare(
@@ -67,6 +67,7 @@ def compare(
         RunError: nothing in common, or other frames under the same names (another seed, variant or data).
     """
     sums = tuple(ClusterSums.of(rows) for rows in common_rows(first, second, names))
+    gap = _clean_gap(sums)
     found = _differences(sums, statistics_of(sums[0]), level, resamples, seed)
     by_metric: dict[str, list[Key]] = {}
     for key in found:
@@ -75,7 +76,7 @@ def compare(
     for keys in by_metric.values():
         adjusted = _adjusted([found[key][0] for key in keys])
         for key, p_holm in zip(keys, adjusted, strict=True):
-            records.append(_record(names, key, found[key], p_holm, len(keys), sums[0], level))
+            records.append(_record(names, key, found[key], p_holm, len(keys), sums[0], level, gap))
     return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
 
 
@@ -87,19 +88,51 @@ def compare_all(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Every two of many models in the average of one metric, corrected over all pairs: `COMPARISON_SCHEMA`."""
+    """Every two of many models in the average of one metric, corrected over all pairs: `COMPARISON_SCHEMA`.
+
+    Only what all of them measured is compared, so a model has one value in all its lines.
+
+    Raises:
+        RunError: nothing in common, or other frames under the same names.
+    """
     key: Key = (metric, AVERAGE, None)
+    runs = common_to_all(runs)
     pairs = []
     for names in combinations(runs, 2):
         sums = tuple(ClusterSums.of(rows) for rows in common_rows(runs[names[0]], runs[names[1]], names))
         if all(one.measured(*key) for one in sums):
-            pairs.append((names, sums[0], _differences(sums, [key], level, resamples, seed)[key]))
+            pairs.append((names, sums, _differences(sums, [key], level, resamples, seed)[key]))
     adjusted = _adjusted([found[0] for _, _, found in pairs])
     records = [
-        _record(names, key, found, p_holm, len(pairs), sums, level)
+        _record(names, key, found, p_holm, len(pairs), sums[0], level, _clean_gap(sums))
         for (names, sums, found), p_holm in zip(pairs, adjusted, strict=True)
     ]
     return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
+
+
+def common_to_all(runs: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
+    """The rows of many runs about the (sample, corruption, severity) that all of them measured.
+
+    Raises:
+        RunError: there are none, or the frames under them are not the same.
+    """
+    names = list(runs)
+    common = runs[names[0]]
+    for name in names[1:]:
+        common = common_rows(common, runs[name], (names[0], name))[0]
+    keys = common.select(ROW_KEY)
+    return {name: rows.join(keys, on=list(ROW_KEY), how="semi") for name, rows in runs.items()}
+
+
+def common_remark(runs: Mapping[str, pl.DataFrame]) -> str:
+    """What a comparison of these runs leaves out because not all of them measured it, "" where it is nothing."""
+    common = next(iter(common_to_all(runs).values())).height
+    if all(rows.height == common for rows in runs.values()):
+        return ""
+    counts = [f"the {rows.height} of {name}" for name, rows in runs.items()]
+    listed = f"{', '.join(counts[:-1])} and {counts[-1]}"
+    measured = "both" if len(runs) == 2 else "all"
+    return f"Compared is what {measured} measured: {common} rows (a pair under one setting or clean) of {listed}."
 
 
 def common_rows(first: pl.DataFrame, second: pl.DataFrame, names: tuple[str, str]) -> tuple[pl.DataFrame, pl.DataFrame]:
@@ -153,6 +186,16 @@ def _differences(
     }
 
 
+def _clean_gap(sums: tuple[ClusterSums, ...]) -> float | None:
+    """Clean EPE of the first minus that of the second, pixels; None without ground truth."""
+    key: Key = ("epe", CLEAN, None)
+    if not all(one.measured(*key) for one in sums):
+        return None
+    whole = np.ones((1, len(sums[0].clusters)))
+    first, second = (float(one.statistic(*key)(whole).theta[0]) for one in sums)
+    return first - second
+
+
 def _adjusted(found: list[Interval]) -> list[float | None]:
     known = [one.p for one in found if one.p is not None]
     corrected = iter(holm(known))
@@ -167,9 +210,10 @@ def _record(
     comparisons: int,
     sums: ClusterSums,
     level: float,
+    clean_gap: float | None,
 ) -> tuple[Any, ...]:
     interval, value_first, value_second = found
     numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, comparisons)
     counts = (sums.images, len(sums.clusters), level)
-    sentence = difference_sentence(names, key[0], key[1], interval, p_holm, comparisons, *counts)
+    sentence = difference_sentence(names, key[0], key[1], interval, p_holm, comparisons, *counts, clean_gap)
     return (*names, key[0], key[1], value_first, value_second, *numbers, *counts, sentence)

@@ -16,15 +16,25 @@ def difference_sentence(
     images: int,
     clusters: int,
     level: float,
+    clean_gap: float | None = None,
 ) -> str:
     """Whether two models differ, how much, how sure, and from how many independent observations.
 
+    A lower CRE or RCRE is no praise by itself: a model that does not look at the frames has the lowest. So the sentence
+    says beside it which of the two is more accurate.
+
+    Args:
+        names: of both.
+        metric, corruption: what differs, first minus second.
+        interval, p_holm, comparisons, images, clusters, level: see `robustflow.analysis.uncertainty.paired`.
+        clean_gap: clean EPE of the first minus that of the second, pixels; None without ground truth.
+
     >>> sure = Interval(-0.42, 0.1, -0.7, -0.1, 0.001)
-    >>> said = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95)
+    >>> said = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95, 18.0)
     >>> said.partition(" (")[0]
     'The average CRE of A is lower than that of B by 0.42 px'
-    >>> said.partition(" (")[2]
-    '95 % interval 0.10 to 0.70; p = 0.020; 80 images): A is better.'
+    >>> said.partition("): ")[2]
+    'A changes less under corruption but is less accurate: EPE +18.00 px.'
     """
     what = {"average": "average ", "clean": "clean "}.get(corruption, f"{long_label(corruption)} ") + METRIC_LABELS[
         metric
@@ -47,11 +57,27 @@ def difference_sentence(
         )
     lower = interval.estimate < 0
     low, high = sorted((abs(interval.low), abs(interval.high)))
-    better = names[0] if lower else names[1]
+    gap = clean_gap if lower or clean_gap is None else -clean_gap
+    verdict = _verdict(metric, names[0] if lower else names[1], gap)
     return (
         f"The {what} of {names[0]} is {'lower' if lower else 'higher'} than that of {names[1]} by {size:.2f}{unit} "
-        f"({percent} interval {low:.2f} to {high:.2f}; {told}): {better} is better."
+        f"({percent} interval {low:.2f} to {high:.2f}; {told}): {verdict}."
     )
+
+
+def _verdict(metric: str, lower: str, clean_gap: float | None) -> str:
+    """What the lower value means; `clean_gap` is the clean EPE of the lower minus that of the other."""
+    if metric == "epe":
+        return f"{lower} is more accurate"
+    calm = f"{lower} changes less under corruption"
+    if metric == "crer":
+        calm += ", relative to its error on clean frames,"
+    if clean_gap is None:
+        return calm.removesuffix(",")
+    if abs(clean_gap) < 0.005:
+        return f"{calm} and is as accurate on clean frames"
+    how = "but is less accurate" if clean_gap > 0 else "and is more accurate"
+    return f"{calm} {how}: EPE {clean_gap:+.2f} px"
 
 
 def p_text(value: float) -> str:

@@ -23,8 +23,8 @@ class CameraMotionBlur(Corruption):
     """Both frames smeared in one direction, as by a shaking camera (paper, appendix, blur).
 
     A severity is (radius alpha, standard deviation sigma) in pixels: 2 * alpha + 1 taps along a line, weighted by half
-    a Gaussian that starts at the pixel itself, so that both frames also shift by 2 to 11 px, alike. The direction is
-    uniform within +-45 degrees of the horizontal and shared by the frames. Borders repeat the edge pixel.
+    a Gaussian that starts at the pixel itself, so that both frames also shift alike, by 2.2 to 11.5 px on average. The
+    direction is uniform within +-45 degrees of the horizontal and shared by the frames. Borders repeat the edge pixel.
 
     The reference code drops the taps that reach beyond a small image and darkens it; here the edge is repeated.
     """

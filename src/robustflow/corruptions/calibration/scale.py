@@ -76,8 +76,8 @@ class CalibrationTable(_Frozen):
     def _consistent(self) -> CalibrationTable:
         if sorted(self.targets, reverse=True) != list(self.targets):
             raise ValueError("the targets must fall from severity 1 to 5")
-        for name, found in self.corruptions.items():
-            for level, target in zip(found.levels, self.targets, strict=True):
+        for name, calibrated in self.corruptions.items():
+            for level, target in zip(calibrated.levels, self.targets, strict=True):
                 if level.parameter is not None and abs(level.ssim - target) > self.tolerance:
                     raise ValueError(f"{name} is {level.ssim} where {target} is asked for")
         return self
@@ -95,7 +95,7 @@ def read_table(path: Path) -> CalibrationTable:
         raise DataError(f"cannot read the calibration {path}: {error.strerror}; check the path") from error
     except ValidationError as error:
         raise DataError(
-            f"{path} is no calibration table ({first_misfit(error)}); make one with robustflow calibrate"
+            f"{path} is not a calibration table ({first_misfit(error)}); make one with robustflow calibrate"
         ) from error
 
 
@@ -137,8 +137,8 @@ def calibrated_severities(name: str) -> tuple[Any, ...]:
     >>> calibrated_severities("h264_crf")
     (None, None, None, None, None)
     """
-    found = calibration().corruptions.get(name)
-    return tuple(level.parameter for level in found.levels) if found else (None,) * len(SEVERITIES)
+    calibrated = calibration().corruptions.get(name)
+    return tuple(level.parameter for level in calibrated.levels) if calibrated else (None,) * len(SEVERITIES)
 
 
 def calibrated_levels(name: str) -> tuple[int, ...]:

@@ -75,7 +75,7 @@ def calibrate(
     seed: int = 0,
     draws: int = DRAWS,
     targets: Sequence[float] = TARGETS,
-    report: Callable[[str, CalibratedCorruption], None] = lambda name, found: None,
+    report: Callable[[str, CalibratedCorruption], None] = lambda name, calibrated: None,
 ) -> CalibrationTable:
     """The calibration of some corruptions on some pictures.
 
@@ -84,7 +84,7 @@ def calibrate(
         pictures: RGB uint8 by name; the name is part of each draw's stream.
         seed, draws: of random corruptions; `draws` per picture.
         targets: five values of mean SSIM, falling.
-        report: told each corruption when it is done.
+        report: called with each corruption when it is done.
 
     Raises:
         UsageError: a corruption without a path, or no draws.
@@ -121,18 +121,18 @@ class _Curve:
         self._references = references
         self._seed = seed
         self._draws = draws
-        self.found: dict[Any, float] = {}
+        self.measured: dict[Any, float] = {}
 
     def __call__(self, parameter: Any) -> float:
-        if parameter not in self.found:
+        if parameter not in self.measured:
             corruption = self._kind(severities=(parameter,) * 5)
             values = [
                 value
                 for key, (picture, ssim) in self._references.items()
                 for value in self._measure(corruption, key, picture, ssim)
             ]
-            self.found[parameter] = round(float(np.mean(values)), 6)
-        return self.found[parameter]
+            self.measured[parameter] = round(float(np.mean(values)), 6)
+        return self.measured[parameter]
 
     def _measure(self, corruption: Corruption, key: str, picture: Frame, ssim: Ssim) -> list[float]:
         """The same streams for every parameter, so that the curve is smooth; a draw like the first ends the matter."""
@@ -163,10 +163,10 @@ def _levels(curve: _Curve, segments: Sequence[Segment], targets: Sequence[float]
                     _halve(curve, segment, low, high, target)
     levels = []
     for target in targets:
-        best = min(curve.found, key=lambda parameter: abs(curve.found[parameter] - target))
-        ssim = curve.found[best]
+        best = min(curve.measured, key=lambda parameter: abs(curve.measured[parameter] - target))
+        ssim = curve.measured[best]
         levels.append(Level(parameter=best if abs(ssim - target) <= TOLERANCE else None, ssim=ssim))
-    reached = curve.found.values()
+    reached = curve.measured.values()
     return CalibratedCorruption(reachable=(min(reached), max(reached)), levels=tuple(levels))
 
 

@@ -61,7 +61,7 @@ class TorchCorruption(torch.nn.Module):
         kind = tv_tensors.Image if any(isinstance(leaf, tv_tensors.Image) for leaf in leaves) else torch.Tensor
         places = [place for place, leaf in enumerate(leaves) if isinstance(leaf, kind)]
         if not places:
-            raise DataError("there is no image among the inputs: give tensors (C, H, W) or (B, C, H, W)")
+            raise DataError("no image among the inputs: give tensors (C, H, W) or (B, C, H, W)")
         images = [leaves[place] for place in places]
         for place, image, corrupted in zip(places, images, self._corrupt(images, key), strict=True):
             fresh = torch.from_numpy(corrupted).to(image.device)

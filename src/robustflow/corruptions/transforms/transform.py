@@ -114,7 +114,7 @@ class CorruptionTransform:
         single = isinstance(images, np.ndarray) and images.ndim != 4
         frames: list[Image] = [images] if single else list(images)  # type: ignore[list-item]
         if not frames:
-            raise DataError("there is no image to corrupt: give at least one")
+            raise DataError("no image to corrupt: give at least one")
         for frame in frames:
             check_image(frame)
             if frame.shape != frames[0].shape:
@@ -186,7 +186,7 @@ def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
     parts = [part for part, _ in parse_stack(name)] if is_stack(name) else [name]
     for part in parts:
         if part in CLIP:
-            raise UsageError(f"{part} needs a whole clip, and cannot be part of a transform; leave it out")
+            raise UsageError(f"{part} needs a whole clip, so a transform cannot apply it; leave it out")
     own = levels_of(name, levels, scale)
     if levels and not own:
         asked = ", ".join(map(str, levels))

@@ -141,15 +141,15 @@ def _download(folder: Path) -> Path:
 
 def _unpack(wheel: Path) -> dict[str, bytes]:
     """The five files of the wheel, verified; nothing else of it is touched."""
-    found = {}
+    contents = {}
     try:
         with zipfile.ZipFile(wheel) as archive:
             for name in TEXTURES:
                 with archive.open(f"{_INSIDE}/{name}") as member:
-                    found[name] = member.read(8 << 20)
+                    contents[name] = member.read(8 << 20)
     except (zipfile.BadZipFile, KeyError) as error:
         raise AssetError(f"the wheel pip fetched for {WHEEL} is not usable ({error}); {_REMEDY}") from error
-    for name, content in found.items():
+    for name, content in contents.items():
         if not _is_genuine(name, content):
             raise AssetError(f"{name} in the wheel pip fetched for {WHEEL} has the wrong SHA-256; {_REMEDY}")
-    return found
+    return contents

@@ -36,7 +36,7 @@ class SnowLevel(NamedTuple):
     zoom: float
     """Size of a flake."""
     threshold: float
-    """Noise below it is no flake."""
+    """Lower noise makes no flake."""
     radius: int
     """Of the motion, pixels."""
     sigma: float

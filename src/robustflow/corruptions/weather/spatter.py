@@ -42,7 +42,7 @@ class SpatterLevel(NamedTuple):
     sigma: float
     """Of the blur that makes drops of it, pixels."""
     threshold: float
-    """Noise below it is no drop."""
+    """Lower noise makes no drop."""
     strength: float
     """Opacity of water, or sigma of the mud's blur."""
     mud: bool

@@ -20,7 +20,7 @@ from ..catalog import published_names
 from ..execution import Execution, with_execution
 from ..extras import require
 from ..input_convention import RAFT_SMALLEST, InputConvention
-from ..torch.find_checkpoint import needs_checkpoint, refuse_missing_file
+from ..torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
 from ..torch.network import network_model
 from .options import constructor_options
 
@@ -45,7 +45,7 @@ BESIDES = {
 }
 """What some of ptlflow's models need besides ptlflow, which does not install it."""
 
-_SOURCE = "the authors' file"
+_SOURCE = SOURCES["ptlflow"]
 _BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
 """Whose pairs of a batch were found not to see each other. FlowFormer's do, by 1e-4 px."""
 

@@ -8,6 +8,9 @@ from pathlib import Path
 
 from ...errors import ModelError, unknown_name
 
+SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file of https://download.pytorch.org/models"}
+"""Where the weights of a library's networks are, for messages."""
+
 RANDOM = "random"
 """The checkpoint that is none: seeded random weights, for measuring cost and for tests."""
 

@@ -11,13 +11,13 @@ from ..execution import Execution, with_execution
 from ..extras import require
 from ..input_convention import RAFT_SMALLEST, InputConvention
 from ..option_checks import check_count
-from .find_checkpoint import needs_checkpoint, refuse_missing_file
+from .find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
 from .network import network_model
 
 if TYPE_CHECKING:
     from .model import NetworkModel
 
-_SOURCE = "a file of https://download.pytorch.org/models"
+_SOURCE = SOURCES["torchvision"]
 
 
 @with_execution

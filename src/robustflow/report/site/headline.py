@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ...analysis.labels import METRIC_LABELS, benchmark_label
+from ...analysis.doubts import doubts
+from ...analysis.labels import METRIC_LABELS, benchmark_label, on_benchmark
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...analysis.uncertainty import compare_all
@@ -15,6 +16,7 @@ from .entries import Entry, Key
 
 MOST_COMPARED = 8
 _RANKED: tuple[Key, ...] = (("cre", AVERAGE), ("rcre", AVERAGE))
+_CLEAN: Key = ("epe", CLEAN)
 
 
 def headline(content: Content) -> list[str]:
@@ -26,15 +28,16 @@ def headline(content: Content) -> list[str]:
     published = []
     for (benchmark, frames), entries in groups.items():
         if frames == PAPER:
-            published += [f"on {benchmark_label(benchmark)} {best}" for best in _best_of_settings(entries)]
+            best = _best_of_settings(entries)
+            published += [f"on {benchmark_label(benchmark)} {' and '.join(best)}"] if best else []
         elif len(entries) == 1:
-            sentences += _alone(entries[0])
+            sentences += _alone(entries[0]) + _not_ranked(entries, content, "No sign of robustness")
         else:
             sentences += _of_own(entries, content)
     if published and not content.alone:
         sentences.append(
-            f"Of the published models the most robust are {', '.join(published)}. The paper prints means and no values "
-            "per image, so whether a lead is more than chance cannot be told."
+            f"Of the published models, those that change least under corruption are {'; '.join(published)}. The paper "
+            "prints means and no values per image, so whether a lead is more than chance cannot be told."
         )
     return sentences
 
@@ -51,7 +54,7 @@ def _best_of_settings(entries: list[Entry]) -> list[str]:
 
 
 def _alone(entry: Entry) -> list[str]:
-    where = f"{entry.model} on {benchmark_label(entry.benchmark)}"
+    where = on_benchmark(entry.model, entry.benchmark)
     clean, whole = entry.texts.get(("epe", CLEAN)), entry.texts.get(("epe", AVERAGE))
     if clean is None or whole is None:
         moved = entry.texts.get(("rcre", AVERAGE))
@@ -73,20 +76,45 @@ def _alone(entry: Entry) -> list[str]:
 
 
 def _of_own(entries: list[Entry], content: Content) -> list[str]:
-    found = _ranked(entries)
+    """The lowest CRE beside the accuracy, among the models that nothing speaks against."""
+    left_out = _not_ranked(entries, content, "Not ranked")
+    sound = [entry for entry in entries if not _doubts(entry, content)]
+    found = _ranked(sound)
     if found is None:
-        return []
+        return [sentence for entry in sound for sentence in _alone(entry)] + left_out
     key, order = found
     best, second = order[0], order[1]
     metric = METRIC_LABELS[key[0]]
-    start = f"{benchmark_label(best.benchmark)}, {len(entries)} models on the same frames: "
+    start = f"{benchmark_label(best.benchmark)}, {len(sound)} models on the same frames: "
     if best.numbers[key] == second.numbers[key]:
-        return [f"{start}{best.model} and {second.model} have the same lowest {metric} ({best.texts[key]} px)."]
-    sentences = [
-        f"{start}{best.model} has the lowest {metric} ({best.texts[key]} px), before {second.model} "
-        f"({second.texts[key]} px)."
-    ]
-    return sentences + _difference(key[0], order, content)
+        same = f"{start}{best.model} and {second.model} have the same lowest {metric} ({_shown(best, key)})."
+        return [same, *left_out]
+    sentence = (
+        f"{start}{best.model} has the lowest {metric} ({_shown(best, key)}), before {second.model} "
+        f"({_shown(second, key)})."
+    )
+    accurate = min(order, key=lambda entry: entry.numbers.get(_CLEAN, float("inf")))
+    if accurate.numbers.get(_CLEAN, float("inf")) < best.numbers.get(_CLEAN, 0.0):
+        sentence += f" The most accurate is {accurate.model} ({_shown(accurate, key)})."
+    return [sentence, *_difference(key[0], order, content), *left_out]
+
+
+def _shown(entry: Entry, key: Key) -> str:
+    """A score beside the accuracy that it cannot be read without."""
+    clean = entry.texts.get(_CLEAN)
+    return f"{entry.texts[key]} px" + (f"; clean EPE {clean} px" if clean else "")
+
+
+def _doubts(entry: Entry, content: Content) -> list[str]:
+    run = content.runs.get((entry.sample_set, entry.name))
+    return doubts(run) if run is not None else []
+
+
+def _not_ranked(entries: Sequence[Entry], content: Content, start: str) -> list[str]:
+    """Which models are not called robust, and why."""
+    against = {entry.model: " and ".join(_doubts(entry, content)) for entry in entries}
+    reasons = [f"{model}, because {reason}" for model, reason in against.items() if reason]
+    return [f"{start}: {'; '.join(reasons)}."] if reasons else []
 
 
 def _difference(metric: str, order: Sequence[Entry], content: Content) -> list[str]:

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from ...atomic import write_bytes
+from ...runs.made_from import is_current, made_from, note_made
 from ...runs.run import Run
+
+REPORT = "report.html"
 
 
 def write_report(run: Run) -> None:
-    """Write `report.html` into a run's folder, with the examples that are there.
+    """Write `report.html` into a run's folder, with the examples that are there; not again while nothing changed.
 
     Raises:
         DataError: the folder cannot be written.
     """
+    source = made_from(run.path, run.rows, beside=True)
+    if is_current(run.path, REPORT, source):
+        return
     from .content import run_content
     from .page import render_site
 
-    write_bytes(run.path / "report.html", render_site(run_content(run)).encode())
+    write_bytes(run.path / REPORT, render_site(run_content(run)).encode())
+    note_made(run.path, REPORT, source)

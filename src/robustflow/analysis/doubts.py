@@ -1,0 +1,62 @@
+"""Reasons not to call a model robust, whatever its CRE says: nothing learned, no better than zero flow, blind."""
+
+from __future__ import annotations
+
+import math
+
+import polars as pl
+
+from ..metrics.rows import CLEAN
+from ..runs.run import Run
+
+BLIND_BELOW = 0.01
+"""Mean RCRE in pixels below which a flow hardly depends on the frames; the flow of a model that sees them moves by ten
+times as much already under the mildest corruptions."""
+
+
+def doubts(run: Run) -> list[str]:
+    """What speaks against ranking a run's model by robustness, each as a clause; empty for a sound model.
+
+    A model can change little under corruption because it does not look: random weights, zero flow, a constant.
+    """
+    found = ["its weights are random"] if run.setting == "untrained" else []
+    return found + doubts_from_rows(run.rows)
+
+
+def doubts_from_rows(rows: pl.DataFrame) -> list[str]:
+    """Those of `doubts` that follow from the rows of a run (columns of `robustflow.metrics.rows.ROW_SCHEMA`).
+
+    >>> from robustflow.metrics.rows import rows_frame
+    >>> doubts_from_rows(rows_frame([]))
+    []
+    """
+    found = []
+    epe, still = clean_epe(rows), zero_flow_epe(rows)
+    if epe is not None and still is not None and epe >= still:
+        found.append(f"its clean EPE of {epe:.2f} px is not below the {still:.2f} px of zero flow")
+    moved = _moved(rows)
+    if moved is not None and moved < BLIND_BELOW:
+        found.append(f"its flow hardly depends on the frames: corruption moves it by {moved:.3f} px")
+    return found
+
+
+def clean_epe(rows: pl.DataFrame) -> float | None:
+    """Mean over images of the EPE on the clean frames, pixels; None without ground truth."""
+    return _mean_over_images(rows.filter(pl.col("corruption") == CLEAN), "epe_sum", "n_valid")
+
+
+def zero_flow_epe(rows: pl.DataFrame) -> float | None:
+    """The EPE of a model that answers zero flow, pixels: the mean length of the ground truth; None without it."""
+    return _mean_over_images(rows.filter(pl.col("corruption") == CLEAN), "magnitude_sum", "n_valid")
+
+
+def _moved(rows: pl.DataFrame) -> float | None:
+    """Mean RCRE over all pixels of the corrupted pairs whose frames are not the clean ones."""
+    clean = rows.filter(pl.col("corruption") == CLEAN).select("sample", _clean="frames_digest")
+    corrupted = rows.filter(pl.col("corruption") != CLEAN).join(clean, on="sample")
+    return _mean_over_images(corrupted.filter(pl.col("frames_digest") != pl.col("_clean")), "rcre_all_sum", "n_all")
+
+
+def _mean_over_images(rows: pl.DataFrame, total: str, count: str) -> float | None:
+    images = rows.filter(pl.col(count) > 0)
+    return math.fsum(images[total] / images[count]) / images.height if images.height else None

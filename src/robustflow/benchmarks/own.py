@@ -1,0 +1,64 @@
+"""A user's own benchmark, `--benchmark mypkg:MyBench`, and a user's own data set as a benchmark."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..corruptions import IMAGE_PAIR
+from ..datasets.facts import facts_of
+from ..datasets.own import called, check_members, open_own_dataset, own_source
+from ..datasets.split import read_split
+from ..errors import UsageError
+from ..target import import_target
+from .base import Benchmark
+from .facts import facts_of_dataset
+
+
+def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: list[str]) -> Benchmark:
+    """The benchmark that a user names as `module.path:Attribute`.
+
+    Args:
+        target: a class with `open(data, split)`, a function of the same two, or a `Benchmark`.
+        reserved: names that are taken.
+
+    Raises:
+        UsageError: it cannot be imported or opened, or is not a benchmark.
+    """
+    made = import_target(target, "benchmark")
+    if not isinstance(made, Benchmark):
+        opener = made if inspect.isroutine(made) else getattr(made, "open", None)
+        if opener is None:
+            raise UsageError(f"{target} is not a benchmark: it has no function open; see the guide 'add your data set'")
+        if inspect.isclass(made) and not isinstance(inspect.getattr_static(made, "open"), staticmethod | classmethod):
+            opener = called(target, "its construction", made).open
+        made = called(target, "open(data, split)", lambda: opener(data, split))
+    if not isinstance(made, Benchmark):
+        raise UsageError(f"{target} returned {type(made).__name__}; open must return a Benchmark")
+    if made.name in reserved:
+        raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it another")
+    check_members(made.dataset, f"the data set of {target}")
+    gone = [key for key in made.keys if key not in set(made.dataset.keys())]
+    if gone or not made.keys:
+        raise UsageError(f"{target} lists no sample, or one that its data set lacks: {gone[:1]}")
+    source = {"benchmark": target, "source": own_source(target, made.dataset)}
+    return replace(made, protocol={**made.protocol, "own": source})
+
+
+def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, Any], reserved: list[str]) -> Benchmark:
+    """Every sample of a user's data set under every image-pair corruption.
+
+    Raises:
+        UsageError: see `open_own_dataset`; or its name is taken.
+    """
+    dataset = open_own_dataset(target, options)
+    if dataset.name in reserved:
+        raise UsageError(f"{target} has the name of the data set '{dataset.name}': give it another")
+    keys = read_split(split, dataset.keys()) if split else dataset.keys()
+    protocol: dict[str, Any] = {"own": {"dataset": target, "source": own_source(target, dataset)}}
+    if options:
+        protocol["options"] = {key: str(value) for key, value in sorted(options.items())}
+    facts = facts_of_dataset(facts_of(dataset, dataset.name))
+    return Benchmark(dataset.name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=facts)

@@ -1,0 +1,117 @@
+"""A user's own data set: `module.path:Attribute`, opened, looked at, and known by the hash of its source."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from ..corruptions.source_digest import source_digest
+from ..errors import RobustFlowError, UsageError, unknown_name
+from ..sample import Sample
+from ..target import import_target
+from .base import Dataset
+
+_GUIDE = "see the guide 'add your data set'"
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,59}")
+
+
+def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
+    """The data set that a user names as `module.path:Attribute`, checked by its first sample.
+
+    Args:
+        target: a class, or a function, that takes `options` and returns a `Dataset`; or a `Dataset`.
+        options: keyword options (`-D root=/data`).
+
+    Raises:
+        UsageError: it cannot be imported or opened, or is not a data set.
+    """
+    made = import_target(target, "data set")
+    if inspect.isclass(made) or inspect.isroutine(made):
+        made = _opened(target, made, options)
+    elif options:
+        raise UsageError(f"{target} is a data set already, which takes no options; leave out {', '.join(options)}")
+    check_members(made, target)
+    return made
+
+
+def check_members(dataset: Any, what: str) -> None:
+    """Refuse what is not a `Dataset`: members, keys, and the first sample.
+
+    Args:
+        what: how to call it in messages.
+
+    Raises:
+        UsageError: what is wrong.
+    """
+    for member in ("name", "has_flow", "keys", "load", "files"):
+        if not hasattr(dataset, member):
+            raise UsageError(f"{what} has no '{member}', so it is not a data set; {_GUIDE}")
+    if not isinstance(dataset.name, str) or not _NAME.fullmatch(dataset.name):
+        raise UsageError(f"{what}: the name {dataset.name!r} cannot be used: give letters, digits, '_' and '-'")
+    keys = called(what, "keys", dataset.keys)
+    if not isinstance(keys, list) or not keys or not all(isinstance(key, str) and key for key in keys):
+        raise UsageError(f"{what}: keys() must return a list of texts that is not empty, not {keys!r:.60}")
+    if len(set(keys)) != len(keys):
+        raise UsageError(f"{what}: keys() returns '{next(k for k in keys if keys.count(k) > 1)}' twice")
+    check_sample(dataset, keys[0], what)
+
+
+def check_sample(dataset: Any, key: str, what: str) -> Sample:
+    """One sample, checked against what the data set says of itself.
+
+    Raises:
+        UsageError: what is wrong.
+    """
+    sample = called(what, f"load('{key}')", lambda: dataset.load(key))
+    if not isinstance(sample, Sample):
+        raise UsageError(f"{what}: load('{key}') returned {type(sample).__name__}; it must return a Sample")
+    if sample.key != key:
+        raise UsageError(f"{what}: load('{key}') returned the sample '{sample.key}'")
+    if (sample.flow is not None) != bool(dataset.has_flow):
+        state = "has ground truth" if sample.flow is not None else "has no ground truth"
+        raise UsageError(f"{what}: has_flow is {dataset.has_flow}, but sample '{key}' {state}")
+    files = called(what, f"files('{key}')", lambda: dataset.files(key))
+    if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):
+        raise UsageError(f"{what}: files('{key}') must return the paths of files that are there, not {files!r:.80}")
+    return sample
+
+
+def own_source(target: str, made: object) -> str:
+    """16 hexadecimal digits of the source of what a user named: of its class, and of the module it was named in."""
+    digest = hashlib.blake2b(source_digest(type(made)).encode(), digest_size=8)
+    path = getattr(sys.modules.get(target.partition(":")[0]), "__file__", None)
+    if path is not None:
+        digest.update(Path(path).read_bytes())
+    return digest.hexdigest()
+
+
+def called(what: str, call: str, function: Any) -> Any:
+    """What the user's function returns; what it raises as a UsageError."""
+    try:
+        return function()
+    except RobustFlowError:
+        raise
+    except Exception as error:
+        raise UsageError(f"{what} failed in {call}: {type(error).__name__}: {error}") from error
+
+
+def _opened(target: str, made: Any, options: dict[str, Any]) -> Any:
+    parameters = inspect.signature(made).parameters
+    takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
+    for option in options:
+        if option not in parameters and not takes_any:
+            raise unknown_name(f"option of {target}", option, list(parameters))
+    missing = [
+        name
+        for name, parameter in parameters.items()
+        if parameter.default is parameter.empty
+        and parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+        and name not in options
+    ]
+    if missing:
+        raise UsageError(f"{target} needs {', '.join(missing)}: give -D {missing[0]}=VALUE")
+    return called(target, "its construction", lambda: made(**options))

@@ -1,0 +1,5 @@
+"""Endings of files that are taken for videos."""
+
+from __future__ import annotations
+
+VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".mpg", ".mpeg", ".ts")

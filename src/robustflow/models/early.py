@@ -1,0 +1,46 @@
+"""What can be said against a model by name before any heavy library is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .catalog import methods, published_names
+from .extras import require
+from .model_file import require_file
+from .own.networks import OWN
+from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
+
+
+def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, str]) -> None:
+    """Refuse a file that is missing, a library that is not installed, or a network without its checkpoint.
+
+    Silence means nothing: the model itself checks again, and the rest.
+
+    Args:
+        name: of the model.
+        options: of the model.
+        exported: endings of files that are a model by themselves.
+
+    Raises:
+        ModelError: one of these.
+
+    >>> refuse_early("dis", {}, {})
+    """
+    checkpoint, method = options.get("checkpoint"), methods().get(name)
+    if method is None:
+        if Path(name).suffix.lower() in exported:
+            require_file(Path(name).expanduser())
+        return
+    source = OWN[name].source if name in OWN else SOURCES.get(method.source)
+    if source is None:
+        return
+    names = published_names(name)
+    refuse_missing_file(name, checkpoint, names, source, strict=False)
+    if method.source in SOURCES:
+        require(method.source, method.extra, name)
+    else:
+        require("torch", "torch", name)
+    if checkpoint is None:
+        raise needs_checkpoint(name, names, source)

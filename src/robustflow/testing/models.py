@@ -1,0 +1,190 @@
+"""Check a model of your own before a benchmark runs it; and small models whose flow is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..errors import ModelError
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowModel, name_of
+from ..models.loading import as_model
+from ..models.window import window_of
+from ..sample import Flow, Frame
+
+_SHAPES = ((128, 160), (121, 147))
+"""A size with even numbers, and one that is a multiple of nothing."""
+BATCH_TOLERANCE = 1e-4
+"""Pixels that a batch may change a flow by; see `BatchedFlowModel`."""
+
+
+class ConstantFlow:
+    """Predicts one flow everywhere, (u, v) in pixels: the smallest model there is.
+
+    >>> ConstantFlow(3, -1).predict(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2, 3), np.uint8))[0, 0].tolist()
+    [3.0, -1.0]
+    """
+
+    def __init__(self, u: float = 0.0, v: float = 0.0) -> None:
+        self._flow = (float(u), float(v))
+
+    def identity(self) -> dict[str, Any]:
+        """See `FlowModel`."""
+        return {"name": "constant_flow", "flow": list(self._flow)}
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`."""
+        flow = np.empty((*frame1.shape[:2], 2), np.float32)
+        flow[:] = self._flow
+        return flow
+
+
+class ZeroFlow(ConstantFlow):
+    """Predicts that nothing moves: a model that is worse than this measures nothing.
+
+    >>> ZeroFlow().predict(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2, 3), np.uint8)).any()
+    np.False_
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+
+
+class ShiftedTruth:
+    """Predicts a known flow, off by the same (u, v) pixels everywhere, so that its end-point error is known.
+
+    Args:
+        flow: float32 (H, W, 2), the truth of the only pair it is asked for.
+        u, v: added to it.
+
+    >>> model = ShiftedTruth(np.ones((2, 2, 2), np.float32), u=3, v=4)
+    >>> model.predict(np.zeros((2, 2, 3), np.uint8), np.zeros((2, 2, 3), np.uint8))[0, 0].tolist()
+    [4.0, 5.0]
+    """
+
+    def __init__(self, flow: Flow, u: float = 0.0, v: float = 0.0) -> None:
+        self._flow = (np.asarray(flow, np.float32) + np.asarray((u, v), np.float32)).astype(np.float32)
+        self._shift = (float(u), float(v))
+
+    def identity(self) -> dict[str, Any]:
+        """See `FlowModel`."""
+        return {"name": "shifted_truth", "shift": list(self._shift)}
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`.
+
+        Raises:
+            ModelError: frames of another size than the flow's.
+        """
+        if frame1.shape[:2] != self._flow.shape[:2]:
+            raise ModelError(f"the known flow is {self._flow.shape[:2]}, the frames are {frame1.shape[:2]}")
+        return self._flow.copy()
+
+
+class BrightnessFlow:
+    """Predicts (mean of frame 1, mean of frame 2) / 16 everywhere: a model whose numbers depend on its frames alone.
+
+    >>> BrightnessFlow().predict(np.full((2, 2, 3), 16, np.uint8), np.zeros((2, 2, 3), np.uint8))[0, 0].tolist()
+    [1.0, 0.0]
+    """
+
+    def identity(self) -> dict[str, Any]:
+        """See `FlowModel`."""
+        return {"name": "brightness_flow"}
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`."""
+        return ConstantFlow(float(frame1.mean()) / 16, float(frame2.mean()) / 16).predict(frame1, frame2)
+
+
+def check_model(model: Any, seed: int = 0) -> str:
+    """Try a model on textured frames of two sizes, and return what it is called.
+
+    Its flow is float (H, W, 2) and finite; the same frames give the same flow, after others were predicted and in
+    whatever order; it does not write into the frames that it is given; and where it predicts batches, they give the
+    flows of single pairs to 1e-4 px. A multi-frame model is given a clip of the frames that its window asks for.
+
+    Args:
+        model: an object or class with `predict` or `predict_clip`, a function of two frames, or a PyTorch module.
+        seed: of the frames.
+
+    Raises:
+        ModelError: what is wrong, and on frames of which size.
+
+    >>> check_model(ConstantFlow(1, 0))
+    'ConstantFlow'
+    """
+    made = as_model(model, f"the model {model!r}")
+    rng = np.random.default_rng(seed)
+    for shape in _SHAPES:
+        where = f"on frames of {shape[0]}x{shape[1]}"
+        clips = [_clip(made, rng, shape) for _ in range(2)]
+        first = _predict(made, clips[0], where)
+        other = _predict(made, clips[1], where)
+        again = _predict(made, clips[0], where)
+        if not np.array_equal(first, again):
+            raise ModelError(
+                f"the model {where} gives another flow for the same frames (off by up to "
+                f"{np.abs(first - again).max():.2g} px) after others were predicted: seed what is random, and keep "
+                "nothing from call to call"
+            )
+        if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
+            _check_batch(made, clips, [first, other], where)
+    return name_of(model) or getattr(model, "__name__", None) or type(model).__name__
+
+
+def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
+    given = [frame.copy() for frame in clip]
+    try:
+        if isinstance(model, ClipModel):
+            returned = model.predict_clip(given, window_of(model).before)
+        elif isinstance(model, FlowModel):
+            returned = model.predict(given[0], given[1])
+        else:
+            raise ModelError("flows computed elsewhere are asked by name, so there is nothing to predict")
+    except ModelError:
+        raise
+    except Exception as error:
+        raise ModelError(f"the model raised {type(error).__name__} {where}: {error or 'no message'}") from error
+    if any(not np.array_equal(frame, before) for frame, before in zip(given, clip, strict=True)):
+        raise ModelError(f"the model {where} writes into the frames it is given: copy them first")
+    flow = np.array(returned, copy=True) if isinstance(returned, np.ndarray) else returned
+    if not isinstance(flow, np.ndarray) or flow.shape != (*clip[0].shape[:2], 2) or flow.dtype.kind != "f":
+        what = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
+        raise ModelError(
+            f"the model returned {what} {where}; expected a float array of shape {(*clip[0].shape[:2], 2)}, "
+            "(u right, v down) in pixels"
+        )
+    if not np.isfinite(flow).all():
+        raise ModelError(
+            f"the model returned {int((~np.isfinite(flow)).any(axis=2).sum())} pixels {where} that are NaN"
+        )
+    return flow
+
+
+def _check_batch(model: BatchedFlowModel, clips: list[list[Frame]], alone: list[Flow], where: str) -> None:
+    together = list(model.predict_batch(*([clip[i].copy() for clip in clips] for i in (0, 1))))
+    if len(together) != len(clips):
+        raise ModelError(f"the model returned {len(together)} flows for {len(clips)} pairs {where}; expected one each")
+    for flow, single in zip(together, alone, strict=True):
+        if np.shape(flow) != single.shape or np.abs(np.asarray(flow) - single).max() > BATCH_TOLERANCE:
+            raise ModelError(
+                f"the model {where} gives another flow in a batch than alone: keep the pairs of a batch apart, or "
+                "leave out predict_batch"
+            )
+
+
+def _clip(model: AnyModel, rng: np.random.Generator, shape: tuple[int, int]) -> list[Frame]:
+    """Smooth textures that move by (2, 1) pixels from frame to frame."""
+    count = 2
+    if isinstance(model, ClipModel):
+        window = window_of(model)
+        count = window.before + 2 + window.after
+    coarse = rng.integers(0, 256, (shape[0] // 8 + count + 2, shape[1] // 8 + 2 * count + 2, 3)).astype(np.float32)
+    big = coarse.repeat(8, axis=0).repeat(8, axis=1)
+    for axis in (0, 1):
+        big = np.mean([np.roll(big, step, axis) for step in range(-4, 5)], axis=0)
+    big = np.clip(big, 0, 255).astype(np.uint8)
+    size = shape[0], shape[1]
+    starts = [(count - i, 2 * (count - i)) for i in range(count)]
+    return [np.ascontiguousarray(big[y : y + size[0], x : x + size[1]]) for y, x in starts]

@@ -1,0 +1,50 @@
+"""A corruption of an installed package: by name, without a line in this one, its source part of the identity."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+from tests.corruptions.test_own import RAIN
+
+SCRIPT = """
+import numpy as np
+from robustflow.corruptions import CORRUPTIONS, corrupt, load_corruption
+from robustflow.corruptions.sources import user_sources
+from robustflow.errors import UsageError
+frame = np.full((24, 36, 3), 9, np.uint8)
+assert "rain" in CORRUPTIONS.names()
+assert (corrupt(frame, frame, "fog+rain", 3)[0] != corrupt(frame, frame, "fog", 3)[0]).any()
+print(user_sources(names=["fog+rain:2"])["corruptions"]["rain"])
+try:
+    load_corruption("sleet")
+except UsageError as error:
+    print(error)
+"""
+
+
+def test_an_entry_point_is_a_corruption(tmp_path):
+    site = tmp_path / "site"
+    info = site / "weather-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: weather\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[robustflow.corruptions]\nrain = rain_module:Rain\nsleet = rain_module:Rain\n"
+    )
+    (site / "rain_module.py").write_text(RAIN)
+    (site / "rain_depth.py").write_text("DEPTH = 4\n")
+
+    def run():
+        path = os.pathsep.join([str(site), *sys.path])
+        done = subprocess.run(
+            [sys.executable, "-c", SCRIPT], env={**os.environ, "PYTHONPATH": path}, capture_output=True, text=True,
+            timeout=120, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
+
+    source, sentence = run()
+    assert "entry point 'sleet' brings a corruption called 'rain'" in sentence
+    (site / "rain_depth.py").write_text("DEPTH = 5\n")
+    assert run()[0] != source

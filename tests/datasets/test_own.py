@@ -1,0 +1,184 @@
+"""A user's own data set and benchmark: checked before anything runs, and known by their source."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.benchmarks import load_benchmark
+from robustflow.errors import RunError, UsageError
+from robustflow.testing import check_dataset
+
+MODULE = """
+from pathlib import Path
+import numpy as np
+from robustflow import Sample
+from robustflow.benchmarks import Benchmark
+
+class Noise:
+    name = "noise"
+    has_flow = False
+    SHIFT = 1
+
+    def __init__(self, count=2):
+        self.count = int(count)
+
+    def keys(self):
+        return [f"{index}" for index in range(self.count)]
+
+    def load(self, key):
+        if key not in self.keys():
+            raise KeyError(key)
+        image = np.random.default_rng(int(key)).integers(0, 256, (48, 65, 3), np.uint8)
+        return Sample(key, (image[:, self.SHIFT:][:, :64], image[:, :64]))
+
+    def files(self, key):
+        return [Path(__file__)]
+
+class NoKeys(Noise):
+    def keys(self):
+        return []
+
+class Twice(Noise):
+    def keys(self):
+        return ["0", "0"]
+
+class Lies(Noise):
+    has_flow = True
+
+class Other(Noise):
+    def load(self, key):
+        return "a sample"
+
+class Broken(Noise):
+    def load(self, key):
+        raise RuntimeError("no disk")
+
+class Taken(Noise):
+    name = "sintel"
+
+class Path_(Noise):
+    name = "../../etc"
+
+class Random(Noise):
+    def load(self, key):
+        if key not in self.keys():
+            raise KeyError(key)
+        image = np.random.default_rng().integers(0, 256, (48, 64, 3), np.uint8)
+        return Sample(key, (image, image))
+
+class Endless(Noise):
+    def load(self, key):
+        return super().load(key) if key in self.keys() else Sample(key, (np.zeros((9, 9, 3), np.uint8),) * 2)
+
+class NoFiles(Noise):
+    def files(self, key):
+        return [Path("/nowhere/at/all")]
+
+class Bench:
+    @staticmethod
+    def open(data, split):
+        return Benchmark("mine", Noise(), ("1",), ("fog",), (2,))
+
+class Strange:
+    @staticmethod
+    def open(data, split):
+        return Benchmark("mine", Noise(), ("7",), ("fog",), (2,))
+
+class Impostor:
+    @staticmethod
+    def open(data, split):
+        return Benchmark("kitti-fc", Noise(), ("0",), ("fog",), (2,))
+
+def nothing(data, split):
+    return None
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    (tmp_path / "own_noise.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    yield tmp_path / "own_noise.py"
+    sys.modules.pop("own_noise", None)
+
+
+def still(frame1, frame2):
+    return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+def test_a_data_set_of_ones_own(module):
+    benchmark = load_benchmark("demo", "own_noise:Noise", options={"count": 3})
+    assert (benchmark.name, benchmark.keys, len(benchmark.corruptions)) == ("noise", ("0", "1", "2"), 20)
+    assert not benchmark.facts.has_flow
+    assert benchmark.protocol["options"] == {"count": "3"}
+
+
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [
+        ("NoKeys", "list of texts that is not empty"),
+        ("Twice", "'0' twice"),
+        ("Lies", "has_flow is True, but sample '0' has no ground truth"),
+        ("Other", "must return a Sample"),
+        ("Broken", r"failed in load\('0'\): RuntimeError: no disk"),
+        ("Taken", "the name of the data set 'sintel'"),
+        ("Path_", "cannot be used"),
+        ("NoFiles", "files that are there"),
+        ("Nois", "did you mean 'Noise'"),
+    ],
+)
+def test_what_is_not_a_data_set(module, name, match):
+    with pytest.raises(UsageError, match=match) as caught:
+        load_benchmark("demo", f"own_noise:{name}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "match"), [("Random", "differs when it is read again"), ("Endless", "a KeyError")])
+def test_check_dataset_looks_further(module, name, match):
+    import own_noise
+
+    assert check_dataset(own_noise.Noise()) == "noise"
+    with pytest.raises(UsageError, match=match):
+        check_dataset(getattr(own_noise, name)())
+
+
+def test_a_benchmark_of_ones_own(module):
+    benchmark = load_benchmark("own_noise:Bench")
+    assert (benchmark.name, benchmark.keys, benchmark.corruptions, benchmark.severities) == (
+        "mine",
+        ("1",),
+        ("fog",),
+        (2,),
+    )
+    for name, match in (
+        ("Strange", "lacks"),
+        ("Impostor", "name of the benchmark 'kitti-fc'"),
+        ("nothing", "must return a Benchmark"),
+        ("Noise", "no function open"),
+    ):
+        with pytest.raises(UsageError, match=match):
+            load_benchmark(f"own_noise:{name}")
+
+
+def test_an_edited_source_never_continues_a_run(module):
+    chosen = {"corruptions": ["contrast"], "severities": [1], "output": "run"}
+    first = rf.evaluate(still, data="own_noise:Noise", **chosen)
+    assert rf.evaluate(still, data="own_noise:Noise", **chosen).rows.equals(first.rows)
+    sys.modules.pop("own_noise")
+    module.write_text(MODULE.replace("SHIFT = 1", "SHIFT = 0 # other frames"))
+    with pytest.raises(RunError, match=r"differs in: protocol|holds another run"):
+        rf.evaluate(still, data="own_noise:Noise", **chosen)
+
+
+def test_a_video_alone_is_a_folder(tmp_path):
+    from .test_folder import write_video
+
+    write_video(tmp_path / "clip.mp4", 6, 3)
+    assert load_benchmark("demo", tmp_path / "clip.mp4").dataset.name == "folder"
+    with pytest.raises(UsageError, match="brings its own pair"):
+        load_benchmark("demo", tmp_path)

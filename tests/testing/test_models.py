@@ -1,0 +1,97 @@
+"""`check_model` passes what keeps the rules and names each rule that is broken; the small models are what they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.errors import ModelError
+from robustflow.testing import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroFlow, check_model
+
+
+class Batched(ConstantFlow):
+    def predict_batch(self, frames1, frames2):
+        return [self.predict(a, b) for a, b in zip(frames1, frames2, strict=True)]
+
+
+class Clip:
+    window = (2, 1)
+
+    def predict_clip(self, frames, index):
+        assert (len(frames), index) == (5, 2)
+        return np.zeros((*frames[0].shape[:2], 2), np.float32)
+
+
+@pytest.mark.parametrize("model", [ZeroFlow, ConstantFlow(2, 1), BrightnessFlow(), Batched(1, 1), Clip()])
+def test_models_that_keep_the_rules(model):
+    assert check_model(model) == (model.__name__ if isinstance(model, type) else type(model).__name__)
+
+
+@pytest.mark.parametrize("name", ["dis", "farneback"])
+def test_the_models_that_ship_keep_them(name):
+    check_model(rf.load_model(name))
+
+
+class Writes(ZeroFlow):
+    def predict(self, frame1, frame2):
+        frame1[0, 0] = 255 - frame1[0, 0]
+        return super().predict(frame1, frame2)
+
+
+class Remembers(ZeroFlow):
+    calls = 0
+
+    def predict(self, frame1, frame2):
+        self.calls += 1
+        return super().predict(frame1, frame2) + np.float32(self.calls)
+
+
+class Mixes(Batched):
+    def predict_batch(self, frames1, frames2):
+        return [flow + np.float32(0.01) for flow in super().predict_batch(frames1, frames2)]
+
+
+class Loses(Batched):
+    def predict_batch(self, frames1, frames2):
+        return super().predict_batch(frames1, frames2)[:1]
+
+
+def padded(frame1, frame2):
+    return np.zeros((-(-frame1.shape[0] // 8) * 8, frame1.shape[1], 2), np.float32)
+
+
+def never(frame1, frame2):
+    return np.full((*frame1.shape[:2], 2), np.nan, np.float32)
+
+
+@pytest.mark.parametrize(
+    ("model", "says"),
+    [
+        (Writes(), "writes into the frames it is given"),
+        (Remembers(), r"another flow for the same frames \(off by up to 2 px\)"),
+        (Mixes(), "another flow in a batch than alone"),
+        (Loses(), "returned 1 flows for 2 pairs"),
+        (
+            padded,
+            r"returned float32 \(128, 147, 2\) on frames of 121x147; expected a float array of shape",
+        ),
+        (never, "20480 pixels on frames of 128x160 that are NaN"),
+        (lambda a, b: a[..., :2], r"returned uint8 \(128, 160, 2\)"),
+        (lambda a, b: [[0]], "returned list"),
+        (lambda a, b: a.nothing, "raised AttributeError on frames of 128x160"),
+        (3, "has no method predict"),
+    ],
+)
+def test_every_broken_rule_is_named(model, says):
+    with pytest.raises(ModelError, match=says) as error:
+        check_model(model)
+    assert "\n" not in str(error.value)
+
+
+def test_the_shifted_truth_has_the_error_it_says(tmp_path):
+    sample = rf.load_dataset("motorcycle").load("motorcycle")
+    known = np.where(sample.valid[..., None], sample.flow, 0)
+    result = rf.evaluate(ShiftedTruth(known, 3, 4), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    assert result.epe_clean == pytest.approx(5.0, abs=1e-5)
+    assert result.cre == pytest.approx(0.0, abs=1e-9)
