@@ -44,7 +44,8 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
         if durable:
             sync_folder(path.parent)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only file system refuses this as well
+            temporary.unlink(missing_ok=True)
         reason = error.strerror or str(error)
         raise DataError(f"cannot write {path}: {reason}; choose a folder that exists and has room") from error
     except BaseException:

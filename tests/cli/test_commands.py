@@ -15,6 +15,7 @@ import pytest
 import robustflow as rf
 from robustflow import load_run
 from robustflow.models.loading import EXPORTED
+from robustflow.testing import ZeroFlow
 
 
 def _frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:
@@ -41,12 +42,9 @@ def test_run_then_show(robustflow):
     assert "digital" in table
 
 
-class _Named:
+class _Named(ZeroFlow):
     def identity(self):
         return {"name": "[/red][b]\u202e\x1b[3m"}
-
-    def predict(self, frame1, frame2):
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 def test_several_models_one_after_the_other(robustflow):
@@ -217,6 +215,22 @@ def test_a_folder_that_cannot_be_written(robustflow, tmp_path):
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_read_only_file_system(robustflow, tmp_path):
+    code, _, _ = robustflow("run", "--model", "dis", "-c", "contrast", "-s", "1", "-o", "run", "--no-examples")
+    assert code == 0
+    place = tmp_path / "read-only"
+    place.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", str(place)], capture_output=True).returncode:
+        pytest.skip("needs the right to mount a file system")
+    try:
+        for arguments in (("pack", "run", "-o", place / "x.robustflow"), ("leaderboard", "run", "-o", place)):
+            code, _, error = robustflow(*arguments)
+            assert (code, error.count("\n")) == (1, 1)
+            assert "Read-only file system" in error
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+
+
 def test_a_full_disk(robustflow, tmp_path, monkeypatch):
     """The real error of a real full device, met where a shard is renamed into place."""
     import robustflow.atomic as atomic

@@ -67,3 +67,15 @@ def test_frames_of_any_size(profile):
     code, out, err = profile("raft_small", "--size", "125x130", "--repeat", -1)
     assert (code, out) == (2, "")
     assert "-1 predictions cannot be timed" in err
+
+
+def test_several_models_side_by_side(profile):
+    code, out, err = profile("raft_small", "arflow", "--size", "128x192", "--repeat", 0)
+    assert code == 0, err
+    lines = [line.split() for line in out.splitlines()]
+    alone = {name: profile(name, "--size", "128x192", "--repeat", 0)[1] for name in ("raft_small", "arflow")}
+    for line in lines[-2:]:
+        assert f"parameters   {line[1]} M" in alone[line[0]]
+        assert f"MACs         {line[2]} G" in alone[line[0]]
+    code, _, err = profile("raft_small", "arflow", "--into", "x")
+    assert (code, err.count("\n")) == (2, 1)

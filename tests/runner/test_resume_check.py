@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
+from robustflow.benchmarks import Benchmark
 from robustflow.errors import RunError
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import measure
@@ -41,23 +42,60 @@ def _run(tmp_path, frames, severities, model=_brightness):
     return rf.evaluate(model, "folder", frames, output, corruptions=["contrast"], severities=severities)
 
 
+class Drawn:
+    """Two samples that follow from seeds, without a file: nothing but a second look tells that they changed."""
+
+    name = "drawn"
+    has_flow = True
+
+    def __init__(self, *seeds):
+        self.seeds = seeds
+        self.truth = 1.0
+
+    def keys(self):
+        return ["a", "b"]
+
+    def load(self, key):
+        rng = np.random.default_rng(self.seeds["ab".index(key)])
+        frames = tuple(rng.integers(0, 256, (40, 48, 3)).astype(np.uint8) for _ in range(2))
+        return Sample(key, frames, np.full((40, 48, 2), self.truth, np.float32), np.ones((40, 48), bool))
+
+    def files(self, key):
+        return []
+
+
+def _run_drawn(tmp_path, data, severities):
+    benchmark = Benchmark("drawn", data, ("a", "b"), ("contrast",), tuple(severities))
+    return rf.evaluate(_brightness, benchmark, output=tmp_path / "run")
+
+
 @pytest.mark.parametrize("severities", [[1], [1, 2]], ids=["complete", "with more to do"])
 def test_a_frame_of_the_same_name_and_size_with_other_bytes_stops_a_run(tmp_path, frames, severities):
     before = _run(tmp_path, frames, [1]).rows
     _paint(frames, 2, seed=9)
-    with pytest.raises(RunError, match=r"sample '.*' has other frames than when this run measured it"):
+    with pytest.raises(RunError, match=r"has other frames than when|made from other files"):
         _run(tmp_path, frames, severities)
     assert rf.load_run(tmp_path / "run").rows.equals(before)
     _paint(frames, 2, seed=2)
     assert _run(tmp_path, frames, severities).rows.height == 2 * (1 + len(severities))
 
 
-def test_every_sample_that_goes_on_is_compared_not_only_the_one_that_changed_last(tmp_path, frames):
-    _run(tmp_path, frames, [1])
-    _paint(frames, 0, seed=9)
-    _paint(frames, 2, seed=2)  # the same again, but the last that was written
-    with pytest.raises(RunError, match="has other frames"):
-        _run(tmp_path, frames, [1, 2])
+@pytest.mark.parametrize("severities", [[1], [1, 2]], ids=["complete", "with more to do"])
+def test_frames_that_no_file_names_are_compared(tmp_path, severities):
+    _run_drawn(tmp_path, Drawn(0, 1), [1])
+    with pytest.raises(RunError, match="sample 'a' has other frames than when this run measured it"):
+        _run_drawn(tmp_path, Drawn(9, 1), severities)
+    changed = Drawn(0, 1)
+    changed.truth = 2.0
+    with pytest.raises(RunError, match="sample 'a' has other ground truth than when this run measured it"):
+        _run_drawn(tmp_path, changed, severities)
+    assert _run_drawn(tmp_path, Drawn(0, 1), severities).summary.complete
+
+
+def test_every_sample_that_goes_on_is_compared_not_only_the_first(tmp_path):
+    _run_drawn(tmp_path, Drawn(0, 1), [1])
+    with pytest.raises(RunError, match="sample 'b' has other frames than when this run measured it"):
+        _run_drawn(tmp_path, Drawn(0, 9), [1, 2])
 
 
 def test_another_ground_truth_of_the_same_size_stops_a_run(tmp_path):

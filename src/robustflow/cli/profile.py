@@ -9,14 +9,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import ModelError, UsageError
+from ..text import plain
+from . import complete
 from .options import Device, ModelOptions, Precision, model_options
 
 if TYPE_CHECKING:
     from ..profiling.counts import Counts
+    from ..profiling.measure import Measured
 
 
 def profile(
-    model: Annotated[str | None, typer.Argument(help="A network by name; none with --paper.")] = None,
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[MODEL...]", autocompletion=complete.models, help="Networks by name; none with --paper."
+        ),
+    ] = None,
     size: Annotated[str, typer.Option(help="HEIGHTxWIDTH of the frames.")] = "432x720",
     iterations: Annotated[int | None, typer.Option(help="Of the model, where it has them [12].")] = None,
     option: ModelOptions = None,
@@ -32,15 +40,16 @@ def profile(
         typer.Option("--paper", help="The paper's Tab. 3 beside ours. Runs CRAFT and GMFlowNet once: 8 GB."),
     ] = False,
 ) -> None:
-    """Count a model's parameters and multiply-accumulates, and time a prediction.
+    """Count the parameters and multiply-accumulates of models, and time a prediction of each.
 
-    Its weights are random unless -O checkpoint=FILE is given; they change no cost. MACs are half of PyTorch's FLOPs;
+    Their weights are random unless -O checkpoint=FILE is given; they change no cost. MACs are half of PyTorch's FLOPs;
     "as thop" is what the paper's table reports, which leaves out matrix products.
 
     \b
     Examples:
       robustflow profile raft
       robustflow profile arflow --repeat 5
+      robustflow profile raft gma flowformer --device cuda --size 375x1242
       robustflow profile raft --into runs/kitti-fc_raft_1a2b3c4d
       robustflow profile --paper
     """
@@ -50,14 +59,19 @@ def profile(
         raise ModelError("profiling needs PyTorch, which is not installed: pip install 'robustflow[torch]'")
     if paper and into is not None:
         raise UsageError("--paper profiles many models, --into keeps the cost of one; leave out one of them")
-    if paper and model is not None:
+    if paper and models:
         raise UsageError("--paper profiles the paper's models; leave out the model")
     if paper:
         _print_paper()
         return
-    if model is None:
+    if not models:
         raise UsageError("name a model to profile, or give --paper")
-    _print_model(model, size, repeat, model_options(option, device=device, precision=precision), iterations, into)
+    if len(models) > 1 and into is not None:
+        raise UsageError("--into keeps the cost of one model; name one")
+    options = model_options(option, device=device, precision=precision)
+    costs = [(name, *_print_model(name, size, repeat, options, iterations, into)) for name in models]
+    if len(costs) > 1:
+        _print_side_by_side(costs)
 
 
 def _print_model(
@@ -67,7 +81,7 @@ def _print_model(
     options: tuple[tuple[str, object], ...],
     iterations: int | None,
     into: Path | None,
-) -> None:
+) -> tuple[Counts, Measured | None]:
     from ..models import ModelSpec
     from ..models.catalog import methods
     from ..models.input_convention import parse_size
@@ -114,6 +128,19 @@ def _print_model(
             **(asdict(measured) if measured is not None else {}),
         )
         typer.echo(f"kept in      {write_cost(run, cost)}")
+    return counts, measured
+
+
+def _print_side_by_side(costs: list[tuple[str, Counts, Measured | None]]) -> None:
+    line = "{:20s} {:>12s} {:>10s} {:>9s} {:>11s}"
+    typer.echo("\n" + line.format("model", "params (M)", "MACs (G)", "pair (s)", "peak (GiB)"))
+    for name, counts, measured in costs:
+        time_and_memory = (
+            ("-", "-") if measured is None else (f"{measured.seconds:.2f}", f"{measured.peak_bytes / 2**30:.2f}")
+        )
+        typer.echo(
+            line.format(plain(name, 20), f"{counts.parameters / 1e6:.3f}", f"{counts.macs / 1e9:.2f}", *time_and_memory)
+        )
 
 
 _LINE = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"

@@ -60,7 +60,10 @@ def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
     values = {cell: getattr(scores, metric) for cell, scores in scored.items() if getattr(scores, metric) is not None}
     if not values:
         return []
-    samples = {(key,): _over_corruptions(values, key) for key in dict.fromkeys(cell[0] for cell in values)}
+    of_sample: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for (key, corruption, _), value in values.items():
+        of_sample[key][corruption].append(value)
+    samples = {(key,): _over_corruptions(by_corruption) for key, by_corruption in of_sample.items()}
     chosen: list[ExampleCell] = []
     for kind, pick in (("worst", _worst), ("median", _median)):
         (key,) = pick(samples)
@@ -83,13 +86,9 @@ def _mean(total: float | None, count: int | None) -> float | None:
     return total / count if count and total is not None else None
 
 
-def _over_corruptions(values: dict[tuple[str, str, int], float], key: str) -> float:
+def _over_corruptions(values: dict[str, list[float]]) -> float:
     """The paper's order of means: over severities, then over corruptions."""
-    by_corruption: dict[str, list[float]] = defaultdict(list)
-    for (sample, corruption, _), value in values.items():
-        if sample == key:
-            by_corruption[corruption].append(value)
-    return _fmean([_fmean(each) for each in by_corruption.values()])
+    return _fmean([_fmean(each) for each in values.values()])
 
 
 def _fmean(values: Sequence[float]) -> float:
