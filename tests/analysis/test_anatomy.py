@@ -45,14 +45,14 @@ def _summary(*rows: dict):
 
 
 def test_families_share_the_error():
-    """Two weather corruptions at CRE 6, one noise at CRE 3: weather is 12 / 15 of the CRE."""
+    """Two weather corruptions at CRE 6, one noise at CRE 3: weather adds 4 px to a CRE of 5."""
     found = by_family(
         _summary(_row(CLEAN, 0, 2, 5), _row("fog", 1, 8, 10), _row("snow", 1, 8, 20), _row("gaussian_noise", 1, 5, 7))
     )
     weather, noise = found.row(0, named=True), found.row(1, named=True)
     assert (weather["family"], weather["corruptions"], weather["cre"], weather["crer"]) == ("weather", 2, 6, 3)
-    assert weather["contribution"] == pytest.approx(80)
-    assert noise["contribution"] == pytest.approx(20)
+    assert weather["contribution"] == pytest.approx(4)
+    assert noise["contribution"] == pytest.approx(1)
     assert weather["broken"] == pytest.approx(10)
     assert noise["broken"] == pytest.approx(2)
 

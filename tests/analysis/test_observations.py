@@ -91,9 +91,18 @@ def test_own_models_can_be_described():
     known = {"encoder": "CNN", "decoder": "", "year": 2025, "source": "own"}
     methods = {
         name: Method(method=name, type=kind, **known)
-        for name, kind in (("A", "supervised"), ("B", "supervised"), ("C", "unsupervised"))
+        for name, kind in (
+            ("A", "supervised"),
+            ("B", "supervised"),
+            ("C", "unsupervised"),
+            ("D", "supervised"),
+            ("E", "supervised"),
+        )
     }
-    models = {("ID", name): {"clean": 2.0, "average": value} for name, value in (("A", 9), ("B", 8), ("C", 3))}
+    models = {
+        ("ID", name): {"clean": 2.0, "average": value}
+        for name, value in (("A", 9), ("B", 8), ("C", 3), ("D", 9), ("E", 9))
+    }
     assert _verdicts(_results(models), methods=methods)[3] == "holds"
     models["ID", "C"]["average"] = 8.5
     assert _verdicts(_results(models), methods=methods)[3] == "does not hold"
@@ -121,3 +130,17 @@ def test_models_of_equal_error_have_no_correlation():
     first = observations(results)[0]
     assert first.verdict == "cannot be computed"
     assert "all models have the same" in first.parts[0].says
+
+
+def test_two_models_or_three_pairs_are_too_little_evidence():
+    everything = observations(published_results(), published_costs())
+    few = observations(published_results(), published_costs(), pairs=3)
+    for whole, thin in zip(everything, few, strict=True):
+        assert whole.verdict in ("holds", "does not hold")
+        assert thin.verdict == "too little evidence"
+        weighed = [part for part in thin.parts if part.verdict != "cannot be computed"]
+        assert all("3 image pairs, at least 20 are needed" in part.says for part in weighed)
+        assert [part.numbers for part in thin.parts] == [part.numbers for part in whole.parts]
+    two = published_results().filter(pl.col("model").is_in(["RAFT", "ARFlow"]))
+    verdicts = {observation.verdict for observation in observations(two, published_costs(), pairs=80)}
+    assert verdicts <= {"too little evidence", "cannot be computed"}

@@ -15,6 +15,7 @@ import pytest
 import robustflow as rf
 from robustflow import load_run
 from robustflow.models.loading import EXPORTED
+from robustflow.testing import ZeroFlow
 
 
 def _frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:
@@ -41,12 +42,9 @@ def test_run_then_show(robustflow):
     assert "digital" in table
 
 
-class _Named:
+class _Named(ZeroFlow):
     def identity(self):
         return {"name": "[/red][b]\u202e\x1b[3m"}
-
-    def predict(self, frame1, frame2):
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 def test_several_models_one_after_the_other(robustflow):

@@ -8,7 +8,6 @@ import shutil
 import sys
 import weakref
 
-import numpy as np
 import polars as pl
 import pytest
 from hypothesis import given, settings
@@ -24,6 +23,7 @@ from robustflow.records.load import is_record, load_run
 from robustflow.records.pack import pack, record_bytes
 from robustflow.records.rows_text import rows_from_text, rows_to_text
 from robustflow.records.verify import verify
+from robustflow.testing import ZeroFlow
 
 from .forge import entries_of, with_json
 
@@ -153,14 +153,11 @@ def test_names_and_places(run, tmp_path, monkeypatch):
         pack(run, tmp_path / "nowhere" / "a.robustflow")
 
 
-class Strange:
+class Strange(ZeroFlow):
     """A model whose name is markup."""
 
     def identity(self):
         return {"name": "<img src=x onerror=alert(1)> [red]$x$"}
-
-    def predict(self, frame1, frame2):
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 
-import numpy as np
 import polars as pl
 import pytest
 from hypothesis import given, settings
@@ -18,6 +17,7 @@ from robustflow.records.container import container_bytes
 from robustflow.records.pack import record_bytes
 from robustflow.records.verify import CHECKS, verify
 from robustflow.runs.identity import identity_digest
+from robustflow.testing import ZeroFlow
 
 from .forge import entries_of, failure, sealed, verified, with_json, with_rows
 
@@ -374,14 +374,11 @@ def test_no_content_breaks_the_reader(packed, data):
 
 
 def test_declared_training_sets(tmp_path):
-    class Mine:
+    class Mine(ZeroFlow):
         trained_on = "C+T"
 
         def identity(self):
             return {"name": "mine"}
-
-        def predict(self, frame1, frame2):
-            return np.zeros((*frame1.shape[:2], 2), np.float32)
 
     run = evaluate(Mine(), "demo", output=tmp_path / "run", corruptions=["fog"], severities=[1])
     data = record_bytes(run)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from robustflow.benchmarks import load_benchmark
 from robustflow.errors import DataError, ModelError, UsageError
 from robustflow.runner.displacement import EDGES, displacement_histogram, histogram
+from robustflow.testing import ZeroFlow
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([EDGES, (0, 1, 5, 30), (0.0, math.inf), (0, 3)]))
@@ -37,11 +38,7 @@ def test_from_ground_truth_and_from_a_model():
     sample = benchmark.dataset.load(benchmark.keys[0])
     assert truth["pixels"].sum() == int(sample.valid.sum())
 
-    class Still:
-        def predict(self, frame1, frame2):
-            return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-    still = displacement_histogram(benchmark, Still(), "still")
+    still = displacement_histogram(benchmark, ZeroFlow(), "still")
     assert still["pixels"][0] == sample.shape[0] * sample.shape[1]
     assert still["source"].unique().to_list() == ["still"]
 

@@ -24,6 +24,7 @@ from robustflow.runner.recheck import recheck
 from robustflow.runner.setup import set_up_again
 from robustflow.runs.source import RunSource
 from robustflow.runs.store import RunFolder
+from robustflow.testing import ZeroFlow
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 CELLS = {"corruptions": ["contrast", "over_exposure"], "severities": [2, 5]}
@@ -122,11 +123,7 @@ def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
 
 
 def test_what_a_run_cannot_be_set_up_again_from(tmp_path):
-    class Still:
-        def predict(self, frame1, frame2):
-            return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-    run = rf.evaluate(Still(), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    run = rf.evaluate(ZeroFlow(), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     with pytest.raises(RunError, match="was run with a Python object, which has no name; give --model"):
         set_up_again(run, RunSource.read(run.path))
     with pytest.raises(RunError, match="differs in: model"):

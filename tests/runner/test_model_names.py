@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import sys
 
-import numpy as np
 import pytest
 
 import robustflow as rf
 from robustflow.cli.main import main
 from robustflow.errors import UsageError
 from robustflow.records.pack import pack
+from robustflow.testing import ZeroFlow
 
 SETTINGS = {"corruptions": ["contrast"], "severities": [1]}
 
 
-class Still:
+class Still(ZeroFlow):
     name = "My model"
-
-    def predict(self, frame1, frame2):
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 def test_the_attribute_and_the_argument(tmp_path):

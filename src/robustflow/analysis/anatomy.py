@@ -50,15 +50,17 @@ def by_family(summary: Summary) -> pl.DataFrame:
 
     Returns:
         Columns family, corruptions (how many were run), epe, cre, crer, rcre, fl, broken (percent of pixels, net), and
-        contribution (percent of the overall CRE that this family adds; below 0 where it helps).
+        contribution (pixels of the overall CRE that this family adds; below 0 where it helps). Where only the paper's
+        corruptions were run, the contributions add up to the CRE. Shares of it would not mean anything: where one
+        family helps, those of the others exceed 100 %.
     """
     averaged = summary.averaged_over
     records = []
     for family, scores in summary.families.items():
         count = sum(name in averaged for name in FAMILIES[family])
         part = None
-        if scores.cre is not None and summary.cre:
-            part = 100.0 * scores.cre * count / (summary.cre * len(averaged))
+        if scores.cre is not None:
+            part = scores.cre * count / len(averaged)
         broken = _minus(scores.fl, summary.clean.fl)
         records.append((family, count, scores.epe, scores.cre, scores.crer, scores.rcre, scores.fl, broken, part))
     numbers = ("corruptions", "epe", "cre", "crer", "rcre", "fl", "broken", "contribution")

@@ -62,30 +62,33 @@ def effective_table(results: pl.DataFrame) -> Table:
 
 def anatomy_table(runs: Sequence[Run]) -> Table:
     """Errors by region, by family, and by severity slope, of each run."""
-    columns = tuple(map(Column, ("share %", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")))
+    columns = tuple(map(Column, ("share %", "adds (px)", "CRE (px)", "CREr", "RCRE (px)", "broken %", "slope (px)")))
     sections = []
     for name, run in zip(run_names(runs), runs, strict=True):
         lines = []
         for row in anatomy.by_region(run.summary).iter_rows(named=True):
-            lines.append(_line(row["label"], [row[c] for c in ("share", "cre", "crer", "rcre", "broken")] + [None]))
+            lines.append(
+                _line(row["label"], [row["share"], None, *(row[c] for c in ("cre", "crer", "rcre", "broken")), None])
+            )
         for row in anatomy.by_family(run.summary).iter_rows(named=True):
             cells = [row[c] for c in ("contribution", "cre", "crer", "rcre", "broken")]
-            lines.append(_line(f"{row['family']} corruptions", [*cells, None]))
+            lines.append(_line(f"{row['family']} corruptions", [None, *cells, None]))
         for row in anatomy.by_severity(run.summary, "rcre").iter_rows(named=True):
-            lines.append(_line(long_label(row["corruption"]), [None] * 5 + [row["slope"]]))
+            lines.append(_line(long_label(row["corruption"]), [None] * 6 + [row["slope"]]))
         sections.append(Section(name, tuple(lines)))
     remark = (
-        "share: of the pixels (regions) or of the CRE (families); broken: pixels that became Fl outliers, net; slope: "
+        "share: of the pixels; adds: what a family adds to the mean CRE, below 0 where it helps; broken: pixels that "
+        "became Fl outliers, net; slope: "
         "RCRE per step of severity."
     )
     return Table("anatomy", "Anatomy of error", columns, tuple(sections), (remark,), "Part")
 
 
-def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost]) -> Table:
-    """The ten observations with their verdicts; results must be comparable (see `observations`)."""
+def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost], pairs: int | None = None) -> Table:
+    """The ten observations with their verdicts; results must be comparable, `pairs` as for `observations`."""
     columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
     sections = []
-    for found in observations(results, costs):
+    for found in observations(results, costs, pairs=pairs):
         lines = [
             Line("main" if part.main else "also", (Cell(part.verdict), Cell(part.claim), Cell(part.says)))
             for part in found.parts

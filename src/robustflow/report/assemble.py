@@ -13,7 +13,7 @@ from ..analysis.displacements import displacements_of
 from ..analysis.labels import on_benchmark
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results
-from ..analysis.scores import run_names, run_results
+from ..analysis.scores import run_names, run_results, sample_set
 from ..errors import UsageError, unknown_name
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
@@ -61,8 +61,11 @@ def tables_of(
     costs = published_costs() if published else {}
     about = results.filter(pl.col("sample_set") != PAPER) if only_own else results
 
+    pairs = {sample_set(run): run.summary.samples for run in runs}
+
     def all_observations(part: pl.DataFrame) -> Table:
-        return observations_table(part, costs if PAPER in set(part["sample_set"]) else {})
+        frames = str(part["sample_set"][0])
+        return observations_table(part, costs if frames == PAPER else {}, pairs.get(frames))
 
     def computable_observations(part: pl.DataFrame) -> Table:
         table = all_observations(part)

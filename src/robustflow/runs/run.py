@@ -50,6 +50,10 @@ class Run:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
         return with_groups(complete_rows(self._folder.rows()), str(self.manifest["identity"]["dataset"]))
 
+    def release_rows(self) -> None:
+        """Let go of the rows in memory; they are read again when they are asked for."""
+        self.__dict__.pop("rows", None)
+
     @cached_property
     def summary(self) -> Summary:
         """Means over the corruptions of this run, the paper's beside them, and where they are incomplete.

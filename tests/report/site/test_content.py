@@ -128,7 +128,7 @@ def test_a_run_that_measured_nothing_is_still_the_page_of_that_run(tmp_path):
     assert (board.benchmark, board.count, board.columns) == ("demo", 1, ())
     text = (run.path / "report.html").read_text()
     assert "predicted pixels were NaN or infinite" in text
-    assert 'data-primary aria-labelledby="title-blind"' in text
+    assert 'id="primary" data-page="blind"' in text
 
 
 def test_no_results_at_all_say_so():

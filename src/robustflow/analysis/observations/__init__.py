@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import polars as pl
 
+from ...text import counted
 from ..published.tables import Cost, Method
 from .corruptions import dark_and_overexposed, local_information
 from .evidence import Evidence
@@ -18,10 +19,15 @@ from .models import (
     unsupervised_are_stable,
     weather_is_why,
 )
-from .verdict import Observation, Part, Verdict
+from .verdict import Observation, Part, Verdict, without_verdict
 
 __all__ = ["Observation", "Part", "Verdict", "observations"]
 
+LEAST_MODELS = 5
+LEAST_PAIRS = 20
+"""Below these a statement about models in general has too little evidence."""
+
+_OF_RCRE = (9, 10)
 _OBSERVATIONS = (
     accuracy_and_robustness,
     samflow_and_csflow,
@@ -37,7 +43,10 @@ _OBSERVATIONS = (
 
 
 def observations(
-    results: pl.DataFrame, costs: Mapping[str, Cost] | None = None, methods: Mapping[str, Method] | None = None
+    results: pl.DataFrame,
+    costs: Mapping[str, Cost] | None = None,
+    methods: Mapping[str, Method] | None = None,
+    pairs: int | None = None,
 ) -> list[Observation]:
     """The paper's observations checked on results.
 
@@ -46,6 +55,8 @@ def observations(
             published ones, or those of runs, not both.
         costs: FLOPs and CREr by model, for observation 6.
         methods: what kind of method each model is, by name; the paper's models by default.
+        pairs: on how many image pairs the models were measured, where that is known. On fewer than `LEAST_PAIRS`, or
+            with fewer than `LEAST_MODELS` models, the numbers are given without a verdict: "too little evidence".
 
     >>> from robustflow.analysis.published.tables import published_costs, published_results
     >>> found = observations(published_results(), published_costs())
@@ -53,4 +64,14 @@ def observations(
     [1]
     """
     evidence = Evidence(results, costs or {}, methods)
-    return [observe(evidence) for observe in _OBSERVATIONS]
+    found = [observe(evidence) for observe in _OBSERVATIONS]
+    return [_weighed(one, len(evidence.rcre if one.number in _OF_RCRE else evidence.entries), pairs) for one in found]
+
+
+def _weighed(observation: Observation, models: int, pairs: int | None) -> Observation:
+    few = []
+    if models < LEAST_MODELS:
+        few.append(f"{counted(models, 'model')}, at least {LEAST_MODELS} are needed")
+    if pairs is not None and pairs < LEAST_PAIRS:
+        few.append(f"{counted(pairs, 'image pair')}, at least {LEAST_PAIRS} are needed")
+    return without_verdict(observation, "; ".join(few)) if few else observation

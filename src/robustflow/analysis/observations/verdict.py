@@ -6,8 +6,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-Verdict = Literal["holds", "does not hold", "cannot be computed"]
+Verdict = Literal["holds", "does not hold", "too little evidence", "cannot be computed"]
 UNKNOWN: Verdict = "cannot be computed"
+THIN: Verdict = "too little evidence"
 
 
 class _Frozen(BaseModel):
@@ -49,9 +50,20 @@ class Observation(_Frozen):
     def verdict(self) -> Verdict:
         """Of its main parts together."""
         found = [part.verdict for part in self.parts if part.main]
+        if THIN in found:
+            return THIN
         if "does not hold" in found:
             return "does not hold"
         return UNKNOWN if UNKNOWN in found else "holds"
+
+
+def without_verdict(observation: Observation, reason: str) -> Observation:
+    """The numbers of an observation without a verdict, because they come from too few models or image pairs."""
+    parts = [
+        one if one.verdict == UNKNOWN else one.model_copy(update={"verdict": THIN, "says": f"{one.says} ({reason})"})
+        for one in observation.parts
+    ]
+    return observation.model_copy(update={"parts": parts})
 
 
 def part(

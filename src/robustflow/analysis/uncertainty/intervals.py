@@ -33,6 +33,7 @@ def intervals(
     resamples: int = RESAMPLES,
     seed: int = 0,
     severities: bool = False,
+    corruptions: bool = True,
 ) -> pl.DataFrame:
     """Intervals of EPE, CRE, CREr and RCRE: overall, per corruption, and of the clean EPE.
 
@@ -44,6 +45,7 @@ def intervals(
         resamples: of the bootstrap.
         seed: of the bootstrap.
         severities: also each corruption at each severity.
+        corruptions: also each corruption; without, the clean EPE and the averages alone, in a fraction of the time.
 
     Returns:
         Columns metric, corruption (a name, "average" or "clean"), severity (null for the mean over them), estimate
@@ -55,7 +57,7 @@ def intervals(
         UsageError: a level or number of resamples that cannot be meant.
     """
     sums = ClusterSums.of(rows)
-    keys = statistics_of(sums, severities)
+    keys = statistics_of(sums, severities, corruptions)
     statistics = {key: sums.statistic(*key) for key in keys}
     found = bootstrap(statistics, len(sums.clusters), level=level, resamples=resamples, seed=seed) if keys else {}
     shared = (sums.images, len(sums.clusters), level)
@@ -67,11 +69,11 @@ def intervals(
     return pl.DataFrame(records, schema=_SCHEMA, orient="row")
 
 
-def statistics_of(sums: ClusterSums, severities: bool = False) -> list[Key]:
+def statistics_of(sums: ClusterSums, severities: bool = False, corruptions: bool = True) -> list[Key]:
     """(metric, corruption, severity) of every mean that can be made."""
     keys: list[Key] = [("epe", CLEAN, None)]
     for metric in METRICS:
-        keys += [(metric, name, None) for name in (AVERAGE, *sums.corruptions())]
+        keys += [(metric, name, None) for name in (AVERAGE, *(sums.corruptions() if corruptions else ()))]
         if severities:
             keys += [(metric, name, level) for name, level in sums.settings]
     return [key for key in keys if sums.measured(*key)]

@@ -7,11 +7,11 @@ import textwrap
 from collections.abc import Sequence
 from typing import Literal
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
-from matplotlib.transforms import Bbox
 
 from ...analysis.published.tables import method_of
 from ...text import name_text
@@ -109,7 +109,9 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         figure.draw_without_rendering()
     per_point = figure.dpi / 72
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
-    placed: list[Bbox] = []
+    centres = np.array(dots)
+    placed = np.empty((len(points), 4))  # x0, y0, x1, y1 of each shown name
+    shown = 0
     texts = []
     for (x, y, label), dot, radius in zip(points, dots, radii or [3.0] * len(points), strict=True):
         text = axes.annotate(
@@ -117,15 +119,19 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         )
         with any_script():
             size = text.get_window_extent()
-        best: tuple[float, _Place, Bbox] | None = None
+        best: tuple[float, _Place, tuple[float, float, float, float]] | None = None
         for rank, (dx, dy, side) in enumerate(_places(radius)):
-            left = dot[0] + dx * per_point - {"left": 0.0, "center": 0.5, "right": 1.0}[side] * size.width
-            box = Bbox.from_bounds(left, dot[1] + dy * per_point - size.height / 2, size.width, size.height)
-            cost = _OVERLAP * sum(box.overlaps(other) for other in placed) + 0.1 * rank
-            cost += 3.0 * sum(box.contains(*other) for other in dots)
-            cost += 20.0 * (box.x0 < axes.bbox.x0 or box.x1 > axes.bbox.x1)
+            x0 = dot[0] + dx * per_point - {"left": 0.0, "center": 0.5, "right": 1.0}[side] * size.width
+            y0 = dot[1] + dy * per_point - size.height / 2
+            x1, y1 = x0 + size.width, y0 + size.height
+            others = placed[:shown]
+            overlaps = (others[:, 0] <= x1) & (others[:, 2] >= x0) & (others[:, 1] <= y1) & (others[:, 3] >= y0)
+            covered = (centres >= (x0, y0)).all(axis=1) & (centres <= (x1, y1)).all(axis=1)
+            cost = _OVERLAP * int(overlaps.sum()) + 0.1 * rank
+            cost += 3.0 * int(covered.sum())
+            cost += 20.0 * (x0 < axes.bbox.x0 or x1 > axes.bbox.x1)
             if best is None or cost < best[0]:
-                best = (cost, (dx, dy, side), box)
+                best = (cost, (dx, dy, side), (x0, y0, x1, y1))
         assert best is not None
         text.set_position(best[1][:2])
         text.set_horizontalalignment(best[1][2])
@@ -133,7 +139,8 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
         if len(points) > _NAMES_AT_ANY_COST and best[0] >= _OVERLAP:
             text.set_visible(False)
         else:
-            placed.append(best[2])
+            placed[shown] = best[2]
+            shown += 1
     return texts
 
 

@@ -9,7 +9,16 @@ from importlib.resources import files
 
 from markupsafe import Markup
 
-SCRIPTS = ("state.js", "board.js", "figures.js", "findings.js", "examples.js", "downloads.js")
+SCRIPTS = (
+    "elements.js",
+    "models.js",
+    "state.js",
+    "board.js",
+    "figures.js",
+    "findings.js",
+    "examples.js",
+    "downloads.js",
+)
 
 
 @cache

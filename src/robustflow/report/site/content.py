@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from ...runs.run import Run
 
 
+MOST_DETAILED = 24
+"""Runs on a page that shows intervals of every corruption, and pictures; of more, the intervals of the averages."""
+
+
 @dataclass(frozen=True)
 class Content:
     """What a page is made from.
@@ -88,6 +92,14 @@ def whole_content(
 def _content(
     title: str, runs: Sequence[Run], files: Sequence[tuple[str, pl.DataFrame]], published: bool, alone: bool
 ) -> Content:
+    by_name = {}
+    known = {}
+    for run, name in zip(runs, run_names(runs), strict=True):
+        key = (sample_set(run), name)
+        by_name[key], known[key] = run, _intervals(run, detailed=len(runs) <= MOST_DETAILED)
+        if len(runs) > MOST_DETAILED:
+            _ = run.summary
+            run.release_rows()
     own, paper = results_of(runs, published=False), results_of([], published=published)
     parts, titles = [own], {PAPER: "Published values"}
     for run in runs:
@@ -104,12 +116,11 @@ def _content(
             f"{found['metric']} of '{plain(found['model'])}' ({plain(found['setting'])}) on {found['corruption']} is "
             f"there twice for the sample set '{plain(found['sample_set'])}'; give each result once"
         )
-    by_name = {(sample_set(run), name): run for name, run in zip(run_names(runs), runs, strict=True)}
     costs = published_costs() if published else {}
     entries = entries_of(
         results,
         costs,
-        {key: _intervals(run) for key, run in by_name.items()},
+        known,
         run_costs(runs),
         [
             (str(run.manifest["identity"]["benchmark"]), frames, setting_of(run), name, note_of(run))
@@ -123,8 +134,8 @@ def _content(
     return Content(title, by_name, results, costs, entries, titles, alone)
 
 
-def _intervals(run: Run) -> dict[Key, Interval]:
-    known = intervals(run.rows).drop_nulls(["low", "high"])
+def _intervals(run: Run, detailed: bool) -> dict[Key, Interval]:
+    known = intervals(run.rows, corruptions=detailed).drop_nulls(["low", "high"])
     return {
         (metric, corruption): (low, high)
         for metric, corruption, low, high in known.select("metric", "corruption", "low", "high").iter_rows()

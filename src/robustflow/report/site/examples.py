@@ -30,7 +30,8 @@ _SLIDER_WIDTH, _PANEL_WIDTH = 384, 1200
 _QUALITY = 62
 
 MOST_RUNS = 12
-"""Runs of which a page shows panels: each adds a third of a megabyte."""
+"""Runs of which a page shows panels: each adds a third of a megabyte. A page of more runs shows those of the first;
+each run's own page has its own."""
 
 _File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 _Text = Annotated[str, Field(max_length=500)]
@@ -122,7 +123,7 @@ def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
     slider: Slider | None = None
     panels: dict[tuple[str, str], list[Panel]] = {}
     for key, run in runs.items():
-        found = run_examples(run) if len(panels) < MOST_RUNS else None
+        found = run_examples(run) if len(panels) < (MOST_RUNS if len(runs) <= MOST_RUNS else 1) else None
         if found is not None:
             slider = slider or found[0]
             panels[key] = found[1]

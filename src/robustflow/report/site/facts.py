@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from ...analysis.published.tables import method_of
@@ -25,7 +26,7 @@ def run_facts(run: Run) -> Facts:
     facts = [
         ("Model", _spelled(identity["model"])),
         ("Setting", run.setting),
-        ("Trained on", ", ".join(provenance.get("trained_on") or ()) or "not declared"),
+        ("Trained on", _trained_on(provenance)),
         ("How that is known", str(provenance.get("basis", ""))),
         ("Note on the training", str(provenance.get("note", ""))),
         ("Benchmark", f"{identity['benchmark']} ({identity.get('dataset', '')})"),
@@ -54,6 +55,11 @@ def published_facts(model: str, sources: list[str]) -> Facts:
             ("Decoder", method.decoder),
         ]
     return [(label, plain(text, _LONGEST)) for label, text in facts if text]
+
+
+def _trained_on(provenance: Mapping[str, Any]) -> str:
+    names = provenance.get("trained_on")
+    return "not declared" if names is None else ", ".join(names) or "nothing"
 
 
 def _spelled(values: dict[str, Any]) -> str:

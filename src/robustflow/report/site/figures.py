@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 from markupsafe import Markup
@@ -14,6 +14,7 @@ from ..figures import displacement_figure, figures_by_sample_set, severity_curve
 from ..figures.canvas import SERIES
 from ..figures.marks import MarkedFigure
 from .content import Content
+from .entries import default_order
 from .svg import inline_svg
 
 _TEXTS = {
@@ -31,8 +32,8 @@ _TEXTS = {
     ),
     "effective_trend": (
         "Effective robustness",
-        "Corrupted against clean EPE with the trend of a setting: below the line is more robust than the clean error "
-        "lets expect.",
+        "Corrupted against clean EPE with the trend of the models: below the line is more robust than the clean error "
+        "predicts.",
     ),
     "displacement": (
         "How far things move",
@@ -69,18 +70,37 @@ def page_figures(content: Content) -> list[PageFigure]:
     drawn: list[tuple[str, str, MarkedFigure]] = []
     for frames, figures in figures_by_sample_set(content.focus).items():
         drawn += [(frames, name, figure) for name, figure in figures.items() if _compares(name, figure)]
+    notes = {}
     for frames in dict.fromkeys(frames for frames, _ in content.runs):
-        runs = iter([(name, run) for (of, name), run in content.runs.items() if of == frames])
-        while part := dict(islice(runs, len(SERIES))):
-            try:
-                drawn.append((frames, "severity_curves", severity_curves({n: run.rows for n, run in part.items()})))
-            except UsageError:
-                # Runs without a single pixel to measure have no curve.
-                continue
+        runs = _best_runs(frames, content)
+        count = sum(of == frames for of, _ in content.runs)
+        if count > len(runs):
+            notes[frames] = f"The {len(runs)} of {count} runs with the lowest error are drawn. "
+        try:
+            curves = severity_curves({name: content.runs[frames, name].rows for name in runs})
+        except UsageError:
+            # Runs without a single pixel to measure have no curve.
+            continue
+        drawn.append((frames, "severity_curves", curves))
     moved = iter(displacements_of(list(content.runs.values())).items())
     while lines := dict(islice(moved, len(SERIES))):
         drawn.append(("", "displacement", displacement_figure(lines)))
-    return [_page_figure(f"figure-{index}", *one, content) for index, one in enumerate(drawn)]
+    made = []
+    for index, (of, name, drawing) in enumerate(drawn):
+        one = _page_figure(f"figure-{index}", of, name, drawing, content)
+        made.append(replace(one, frames=one.frames + notes.get(of, "")) if name == "severity_curves" else one)
+    return made
+
+
+def _best_runs(frames: str, content: Content) -> list[str]:
+    """Names of the runs of a sample set, as many as a figure can tell apart, in the order of the runs: of more, those
+    that come first on the leaderboard."""
+    names = [name for of, name in content.runs if of == frames]
+    if len(names) <= len(SERIES):
+        return names
+    entries = sorted((entry for entry in content.entries if entry.sample_set == frames), key=default_order)
+    best = {entry.name for entry in entries[: len(SERIES)]}
+    return [name for name in names if name in best]
 
 
 def _compares(name: str, figure: MarkedFigure) -> bool:

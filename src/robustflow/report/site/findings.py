@@ -8,12 +8,12 @@ import polars as pl
 
 from ...analysis.audit import CHECKS, Audit, Finding, audit_published, audit_results
 from ...analysis.observations import Observation, observations
-from ...analysis.observations.verdict import UNKNOWN
+from ...analysis.observations.verdict import THIN, UNKNOWN
 from ...analysis.published.tables import PAPER
 from ...text import plain
 from .content import Content
 
-VERDICT_CLASSES = {"holds": "yes", "does not hold": "no", UNKNOWN: "open"}
+VERDICT_CLASSES = {"holds": "yes", "does not hold": "no", THIN: "open", UNKNOWN: "open"}
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,8 @@ def checked_observations(content: Content) -> list[Checked]:
     found = []
     for frames in dict.fromkeys(content.focus["sample_set"]):
         part = content.results.filter(pl.col("sample_set") == frames)
-        made = observations(part, content.costs if frames == PAPER else {})
+        pairs = next((run.summary.samples for (of, _), run in content.runs.items() if of == frames), None)
+        made = observations(part, content.costs if frames == PAPER else {}, pairs=pairs)
         if any(one.verdict != UNKNOWN for one in made):
             found.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(made)))
     return found

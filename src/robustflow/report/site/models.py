@@ -17,7 +17,7 @@ from .content import Content
 from .entries import Entry, Key
 from .examples import Panel
 from .facts import Facts, published_facts, run_facts
-from .heat import heat_class, scale_top
+from .heat import scale_top
 
 if TYPE_CHECKING:
     from ...runs.run import Run
@@ -28,11 +28,19 @@ _TILES = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE),
 
 @dataclass(frozen=True)
 class HeatTable:
-    """Corruptions down, severities or settings across; a cell is (text, class of its colour, note)."""
+    """Corruptions down, severities or settings across.
+
+    Attributes:
+        title: what it shows.
+        columns: headings, without the first.
+        tops: for each column the value of the strongest colour, None for a column without colours.
+        lines: (label, cells), a cell is (text, note).
+    """
 
     title: str
     columns: tuple[str, ...]
-    lines: tuple[tuple[str, tuple[tuple[str, str, str], ...]], ...]
+    tops: tuple[float | None, ...]
+    lines: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
 
 
 @dataclass(frozen=True)
@@ -149,15 +157,14 @@ def _severity_table(entry: Entry, run: Run, metric: str) -> HeatTable:
     slopes = {row["corruption"]: row["slope"] for row in by_severity(run.summary, metric).iter_rows(named=True)}
     lines = []
     for row in table.iter_rows(named=True):
-        cells = [(_number(row[level]), heat_class(row[level], top), "") for level in levels]
-        cells.append(
-            (_number(row["mean"]), heat_class(row["mean"], top), interval_text(entry, (metric, row["corruption"])))
-        )
+        cells = [(_number(row[level]), "") for level in levels]
+        cells.append((_number(row["mean"]), interval_text(entry, (metric, row["corruption"]))))
         if slopes:
-            cells.append((_number(slopes.get(row["corruption"])), "", ""))
+            cells.append((_number(slopes.get(row["corruption"])), ""))
         lines.append((plain(long_label(row["corruption"])), tuple(cells)))
     columns = (*levels, "mean", *(["slope"] if slopes else []))
-    return HeatTable(f"{metric_label(metric)} by severity", columns, tuple(lines))
+    tops = (*[top] * (len(levels) + 1), *([None] if slopes else []))
+    return HeatTable(f"{metric_label(metric)} by severity", columns, tops, tuple(lines))
 
 
 def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
@@ -168,18 +175,18 @@ def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
     }
     lines = []
     for name in [name for name in PAPER_ORDER if any((m, name) in e.texts for m, e in shown)] + [AVERAGE]:
-        cells = tuple(
-            (e.texts.get((m, name), "–"), heat_class(e.numbers.get((m, name)), tops[m]), "") for m, e in shown
-        )
+        cells = tuple((e.texts.get((m, name), "–"), "") for m, e in shown)
         lines.append(("Average" if name == AVERAGE else long_label(name), cells))
     columns = tuple(f"{METRIC_LABELS[metric]} {setting_words(entry.setting)}" for metric, entry in shown)
-    return HeatTable(f"{title} (px)", columns, tuple(lines))
+    return HeatTable(f"{title} (px)", columns, tuple(tops[metric] for metric, _ in shown), tuple(lines))
 
 
 def _anatomy(run: Run) -> Table | None:
     """Regions and families of the anatomy table; the slopes stand in the tables of severities."""
     whole = anatomy_table([run])
-    lines = [line for section in whole.sections for line in section.lines if line.cells[0].text != "-"]
+    lines = [
+        line for section in whole.sections for line in section.lines if any(cell.text != "-" for cell in line.cells[:2])
+    ]
     if not lines:
         return None
     kept = tuple(Line(line.label, line.cells[:-1]) for line in lines)

@@ -9,18 +9,17 @@ from typing import Any
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
-from ...analysis.labels import SETTING_LABELS, benchmark_label
 from ...text import plain
 from ...version import VERSION
 from . import assets
-from .board import boards_of, setting_label
+from .board import boards_of
 from .content import Content
-from .downloads import download_data
+from .data import page_data
 from .examples import Examples, Slider, examples_of
 from .figures import page_figures
 from .findings import VERDICT_CLASSES, audits, by_check, checked_observations
 from .headline import headline
-from .models import interval_text, model_pages
+from .models import model_pages
 
 
 def render_site(content: Content, gallery: Slider | None = None) -> str:
@@ -35,19 +34,21 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
     '<!doctype html>'
     """
     examples = examples_of(content.runs) or (gallery and Examples(gallery))
+    boards = boards_of(content.entries, dict(content.group_titles))
+    pages = model_pages(content, examples.panels if examples else {})
     return (
         _environment()
         .get_template("page.html")
         .render(
             content=content,
-            boards=boards_of(content.entries, dict(content.group_titles)),
+            boards=boards,
             headline=headline(content),
-            pages=model_pages(content, examples.panels if examples else {}),
+            primary=pages[0].id if content.of_one_run else "",
             figures=page_figures(content),
             examples=examples,
             observations=checked_observations(content),
             audits=audits(content),
-            data=json_block(download_data(content.entries)),
+            data=json_block(page_data(boards, pages)),
             style=assets.style(),
             script=assets.script(),
             policy=assets.policy(),
@@ -74,12 +75,8 @@ def _environment() -> Environment:
         loader=PackageLoader("robustflow.report.site"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     environment.globals.update(
-        benchmark_label=benchmark_label,
         by_check=by_check,
-        interval_text=interval_text,
-        known_settings=tuple(SETTING_LABELS),
         plain=plain,
-        setting_label=setting_label,
         verdict_classes=VERDICT_CLASSES,
     )
     return environment

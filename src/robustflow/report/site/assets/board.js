@@ -1,6 +1,32 @@
 "use strict";
-// The leaderboard: the lines are in the page already; this sorts, hides and counts them.
+// The leaderboard: makes the lines of the page's data, sorts, hides and counts them.
+const { data, make, settingChip } = window.robustflow;
 const form = document.getElementById("controls");
+
+function cellOf(entry, key, hidden) {
+  const text = entry.values?.[key] || "–";
+  const best = entry.best?.includes(key);
+  const kind = best ? "best" : entry.derived?.includes(key) ? "derived" : "";
+  const interval = entry.intervals?.[key];
+  return make("td", { class: kind, hidden }, best ? make("b", {}, text) : text, interval ? make("small", {}, interval) : null);
+}
+
+function lineOf(entry, columns, head) {
+  const link = make("a", { href: `#model=${entry.page}` }, entry.name || "(no name)");
+  const name = make("th", { scope: "row" }, link, entry.remark ? make("small", {}, entry.remark) : null);
+  const cells = columns.map((key, index) => cellOf(entry, key, head[index + 2].hidden));
+  const attributes = { "data-setting": entry.setting, "data-page": entry.page };
+  return make("tr", attributes, name, make("td", {}, settingChip(entry.setting)), ...cells);
+}
+
+document.querySelectorAll("div.board").forEach((element, index) => {
+  const { columns, groups } = data.boards[index];
+  const head = [...element.querySelectorAll("thead th")];
+  element.querySelectorAll("tbody").forEach((body, group) => {
+    body.append(...groups[group].map((entry) => lineOf(entry, columns, head)));
+  });
+});
+
 const boards = [...document.querySelectorAll("div.board")].map((element) => ({
   element,
   label: element.querySelector("h3").textContent,

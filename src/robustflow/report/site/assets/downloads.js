@@ -1,15 +1,19 @@
 "use strict";
 // Makes files of the numbers in the page. A text that a spreadsheet would run as a formula gets an apostrophe before it.
-const data = JSON.parse(document.getElementById("data").textContent);
+const { data } = window.robustflow;
 const COLUMNS = ["benchmark", "setting", "model", "metric", "corruption", "value", "sample_set", "note"];
 
+// Means over classes of corruptions are not among them: they follow from the rest.
 function records() {
   const all = [];
-  for (const [benchmark, setting, model, metric, sampleSet, note, ...values] of data.lines) {
-    values.forEach((value, index) => {
-      if (value === null) return;
-      all.push([benchmark, setting, model, metric, data.corruptions[index], value, sampleSet, note]);
-    });
+  for (const { benchmark, numbers, groups } of data.boards) {
+    for (const entry of groups.flat()) {
+      numbers.forEach(([metric, corruption], index) => {
+        const value = entry.values?.[index];
+        if (!value) return;
+        all.push([benchmark, entry.setting, entry.name, metric, corruption, value, entry.frames ?? "", entry.note ?? ""]);
+      });
+    }
   }
   return all;
 }

@@ -2,27 +2,29 @@
 // What the address after # says: `model=ID` is a model's page, `key=value&...` the state of the leaderboard, anything
 // else an ordinary anchor. A change of the leaderboard replaces the address; opening a model adds to the history.
 const overview = document.querySelectorAll("[data-overview]");
-const models = new Map([...document.querySelectorAll("article.model")].map((page) => [page.dataset.page, page]));
+const { data, modelPage } = window.robustflow;
+const primary = document.getElementById("primary");
+const place = document.getElementById("model");
 const title = document.title;
 let shown = null;
-
-window.robustflow = { listeners: [], boardState: new URLSearchParams(), highlight() {} };
+if (primary.dataset.page) primary.append(modelPage(primary.dataset.page, true));
 
 function parsed() {
   const text = location.hash.slice(1);
   return text.includes("=") ? new URLSearchParams(text) : null;
 }
 
-function open(id) {
-  const page = models.get(id) ?? null;
-  for (const part of overview) part.hidden = page !== null;
-  for (const [other, element] of models) {
-    element.hidden = page === null ? element.dataset.primary === undefined : other !== id;
-  }
+function open(wanted) {
+  const id = wanted !== null && wanted !== undefined && Object.hasOwn(data.models, wanted) ? wanted : null;
+  const isPrimary = id !== null && id === primary.dataset.page;
+  for (const part of overview) part.hidden = id !== null;
+  primary.hidden = id !== null && !isPrimary;
+  const page = id === null ? null : isPrimary ? primary.firstElementChild : modelPage(id, false);
+  place.replaceChildren(...(page === null || isPrimary ? [] : [page]));
   document.documentElement.classList.toggle("one-model", page !== null);
   document.title = page === null ? title : `${page.querySelector("h2").textContent} – ${title}`;
   const left = shown;
-  shown = page === null ? null : id;
+  shown = id;
   window.robustflow.highlight(shown);
   if (page !== null && left !== id) {
     window.scrollTo({ top: 0, behavior: "instant" });

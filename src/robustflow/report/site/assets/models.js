@@ -1,0 +1,70 @@
+"use strict";
+// The page of a model: its numbers under every corruption, what ran, and the anatomy of its error.
+const { data, make, settingChip } = window.robustflow;
+const STEPS = 10;
+
+// A step of the colour scale by a cell's share of its column's top; shades of cold below zero.
+function heat(text, top) {
+  const value = parseFloat(text);
+  if (top === null || Number.isNaN(value)) return "";
+  const step = top > 0 ? Math.min(STEPS, Math.round((STEPS * Math.abs(value)) / top)) : 0;
+  return value < 0 && step ? `c${step}` : `h${step}`;
+}
+
+function scroll(label, table) {
+  return make("div", { class: "scroll", role: "group", "aria-label": label, tabindex: "0" }, table);
+}
+
+function tableOf(head, columns, lines, cellOf) {
+  const heading = make("tr", {}, ...[head, ...columns].map((text) => make("th", { scope: "col" }, text)));
+  const rows = lines.map(([label, cells]) => make("tr", {}, make("th", { scope: "row" }, label), ...cells.map(cellOf)));
+  return make("table", {}, make("thead", {}, heading), make("tbody", {}, ...rows));
+}
+
+function heatTable(table, name) {
+  const cell = (one, index) => {
+    const [text, note] = Array.isArray(one) ? one : [one, ""];
+    return make("td", { class: heat(text, table.tops[index]) }, text, note ? make("small", {}, note) : null);
+  };
+  const made = tableOf("Corruption", table.columns, table.lines, cell);
+  return make("figure", { class: "heat" }, make("figcaption", {}, table.title), scroll(`${table.title} of ${name}`, made));
+}
+
+function scoresOf({ benchmark, setting, note, scores }) {
+  const head = make("p", {}, `${benchmark} `, settingChip(setting), note ? make("em", {}, ` ${note}`) : null);
+  const tiles = scores.map(([label, text, interval]) =>
+    make("div", {}, make("dt", {}, label), make("dd", {}, text, interval ? make("small", {}, interval) : null)),
+  );
+  return make("div", { class: "scores" }, head, make("dl", {}, ...tiles));
+}
+
+function panelOf({ title, numbers, picture, size: [width, height] }) {
+  const alt = `Frames, corrupted frames, flow and error map side by side. ${numbers}`;
+  const image = make("img", { src: picture, width, height, alt });
+  return make("figure", { class: "panel" }, make("figcaption", {}, numbers ? `${title}: ${numbers}` : title), scroll(title, image));
+}
+
+window.robustflow.modelPage = (id, primary) => {
+  const page = data.models[id];
+  const name = page.name || "(no name)";
+  const parts = [
+    make("p", { class: "back" }, make("a", { href: "#board" }, "← Leaderboard")),
+    make("h2", { class: "name", id: `title-${id}`, tabindex: "-1" }, name),
+    make("div", { class: "all-scores" }, ...page.tiles.map(scoresOf)),
+    ...page.says.map((sentence) => make("p", {}, sentence)),
+    make("div", { class: "tables" }, ...page.tables.map((table) => heatTable(table, name))),
+  ];
+  if (page.anatomy !== null) {
+    const { title, columns, lines, remarks } = page.anatomy;
+    parts.push(make("h3", {}, "Anatomy of the error"));
+    parts.push(scroll(title, tableOf("Part", columns, lines, (text) => make("td", {}, text))));
+    parts.push(...remarks.map((remark) => make("p", { class: "aside" }, remark)));
+  }
+  if (page.panels.length) {
+    parts.push(make("h3", {}, "Predictions"), make("div", { class: "panels" }, ...page.panels.map(panelOf)));
+  }
+  const facts = page.facts.map(([label, text]) => make("div", {}, make("dt", {}, label), make("dd", {}, text)));
+  parts.push(make("h3", {}, "What this is"), make("dl", { class: "facts" }, ...facts));
+  const attributes = { class: "model", id: `model-${id}`, "data-page": id, "data-primary": primary, "aria-labelledby": `title-${id}` };
+  return make("article", attributes, ...parts);
+};

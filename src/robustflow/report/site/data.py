@@ -1,0 +1,125 @@
+"""What a page shows, as data: its script makes of it the leaderboard's rows, the pages of models and the downloads.
+
+A row of markup is many times the size of its numbers, and most rows and pages are never looked at. Every text from
+outside is data here and becomes text in the browser, never markup.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ...analysis.labels import SETTING_LABELS, benchmark_label
+from ...analysis.results import AVERAGE, CLEAN, METRICS
+from ...corruptions.registry import FAMILIES, PAPER_ORDER
+from ...text import plain
+from ..table import Table
+from .board import Board, setting_label
+from .entries import Entry, Key
+from .models import HeatTable, ModelPage, interval_text
+
+
+def page_data(boards: Sequence[Board], pages: Sequence[ModelPage]) -> dict[str, Any]:
+    """The data of a page.
+
+    Returns:
+        `boards` in their order, `models` by the id of their page, `settings`: name -> (label, class of its chip).
+    """
+    settings = {entry.setting for board in boards for group in board.groups for entry in group.entries}
+    return {
+        "boards": [_board(board) for board in boards],
+        "models": {page.id: _model(page) for page in pages},
+        "settings": {name: (setting_label(name), _setting_class(name)) for name in sorted(settings)},
+    }
+
+
+def _board(board: Board) -> dict[str, Any]:
+    entries = [entry for group in board.groups for entry in group.entries]
+    keys = _keys(entries)
+    place = {key: index for index, key in enumerate(keys)}
+    return {
+        "benchmark": plain(board.benchmark),
+        "numbers": [(metric, plain(corruption)) for metric, corruption in keys if _is_number(metric, corruption)],
+        "columns": [place[column.key] for column in board.columns],
+        "groups": [[_entry(entry, place, group.title) for entry in group.entries] for group in board.groups],
+    }
+
+
+def _keys(entries: Sequence[Entry]) -> list[Key]:
+    """First what a download holds, in its order; then means over classes of corruptions, which follow from the rest,
+    and costs."""
+    present = {key for entry in entries for key in entry.texts}
+    corruptions = {corruption for _, corruption in present}
+    known = (CLEAN, AVERAGE, *PAPER_ORDER)
+    order = [*known, *sorted(corruptions - {*known, *FAMILIES, ""})]
+    numbers = [(metric, name) for metric in METRICS for name in order if (metric, name) in present]
+    return [*numbers, *sorted(present - set(numbers))]
+
+
+def _is_number(metric: str, corruption: str) -> bool:
+    return metric in METRICS and corruption not in FAMILIES
+
+
+def _entry(entry: Entry, place: dict[Key, int], title: str) -> dict[str, Any]:
+    """Only what is there: most entries have no intervals, and many no note."""
+    values: list[str | int] = [0] * len(place)
+    for key, text in entry.texts.items():
+        values[place[key]] = text
+    shown = {
+        "name": entry.model,
+        "setting": entry.setting,
+        "page": entry.page,
+        "frames": plain(entry.sample_set, 200),
+        "note": entry.note,
+        "remark": plain(entry.note, 80) if entry.note not in title else "",
+        "values": values,
+        "best": sorted(place[key] for key in entry.best),
+        "derived": sorted(place[key] for key in entry.derived),
+        "intervals": {place[key]: interval_text(entry, key) for key in entry.intervals if key in place},
+    }
+    return {name: value for name, value in shown.items() if value or name in ("name", "setting")}
+
+
+def _model(page: ModelPage) -> dict[str, Any]:
+    tiles = [
+        {
+            "benchmark": benchmark_label(entry.benchmark),
+            "setting": entry.setting,
+            "note": entry.note,
+            "scores": scores,
+        }
+        for entry, scores in page.tiles
+        if scores
+    ]
+    return {
+        "name": page.name,
+        "tiles": tiles,
+        "says": page.says,
+        "tables": [_heat_table(table) for table in page.tables],
+        "anatomy": None if page.anatomy is None else _plain_table(page.anatomy),
+        "panels": [
+            {
+                "title": panel.title,
+                "numbers": panel.numbers,
+                "picture": panel.picture,
+                "size": (panel.width, panel.height),
+            }
+            for panel in page.panels
+        ],
+        "facts": page.facts,
+    }
+
+
+def _heat_table(table: HeatTable) -> dict[str, Any]:
+    lines = [(label, [(text, note) if note else text for text, note in cells]) for label, cells in table.lines]
+    return {"title": table.title, "columns": table.columns, "tops": table.tops, "lines": lines}
+
+
+def _plain_table(table: Table) -> dict[str, Any]:
+    lines = [(line.label, [cell.text for cell in line.cells]) for section in table.sections for line in section.lines]
+    columns = [column.label for column in table.columns]
+    return {"title": table.title, "columns": columns, "lines": lines, "remarks": table.remarks}
+
+
+def _setting_class(setting: str) -> str:
+    return f"set-{setting.lower()}" if setting in SETTING_LABELS else "set-other"
