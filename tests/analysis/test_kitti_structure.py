@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robustflow.analysis.uncertainty import compare, intervals
+from robustflow.analysis.uncertainty.bootstrap import Interval, bootstrap
+from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
 from robustflow.datasets.kitti_drives import drive_groups, drives
 from robustflow.datasets.split import kitti_split
 
-from .simulated import SETTINGS, Truth, coverage, rows_of
-
 KEYS = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
+GROUPS = {"pairs": KEYS, "drives": [drive_groups("kitti2015")[key] for key in KEYS]}
 SPREAD = 0.5
 
 
@@ -31,73 +31,64 @@ def _true_drives(unmapped: str) -> list[str]:
     return [known[key] if key in known else of_unmapped(key) for key in KEYS]
 
 
-def _model(rng: np.random.Generator, names: list[str], within: float) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of a model, clean (n,) and at the settings (n, 3), of which a share `within` of the variance of the
-    logarithm is the pair's own and the rest its drive's; means 2, 3, 5 and 10."""
+def _numbers(names: list[str]) -> np.ndarray:
     order = {name: index for index, name in enumerate(dict.fromkeys(names))}
-    shared = rng.normal(0, SPREAD * np.sqrt(1 - within), len(order))[[order[name] for name in names]]
-    hard = np.exp(shared + rng.normal(0, SPREAD * np.sqrt(within), len(names)) - SPREAD**2 / 2)
-    noise = rng.gamma(8, 1 / 8, (len(names), 1 + len(SETTINGS)))
-    errors = np.array([2, 3, 5, 10]) * hard[:, None] * noise
-    return errors[:, 0], errors[:, 1:]
+    return np.array([order[name] for name in names])
 
 
-def simulate(unmapped: str, within: float, repeats: int, seed: int, resamples: int = 499) -> dict[object, float]:
-    """Percent of intervals that contain the truth, and of tests that call two equally good models different, with the
-    table's groups and with none."""
-    names, groups = _true_drives(unmapped), [drive_groups("kitti2015")[key] for key in KEYS]
-    truth = {key: mean for key, mean in Truth().means.items() if key[1] in ("clean", "average")}
-
-    def once(rng: np.random.Generator) -> dict[object, bool]:
-        hits: dict[object, bool] = {}
-        # Two models that are hard put by other drives, equally good on average over drives.
-        (clean, corrupted), (clean2, corrupted2) = (_model(rng, names, within) for _ in range(2))
-        for name, given in (("drives", groups), ("pairs", None)):
-            first = rows_of(clean, corrupted, corrupted, given)
-            second = rows_of(clean2, corrupted2, corrupted2, given)
-            draw = int(rng.integers(2**31))
-            for row in intervals(first, resamples=resamples, seed=draw).iter_rows(named=True):
-                if (key := (row["metric"], row["corruption"])) in truth:
-                    hits[name, "interval", *key] = row["low"] <= truth[key] <= row["high"]
-            for row in compare(first, second, resamples=resamples, seed=draw).iter_rows(named=True):
-                if row["corruption"] == "average":
-                    hits[name, "test", row["metric"], "average"] = row["p"] < 0.05
-        return hits
-
-    return coverage(once, repeats, seed)
+def _mean(values: np.ndarray, groups: np.ndarray, seed: int, symmetric: bool) -> Interval:
+    clusters = int(groups.max()) + 1
+    totals, counts = (np.bincount(groups, each, clusters)[:, None] for each in (values, np.ones(len(values))))
+    statistic = Statistic([Term(Mean(totals, counts, np.ones(1)))])
+    return bootstrap({0: statistic}, clusters, resamples=599, seed=seed, symmetric=symmetric)[0]
 
 
-def span(found: dict[object, float], name: str, kind: str) -> tuple[float, float]:
-    """Least and largest percent over the metrics."""
-    values = [value for key, value in found.items() if key[:2] == (name, kind)]  # type: ignore[index]
-    return min(values), max(values)
+def simulate(unmapped: str, shared: float, repeats: int, seed: int = 1) -> dict[str, tuple[float, float]]:
+    """By grouping ("pairs", "drives"): percent of 95 % intervals of a mean that contain it, and of tests at 5 % that
+    call two equally good models different.
+
+    Difficulties are log-normal; `shared` of the variance of the logarithm is the drive's.
+    """
+    rng, true = np.random.default_rng(seed), _numbers(_true_drives(unmapped))
+    given = {name: _numbers(groups) for name, groups in GROUPS.items()}
+    hits: dict[str, list[tuple[bool, bool]]] = {name: [] for name in given}
+
+    def difficulty() -> np.ndarray:
+        of_drive = rng.normal(0, SPREAD * np.sqrt(shared), true.max() + 1)[true]
+        return np.exp(of_drive + rng.normal(0, SPREAD * np.sqrt(1 - shared), len(KEYS)) - SPREAD**2 / 2)
+
+    for repeat in range(repeats):
+        errors = difficulty() * rng.gamma(8, 1 / 8, len(KEYS))
+        difference = difficulty() - difficulty()
+        for name, groups in given.items():
+            interval, test = _mean(errors, groups, repeat, False), _mean(difference, groups, repeat, True)
+            assert interval.low is not None
+            assert interval.high is not None
+            assert test.p is not None
+            hits[name].append((interval.low <= 1 <= interval.high, test.p < 0.05))
+    return {name: tuple(100 * np.mean(each, axis=0)) for name, each in hits.items()}  # type: ignore[misc]
 
 
 def test_drives_as_groups_cover_more_than_pairs():
-    found = simulate("fives", 0.4, repeats=40, seed=1, resamples=199)
-    assert span(found, "drives", "interval")[0] >= 80
-    assert np.mean(span(found, "drives", "interval")) > np.mean(span(found, "pairs", "interval"))
+    found = simulate("fives", 0.6, repeats=80)
+    assert found["drives"][0] >= 84
+    assert found["drives"][0] > found["pairs"][0]
+    assert found["drives"][1] < found["pairs"][1]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("unmapped", ["singles", "fives", "runs"])
 def test_drives_as_groups_hold_the_level(unmapped):
     """Whatever the drives of the pairs that the table does not know."""
-    found = simulate(unmapped, 0.4, repeats=600, seed=2)
-    assert span(found, "drives", "interval")[0] >= 90, found
-    assert span(found, "drives", "test")[1] <= 7.5, found
-    assert span(found, "pairs", "interval")[1] <= 92, found
-    assert span(found, "pairs", "test")[1] >= 10, found
+    found = simulate(unmapped, 0.6, repeats=600)
+    assert found["drives"][0] >= 90, found
+    assert found["drives"][1] <= 7.5, found
+    assert found["pairs"][0] <= 90, found
+    assert found["pairs"][1] >= 10, found
 
 
 if __name__ == "__main__":
-    for within in (0.7, 0.4):
+    for shared in (0.3, 0.6, 0.8):
         for unmapped in ("singles", "fives", "runs"):
-            found = simulate(unmapped, within, repeats=1000, seed=3)
-            for name in ("pairs", "drives"):
-                low, high = span(found, name, "interval")
-                least, most = span(found, name, "test")
-                print(
-                    f"{1 - within:.1f} {unmapped:8} {name:6} {low:.1f} to {high:.1f}   {least:.1f} to {most:.1f}",
-                    flush=True,
-                )
+            for name, (covered, rejected) in simulate(unmapped, shared, repeats=600).items():
+                print(f"{shared:.1f} {unmapped:8} {name:6} {covered:5.1f} {rejected:5.1f}", flush=True)

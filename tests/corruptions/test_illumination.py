@@ -20,7 +20,7 @@ def exposed(name, severity):
     """The corruption and a state whose frame 0 is corrupted."""
     corruption = load_corruption(name)
     states = (corruption.draw(Rng.of(seed), severity, (64, 97)) for seed in range(100))
-    return corruption, next(state for state in states if not state.exposed)
+    return corruption, next(state for state in states if not getattr(state, "exposed", 0))
 
 
 @pytest.mark.parametrize("severity", SEVERITIES)

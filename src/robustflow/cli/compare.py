@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    import polars as pl
+
+    from ..report.table import Table
+    from ..runs.run import Run
 
 
 def compare(
@@ -23,8 +30,12 @@ def compare(
     """Say whether models differ, image by image, with intervals and corrected p-values.
 
     Two runs are compared in a table: overall in every metric, and under each corruption in one (CRE by default, RCRE
-    without ground truth); bold is lower by more than chance. More than two are compared pairwise in the
-    average of one metric: a sentence each on the terminal, a line each in the other formats.
+    without ground truth); bold is lower by more than chance. More than two are ranked, with the
+    ranks that the tests leave each, and compared pairwise in the average of one metric: a sentence each on the
+    terminal, a line each in the other formats.
+
+    Runs of one model with several seeds are split into what images, seeds and severities contribute to the spread; runs
+    of several models under several conditions (seed, split, variant, ...) show how the order of the models moves.
 
     \b
     Examples:
@@ -34,7 +45,7 @@ def compare(
     """
     from ..analysis.labels import METRIC_LABELS
     from ..analysis.scores import run_names
-    from ..analysis.uncertainty import compare_all
+    from ..analysis.uncertainty import compare_all, standings
     from ..analysis.uncertainty.paired import common_remark
     from ..analysis.uncertainty.sums import METRICS
     from ..atomic import write_bytes
@@ -43,6 +54,7 @@ def compare(
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table
     from ..report.render import FORMATS, render
+    from ..report.standings_tables import standings_table
     from ..text import plain
     from .tables import for_stdout
 
@@ -55,12 +67,21 @@ def compare(
     if len(runs) < 2:
         raise UsageError("one run cannot be compared: name two or more")
     found = [load_run(run) for run in runs]
+    chosen = metric or ("rcre" if any(run.cre is None for run in found) else "cre")
+    if (across := across_conditions(found, chosen)) is not None:
+        frame, shown = across
+        text = frame.write_json() + "\n" if as_json else render(shown, format)
+        if output is None:
+            typer.echo(text, nl=False)
+        else:
+            write_bytes(output, text.encode())
+            typer.echo(str(output))
+        return
     if len(found) == 2:
         comparison = compare_two(*found, level=level, resamples=resamples, seed=seed)
         table = comparison.frame if metric is None else comparison.frame.filter(metric=metric)
     else:
         rows = dict(zip(run_names(found), (run.rows for run in found), strict=True))
-        chosen = metric or ("rcre" if any(run.cre is None for run in found) else "cre")
         note = common_remark(rows)
         table = compare_all(rows, chosen, level=level, resamples=resamples, seed=seed)
         if table.is_empty():
@@ -73,7 +94,9 @@ def compare(
         shown = comparison.table(metric or "")
         text = for_stdout(shown) if on_screen else render(shown, format)
     elif format == "terminal":
-        text = "".join(f"{plain(sentence, None)}\n" for sentence in (*table["sentence"], *filter(None, [note])))
+        ranking = for_stdout(standings_table(standings(table, list(rows)), chosen)) if _every_pair(table, rows) else ""
+        sentences = (*table["sentence"], *filter(None, [note]))
+        text = ranking + "".join(f"{plain(sentence, None)}\n" for sentence in sentences)
     else:
         text = render(pairs_table(table, note), format)
     if output is None:
@@ -81,3 +104,31 @@ def compare(
     else:
         write_bytes(output, text.encode())
         typer.echo(str(output))
+
+
+def _every_pair(table: pl.DataFrame, rows: dict[str, pl.DataFrame]) -> bool:
+    return table.height == len(rows) * (len(rows) - 1) // 2
+
+
+def across_conditions(runs: Sequence[Run], metric: str) -> tuple[pl.DataFrame, Table] | None:
+    """One model's spread over seeds, or the order of several models under each condition; None for other runs, which
+    are compared on what they have in common."""
+    from ..analysis.conditions import conditions_of, same_model
+    from ..analysis.uncertainty import rank_stability, variance_split
+    from ..report.standings_tables import stability_table, variance_table
+
+    conditions = conditions_of(runs)
+    if same_model(runs) and all(condition.startswith("seed ") and "," not in condition for condition in conditions):
+        by_seed = {int(run.manifest["identity"]["seed"]): run.rows for run in runs}
+        split = variance_split(by_seed, metric)
+        return split, variance_table(split, metric, runs[0].name)
+    scores: dict[str, dict[str, float]] = {}
+    for run, condition in zip(runs, conditions, strict=True):
+        value = getattr(run, metric)
+        if value is not None:
+            scores.setdefault(condition, {})[run.name] = value
+    common = set.intersection(*(set(one) for one in scores.values())) if scores else set()
+    if len(scores) < 2 or len(common) < 2:
+        return None
+    stability = rank_stability(scores)
+    return stability, stability_table(stability, metric)

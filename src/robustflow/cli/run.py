@@ -57,6 +57,9 @@ def run(
         typer.Option("--output", "-o", help="The run's folder, or that of several runs' folders; in runs/ by default."),
     ] = None,
     seed: Seed = 0,
+    seeds: Annotated[
+        int, typer.Option("--seeds", help="Runs, with this seed and those after it, a folder each; see compare.")
+    ] = 1,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
     common_draws: CommonDraws = False,
@@ -85,6 +88,7 @@ def run(
       robustflow run --model dis --model farneback --benchmark kitti-fc --data ~/kitti
       robustflow run --model raft --checkpoint things --device cuda --batch-size 5 --benchmark kitti-fc --data ~/kitti
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
+      robustflow run --model dis --seeds 3 --output runs/dis && robustflow compare runs/dis/seed*
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
     from ..models import ModelSpec
@@ -95,6 +99,8 @@ def run(
         raise UsageError("a model is named twice; name each once")
     if name is not None and len(model) > 1:
         raise UsageError("--name is for one model; leave it out, or run the models one by one")
+    if seeds < 1:
+        raise UsageError(f"--seeds {seeds}: give 1 or more")
     specs = [ModelSpec(each, options) for each in model]
     for spec in specs:
         spec.refuse_early()  # before the imports below, which take seconds
@@ -108,33 +114,35 @@ def run(
     progress = TerminalProgress()
     try:
         for spec in specs:
-            folder = output if output is None or len(model) == 1 else output / file_name(spec.name)
-            with progress:
-                result = evaluate(
-                    spec,
-                    benchmark,
-                    data,
-                    folder,
-                    corruptions=names(corruptions),
-                    severities=numbers(severities),
-                    limit=limit,
-                    split=split,
-                    data_options=dict(keyword_options(data_option)),
-                    seed=seed,
-                    variant=variant,
-                    severity_scale=severity_scale,
-                    common_draws=common_draws,
-                    name=name,
-                    workers=workers,
-                    batch_size=batch_size,
-                    engine=engine,
-                    timeout=timeout,
-                    allow_invalid=allow_invalid,
-                    examples=examples,
-                    progress=progress,
-                )
-            print_result(result)
-            results.append(result)
+            of_model = output if output is None or len(model) == 1 else output / file_name(spec.name)
+            for number in range(seed, seed + seeds):
+                folder = of_model if of_model is None or seeds == 1 else of_model / f"seed{number}"
+                with progress:
+                    result = evaluate(
+                        spec,
+                        benchmark,
+                        data,
+                        folder,
+                        corruptions=names(corruptions),
+                        severities=numbers(severities),
+                        limit=limit,
+                        split=split,
+                        data_options=dict(keyword_options(data_option)),
+                        seed=number,
+                        variant=variant,
+                        severity_scale=severity_scale,
+                        common_draws=common_draws,
+                        name=name,
+                        workers=workers,
+                        batch_size=batch_size,
+                        engine=engine,
+                        timeout=timeout,
+                        allow_invalid=allow_invalid,
+                        examples=examples,
+                        progress=progress,
+                    )
+                print_result(result)
+                results.append(result)
     except KeyboardInterrupt:
         typer.echo(f"robustflow: stopped; {progress.kept()} Give the same command again to go on.", err=True)
         raise typer.Exit(130) from None

@@ -8,5 +8,15 @@ from __future__ import annotations
 from .intervals import intervals
 from .paired import compare, compare_all
 from .sentences import difference_sentence
+from .standings import rank_stability, standings
+from .variance import variance_split
 
-__all__ = ["compare", "compare_all", "difference_sentence", "intervals"]
+__all__ = [
+    "compare",
+    "compare_all",
+    "difference_sentence",
+    "intervals",
+    "rank_stability",
+    "standings",
+    "variance_split",
+]

@@ -1,0 +1,102 @@
+"""Where each of several models may stand, and how their order moves from one condition to another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import polars as pl
+from scipy.stats import kendalltau, rankdata
+
+from ...errors import RunError
+
+STANDINGS_SCHEMA: dict[str, Any] = {
+    "model": pl.String,
+    "value": pl.Float64,
+    "rank": pl.Int64,
+    "best": pl.Int64,
+    "worst": pl.Int64,
+}
+"""`rank` by the values alone; the model is not better than `best` nor worse than `worst` by more than chance."""
+
+STABILITY_SCHEMA: dict[str, Any] = {
+    "condition": pl.String,
+    "model": pl.String,
+    "value": pl.Float64,
+    "rank": pl.Int64,
+    "moved": pl.Int64,
+    "tau": pl.Float64,
+}
+"""`moved`: the rank less that under the first condition. `tau`: Kendall's, of an order with that under the first."""
+
+
+def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
+    """The ranking of several models with ties: each model's rank, and the ranks that the paired tests leave it.
+
+    A model that m others beat by more than chance (Holm's correction over all pairs) stands at best at m + 1; one that
+    beats m others, at worst at m places from the end.
+
+    Args:
+        pairs: of `compare_all`, every two of the models.
+        names: the models.
+
+    Returns:
+        Columns of `STANDINGS_SCHEMA`, best first.
+
+    Raises:
+        RunError: two of the models were not compared.
+
+    >>> pairs = pl.DataFrame({"first": ["a", "a", "b"], "second": ["b", "c", "c"], "value_first": [1.0, 1.0, 1.1],
+    ...     "value_second": [1.1, 3.0, 3.0], "difference": [-0.1, -2.0, -1.9], "p_holm": [0.4, 0.01, 0.01],
+    ...     "level": [0.95, 0.95, 0.95]})
+    >>> standings(pairs, ["a", "b", "c"]).select("model", "best", "worst").rows()
+    [('a', 1, 2), ('b', 1, 2), ('c', 3, 3)]
+    """
+    if pairs.height != len(names) * (len(names) - 1) // 2:
+        raise RunError("not every two of these runs measured the same; a ranking needs runs over the same data")
+    values: dict[str, float] = {}
+    beaten, beats = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
+    for row in pairs.iter_rows(named=True):
+        values[row["first"]], values[row["second"]] = row["value_first"], row["value_second"]
+        if row["p_holm"] is not None and row["p_holm"] < 1 - row["level"]:
+            better, worse = (row["first"], row["second"])[:: 1 if row["difference"] < 0 else -1]
+            beats[better] += 1
+            beaten[worse] += 1
+    ranks = rankdata([values[name] for name in names], method="min")
+    records = [
+        (name, values[name], int(rank), beaten[name] + 1, len(names) - beats[name])
+        for name, rank in zip(names, ranks, strict=True)
+    ]
+    return pl.DataFrame(records, schema=STANDINGS_SCHEMA, orient="row").sort("rank", "model")
+
+
+def rank_stability(scores: Mapping[str, Mapping[str, float]]) -> pl.DataFrame:
+    """How the order of models moves between conditions: seeds, splits, variants.
+
+    Args:
+        scores: condition -> model -> score, smaller is better; the models that are in every condition are ranked.
+
+    Returns:
+        Columns of `STABILITY_SCHEMA`, conditions in the order given, models by their rank under the first.
+
+    Raises:
+        RunError: fewer than two conditions, or than two models in all of them.
+
+    >>> rank_stability({"seed 0": {"a": 1.0, "b": 2.0}, "seed 1": {"a": 3.0, "b": 2.0}})["moved"].to_list()
+    [0, 0, 1, -1]
+    """
+    models = [name for name in next(iter(scores.values()), {}) if all(name in one for one in scores.values())]
+    if len(scores) < 2 or len(models) < 2:
+        raise RunError("the order of models needs two models that were both run under two conditions")
+    ranks = {
+        condition: dict(zip(models, map(int, rankdata([one[m] for m in models], method="min")), strict=True))
+        for condition, one in scores.items()
+    }
+    first = next(iter(ranks.values()))
+    records = []
+    for condition, of_model in ranks.items():
+        tau = float(kendalltau([first[m] for m in models], [of_model[m] for m in models]).statistic)
+        for model in sorted(models, key=first.__getitem__):
+            moved = of_model[model] - first[model]
+            records.append((condition, model, scores[condition][model], of_model[model], moved, tau))
+    return pl.DataFrame(records, schema=STABILITY_SCHEMA, orient="row")

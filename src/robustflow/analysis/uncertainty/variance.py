@@ -1,0 +1,106 @@
+"""How much of a score's spread comes from the images, from the seed of the corruptions, and from the severity.
+
+With y_ijk the score of image i with seed j at severity k, averaged over corruptions, and each source's mean square from
+the crossed analysis of variance (one value per cell), the components follow by the method of moments, negative ones cut
+off at 0 (Searle, Casella and McCulloch 1992, ch. 4). Severity is a choice of the protocol and not a sample, so its
+component is described and is no part of the error of the mean, for which images and seeds count:
+
+    var(mean) = image / n + seed / s + rest / (n s)
+
+with the rest, image by seed, averaged over severities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ...errors import RunError, unknown_name
+from ...metrics.rows import CLEAN
+from .sums import image_errors
+
+VARIANCE_SCHEMA: dict[str, Any] = {
+    "source": pl.String,
+    "levels": pl.Int64,
+    "deviation": pl.Float64,
+    "share": pl.Float64,
+    "error_of_mean": pl.Float64,
+}
+"""`deviation`: the standard deviation that a source causes in the score of one image, pixels. `share`: of the sum of
+the variances, percent. `error_of_mean`: what it adds to the standard error of the mean, pixels; null for severity."""
+
+METRICS = ("epe", "cre", "rcre")
+
+
+def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.DataFrame:
+    """The spread of one model's score by image, seed, severity and the rest.
+
+    Args:
+        runs: seed -> rows of a run with it; what all of them measured counts.
+        metric: "epe", "cre" or "rcre".
+
+    Returns:
+        Columns of `VARIANCE_SCHEMA`; sources image, seed, severity, rest.
+
+    Raises:
+        RunError: fewer than two seeds, or no two images at the same settings.
+        UsageError: another metric.
+    """
+    if metric not in METRICS:
+        raise unknown_name("metric", metric, METRICS)
+    if len(runs) < 2:
+        raise RunError("one seed says nothing about the others; run the same model with --seeds 2 or more")
+    y = _cells(runs, metric)
+    images, seeds, levels = y.shape
+    if images < 2:
+        raise RunError("fewer than two images were measured with every seed; a split by image needs two")
+    mean = y.mean()
+    image, seed, level = (y.mean(axis=axes) for axes in ((1, 2), (0, 2), (0, 1)))
+    both = y.mean(axis=2)
+    square_image = seeds * levels * np.square(image - mean).sum() / (images - 1)
+    square_seed = images * levels * np.square(seed - mean).sum() / (seeds - 1)
+    inter = both - image[:, None] - seed[None, :] + mean
+    square_inter = levels * np.square(inter).sum() / ((images - 1) * (seeds - 1))
+    per_image = max(0.0, (square_image - square_inter) / (seeds * levels))
+    per_seed = max(0.0, (square_seed - square_inter) / (images * levels))
+    rest_of_mean = square_inter / levels  # of an image's mean over severities, with one seed
+    per_level = float(level.var(ddof=1)) if levels > 1 else 0.0
+    residual = y - both[:, :, None] - level[None, None, :] + mean
+    within = np.square(residual).sum() / max(1, images * seeds * (levels - 1)) if levels > 1 else 0.0
+    parts = [
+        ("image", images, per_image, per_image / images),
+        ("seed", seeds, per_seed, per_seed / seeds),
+        ("severity", levels, per_level, None),
+        ("rest", images * seeds * levels, rest_of_mean + within, rest_of_mean / (images * seeds)),
+    ]
+    whole = sum(variance for _, _, variance, _ in parts) or 1.0
+    records = [
+        (name, count, float(variance**0.5), 100 * variance / whole, None if of_mean is None else float(of_mean**0.5))
+        for name, count, variance, of_mean in parts
+    ]
+    return pl.DataFrame(records, schema=VARIANCE_SCHEMA, orient="row")
+
+
+def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
+    """float64 (images, seeds, severities): means over the corruptions that all have at all severities."""
+    parts = [
+        image_errors(rows).filter(pl.col("corruption") != CLEAN).drop_nulls(metric).with_columns(_seed=pl.lit(index))
+        for index, rows in enumerate(runs.values())
+    ]
+    values = pl.concat(parts).select("sample", "corruption", "severity", "_seed", metric)
+    settings = values.group_by("corruption", "severity").agg(pl.struct("sample", "_seed").n_unique().alias("cells"))
+    most = int(settings["cells"].max() or 0)  # type: ignore[arg-type]
+    full = settings.filter(cells=most)
+    levels = int(full["severity"].n_unique()) if full.height else 0
+    whole = full.group_by("corruption").agg(pl.len()).filter(pl.col("len") == levels)
+    values = values.join(whole, on="corruption", how="semi")
+    per_cell = values.group_by("sample", "_seed", "severity").agg(pl.col(metric).mean(), pl.len())
+    wanted = per_cell.filter(pl.col("len") == whole.height)
+    complete = wanted.group_by("sample").agg(pl.len()).filter(pl.col("len") == levels * len(runs))
+    kept = wanted.join(complete, on="sample", how="semi").sort("sample", "_seed", "severity")
+    if kept.is_empty():
+        raise RunError("no image was measured at the same settings with every seed; run all seeds alike")
+    return kept[metric].to_numpy().reshape(complete.height, len(runs), levels)

@@ -1,0 +1,69 @@
+"""Tables of several runs: a ranking with ties, the spread by seed, the order under other conditions."""
+
+from __future__ import annotations
+
+import polars as pl
+
+from ..analysis.labels import METRIC_LABELS, metric_label
+from ..text import plain
+from .table import Cell, Column, Line, Section, Table
+
+
+def standings_table(standings: pl.DataFrame, metric: str) -> Table:
+    """The ranking of models with the ranks that the tests leave each, of `analysis.uncertainty.standings`."""
+    lines = tuple(
+        Line(
+            plain(row["model"]),
+            (Cell(f"{row['value']:.2f}"), Cell(str(row["rank"])), Cell(_range(row["best"], row["worst"]))),
+        )
+        for row in standings.iter_rows(named=True)
+    )
+    remark = (
+        "possible ranks: a model is behind those that are better by more than chance and ahead of those that are worse "
+        "by more than chance (paired tests, corrected for all pairs); models whose ranks overlap may be tied."
+    )
+    columns = (Column(metric_label(metric)), Column("rank"), Column("possible ranks"))
+    section = Section(f"Average {METRIC_LABELS[metric]}", lines)
+    return Table("standings", "Ranking", columns, (section,), (remark,))
+
+
+def variance_table(split: pl.DataFrame, metric: str, name: str) -> Table:
+    """The spread of one model's score by source, of `analysis.uncertainty.variance_split`."""
+    lines = tuple(
+        Line(
+            row["source"],
+            (
+                Cell(str(row["levels"])),
+                Cell(f"{row['deviation']:.3f}"),
+                Cell(f"{row['share']:.1f}"),
+                Cell("-" if row["error_of_mean"] is None else f"{row['error_of_mean']:.3f}"),
+            ),
+        )
+        for row in split.iter_rows(named=True)
+    )
+    columns = (Column("levels"), Column("deviation (px)"), Column("share %"), Column("error of the mean (px)"))
+    remark = (
+        "deviation: of the score of one image, averaged over corruptions; error of the mean: what the source adds to "
+        "the standard error of the mean over all images and seeds. Severities are the protocol's, not a sample."
+    )
+    title = f"Where the {METRIC_LABELS[metric]} of {plain(name)} varies"
+    return Table("variance", title, columns, (Section(METRIC_LABELS[metric], lines),), (remark,), "Source")
+
+
+def stability_table(stability: pl.DataFrame, metric: str) -> Table:
+    """The order of models under each condition, of `analysis.uncertainty.rank_stability`."""
+    sections = []
+    for condition in stability["condition"].unique(maintain_order=True):
+        rows = stability.filter(condition=condition)
+        lines = tuple(
+            Line(plain(row["model"]), (Cell(f"{row['value']:.2f}"), Cell(str(row["rank"])), Cell(f"{row['moved']:+d}")))
+            for row in rows.iter_rows(named=True)
+        )
+        sections.append(Section(f"{plain(condition)} (tau {rows['tau'][0]:.2f})", lines))
+    columns = (Column(metric_label(metric)), Column("rank"), Column("moved"))
+    remark = "moved: ranks lost against the first condition; tau: Kendall's, of the order with that under the first."
+    return Table("stability", "Order of the models", columns, tuple(sections), (remark,))
+
+
+def _range(best: int, worst: int) -> str:
+    return str(best) if best == worst else f"{best} to {worst}"

@@ -1,0 +1,114 @@
+"""Where a score varies, the ranking with ties, and the order of models under other conditions."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+from typer.testing import CliRunner
+
+from robustflow.analysis.uncertainty import compare_all, rank_stability, standings, variance_split
+from robustflow.cli.main import app
+from robustflow.errors import RunError, UsageError
+
+from .simulated import rows_of
+
+IMAGES = 60
+
+
+def _runs(image: float, seed: float, noise: float, seeds: int, rng: np.random.Generator) -> dict[int, pl.DataFrame]:
+    """CRE = 5 + image + seed + noise; fog at 1 and 3 is what all have at several severities."""
+    clean, own = np.full(IMAGES, 1.0), rng.normal(0, image, IMAGES)
+    runs = {}
+    for number in range(seeds):
+        shift = rng.normal(0, seed)
+        errors = 6 + own[:, None] + shift + rng.normal(0, noise, (IMAGES, 3))
+        rows = rows_of(clean, errors, errors)
+        runs[number] = rows.filter(pl.col("corruption") != "snow")
+    return runs
+
+
+def _of(split: pl.DataFrame, source: str, column: str = "deviation") -> float:
+    return split.filter(source=source)[column].item()
+
+
+def test_the_sources_of_a_spread_are_found():
+    rng = np.random.default_rng(1)
+    split = variance_split(_runs(0.5, 0.0, 0.1, 6, rng), "cre")
+    assert _of(split, "image") == pytest.approx(0.5, rel=0.3)
+    assert _of(split, "seed") < 0.05
+    assert split["share"].sum() == pytest.approx(100)
+    moved = [_of(variance_split(_runs(0.1, 0.4, 0.1, 12, rng), "cre"), "seed") for _ in range(8)]
+    assert np.mean(moved) == pytest.approx(0.4, rel=0.25)
+
+
+def test_the_errors_of_the_mean_add_up_to_what_the_mean_does():
+    """The mean over images and seeds of many such experiments spreads by what the split says."""
+    rng = np.random.default_rng(2)
+    means, said = [], []
+    for _ in range(60):
+        runs = _runs(0.5, 0.2, 0.3, 4, rng)
+        means.append(
+            np.mean([run.filter(pl.col("corruption") != "clean")["epe_sum"].mean() / 1000 for run in runs.values()])
+        )
+        said.append(np.square(variance_split(runs, "cre")["error_of_mean"].drop_nulls()).sum())
+    assert np.std(means, ddof=1) == pytest.approx(np.sqrt(np.mean(said)), rel=0.3)
+
+
+def test_one_seed_and_other_metrics_are_refused():
+    runs = _runs(0.5, 0.1, 0.1, 2, np.random.default_rng(3))
+    with pytest.raises(RunError, match="--seeds 2 or more"):
+        variance_split({0: runs[0]})
+    with pytest.raises(UsageError, match="metric"):
+        variance_split(runs, "crer")
+    with pytest.raises(RunError, match="no image was measured"):
+        variance_split({0: runs[0], 1: runs[1].with_columns(sample=pl.lit("x") + pl.col("sample"))})
+
+
+def test_models_that_do_not_differ_share_their_possible_ranks():
+    rng = np.random.default_rng(4)
+    hard = rng.lognormal(0, 0.5, 60)
+    runs = {}
+    for name, factor in (("good", 3.0), ("alike", 3.0), ("bad", 6.0)):
+        errors = factor * hard[:, None] * rng.gamma(50, 1 / 50, (60, 3))
+        runs[name] = rows_of(hard, errors, errors)
+    table = standings(compare_all(runs, "epe", resamples=999), list(runs))
+    assert table["model"].to_list()[2] == "bad"
+    assert table.filter(model="bad").select("best", "worst").row(0) == (3, 3)
+    assert table.filter(pl.col("model") != "bad").select("best", "worst").rows() == [(1, 2), (1, 2)]
+
+
+def test_the_order_moves_with_the_condition():
+    scores = {
+        "seed 0": {"a": 1.0, "b": 2.0, "c": 3.0},
+        "seed 1": {"a": 1.0, "b": 2.5, "c": 2.0, "only here": 0.0},
+    }
+    table = rank_stability(scores)
+    assert set(table["model"]) == {"a", "b", "c"}
+    second = table.filter(condition="seed 1")
+    assert dict(second.select("model", "moved").iter_rows()) == {"a": 0, "b": 1, "c": -1}
+    assert second["tau"][0] == pytest.approx(1 / 3)
+    with pytest.raises(RunError, match="two models"):
+        rank_stability({"seed 0": {"a": 1.0}, "seed 1": {"a": 1.0}})
+
+
+def test_seeds_on_the_command_line(tmp_path):
+    """A folder each, the same as single runs with those seeds; compare shows how the order of models moves."""
+    cli, folders = CliRunner(), []
+    common = ["--corruptions", "gaussian_noise", "--severities", "3", "--no-examples"]
+    for model in ("dis", "farneback"):
+        made = cli.invoke(app, ["run", "--model", model, *common, "--seeds", "2", "--output", str(tmp_path / model)])
+        assert made.exit_code == 0, made.output
+        folders += [str(tmp_path / model / f"seed{number}") for number in (0, 1)]
+    alone = cli.invoke(app, ["run", "--model", "dis", *common, "--seed", "1", "--output", str(tmp_path / "alone")])
+    assert alone.exit_code == 0, alone.output
+    from robustflow import load_run
+
+    assert load_run(tmp_path / "alone").rows.equals(load_run(folders[1]).rows)
+    assert not load_run(folders[0]).rows.equals(load_run(folders[1]).rows)
+    moves = cli.invoke(app, ["compare", *folders])
+    assert moves.exit_code == 0, moves.output
+    assert "seed 0" in moves.output
+    assert "tau" in moves.output
+    one_image = cli.invoke(app, ["compare", *folders[:2]])
+    assert "a split by image needs two" in str(one_image.exception) + one_image.output

@@ -1,0 +1,18 @@
+"""No public name, parameter, command or option disappears unnoticed: users' scripts name them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .public_surface import surface
+
+KNOWN = Path(__file__).with_name("public_surface.txt").read_text(encoding="utf-8").splitlines()
+
+
+def test_nothing_disappears():
+    assert not sorted(set(KNOWN) - set(surface())), "gone, or changed: these lines of tests/public_surface.txt"
+
+
+def test_what_is_new_is_written_down():
+    new = sorted(set(surface()) - set(KNOWN))
+    assert not new, "python -m tests.public_surface > tests/public_surface.txt"
