@@ -11,8 +11,8 @@ from typing import Any
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
 from ..benchmarks.setting import training_record
 from ..corruptions import load_corruption
-from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.own import is_known, own_among
+from ..corruptions.scale import calibration_digest
 from ..corruptions.sources import OWN, recorded_sources, user_sources
 from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
