@@ -138,7 +138,8 @@ def test_two_models_or_three_pairs_are_too_little_evidence():
     for whole, thin in zip(everything, few, strict=True):
         assert whole.verdict in ("holds", "does not hold")
         assert thin.verdict == "too little evidence"
-        assert all("3 image pairs, at least 20 are needed" in part.says for part in thin.parts)
+        weighed = [part for part in thin.parts if part.verdict != "cannot be computed"]
+        assert all("3 image pairs, at least 20 are needed" in part.says for part in weighed)
         assert [part.numbers for part in thin.parts] == [part.numbers for part in whole.parts]
     two = published_results().filter(pl.col("model").is_in(["RAFT", "ARFlow"]))
     verdicts = {observation.verdict for observation in observations(two, published_costs(), pairs=80)}

@@ -11,8 +11,9 @@ from weakref import WeakKeyDictionary
 
 import polars as pl
 
-from ..corruptions.registry import IMAGE_PAIR, PAPER_ORDER
+from ..benchmarks import benchmark_facts
 from ..severity import SEVERITIES
+from ..text import counted
 from .labels import benchmark_label
 from .published.tables import PAPER_PAIRS
 from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA
@@ -26,7 +27,6 @@ OWN = "own"
 _OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
 """What of a run's identity decides which frames its model saw."""
 
-_OF_BENCHMARK = {"kitti-fc": IMAGE_PAIR, "gopro-fc": PAPER_ORDER}
 
 _SAMPLE_SETS: WeakKeyDictionary[Run, str] = WeakKeyDictionary()
 """What `sample_set` gave: it reads all rows, and a page asks for it many times."""
@@ -105,11 +105,10 @@ def note_of(run: Run) -> str:
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples
     told = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
-    wanted = _OF_BENCHMARK.get(benchmark, IMAGE_PAIR)
+    wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
     if set(averaged) != set(wanted):
-        plural = "s" if len(averaged) != 1 else ""
-        told.append(f"average over {len(averaged)} corruption{plural}, not the paper's {len(wanted)}")
+        told.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
     if set(selection["severities"]) != set(SEVERITIES):
         told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
@@ -120,13 +119,9 @@ def note_of(run: Run) -> str:
 
 
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:
-    count = f"{pairs} pair{'s' if pairs != 1 else ''}"
-    if benchmark == "kitti-fc":
-        return (
-            ""
-            if protocol.get("frames") == "released" and pairs == PAPER_PAIRS
-            else f"{count}, not the paper's {PAPER_PAIRS}"
-        )
-    if benchmark == "gopro-fc":
-        return "" if protocol.get("frames") == "released" else f"{count}, not the paper's"
-    return f"{count} of {benchmark}, not the paper's {PAPER_PAIRS}"
+    facts, count = benchmark_facts(benchmark), counted(pairs, "pair")
+    if not facts.published:
+        return f"{count} of {benchmark}, not the paper's {PAPER_PAIRS}"
+    if protocol.get("frames") == "released" and facts.paper_pairs in (None, pairs):
+        return ""
+    return f"{count}, not the paper's" + (f" {facts.paper_pairs}" if facts.paper_pairs else "")

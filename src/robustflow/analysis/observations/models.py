@@ -34,6 +34,15 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
             parts.append(part(f"{name} grows with clean EPE ({setting})", p < 0.05, says, True, {"rho": rho, "p": p}))
     if not parts:
         parts.append(part("corrupted EPE and CRE grow with clean EPE", None, f"needs {_LEAST} models", True))
+    parts.append(
+        part(
+            "the correlation of CRE with clean EPE is not arithmetic alone",
+            None,
+            "CRE is EPE - clean EPE, so it contains the clean EPE that it is compared with: noise in the clean EPE "
+            "alone makes a correlation, of the other sign; EPE and clean EPE are measured apart. CRE is made from the "
+            "printed EPE here; a printed CRE may differ from it",
+        )
+    )
     return Observation(
         number=1, title="Absolute robustness of the model depends heavily on estimation performance", parts=parts
     )
