@@ -149,8 +149,8 @@ def _check_registered(benchmark: Any) -> None:
     """Refuse a benchmark that only code named by a stranger's file could open."""
     if benchmark not in BENCHMARKS.names() and benchmark not in DATASETS.names():
         raise RunError(
-            f"unknown benchmark '{plain(str(benchmark))}' of the run: neither this package nor an installed one offers it, "
-            "and no code is loaded because a run names it"
+            f"unknown benchmark '{plain(str(benchmark))}' of the run: neither this package nor an installed one offers "
+            "it, and no code is loaded because a run names it"
         )
 
 
