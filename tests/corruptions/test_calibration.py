@@ -16,7 +16,9 @@ from robustflow.cli.main import main
 from robustflow.corruptions import CORRUPTIONS, IMAGE_PAIR, SEVERITIES, load_corruption
 from robustflow.corruptions.api import stream_for
 from robustflow.corruptions.calibration.paths import path
-from robustflow.corruptions.calibration.scale import (
+from robustflow.corruptions.calibration.search import TARGETS, TOLERANCE, calibratable, calibrate, reference_pictures
+from robustflow.corruptions.calibration.ssim import Ssim
+from robustflow.corruptions.scale import (
     CALIBRATION_VARIABLE,
     calibrated_levels,
     calibrated_severities,
@@ -24,8 +26,6 @@ from robustflow.corruptions.calibration.scale import (
     read_table,
     shipped,
 )
-from robustflow.corruptions.calibration.search import TARGETS, TOLERANCE, calibratable, calibrate, reference_pictures
-from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.corruptions.stack import levels_of
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import write_image

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.corruptions import IMAGE_PAIR, load_corruption
-from robustflow.corruptions.calibration.scale import calibrated_levels
+from robustflow.corruptions.scale import calibrated_levels
 from robustflow.corruptions.transforms.transform import CorruptionTransform
 from robustflow.errors import DataError, UsageError
 from robustflow.random.rng import Rng

@@ -205,3 +205,37 @@ def test_real_videos(shared, start: int) -> None:
         reader = VideoReader(path)
         for offset in (3, 0, 1, 2):
             np.testing.assert_array_equal(reader.frame(start + offset), expected[offset])
+
+
+def test_a_part_of_a_video(tmp_path: Path) -> None:
+    path = tmp_path / "clip.mp4"
+    write_video(path, 50, 6)  # 25 frames a second
+    expected = decoded(path)
+    for start, stop in ((10, 15), ("0.4s", "0.6s"), ("0:00.4", 15), ("10", "15")):
+        dataset = load_dataset("folder", path, start=start, stop=stop)
+        assert dataset.keys() == ["000010", "000011", "000012", "000013"], (start, stop)
+        np.testing.assert_array_equal(dataset.load("000013").frames[1], expected[14])
+        assert list(dataset.around("000013", 5)) == [-3, -2, -1, 0, 1]
+    assert load_dataset("folder", path, start="1.9s").keys() == ["000048"]
+    for wrong in ("x", -1, "1:2:3:4", 2.5, True):
+        with pytest.raises(UsageError, match="a frame number such as 120, or a time"):
+            load_dataset("folder", path, start=wrong)
+    refused(path, r"0 frame\(s\)", start="9s")
+
+
+def test_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:
+    """Times are the frames' own, not a multiple of a rate."""
+    from tests.video.test_source import video
+
+    images = [np.full((48, 64, 3), 40 * index, np.uint8) for index in range(6)]
+    path = video(tmp_path / "a.mp4", images, times=[0, 1, 2, 30, 31, 32])
+    assert load_dataset("folder", path, start="0.5s").keys() == ["000003", "000004"]
+    assert len(load_dataset("folder", path).keys()) == 5
+
+
+def test_a_part_of_frames(tmp_path: Path) -> None:
+    for number in range(6):
+        picture(tmp_path / f"{number}.png")
+    assert load_dataset("folder", tmp_path, start=2, stop=5).keys() == ["2", "3"]
+    with pytest.raises(UsageError, match="pictures have no times"):
+        load_dataset("folder", tmp_path, start="1s")

@@ -14,7 +14,7 @@ from PIL import Image
 import robustflow as rf
 from robustflow.cli.main import main
 from robustflow.corruptions import IMAGE_PAIR, SEVERITIES
-from robustflow.corruptions.calibration.scale import calibrated_levels
+from robustflow.corruptions.scale import calibrated_levels
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import write_image
 from robustflow.report.gallery.figure import draw_figure

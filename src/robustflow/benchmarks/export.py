@@ -15,7 +15,7 @@ from pathlib import Path
 from ..atomic import make_folder, write_json
 from ..corruptions import Corruption, corrupt_clip, load_corruption
 from ..corruptions.api import STREAM_VERSION
-from ..corruptions.calibration.scale import calibration_digest
+from ..corruptions.scale import calibration_digest
 from ..corruptions.sources import user_sources
 from ..corruptions.stack import levels_of
 from ..datasets.released import DISK_NAMES

@@ -31,9 +31,9 @@ def calibrate(
       robustflow calibrate --data ~/frames --corruptions fog,contrast --output mine.json
     """
     from ..atomic import write_json
-    from ..corruptions.calibration.scale import CalibratedCorruption, merged, read_table, shipped
     from ..corruptions.calibration.search import calibratable, reference_pictures
     from ..corruptions.calibration.search import calibrate as measure
+    from ..corruptions.scale import CalibratedCorruption, merged, read_table, shipped
 
     def show(name: str, found: CalibratedCorruption) -> None:
         low, high = found.reachable

@@ -11,11 +11,11 @@ from ..random.rng import Rng
 from ..sample import Frame, Sample
 from ..severity import check_severity
 from .base import BGR, SCALES, Corruption
-from .calibration.scale import calibrated_severities
 from .channel_order import ChannelsReversed
 from .given_images import as_frame, like_given
 from .own import OwnCorruption, adopt, own_corruption
 from .registry import CORRUPTIONS
+from .scale import calibrated_severities
 from .stack import Stack, is_stack, parse_stack, with_targets_adopted
 
 STREAM_VERSION = 1

@@ -13,9 +13,9 @@ from ..random.rng import Rng
 from ..sample import Frame
 from ..severity import SEVERITIES, check_severity
 from .base import Corruption
-from .calibration.scale import calibrated_levels
 from .own import adopt_target, is_known, is_target
 from .registry import CORRUPTIONS, SHIPPED
+from .scale import calibrated_levels
 
 _PLUS, _COLON = "+", ":"
 

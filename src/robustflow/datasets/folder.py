@@ -9,11 +9,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from ..errors import DataError
+from ..errors import DataError, UsageError
 from ..images.io import IMAGE_SUFFIXES, image_size
 from ..layout import folders, positive
 from .facts import DatasetFacts, described
 from .pairs import Pair, PairDataset
+from .section import Place, place
 from .suffixes import VIDEO_SUFFIXES
 from .video import Video
 
@@ -37,6 +38,7 @@ class FrameFolder(PairDataset):
     Args:
         root: the folder.
         step: distance of the two frames of a pair, in frames; every frame with a partner begins a pair.
+        start, stop: the part of each sequence to use, by the places of its frames, from 0; `stop` is not in it.
 
     Raises:
         DataError: no frames, fewer than `step` + 1 in a sequence, frames of different size in a sequence, or two
@@ -47,12 +49,14 @@ class FrameFolder(PairDataset):
     has_flow = False
     facts = FACTS
 
-    def __init__(self, root: Path, step: int = 1) -> None:
+    def __init__(self, root: Path, step: int = 1, start: Place = None, stop: Place = None) -> None:
         positive("step", step)
+        begin, end = _frame_number("start", start), _frame_number("stop", stop)
         sequences = {"": _pictures(root)} if _pictures(root) else {f.name: _pictures(f) for f in folders(root)}
         pairs: dict[str, Pair] = {}
-        for group, frames in sequences.items():
-            if not frames:
+        for group, every in sequences.items():
+            frames = every[begin:end]
+            if not every:
                 continue
             _check(root / group, frames, step)
             for first, second in zip(frames, frames[step:], strict=False):
@@ -68,22 +72,23 @@ class FrameFolder(PairDataset):
 
 
 @described(FACTS)
-def open_folder(root: str | Path, step: int = 1) -> FrameFolder | Video:
-    """The dataset `folder`: a video file, or a folder of frames or of folders of frames.
+def open_folder(root: str | Path, step: int = 1, start: Place = None, stop: Place = None) -> FrameFolder | Video:
+    """The data set `folder`: a video file, or a folder of frames or of folders of frames; or a part of it, from `start`
+    to `stop` (frame numbers, or for a video times such as "12.5s" and "1:05").
 
     Raises:
         DataError: nothing there, or neither of these.
     """
     path = Path(root).expanduser()
     if path.is_file():
-        return Video(path, step)
+        return Video(path, step, start, stop)
     if not path.is_dir():
         raise DataError(f"{path}: no such folder or video; check the path")
     frames = _pictures(path) or any(_pictures(inner) for inner in folders(path))
     videos = [inner for inner in sorted(path.iterdir()) if inner.suffix.lower() in VIDEO_SUFFIXES]
     if videos and not frames:
         raise DataError(f"{path}: holds videos, not frames; give one file, for example {videos[0]}")
-    return FrameFolder(path, step)
+    return FrameFolder(path, step, start, stop)
 
 
 def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
@@ -94,6 +99,13 @@ def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
     """
     parts = re.findall(r"[0-9]+|[^0-9]+", name.casefold())
     return tuple((0, int(part)) if part[0] in "0123456789" else (1, part) for part in parts), name
+
+
+def _frame_number(option: str, value: Place) -> int | None:
+    chosen = place(option, value)
+    if isinstance(chosen, float):
+        raise UsageError(f"{option} {value}: pictures have no times; give the number of a frame, from 0")
+    return chosen
 
 
 def _pictures(folder: Path) -> list[Path]:

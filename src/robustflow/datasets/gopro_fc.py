@@ -30,12 +30,13 @@ from ..video.prepare_folder import cache_folder
 from ..video.prepared import FOLDER_RECORD, PreparedClip, read_folder
 from ..video.variants import FRAMES_FILE, make_variant
 from .facts import FC_PAPER, DatasetFacts
+from .samples import Samples
 
 VARIANTS = "variants"
 RECORDS = ".records"
 
 
-class GoProFC:
+class GoProFC(Samples):
     """A folder made by `robustflow prepare gopro-fc`. Implements `Dataset` and `CorruptedClips`: further frames
     are further key frames of the clip, and of its corrupted stream.
 

@@ -15,9 +15,10 @@ from ..errors import AssetError, UsageError
 from ..images.io import read_image
 from ..sample import Sample
 from .facts import DatasetFacts
+from .samples import Samples
 
 
-class Motorcycle:
+class Motorcycle(Samples):
     """The pair, under the key "motorcycle". Needs no root and no download.
 
     Raises:

@@ -13,6 +13,7 @@ from ..errors import DataError, UsageError
 from ..flowio import read_flow
 from ..images.io import read_image
 from ..sample import Flow, Frame, Mask, Sample
+from .samples import Samples
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Truth(NamedTuple):
     occluded: Mask | None = None
 
 
-class PairDataset:
+class PairDataset(Samples):
     """Samples from `Pair`s; a reader finds the pairs, and says how its ground truth is read where that differs.
 
     Implements `Dataset` and `Clips`.

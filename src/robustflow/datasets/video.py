@@ -10,9 +10,11 @@ from ..errors import DataError, UsageError
 from ..layout import positive
 from ..sample import Frame, Sample
 from ..video.reader import VideoReader
+from .samples import Samples
+from .section import Place, place
 
 
-class Video:
+class Video(Samples):
     """Pairs of frames `step` apart; keys are frame numbers from "000000". One group, for frames of a video are
     not independent. Implements `Dataset` and `Clips`.
 
@@ -20,20 +22,30 @@ class Video:
     twice at most and keeps two frames in memory whatever the step. Every frame around the pair that is asked for
     has one more reader.
 
+    Args:
+        path: the file; frames of a variable frame rate are taken as they come.
+        step: distance of the two frames of a pair, in frames; every frame with a partner begins a pair.
+        start, stop: the part to use, as frame numbers (120) or times ("12.5s", "1:05"); `stop` is not in it. Keys stay
+            the numbers of the whole video.
+
     Raises:
-        DataError: no video, a damaged one, or fewer than `step` + 1 frames.
+        DataError: no video, a damaged one, or fewer than `step` + 1 frames in the part.
+        UsageError: a start or stop that is neither.
     """
 
     name = "folder"
     has_flow = False
 
-    def __init__(self, path: Path, step: int = 1) -> None:
+    def __init__(self, path: Path, step: int = 1, start: Place = None, stop: Place = None) -> None:
         self._path, self._step = path, positive("step", step)
         self._first, self._second = VideoReader(path), VideoReader(path)
-        count = len(self._first) - step
-        if count < 1:
-            raise DataError(f"{path}: {len(self._first)} frame(s), but pairs at a step of {step} need {step + 1}")
-        self._keys = [f"{index:06d}" for index in range(count)]
+        begin, end = self._frame_number("start", start, 0), self._frame_number("stop", stop, len(self._first))
+        self._end = min(end, len(self._first))
+        if self._end - begin <= step:
+            count = max(0, self._end - begin)
+            raise DataError(f"{path}: {count} frame(s), but pairs at a step of {step} need {step + 1}")
+        self._begin = begin
+        self._keys = [f"{index:06d}" for index in range(begin, self._end - step)]
         self._around: dict[int, VideoReader] = {}
 
     def keys(self) -> list[str]:
@@ -54,13 +66,13 @@ class Video:
     def around(self, key: str, reach: int) -> range:
         """See `Clips.around`."""
         index = self._index(key)
-        last = (len(self._first) - 1 - index) // self._step
-        return range(-min(reach, index // self._step), min(reach + 1, last) + 1)
+        last = (self._end - 1 - index) // self._step
+        return range(-min(reach, (index - self._begin) // self._step), min(reach + 1, last) + 1)
 
     def frame(self, key: str, offset: int) -> Frame:
         """See `Clips.frame`."""
         if offset not in self._around:
-            self._around[offset] = copy(self._first)  # a copy opens the file anew
+            self._around[offset] = copy(self._first)  # a copy opens the file again
         return self._around[offset].frame(self._index(key) + offset * self._step)
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
@@ -68,6 +80,15 @@ class Video:
         return self.files(key)
 
     def _index(self, key: str) -> int:
-        if not (key.isascii() and key.isdigit() and int(key) < len(self._keys) and self._keys[int(key)] == key):
-            raise UsageError(f"{self._path} has no sample '{key}'; keys go from '000000' to '{self._keys[-1]}'")
+        number = int(key) - self._begin if key.isascii() and key.isdigit() and len(key) < 12 else -1
+        if not 0 <= number < len(self._keys) or self._keys[number] != key:
+            raise UsageError(
+                f"{self._path} has no sample '{key}'; keys go from '{self._keys[0]}' to '{self._keys[-1]}'"
+            )
         return int(key)
+
+    def _frame_number(self, option: str, value: Place, default: int) -> int:
+        chosen = place(option, value)
+        if chosen is None:
+            return default
+        return self._first.index_at(chosen) if isinstance(chosen, float) else chosen

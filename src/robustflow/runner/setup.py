@@ -11,8 +11,8 @@ from typing import Any
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
 from ..benchmarks.setting import training_record
 from ..corruptions import load_corruption
-from ..corruptions.calibration.scale import calibration_digest
 from ..corruptions.own import is_known, own_among
+from ..corruptions.scale import calibration_digest
 from ..corruptions.sources import OWN, recorded_sources, user_sources
 from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
@@ -149,8 +149,8 @@ def _check_registered(benchmark: Any) -> None:
     """Refuse a benchmark that only code named by a stranger's file could open."""
     if benchmark not in BENCHMARKS.names() and benchmark not in DATASETS.names():
         raise RunError(
-            f"the run's benchmark '{plain(str(benchmark))}' is not one that this package or an installed one offers; "
-            "no code is loaded because a run names it"
+            f"unknown benchmark '{plain(str(benchmark))}' of the run: neither this package nor an installed one offers "
+            "it, and no code is loaded because a run names it"
         )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
-from ..corruptions.calibration.scale import calibration_digest
+from ..corruptions.scale import calibration_digest
 from ..corruptions.stack import levels_of
 from ..metrics.rows import CLEAN, ROW_MEANING_VERSION
 from ..models.window import Window

@@ -8,8 +8,9 @@ an end that was cut off) the whole file is decoded once instead and frames are c
 from __future__ import annotations
 
 import os
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,7 @@ class VideoReader:
     _image: Frame | None
     _position: int
     _pid: int
+    _tick: Fraction
 
     def __init__(self, path: str | Path) -> None:
         self._path = Path(path)
@@ -66,6 +68,17 @@ class VideoReader:
         if self._image is None or index != self._position:
             self._image = self._call(self._decode, index)
         return self._image.copy()
+
+    def index_at(self, seconds: float) -> int:
+        """The number of the first frame that is shown at this time after the first frame, or later; also in videos of
+        variable frame rate.
+
+        Raises:
+            DataError: the video has no usable times.
+        """
+        if not self._stamps:
+            raise DataError(f"{self._path}: its frames have no usable times; give frame numbers instead of seconds")
+        return bisect_left(self._stamps, self._stamps[0] + round(seconds / self._tick))
 
     def __getstate__(self) -> dict[str, Any]:
         transient = {"_container": None, "_frames": None, "_image": None, "_position": -1, "_pid": -1}
@@ -94,6 +107,7 @@ class VideoReader:
     def _index(self) -> None:
         stamps, keys = [], []
         with open_video(self._path) as container:
+            self._tick = container.streams.video[0].time_base or Fraction(1)
             for packet in container.demux(video=0):
                 if packet.size and not packet.is_discard:
                     stamps.append(packet.pts)

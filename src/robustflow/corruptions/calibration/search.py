@@ -22,8 +22,8 @@ from ...sample import Frame
 from ..api import stream_for
 from ..base import Corruption
 from ..registry import CORRUPTIONS
+from ..scale import CalibratedCorruption, CalibrationTable, Level
 from .paths import Segment, path
-from .scale import CalibratedCorruption, CalibrationTable, Level
 from .ssim import Ssim
 
 TARGETS = (0.92, 0.85, 0.78, 0.71, 0.64)

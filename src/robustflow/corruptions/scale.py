@@ -16,8 +16,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from ...errors import DataError, UsageError, first_misfit
-from ...severity import SEVERITIES
+from ..errors import DataError, UsageError, first_misfit
+from ..severity import SEVERITIES
 
 CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
 """Environment variable that names a table to use instead of the shipped one."""

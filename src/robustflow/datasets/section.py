@@ -1,0 +1,31 @@
+"""Which part of a clip: a frame number, or a time."""
+
+from __future__ import annotations
+
+import re
+
+from ..errors import UsageError
+
+Place = int | str | None
+"""A frame number from 0; a time as "12.5s" or "1:05" (minutes and seconds); or None for the end that is meant."""
+
+
+def place(option: str, value: Place | float) -> int | float | None:
+    """A place as a frame number (int) or as seconds (float).
+
+    Raises:
+        UsageError: neither of the two, or negative.
+
+    >>> place("start", 120), place("start", "12.5s"), place("stop", "1:05"), place("stop", None)
+    (120, 12.5, 65.0, None)
+    """
+    if value is None or (isinstance(value, int) and not isinstance(value, bool) and value >= 0):
+        return value
+    text = str(value).strip()
+    if text.isascii() and text.isdigit():
+        return int(text)
+    if match := re.fullmatch(r"(\d{1,6}(?:\.\d+)?) ?s", text):
+        return float(match[1])
+    if match := re.fullmatch(r"(?:(\d{1,3}):)?(\d{1,3}):(\d{1,2}(?:\.\d+)?)", text):
+        return 3600.0 * int(match[1] or 0) + 60.0 * int(match[2]) + float(match[3])
+    raise UsageError(f"{option} {value!r} is not possible: give a frame number such as 120, or a time: 12.5s or 1:05")

@@ -1,0 +1,96 @@
+"""A run in a child process for every point at which it writes: killed there, for `test_killed_at_each_write`.
+
+    python killed_at_each_write.py FOLDER FIRST STEP
+
+Polars is not used before the fork, for its threads would not live on in the child.
+"""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import signal
+import sys
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+import robustflow as rf
+import robustflow.runner.fill
+import robustflow.runs.clean_flows
+from robustflow.benchmarks import Benchmark
+from robustflow.sample import Sample
+
+
+class Drawn:
+    """Three small samples that follow from their keys."""
+
+    name = "drawn"
+    has_flow = True
+
+    def keys(self):
+        return ["0", "1", "2"]
+
+    def load(self, key):
+        rng = np.random.default_rng(int(key))
+        frames = tuple(rng.integers(0, 256, (24, 32, 3)).astype(np.uint8) for _ in range(2))
+        return Sample(key, frames, np.ones((24, 32, 2), np.float32), np.ones((24, 32), bool))
+
+    def files(self, key):
+        return []
+
+
+class Brightness:
+    """A flow that depends on the frames."""
+
+    def identity(self):
+        return {"name": "brightness"}
+
+    def predict(self, frame1, frame2):
+        return np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32)
+
+
+def run(folder):
+    """The run that is killed, and continued; without its report, which takes longer than the rest."""
+    rf.Result.write_report = lambda self: None
+    benchmark = Benchmark("drawn", Drawn(), ("0", "1", "2"), ("contrast", "high_light"), (1, 2))
+    return rf.evaluate(Brightness(), benchmark, output=folder)
+
+
+def kill_before(call):
+    """End this process without warning before the call-th change of the file system."""
+    calls = count()
+
+    def killing(function):
+        def changed(*arguments, **options):
+            if next(calls) == call:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return function(*arguments, **options)
+
+        return changed
+
+    os.replace = killing(os.replace)
+    os.fsync = killing(os.fsync)
+    pathlib.Path.unlink = killing(pathlib.Path.unlink)
+    pathlib.Path.mkdir = killing(pathlib.Path.mkdir)
+
+
+def main():
+    home, first, step = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    for call in count(first, step):
+        child = os.fork()
+        if not child:
+            try:
+                kill_before(call)
+                run(home / str(call))
+            except BaseException:
+                os._exit(3)
+            os._exit(0)
+        status = os.waitpid(child, 0)[1]
+        if os.WIFEXITED(status):
+            sys.exit(os.WEXITSTATUS(status))
+
+
+if __name__ == "__main__":
+    main()
