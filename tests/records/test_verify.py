@@ -213,8 +213,8 @@ def test_rows_nobody_planned(packed):
 @pytest.mark.parametrize(
     ("path", "value", "check", "says"),
     [
-        (("selection", "corruptions"), ["fog", "contrast", "fogg"], "cells", "'fogg' is not known here"),
-        (("selection", "corruptions"), ["fog", "contrast", "fog+"], "cells", "'fog+' is not known here"),
+        (("selection", "corruptions"), ["fog", "contrast", "fogg"], "cells", "'fogg' is unknown"),
+        (("selection", "corruptions"), ["fog", "contrast", "fog+"], "cells", "'fog+' is unknown"),
         (("selection", "corruptions"), ["fog", "contrast", "fog"], "cells", "selected twice"),
         (("selection", "severities"), [0, 1, 5], "cells", "they are 1 to 5"),
         (("selection", "severities"), [1, 5, 6], "manifest", "less than or equal to 5"),

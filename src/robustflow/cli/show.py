@@ -14,7 +14,7 @@ def show(
         str, typer.Option("--metric", help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage, or all.")
     ] = "all",
 ) -> None:
-    """Print a run's tables again, and write its summary and report anew; of a record, print alone.
+    """Print a run's tables again, and rewrite its summary and report; a record is only printed.
 
     \b
     Examples:
