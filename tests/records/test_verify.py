@@ -265,10 +265,10 @@ def test_a_changed_identity_with_its_digest(packed):
     [
         (("version",), 2, "upgrade robustflow"),
         (("version",), 10**400, "upgrade robustflow"),
-        (("version",), "1", "no record of a run"),
-        (("version",), True, "no record of a run"),
-        (("version",), 0, "no record of a run"),
-        (("format",), "zip", "no record of a run"),
+        (("version",), "1", "not a record of a run"),
+        (("version",), True, "not a record of a run"),
+        (("version",), 0, "not a record of a run"),
+        (("format",), "zip", "not a record of a run"),
         (("more",), 1, "more"),
         (("author",), "\x1b[31m", "cannot be shown"),
         (("author",), "x" * 201, "author"),
@@ -386,8 +386,8 @@ def test_declared_training_sets(tmp_path):
     for change, says in (
         ({"setting": "knowledge"}, "it is OOD"),
         ({"trained_on": ["middlebury"]}, "it is LEAKED"),
-        ({"trained_on": ["anything"]}, "say nothing"),
-        ({"trained_on": []}, "say nothing"),
+        ({"trained_on": ["anything"]}, "cannot be read"),
+        ({"trained_on": []}, "cannot be read"),
         ({"basis": "undeclared"}, "it is undeclared"),
         ({"basis": "method", "setting": "knowledge", "trained_on": None}, "it is undeclared"),
     ):
