@@ -21,6 +21,7 @@ from .text import plain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from .analysis.uncoupled import Uncoupled
     from .corruptions import Corruption
     from .report.comparison import Comparison
     from .runner.progress import Progress
@@ -47,6 +48,13 @@ class Result(Run):
         from .report.comparison import compare
 
         return compare(self, other, level=level, resamples=resamples, seed=seed)
+
+    def uncoupled(self) -> Uncoupled:
+        """Robustness less bound to accuracy: log ratios of errors, medians over images, the increase of Fl, and the
+        partial correlation of the corrupted with the clean error; see `robustflow.analysis.uncoupled`."""
+        from .analysis.uncoupled import uncoupled
+
+        return uncoupled(self.rows)
 
     def plot(self, kind: str = "severity", metric: str = "rcre", others: Sequence[Run] = ()) -> Figure:
         """A figure of this run, and of others beside it; see `robustflow.report.notebook.plot` for the kinds."""

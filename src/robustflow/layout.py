@@ -26,6 +26,8 @@ def locate(
     if not root.exists():
         raise DataError(f"{root}: no such folder; give the folder of {title} that holds {wanted}")
     if not root.is_dir():
+        if root.suffix.lower() in (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar"):
+            raise DataError(f"{root}: an archive; unpack it, and give the folder of {title} that holds {wanted}")
         raise DataError(f"{root}: not a folder; give the folder of {title} that holds {wanted}")
     try:
         for folder in (root / prefix for prefix in prefixes):

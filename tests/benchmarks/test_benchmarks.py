@@ -159,3 +159,24 @@ def test_clean_errors_of_the_real_pairs_equal_a_direct_computation(shared, tmp_p
         clean = run.rows.filter(run.rows["corruption"] == "clean")
         for key, total, count in clean.select("sample", "epe_sum", "n_valid").iter_rows():
             assert total / count == pytest.approx(expected[model, key], abs=1e-4)
+
+
+def test_a_folder_of_another_data_set_is_named(kitti, tmp_path):
+    (tmp_path / "training" / "colored_0").mkdir(parents=True)
+    with pytest.raises(DataError, match="looks like that of --benchmark kitti2012"):
+        load_benchmark("kitti-fc", tmp_path)
+    with pytest.raises(DataError, match="looks like that of --benchmark kitti-fc"):
+        load_benchmark("sintel", kitti)
+
+
+def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
+    (tmp_path / "data_scene_flow.zip").write_bytes(b"PK")
+    for path, match in (
+        ("x" * 5000, "not a usable path"),
+        ("~nouser_at_all/kitti", "no such user's home folder"),
+        (tmp_path / "data_scene_flow.zip", "an archive; unpack it"),
+    ):
+        with pytest.raises(DataError, match=match) as caught:
+            load_benchmark("kitti-fc", path)
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 400

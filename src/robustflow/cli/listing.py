@@ -123,7 +123,7 @@ def _datasets() -> list[str]:
     lines = []
     for name in DATASETS.names():
         facts = dataset_facts(name)
-        count = f"{facts.pairs:,} pairs, " if facts.pairs else ""
+        count = f"{facts.pairs:,} pair{'s' if facts.pairs != 1 else ''}, " if facts.pairs else ""
         lines.append(f"{name}: {facts.title}. {facts.description}".rstrip())
         lines.append(f"    {count}ground truth: {facts.ground_truth}, further frames: {facts.clips}")
         lines += [f"    {what}: {text}" for what, text in _stated(facts)]

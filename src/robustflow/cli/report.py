@@ -25,8 +25,8 @@ def report(
         typer.Option(
             "--table",
             "-t",
-            help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, effective, anatomy, observations; all that "
-            "can be made by default.",
+            help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
+            "observations; all that can be made by default.",
         ),
     ] = None,
     format: Annotated[
