@@ -21,6 +21,7 @@ from .text import plain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from .analysis.uncoupled import Uncoupled
     from .corruptions import Corruption
     from .report.comparison import Comparison
     from .runner.progress import Progress
@@ -47,6 +48,13 @@ class Result(Run):
         from .report.comparison import compare
 
         return compare(self, other, level=level, resamples=resamples, seed=seed)
+
+    def uncoupled(self) -> Uncoupled:
+        """Robustness less bound to accuracy: log ratios of errors, medians over images, the increase of Fl, and the
+        partial correlation of the corrupted with the clean error; see `robustflow.analysis.uncoupled`."""
+        from .analysis.uncoupled import uncoupled
+
+        return uncoupled(self.rows)
 
     def plot(self, kind: str = "severity", metric: str = "rcre", others: Sequence[Run] = ()) -> Figure:
         """A figure of this run, and of others beside it; see `robustflow.report.notebook.plot` for the kinds."""
@@ -75,7 +83,7 @@ class Result(Run):
 def load_run(path: str | Path) -> Result:
     """The run of a folder that `run` wrote, or of a record that `pack` wrote.
 
-    A record is verified first; its run lies in a temporary folder that goes when the result is no longer used.
+    A record is verified first; its run is in a temporary folder that is removed when the result is no longer used.
 
     Raises:
         RunError: no run there, one that this version cannot read, or a record that does not verify.
@@ -108,7 +116,7 @@ def evaluate(
     examples: bool = False,
     progress: Progress | bool | None = None,
 ) -> Result:
-    """Measure how robust a model is. Resumable: the same call goes on where a killed one stopped.
+    """Measure how robust a model is. Resumable: the same call continues where a killed one stopped.
 
     Args:
         model: a name (`"dis"`, `"module.path:Attribute"`) or path (a folder of flows), or any object with

@@ -26,6 +26,8 @@ def locate(
     if not root.exists():
         raise DataError(f"{root}: no such folder; give the folder of {title} that holds {wanted}")
     if not root.is_dir():
+        if root.suffix.lower() in (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar"):
+            raise DataError(f"{root}: an archive; unpack it, and give the folder of {title} that holds {wanted}")
         raise DataError(f"{root}: not a folder; give the folder of {title} that holds {wanted}")
     try:
         for folder in (root / prefix for prefix in prefixes):
@@ -122,7 +124,7 @@ def choice(option: str, value: str, known: Sequence[str]) -> str:
 
 
 def positive(option: str, value: int) -> int:
-    """`value`, or a UsageError when it is no whole number of 1 or more."""
+    """`value`, or a UsageError unless it is a whole number of 1 or more."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise UsageError(f"{option} {value!r} is not possible: give a whole number, 1 or more")
     return value

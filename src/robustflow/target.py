@@ -21,7 +21,7 @@ def is_target(text: str) -> bool:
 
 
 def import_target(target: str, kind: str) -> Any:
-    """The attribute of a module that is installed, or lies in the working folder.
+    """The attribute of a module that is installed, or is in the working folder.
 
     Args:
         kind: what it is to be, for messages.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import polars as pl
 import pytest
+from scipy.stats import spearmanr
 
 from robustflow.analysis.observations import observations
 from robustflow.analysis.observations.evidence import Evidence
-from robustflow.analysis.published.tables import Cost, Method, published_costs, published_results
+from robustflow.analysis.published.tables import NOT_DISCUSSED, Cost, Method, published_costs, published_results
 from robustflow.analysis.results import parse_results
 
 _PUBLISHED = {o.number: o for o in observations(published_results(), published_costs())}
@@ -144,3 +147,21 @@ def test_two_models_or_three_pairs_are_too_little_evidence():
     two = published_results().filter(pl.col("model").is_in(["RAFT", "ARFlow"]))
     verdicts = {observation.verdict for observation in observations(two, published_costs(), pairs=80)}
     assert verdicts <= {"too little evidence", "cannot be computed"}
+
+
+def test_a_printed_cre_that_does_not_follow_stands_beside_the_one_that_does():
+    """SAMFlow-B, OOD: EPE 8.53, clean 4.06, printed CRE 4.44."""
+    assert "4.47 from the EPE (printed: 4.44)" in _part(2, "three best in CRE (OOD)").says
+    assert "4.47 from the EPE (printed: 4.44)" in _part(2, "larger foundation model gives lower EPE and CRE: T").says
+
+
+def test_the_factor_by_which_errors_grow_does_not_follow_the_accuracy():
+    """Over the published models CRE rises with the clean EPE where ln(EPE / clean EPE) does not."""
+    numbers = _part(1, "not only CRE but also the factor by which errors grow rises with clean EPE (OOD)").numbers
+    results = published_results().filter(benchmark="kitti-fc", setting="OOD", metric="epe")
+    epe = {c: dict(results.filter(corruption=c).select("model", "value").iter_rows()) for c in ("clean", "average")}
+    names = [name for name in epe["clean"] if name not in NOT_DISCUSSED]
+    ratio = [math.log(epe["average"][name] / epe["clean"][name]) for name in names]
+    expected = spearmanr([epe["clean"][name] for name in names], ratio).statistic
+    assert numbers["ratio"] == pytest.approx(expected)
+    assert numbers["ratio"] < 0.1 < 0.6 < numbers["cre"]

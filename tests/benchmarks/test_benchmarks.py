@@ -12,6 +12,7 @@ from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
+from robustflow.runs.plan import Plan, RunOptions
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
@@ -159,3 +160,34 @@ def test_clean_errors_of_the_real_pairs_equal_a_direct_computation(shared, tmp_p
         clean = run.rows.filter(run.rows["corruption"] == "clean")
         for key, total, count in clean.select("sample", "epe_sum", "n_valid").iter_rows():
             assert total / count == pytest.approx(expected[model, key], abs=1e-4)
+
+
+def test_a_folder_of_another_data_set_is_named(kitti, tmp_path):
+    (tmp_path / "training" / "colored_0").mkdir(parents=True)
+    with pytest.raises(DataError, match="looks like that of --benchmark kitti2012"):
+        load_benchmark("kitti-fc", tmp_path)
+    with pytest.raises(DataError, match="looks like that of --benchmark kitti-fc"):
+        load_benchmark("sintel", kitti)
+
+
+def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
+    (tmp_path / "data_scene_flow.zip").write_bytes(b"PK")
+    for path, match in (
+        ("x" * 5000, "not a usable path"),
+        ("~nouser_at_all/kitti", "no such user's home folder"),
+        (tmp_path / "data_scene_flow.zip", "an archive; unpack it"),
+    ):
+        with pytest.raises(DataError, match=match) as caught:
+            load_benchmark("kitti-fc", path)
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 400
+
+
+def test_a_renamed_data_set_keeps_the_identity_of_its_runs(kitti, tmp_path):
+    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1), tmp_path))
+    benchmark = load_benchmark("kitti-fc", tmp_path)
+    assert benchmark.dataset.name == "kitti_fc_released"
+    identity = Plan(benchmark, RunOptions(), {"name": "dis"}).identity()
+    assert identity["dataset"] == "kitti_fc", "as runs before the renaming have it"
+    with pytest.raises(UsageError, match="'kitti_fc_released' are corrupted already: use --benchmark kitti-fc"):
+        load_benchmark("kitti_fc_released", tmp_path)

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from ..datasets import DATASETS, dataset_facts
+from ..datasets.guess import benchmark_of_folder
 from ..datasets.suffixes import VIDEO_SUFFIXES
-from ..errors import UsageError, unknown_name
+from ..errors import DataError, UsageError, unknown_name
 from ..layout import user_path
 from ..registry import Registry
 from ..target import is_target
@@ -85,13 +86,25 @@ def load_benchmark(
         if options:
             raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
         return own_benchmark(name, root, chosen, reserved)
+    try:
+        return _opened(name, root, chosen, options or {}, reserved)
+    except DataError as error:
+        fitting = benchmark_of_folder(root) if root is not None else None
+        if fitting is None or fitting == name:
+            raise
+        raise DataError(f"{error}; this folder looks like that of --benchmark {fitting}") from error
+
+
+def _opened(
+    name: str, root: Path | None, split: Path | None, options: dict[str, Any], reserved: list[str]
+) -> Benchmark:
     if name not in BENCHMARKS.names():
-        if name in DATASETS.names():
-            return from_dataset(name, root, chosen, options or {})
+        if name in DATASETS:
+            return from_dataset(DATASETS.current_name(name), root, split, options)
         raise unknown_name("benchmark", name, reserved)
     if options:
         raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
-    return BENCHMARKS.get(name).open(root, chosen)
+    return BENCHMARKS.get(name).open(root, split)
 
 
 def benchmark_facts(name: str) -> BenchmarkFacts:
@@ -112,6 +125,6 @@ def benchmark_facts(name: str) -> BenchmarkFacts:
         facts = getattr(BENCHMARKS.get(name), "facts", None)
         if isinstance(facts, BenchmarkFacts):
             return facts
-    elif name in DATASETS.names():
+    elif name in DATASETS:
         return facts_of_dataset(dataset_facts(name))
     return BenchmarkFacts(title=name[:80] or "unnamed")

@@ -27,7 +27,7 @@ def leaderboard(
 ) -> None:
     """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
 
-    Without a source it shows the paper's results. Results measured on other frames stand in groups of their own and
+    Without a source it shows the paper's results. Results measured on other frames form groups of their own and
     are not ranked against each other.
 
     \b

@@ -18,7 +18,7 @@ _OF_FILES = {
     "onnx": ("an .onnx file", "onnx"),
     "torch_export": ("a .pt2 file of torch.export", "torch"),
 }
-"""Models that hold any method: what they are read from, and the extra, which imports what it is called."""
+"""Models of any method: what they are read from, and the extra they need, which has the name of what it imports."""
 KINDS = ("models", "corruptions", "benchmarks", "datasets")
 
 
@@ -85,7 +85,7 @@ def _models() -> list[str]:
         "Of those, some need more than ptlflow installs: "
         + "; ".join(f"ptlflow:{name} ({needs})" for name, needs in BESIDES.items())
         + ".",
-        "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs; undeclared: say it with "
+        "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs; undeclared: declare it with "
         "--trained-on C+T.",
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",
@@ -123,7 +123,7 @@ def _datasets() -> list[str]:
     lines = []
     for name in DATASETS.names():
         facts = dataset_facts(name)
-        count = f"{facts.pairs:,} pairs, " if facts.pairs else ""
+        count = f"{facts.pairs:,} pair{'s' if facts.pairs != 1 else ''}, " if facts.pairs else ""
         lines.append(f"{name}: {facts.title}. {facts.description}".rstrip())
         lines.append(f"    {count}ground truth: {facts.ground_truth}, further frames: {facts.clips}")
         lines += [f"    {what}: {text}" for what, text in _stated(facts)]

@@ -18,15 +18,15 @@ def report(
     published: Annotated[bool, typer.Option("--published", help="Put the paper's results beside them.")] = False,
     only_own: Annotated[
         bool,
-        typer.Option("--only-own", help="Figures, trends and observations of your runs alone, whatever stands beside."),
+        typer.Option("--only-own", help="Figures, trends and observations of your runs alone."),
     ] = False,
     table: Annotated[
         str | None,
         typer.Option(
             "--table",
             "-t",
-            help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, effective, anatomy, observations; all that "
-            "can be made by default.",
+            help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
+            "observations; all that can be made by default.",
         ),
     ] = None,
     format: Annotated[

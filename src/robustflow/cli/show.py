@@ -11,14 +11,20 @@ import typer
 def show(
     run: Annotated[Path, typer.Argument(help="A run's folder or record.")],
     metric: Annotated[
-        str, typer.Option("--metric", help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage, or all.")
+        str,
+        typer.Option(
+            "--metric",
+            help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage; less bound to accuracy: "
+            "log_ratio, median_log_ratio, median_cre, fl_increase; or all.",
+        ),
     ] = "all",
 ) -> None:
-    """Print a run's tables again, and write its summary and report anew; of a record, print alone.
+    """Print a run's tables again, and rewrite its summary and report; a record is only printed.
 
     \b
     Examples:
       robustflow show runs/demo_dis_1a2b3c4d --metric rcre
+      robustflow show runs/demo_dis_1a2b3c4d --metric log_ratio
       robustflow show colleague.robustflow
     """
     from ..records.load import load_run

@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
+from ..analysis.doubts import doubts
 from ..analysis.labels import METRIC_LABELS
+from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..errors import unknown_name
 from ..metrics.summary import METRICS, Scores, Summary, has_gaps
 from ..report import table as report_table
@@ -21,9 +23,9 @@ from ..text import plain
 
 
 def print_result(result: Run, metric: str = "all", *, report: bool = True) -> None:
-    """Print the overall scores and one line per corruption to stdout; `report`: where its page lies, too."""
-    if metric != "all" and metric not in METRICS:
-        raise unknown_name("metric", metric, (*METRICS, "all"))
+    """Print the overall scores and one line per corruption to stdout; `report`: where its page is, too."""
+    if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
+        raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
     summary = result.summary
     # Names and folders may hold what rich takes for markup.
     console = Console(width=None if Console().is_terminal else 120, markup=False)
@@ -32,6 +34,12 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
     else:
         console.print(_by_severity(result, metric))
     console.print(_sentence(summary), highlight=False, soft_wrap=True)
+    if metric in UNCOUPLED:
+        overall = getattr(uncoupled(result.rows).overall, metric)
+        console.print(f"{metric} {cell(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
+    if reasons := doubts(result):
+        sentence = f"Read no robustness from this: {' and '.join(reasons)}."
+        console.print(plain(sentence, None), highlight=False, soft_wrap=True)
     if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):
         line = f"the paper's mean, over its {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
         console.print(line, highlight=False, soft_wrap=True)
@@ -45,7 +53,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")
         if summary.epe is not None and summary.cre is None:
-            console.print("CRE needs the clean error over the same pixels, which rows of this age do not hold.")
+            console.print("CRE needs the clean error over the same pixels, which rows as old as these do not hold.")
     for warning in dict.fromkeys(text for clip in result.manifest.get("clips", []) for text in clip["warnings"]):
         console.print(f"Warning: {plain(warning, None)}", highlight=False, soft_wrap=True)
     if result.left_out:
@@ -66,7 +74,7 @@ def print_results(results: Sequence[Run]) -> None:
         table.add_row(plain(result.name), *(cell(getattr(result, name)) for name in names))
     console.print(table)
     folders = " ".join(shlex.quote(str(result.path)) for result in results)
-    console.print(f"Is the difference one? robustflow compare {folders}", highlight=False, soft_wrap=True)
+    console.print(f"Is the difference real? robustflow compare {folders}", highlight=False, soft_wrap=True)
 
 
 def for_stdout(table: report_table.Table) -> str:
@@ -105,7 +113,7 @@ def _overview(name: str, summary: Summary) -> Table:
 
 
 def _by_severity(result: Run, metric: str) -> Table:
-    frame = result.table(metric)
+    frame = uncoupled(result.rows).table(metric) if metric in UNCOUPLED else result.table(metric)
     table = Table(title=f"{plain(result.name)} ({result.setting}), {metric}", title_justify="left")
     for column in frame.columns:
         table.add_column(column, justify="left" if column in ("corruption", "family") else "right")

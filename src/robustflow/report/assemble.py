@@ -19,13 +19,14 @@ from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .table import Table
 from .tables import TABLES, build_table
+from .uncoupled_table import uncoupled_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..runs.run import Run
 
-ALL_TABLES = (*TABLES, "means", "effective", "anatomy", "observations")
+ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations")
 _MOST_NAMED = 4
 
 
@@ -79,6 +80,7 @@ def tables_of(
     }
     makers |= {
         "means": lambda: [means_table(_some(runs, "means"), seed=seed)],
+        "uncoupled": lambda: [uncoupled_table(_some(runs, "uncoupled"))],
         "effective": lambda: _by_sample_set(about, effective_table),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
         "observations": lambda: _by_sample_set(about, all_observations),

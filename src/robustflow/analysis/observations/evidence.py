@@ -7,17 +7,23 @@ sentences about all models.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from statistics import fmean
 
 import polars as pl
 
+from ...benchmarks import benchmark_facts
 from ...corruptions.registry import FAMILIES, PAPER_ORDER
+from ..audit.rounding import misfits
 from ..published.tables import NOT_DISCUSSED, Cost, Method, method_of
 from ..results import AVERAGE, CLEAN, values_of
 
 Entry = tuple[str, str]
 """(setting, model)."""
+
+_ROUNDING = 0.015
+"""Pixels: what rounding three numbers to hundredths can add up to."""
 
 
 class Evidence:
@@ -25,7 +31,7 @@ class Evidence:
 
     Attributes:
         entries: models with a clean and an average EPE, in order.
-        rcre: (setting, model) -> corruption -> RCRE on GoPro-FC.
+        rcre: (setting, model) -> corruption -> RCRE on benchmarks without ground truth (GoPro-FC).
         costs: by model.
     """
 
@@ -34,10 +40,15 @@ class Evidence:
         self._methods = methods
         self._epe: dict[Entry, dict[str, float]] = {}
         self.rcre: dict[Entry, dict[str, float]] = {}
-        on_gopro = pl.col("benchmark") == "gopro-fc"
-        for (setting, model, corruption), value in values_of(results.filter(~on_gopro), "epe").items():
+        without_flow = [name for name in results["benchmark"].unique() if not benchmark_facts(name).has_flow]
+        of_flow, of_motion = (
+            results.filter(~pl.col("benchmark").is_in(without_flow)),
+            results.filter(pl.col("benchmark").is_in(without_flow)),
+        )
+        for (setting, model, corruption), value in values_of(of_flow, "epe").items():
             self._epe.setdefault((setting, model), {})[corruption] = value
-        for (setting, model, corruption), value in values_of(results.filter(on_gopro), "rcre").items():
+        self._printed_cre = values_of(of_flow.filter(pl.col("decimals").is_not_null()), "cre", corruption=AVERAGE)
+        for (setting, model, corruption), value in values_of(of_motion, "rcre").items():
             self.rcre.setdefault((setting, model), {})[corruption] = value
         self.entries = [entry for entry, values in self._epe.items() if {CLEAN, AVERAGE} <= values.keys()]
 
@@ -78,6 +89,17 @@ class Evidence:
     def cre(self, entry: Entry, corruption: str = AVERAGE) -> float:
         """EPE - clean EPE, pixels."""
         return self.epe(entry, corruption) - self.clean(entry)
+
+    def cre_text(self, entry: Entry) -> str:
+        """The average CRE that follows from the EPE, and the printed one where rounding cannot make it of that."""
+        made, printed = self.cre(entry), self._printed_cre.get((*entry, AVERAGE))
+        if printed is None or not misfits(printed, made, _ROUNDING):
+            return f"{made:.2f}"
+        return f"{made:.2f} from the EPE (printed: {printed:.2f})"
+
+    def log_ratio(self, entry: Entry) -> float:
+        """ln(EPE / clean EPE) of the means."""
+        return math.log(self.epe(entry) / self.clean(entry))
 
     def crer(self, entry: Entry, corruption: str = AVERAGE) -> float:
         """CRE / clean EPE."""

@@ -9,6 +9,7 @@ from scipy.stats import spearmanr
 from ...corruptions.registry import FAMILIES
 from ..cost_ranks import cost_ranks
 from ..uncertainty.sentences import p_text
+from ..uncoupled import coupling
 from .evidence import Entry, Evidence, named
 from .verdict import Observation, Part, part
 
@@ -34,18 +35,35 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
             parts.append(part(f"{name} grows with clean EPE ({setting})", p < 0.05, says, True, {"rho": rho, "p": p}))
     if not parts:
         parts.append(part("corrupted EPE and CRE grow with clean EPE", None, f"needs {_LEAST} models", True))
-    parts.append(
-        part(
-            "the correlation of CRE with clean EPE is not arithmetic alone",
-            None,
-            "CRE is EPE - clean EPE, so it contains the clean EPE that it is compared with: noise in the clean EPE "
-            "alone makes a correlation, of the other sign; EPE and clean EPE are measured apart. CRE is made from the "
-            "printed EPE here; a printed CRE may differ from it",
-        )
-    )
+    parts += _uncoupled(evidence, settings)
     return Observation(
         number=1, title="Absolute robustness of the model depends heavily on estimation performance", parts=parts
     )
+
+
+def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Part]:
+    """The same correlation for the ratio of the errors, which does not grow where corruption multiplies every error."""
+    parts = []
+    for setting in settings:
+        entries = [e for e in evidence.discussed(setting) if evidence.clean(e) > 0 < evidence.epe(e)]
+        clean, cre, ratio = (
+            [value(e) for e in entries] for value in (evidence.clean, evidence.cre, evidence.log_ratio)
+        )
+        found = coupling(clean, cre, ratio)
+        if found is not None and found.cre is not None and found.log_ratio is not None:
+            p = float(spearmanr(clean, ratio, alternative="greater").pvalue)
+            says = (
+                f"{setting}: Spearman with clean EPE {found.cre:+.2f} for CRE, {found.log_ratio:+.2f} for "
+                f"ln(EPE / clean EPE), one-sided p {p_text(p)}, {found.models} models"
+            )
+            claim = f"not only CRE but also the factor by which errors grow rises with clean EPE ({setting})"
+            parts.append(part(claim, p < 0.05, says, numbers={"cre": found.cre, "ratio": found.log_ratio}))
+    says = (
+        "CRE is EPE - clean EPE, so it contains the clean EPE that it is compared with: noise in the clean EPE alone "
+        "makes a correlation, of the other sign, and errors that all grow by one factor make one of this sign. CRE is "
+        "made from the printed EPE here; where a printed CRE differs, both are given"
+    )
+    return [*parts, part("the correlation of CRE with clean EPE is not arithmetic alone", None, says)]
 
 
 def samflow_and_csflow(evidence: Evidence) -> Observation:
@@ -56,15 +74,16 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
         for name, value in (("EPE", evidence.epe), ("CRE", evidence.cre)):
             best: dict[str, float] = {}
             for entry in supervised:
-                method = evidence.method(entry[1])
-                key = method.method if method else entry[1]
+                key = _method_name(evidence, entry)
                 best[key] = min(value(entry), best.get(key, float("inf")))
             claim = f"SAMFlow and CSFlow are among the three best in {name} ({setting})"
             if not {"SAMFlow", "CSFlow"} <= best.keys():
                 parts.append(part(claim, None, "SAMFlow or CSFlow is not among the models", True))
                 continue
             order = sorted(best, key=best.__getitem__)
-            says = ", ".join(f"{key} {best[key]:.2f}" for key in order[:4])
+            entry_of = {_method_name(evidence, e): e for e in sorted(supervised, key=value, reverse=True)}
+            text = evidence.cre_text if name == "CRE" else lambda e: f"{evidence.epe(e):.2f}"
+            says = ", ".join(f"{key} {text(entry_of[key])}" for key in order[:4])
             parts.append(part(claim, {"SAMFlow", "CSFlow"} <= set(order[:3]), says, True, {k: best[k] for k in order}))
         parts += _larger_is_better(evidence, setting)
     return Observation(
@@ -75,6 +94,12 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
     )
 
 
+def _method_name(evidence: Evidence, entry: Entry) -> str:
+    """What the variants of a method have in common; the model's name where that is unknown."""
+    method = evidence.method(entry[1])
+    return method.method if method else entry[1]
+
+
 def _larger_is_better(evidence: Evidence, setting: str) -> list[Part]:
     sizes: list[Entry] = [(setting, f"SAMFlow-{size}") for size in "TBH"]
     claim = f"a larger foundation model gives lower EPE and CRE: T > B > H ({setting})"
@@ -82,10 +107,8 @@ def _larger_is_better(evidence: Evidence, setting: str) -> list[Part]:
         return [part(claim, None, "not all three sizes of SAMFlow are among the models")]
     epe, cre = ([value(entry) for entry in sizes] for value in (evidence.epe, evidence.cre))
     holds = epe[0] > epe[1] > epe[2] and cre[0] > cre[1] > cre[2]
-    shown = (
-        " > ".join(f"{v:.2f}" for v in values) if holds else ", ".join(f"{v:.2f}" for v in values)
-        for values in (epe, cre)
-    )
+    texts = [f"{v:.2f}" for v in epe], [evidence.cre_text(entry) for entry in sizes]
+    shown = ((" > " if holds else ", ").join(each) for each in texts)
     return [part(claim, holds, "EPE {}; CRE {}".format(*shown))]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import polars as pl
@@ -34,6 +35,7 @@ def intervals(
     seed: int = 0,
     severities: bool = False,
     corruptions: bool = True,
+    metrics: Sequence[str] = METRICS,
 ) -> pl.DataFrame:
     """Intervals of EPE, CRE, CREr and RCRE: overall, per corruption, and of the clean EPE.
 
@@ -46,6 +48,7 @@ def intervals(
         seed: of the bootstrap.
         severities: also each corruption at each severity.
         corruptions: also each corruption; without, the clean EPE and the averages alone, in a fraction of the time.
+        metrics: those to give.
 
     Returns:
         Columns metric, corruption (a name, "average" or "clean"), severity (null for the mean over them), estimate
@@ -54,10 +57,10 @@ def intervals(
         there is none.
 
     Raises:
-        UsageError: a level or number of resamples that cannot be meant.
+        UsageError: a level or number of resamples out of range.
     """
     sums = ClusterSums.of(rows)
-    keys = statistics_of(sums, severities, corruptions)
+    keys = [key for key in statistics_of(sums, severities, corruptions) if key[0] in metrics]
     statistics = {key: sums.statistic(*key) for key in keys}
     found = bootstrap(statistics, len(sums.clusters), level=level, resamples=resamples, seed=seed) if keys else {}
     shared = (sums.images, len(sums.clusters), level)

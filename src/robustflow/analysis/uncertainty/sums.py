@@ -15,7 +15,8 @@ from .estimates import Array
 from .statistic import Mean, Statistic, Term
 
 METRICS = ("epe", "cre", "crer", "rcre")
-Setting = tuple[str, int]
+Column = tuple[str, int]
+"""(corruption, severity)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,7 @@ class ClusterSums:
 
     clusters: tuple[str, ...]
     images: int
-    settings: tuple[Setting, ...]
+    settings: tuple[Column, ...]
     sums: dict[str, Array]
     counts: dict[str, Array]
     clean_sum: Array

@@ -35,7 +35,7 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
     if len(runs) > len(SERIES):
         raise UsageError(f"{len(runs)} runs in one figure cannot be told apart: choose up to {len(SERIES)}")
     curves = {
-        name: intervals(rows, seed=seed, severities=True).filter(pl.col("severity").is_not_null(), metric=metric)
+        name: intervals(rows, seed=seed, severities=True, metrics=[metric]).filter(pl.col("severity").is_not_null())
         for name, rows in runs.items()
     }
     found = {corruption for curve in curves.values() for corruption in curve["corruption"]}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ...analysis.audit.rounding import misfits
 from ...analysis.doubts import doubts
 from ...analysis.labels import METRIC_LABELS, benchmark_label, on_benchmark
 from ...analysis.published.tables import PAPER
@@ -49,8 +50,17 @@ def _best_of_settings(entries: list[Entry]) -> list[str]:
         found = _ranked([entry for entry in entries if entry.setting == setting])
         if found is not None:
             key, order = found
-            told.append(f"{order[0].model} ({setting}, {METRIC_LABELS[key[0]]} {order[0].texts[key]} px)")
+            told.append(f"{order[0].model} ({setting}, {METRIC_LABELS[key[0]]} {_printed(order[0], key)})")
     return told
+
+
+def _printed(entry: Entry, key: Key) -> str:
+    """A printed score; beside a CRE that does not follow from the printed EPE, the one that does."""
+    epe, clean = (entry.numbers.get(("epe", name)) for name in (AVERAGE, CLEAN))
+    text = f"{entry.texts[key]} px"
+    if key != ("cre", AVERAGE) or epe is None or clean is None or not misfits(entry.numbers[key], epe - clean, 0.015):
+        return text
+    return f"{text} as printed, {epe - clean:.2f} px from its EPE"
 
 
 def _alone(entry: Entry) -> list[str]:

@@ -1,0 +1,249 @@
+"""Robustness beside the paper's metrics, less bound to accuracy: ratios of errors, medians over images, the increase of
+Fl, and what the clean error says about the corrupted one once the motion is known.
+
+CRE is EPE - clean EPE: it contains the accuracy that it is read beside, and a mean over images is ruled by the few with
+large errors. The formulae, and what each can and cannot show: docs/design/metrics.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import astuple, dataclass, fields
+from typing import Any
+
+import polars as pl
+from scipy.stats import rankdata
+
+from ..corruptions.registry import PAPER_ORDER
+from ..errors import unknown_name
+from ..metrics.rows import CLEAN, complete_rows
+from .results import AVERAGE
+
+LEAST_IMAGES = 5
+"""Images, or models, below which a correlation is not given."""
+
+
+@dataclass(frozen=True)
+class UncoupledScores:
+    """Of one setting, or the mean over settings; None where it cannot be computed.
+
+    Attributes:
+        log_ratio: mean over images of ln(EPE / clean EPE); 0 for no change, ln 2 = 0.69 where errors double.
+        median_log_ratio: its median over images.
+        median_cre: median over images of EPE - clean EPE, pixels.
+        fl_increase: mean over images of Fl-all - clean Fl-all, percentage points.
+    """
+
+    log_ratio: float | None = None
+    median_log_ratio: float | None = None
+    median_cre: float | None = None
+    fl_increase: float | None = None
+
+
+UNCOUPLED = tuple(field.name for field in fields(UncoupledScores))
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Spearman correlation over images of the corrupted with the clean EPE.
+
+    Attributes:
+        images: how many.
+        rho: as it is; None where one of the two is the same for all images.
+        given_motion: the partial one, given the mean length of the true flow: large motion alone makes both errors
+            large.
+    """
+
+    images: int
+    rho: float | None
+    given_motion: float | None
+
+
+@dataclass(frozen=True)
+class Uncoupled:
+    """What `uncoupled` found.
+
+    Attributes:
+        overall: mean over corruptions.
+        corruptions: mean over severities, by corruption, in the paper's order.
+        by_setting: by (corruption, severity).
+        correlation: by corruption, and "average" over all of them; none below `LEAST_IMAGES` images.
+        left_out: image settings in no ratio, because one of the two errors is exactly 0.
+    """
+
+    overall: UncoupledScores
+    corruptions: dict[str, UncoupledScores]
+    by_setting: dict[tuple[str, int], UncoupledScores]
+    correlation: dict[str, Correlation]
+    left_out: int
+
+    def table(self, metric: str = "log_ratio") -> pl.DataFrame:
+        """One of `UNCOUPLED`, corruption x severity.
+
+        Returns:
+            Columns `corruption`, one per severity, `mean`; null where nothing was measured.
+
+        Raises:
+            UsageError: unknown metric.
+        """
+        if metric not in UNCOUPLED:
+            raise unknown_name("metric", metric, UNCOUPLED)
+        severities = sorted({severity for _, severity in self.by_setting})
+        records = [
+            (
+                name,
+                *(getattr(self.by_setting.get((name, severity)), metric, None) for severity in severities),
+                getattr(scores, metric),
+            )
+            for name, scores in self.corruptions.items()
+        ]
+        schema: dict[str, type[pl.DataType]] = {"corruption": pl.String}
+        schema |= {str(severity): pl.Float64 for severity in severities} | {"mean": pl.Float64}
+        return pl.DataFrame(records, schema=schema, orient="row")
+
+
+def uncoupled(rows: pl.DataFrame) -> Uncoupled:
+    """Scores from the rows of a run.
+
+    Both errors of an image are over the same pixels. Means go over images, then severities, then corruptions, as the
+    paper's do; a median is over images, and its mean over severities and corruptions follows. Fl-all needs the clean
+    outliers over the same pixels, which rows keep only where the model left out no pixel: elsewhere `fl_increase` is
+    None, as is everything without ground truth.
+
+    Args:
+        rows: columns of `robustflow.metrics.rows.ROW_SCHEMA`, of any version.
+
+    >>> from robustflow.metrics.rows import rows_frame
+    >>> uncoupled(rows_frame([])).overall
+    UncoupledScores(log_ratio=None, median_log_ratio=None, median_cre=None, fl_increase=None)
+    """
+    images = _images(rows)
+    positive = (pl.col("epe") > 0) & (pl.col("before") > 0)
+    ratio = (pl.col("epe") / pl.col("before")).log()
+    images = images.with_columns(ratio=pl.when(positive).then(ratio))
+    by_setting: dict[tuple[str, int], UncoupledScores] = {}
+    for key, group in images.partition_by("corruption", "severity", as_dict=True, maintain_order=True).items():
+        corruption, severity = key
+        by_setting[corruption, severity] = _scores(group)
+    found = list(dict.fromkeys(corruption for corruption, _ in sorted(by_setting)))
+    order = [name for name in PAPER_ORDER if name in found] + [name for name in found if name not in PAPER_ORDER]
+    corruptions = {
+        name: _mean_scores([scores for (of, _), scores in by_setting.items() if of == name]) for name in order
+    }
+    return Uncoupled(
+        _mean_scores(list(corruptions.values())),
+        corruptions,
+        by_setting,
+        _correlations(images, order),
+        int(images["ratio"].null_count()),
+    )
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Spearman correlations over models with the clean EPE.
+
+    Attributes:
+        models: how many.
+        cre: of CRE.
+        log_ratio: of the mean log ratio.
+    """
+
+    models: int
+    cre: float | None
+    log_ratio: float | None
+
+
+def coupling(clean: Sequence[float], cre: Sequence[float], log_ratio: Sequence[float]) -> Coupling | None:
+    """How two ways to measure robustness follow the accuracy of models; None below `LEAST_IMAGES` models.
+
+    >>> coupling([1, 2, 3, 4], [2, 4, 6, 8], [1.1, 1.0, 1.2, 0.9]) is None
+    True
+    """
+    if len(clean) < LEAST_IMAGES:
+        return None
+    return Coupling(len(clean), spearman(clean, cre), spearman(clean, log_ratio))
+
+
+def spearman(first: Iterable[float], second: Iterable[float]) -> float | None:
+    """Rank correlation, ties sharing their mean rank; None where one of the two does not vary.
+
+    >>> spearman([1, 2, 3], [10, 30, 20])
+    0.5
+    """
+    a, b = (rankdata(list(values)) for values in (first, second))
+    a, b = a - a.mean(), b - b.mean()
+    scale = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / scale if scale else None
+
+
+def partial_spearman(first: Sequence[float], second: Sequence[float], given: Sequence[float]) -> float | None:
+    """Rank correlation of two with the ranks of a third taken out of both; None where nothing is left to correlate.
+
+    >>> partial_spearman([1, 2, 3, 4], [1, 2, 4, 3], [1, 2, 3, 4]) is None
+    True
+    """
+    pairs = ((first, second), (first, given), (second, given))
+    both, one, other = (spearman(*pair) for pair in pairs)
+    if both is None:
+        return None
+    if one is None or other is None:
+        return both  # What does not vary explains nothing.
+    rest = (1 - one * one) * (1 - other * other)
+    return (both - one * other) / math.sqrt(rest) if rest > 1e-12 else None
+
+
+def _images(rows: pl.DataFrame) -> pl.DataFrame:
+    """One line for each corrupted row with ground truth: EPE, clean EPE over the same pixels, Fl of both, motion."""
+    counted = complete_rows(rows).filter(pl.col("n_valid") > 0)
+    clean = counted.filter(pl.col("corruption") == CLEAN).select("sample", _fl="fl_count", _n="n_valid")
+    counted = counted.filter(pl.col("corruption") != CLEAN).join(clean, on="sample", maintain_order="left")
+    if counted["clean_epe_sum"].null_count():
+        counted = counted.clear()  # Rows that do not say what the clean error over their pixels was.
+    n = pl.col("n_valid")
+    return counted.select(
+        "sample",
+        "corruption",
+        "severity",
+        epe=pl.col("epe_sum") / n,
+        before=pl.col("clean_epe_sum") / n,
+        motion=pl.col("magnitude_sum") / n,
+        fl=pl.when(n == pl.col("_n")).then(100.0 * (pl.col("fl_count") - pl.col("_fl")) / n),
+    )
+
+
+def _scores(images: pl.DataFrame) -> UncoupledScores:
+    return UncoupledScores(
+        log_ratio=_of(images["ratio"].mean()),
+        median_log_ratio=_of(images["ratio"].median()),
+        median_cre=_of((images["epe"] - images["before"]).median()),
+        fl_increase=None if images["fl"].null_count() else _of(images["fl"].mean()),
+    )
+
+
+def _of(value: Any) -> float | None:
+    return None if value is None else float(value)
+
+
+def _mean_scores(parts: Sequence[UncoupledScores]) -> UncoupledScores:
+    means = []
+    for values in zip(*map(astuple, parts), strict=True):
+        known = [value for value in values if value is not None]
+        means.append(math.fsum(known) / len(known) if known else None)
+    return UncoupledScores(*means)
+
+
+def _correlations(images: pl.DataFrame, order: Sequence[str]) -> dict[str, Correlation]:
+    parts: Mapping[str, pl.DataFrame] = {name: images.filter(corruption=name) for name in order}
+    found = {name: _correlation(part) for name, part in {**parts, AVERAGE: images}.items()}
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def _correlation(images: pl.DataFrame) -> Correlation | None:
+    """Over the images' mean errors; the clean one is over the pixels of the same rows."""
+    each = images.group_by("sample", maintain_order=True).agg(pl.col("epe", "before", "motion").mean())
+    if each.height < LEAST_IMAGES:
+        return None
+    epe, before, motion = (each[name].to_list() for name in ("epe", "before", "motion"))
+    return Correlation(each.height, spearman(epe, before), partial_spearman(epe, before, motion))

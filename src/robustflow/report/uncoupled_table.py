@@ -1,0 +1,80 @@
+"""Robustness less bound to accuracy, beside the paper's metrics: one line a run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from ..analysis.results import AVERAGE
+from ..analysis.scores import note_of, run_names, sample_set
+from ..analysis.uncoupled import Coupling, Uncoupled, coupling, uncoupled
+from ..errors import UsageError
+from .table import Cell, Column, Line, Section, Table
+
+if TYPE_CHECKING:
+    from ..runs.run import Run
+
+_COLUMNS = (
+    "clean EPE (px)",
+    "CRE (px)",
+    "log ratio",
+    "median log ratio",
+    "median CRE (px)",
+    "Fl increase (points)",
+    "rank correlation",
+    "given the motion",
+)
+_REMARK = (
+    "log ratio: ln(EPE / clean EPE) of an image, mean over images; 0.69 where errors double. Medians are over images. "
+    "Fl increase: percentage points of Fl-all. Rank correlation: over images, of the corrupted with the clean EPE; "
+    "then given the length of the true flow. CRE is EPE - clean EPE, so it is not independent of the accuracy."
+)
+
+
+def uncoupled_table(runs: Sequence[Run]) -> Table:
+    """`uncoupled` of runs; with five models or more on the same frames also how CRE and log ratio follow the accuracy.
+
+    Raises:
+        UsageError: no run has ground truth.
+    """
+    lines = []
+    same_frames: dict[str, list[tuple[float, float, float]]] = {}
+    for name, run in zip(run_names(runs), runs, strict=True):
+        found = uncoupled(run.rows)
+        if found.overall.log_ratio is None and found.overall.median_cre is None:
+            continue
+        lines.append(Line(name, tuple(map(Cell, _texts(run, found))), note_of(run)))
+        clean, cre, ratio = run.epe_clean, run.cre, found.overall.log_ratio
+        if clean is not None and cre is not None and ratio is not None:
+            same_frames.setdefault(sample_set(run), []).append((clean, cre, ratio))
+    if not lines:
+        raise UsageError("the table 'uncoupled' needs ground truth, which none of these runs has")
+    found_couplings = (coupling(*map(list, zip(*models, strict=True))) for models in same_frames.values())
+    remarks = tuple(_sentence(one) for one in found_couplings if one is not None)
+    columns = tuple(map(Column, _COLUMNS))
+    return Table(
+        "uncoupled", "Robustness beside accuracy", columns, (Section("Runs", tuple(lines)),), (_REMARK, *remarks)
+    )
+
+
+def _texts(run: Run, found: Uncoupled) -> Iterable[str]:
+    scores, related = found.overall, found.correlation.get(AVERAGE)
+    values = (
+        run.epe_clean,
+        run.cre,
+        scores.log_ratio,
+        scores.median_log_ratio,
+        scores.median_cre,
+        scores.fl_increase,
+        related and related.rho,
+        related and related.given_motion,
+    )
+    return ("-" if value is None else f"{value:.2f}" for value in values)
+
+
+def _sentence(found: Coupling) -> str:
+    cre, ratio = ("cannot be computed" if v is None else f"{v:+.2f}" for v in (found.cre, found.log_ratio))
+    return (
+        f"Over {found.models} models on the same frames the rank correlation with the clean EPE is {cre} for CRE and "
+        f"{ratio} for the log ratio."
+    )

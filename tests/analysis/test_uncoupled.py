@@ -1,0 +1,134 @@
+"""Log ratios, medians, the increase of Fl and partial correlations against loops over images in float64."""
+
+from __future__ import annotations
+
+import math
+from statistics import fmean, median
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.stats import rankdata, spearmanr
+
+from robustflow.analysis.uncoupled import UNCOUPLED, UncoupledScores, coupling, partial_spearman, uncoupled
+from robustflow.errors import UsageError
+from robustflow.metrics.rows import CLEAN, complete_rows
+
+from .simulated import PIXELS, rows_of
+
+_SETTINGS = (("fog", 1), ("fog", 3), ("snow", 2))
+
+
+def _rows(seed: int, images: int) -> pl.DataFrame:
+    """Hard images are hard everywhere; motion and Fl differ by image and setting."""
+    rng = np.random.default_rng(seed)
+    hard = rng.gamma(2, 1, images) + 0.2
+    corrupted = hard[:, None] * rng.gamma(3, 1, (images, 3))
+    rows = complete_rows(rows_of(hard * rng.gamma(8, 1 / 8, images), corrupted, corrupted))
+    motion = dict(
+        zip(rows["sample"].unique(maintain_order=True), PIXELS * (hard + rng.gamma(2, 1, images)), strict=True)
+    )
+    return rows.with_columns(
+        fl_count=pl.Series(rng.integers(0, PIXELS, rows.height)),
+        magnitude_sum=pl.col("sample").replace_strict(motion, return_dtype=pl.Float64),
+    )
+
+
+def _naive(rows: pl.DataFrame) -> UncoupledScores:
+    each = {(r["sample"], r["corruption"], r["severity"]): r for r in rows.to_dicts()}
+    samples = sorted({sample for sample, _, _ in each})
+    by_corruption: dict[str, list[tuple[float, ...]]] = {}
+    for corruption, severity in _SETTINGS:
+        ratios, moves, outliers = [], [], []
+        for sample in samples:
+            row, clean = each[sample, corruption, severity], each[sample, CLEAN, 0]
+            after, before = row["epe_sum"] / row["n_valid"], clean["epe_sum"] / clean["n_valid"]
+            ratios.append(math.log(after / before))
+            moves.append(after - before)
+            outliers.append(100 * row["fl_count"] / row["n_valid"] - 100 * clean["fl_count"] / clean["n_valid"])
+        found = fmean(ratios), median(ratios), median(moves), fmean(outliers)
+        by_corruption.setdefault(corruption, []).append(found)
+    means = [[fmean(column) for column in zip(*found, strict=True)] for found in by_corruption.values()]
+    return UncoupledScores(*(fmean(column) for column in zip(*means, strict=True)))
+
+
+@pytest.mark.parametrize(("seed", "images"), [(0, 1), (1, 2), (2, 9), (3, 40)])
+def test_scores_are_those_of_a_loop_over_images(seed, images):
+    rows = _rows(seed, images)
+    found, expected = uncoupled(rows.sample(fraction=1, shuffle=True, seed=seed)), _naive(rows)
+    for name in UNCOUPLED:
+        assert getattr(found.overall, name) == pytest.approx(getattr(expected, name), rel=1e-12, abs=1e-12)
+        table = found.table(name)
+        assert table.columns == ["corruption", "1", "2", "3", "mean"]
+        assert fmean(table["mean"]) == pytest.approx(getattr(expected, name), rel=1e-12, abs=1e-12)
+        assert table.row(0)[1:4:2] == tuple(getattr(found.by_setting[table.row(0)[0], s], name, None) for s in (1, 3))
+    with pytest.raises(UsageError, match="unknown metric 'epe'"):
+        found.table("epe")
+
+
+def test_an_error_k_times_as_large_is_ln_k_whatever_the_accuracy():
+    """CRE calls the less accurate of two models, both twice as wrong under corruption, four times less robust."""
+    hard = np.random.default_rng(5).gamma(2, 1, 30) + 0.1
+    for scale in (1.0, 4.0):
+        rows = rows_of(scale * hard, 2 * scale * hard[:, None] * np.ones(3), hard[:, None] * np.ones(3))
+        found = uncoupled(rows).overall
+        assert found.log_ratio == pytest.approx(math.log(2)) == found.median_log_ratio
+        assert found.median_cre == pytest.approx(scale * np.median(hard))
+
+
+def test_the_median_does_not_follow_one_image():
+    error = np.full(21, 2.0)
+    corrupted = np.full((21, 3), 3.0)
+    corrupted[0] = 500.0
+    assert uncoupled(rows_of(error, corrupted, corrupted)).overall.median_cre == pytest.approx(1.0)
+
+
+def test_the_partial_correlation_is_that_of_what_the_motion_leaves():
+    """Against residuals of a least-squares fit of ranks, which is what the formula stands for."""
+    rows = _rows(7, 40)
+    corrupted = (
+        rows.filter(pl.col("corruption") == "fog").group_by("sample").agg(pl.col("epe_sum").mean()).sort("sample")
+    )
+    clean = rows.filter(pl.col("corruption") == CLEAN).sort("sample")
+    epe, before, motion = corrupted["epe_sum"], clean["epe_sum"], clean["magnitude_sum"]
+    found = uncoupled(rows).correlation["fog"]
+    assert found.images == 40
+    assert found.rho == pytest.approx(spearmanr(epe, before).statistic)
+    fit = np.column_stack([np.ones(40), rankdata(motion)])
+    rest = [rankdata(v) - fit @ np.linalg.lstsq(fit, rankdata(v), rcond=None)[0] for v in (epe, before)]
+    assert found.given_motion == pytest.approx(np.corrcoef(*rest)[0, 1])
+    assert abs(found.given_motion) < abs(found.rho)
+
+
+def test_motion_that_explains_both_errors_leaves_nothing():
+    rng = np.random.default_rng(0)
+    motion = rng.normal(size=4000)
+    first, second = motion + 0.5 * rng.normal(size=4000), motion + 0.5 * rng.normal(size=4000)
+    assert spearmanr(first, second).statistic > 0.7
+    assert abs(partial_spearman(first, second, motion)) < 0.05
+
+
+def test_what_cannot_be_computed_is_none():
+    rows = _rows(1, 6)
+    no_truth = rows.with_columns(pl.lit(None, dtype=rows.schema[name]).alias(name) for name in ("n_valid", "epe_sum"))
+    assert uncoupled(no_truth).overall == UncoupledScores()
+    fewer = pl.when(pl.col("corruption") == "fog").then(PIXELS // 2).otherwise(pl.col("n_valid"))
+    gaps = uncoupled(rows.with_columns(n_valid=fewer))
+    assert gaps.corruptions["fog"].fl_increase is None is not gaps.corruptions["snow"].fl_increase
+    assert gaps.corruptions["fog"].log_ratio is not None
+    unknown = rows.with_columns(n_valid=fewer, clean_epe_sum=pl.lit(None, pl.Float64))
+    assert uncoupled(unknown).overall == UncoupledScores(), "the clean error over fewer pixels is not known"
+    exact = rows.with_columns(
+        clean_epe_sum=pl.when(pl.col("sample") == "00000").then(0.0).otherwise(pl.col("clean_epe_sum"))
+    )
+    assert uncoupled(exact).left_out == 3
+    assert not uncoupled(_rows(1, 4)).correlation, "too few images"
+
+
+def test_over_models_noise_in_the_clean_error_couples_both():
+    """Models alike but for noise in their clean error: CRE seems to fall with it, as -EPE_clean stands in it."""
+    clean = np.random.default_rng(2).gamma(20, 0.1, 30)
+    found = coupling(clean, 7 - clean, np.log(7 / clean))
+    assert found.cre == pytest.approx(-1.0) == found.log_ratio
+    proportional = coupling(clean, 2 * clean, np.full(30, math.log(3)))
+    assert (proportional.cre, proportional.log_ratio) == (pytest.approx(1.0), None)
