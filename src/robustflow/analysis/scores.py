@@ -101,18 +101,25 @@ def sample_set(run: Run) -> str:
 
 
 def note_of(run: Run) -> str:
-    """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities."""
+    """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities. Of
+    frames that the paper has no results on and that have no ground truth, only what was measured."""
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples
-    told = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
+    apart = not benchmark_facts(benchmark).published and run.summary.epe_clean is None
+    if apart:
+        title = benchmark_facts(benchmark).title.replace("Your own", "your own", 1)
+        told = [f"{counted(pairs, 'pair')} of {title}"]
+    else:
+        told = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
     if set(averaged) != set(wanted):
-        told.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
+        average = f"average over {counted(len(averaged), 'corruption')}"
+        told.append(average if apart else f"{average}, not the paper's {len(wanted)}")
     if set(selection["severities"]) != set(SEVERITIES):
         told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
-        told.append("calibrated severities, not the paper's")
+        told.append("calibrated severities" + ("" if apart else ", not the paper's"))
     if not run.summary.complete:
         told.append("not complete")
     return "; ".join(part for part in told if part)
