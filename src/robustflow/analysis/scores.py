@@ -36,7 +36,7 @@ def run_results(runs: Sequence[Run]) -> pl.DataFrame:
     """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average: columns of `results.RESULT_SCHEMA`.
 
     Runs of one `sample_set` measured the same frames under the same corruptions, so their values can be compared;
-    `note` says how they differ from the paper's. Two runs of the same name are told apart by their digests.
+    `note` says how they differ from the paper's. Two runs of the same name are distinguished by their digests.
     """
     names = run_names(runs)
     records: list[tuple[Any, ...]] = []
@@ -59,25 +59,25 @@ def run_names(runs: Sequence[Run]) -> list[str]:
     benchmark, or the run's digest (and a number)."""
     of_model = Counter(run.name for run in runs)
     of_benchmark = Counter((run.name, str(run.manifest["identity"]["benchmark"])) for run in runs)
-    told = []
+    candidates = []
     for run in runs:
         benchmark = str(run.manifest["identity"]["benchmark"])
         if of_model[run.name] == 1:
-            told.append(run.name)
+            candidates.append(run.name)
         elif of_benchmark[run.name, benchmark] == 1:
-            told.append(f"{run.name} ({benchmark_label(benchmark)})")
+            candidates.append(f"{run.name} ({benchmark_label(benchmark)})")
         else:
-            told.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
+            candidates.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
     seen: Counter[str] = Counter()
     names = []
-    for name in told:
+    for name in candidates:
         seen[name] += 1
         names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
     return names
 
 
 def setting_of(run: Run) -> str:
-    """The setting of a run, by what its model has seen; "own" where nobody said what that is."""
+    """The setting of a run, by what its model has seen; "own" where that was not declared."""
     return OWN if run.setting == "undeclared" else run.setting
 
 
@@ -104,18 +104,18 @@ def note_of(run: Run) -> str:
     """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities."""
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples
-    told = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
+    remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
     if set(averaged) != set(wanted):
-        told.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
+        remarks.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
     if set(selection["severities"]) != set(SEVERITIES):
-        told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
+        remarks.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
-        told.append("calibrated severities, not the paper's")
+        remarks.append("calibrated severities, not the paper's")
     if not run.summary.complete:
-        told.append("not complete")
-    return "; ".join(part for part in told if part)
+        remarks.append("not complete")
+    return "; ".join(part for part in remarks if part)
 
 
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:

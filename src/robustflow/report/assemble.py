@@ -47,7 +47,7 @@ def tables_of(
 
     Args:
         runs: none or more.
-        published: whether the paper's results stand beside them.
+        published: whether the paper's results are shown beside them.
         wanted: of `ALL_TABLES`; by default all that these runs can fill.
         seed: of the bootstrap behind the intervals.
         only_own: whether effective robustness and observations are left out for the paper's models.
@@ -142,5 +142,5 @@ def _whose(frames: str, part: pl.DataFrame) -> str:
         return "published models"
     benchmark, models = part["benchmark"][0], list(dict.fromkeys(part["model"]))
     named, more = models[:_MOST_NAMED], len(models) - _MOST_NAMED
-    told = ", ".join(map(plain, named)) + (f" and {more} more" if more > 0 else "")
-    return on_benchmark(told, benchmark)
+    text = ", ".join(map(plain, named)) + (f" and {more} more" if more > 0 else "")
+    return on_benchmark(text, benchmark)

@@ -1,4 +1,4 @@
-"""A table as data: what stands in which cell, and which is the best of its column."""
+"""A table as data: what each cell holds, and which is the best of its column."""
 
 from __future__ import annotations
 

@@ -59,9 +59,9 @@ def build_table(
     chosen = results.filter(pl.col("metric") == metric, of_these if name == "gopro-rcre" else ~of_these)
     if chosen.is_empty():
         raise UsageError(f"the table '{name}' would be empty: these results have no such {METRIC_LABELS[metric]}")
-    found = set(chosen["corruption"])
-    corruptions = [c for c in PAPER_ORDER if c in found]
-    keys = [CLEAN] * (CLEAN in found) + corruptions + [AVERAGE]
+    measured = set(chosen["corruption"])
+    corruptions = [c for c in PAPER_ORDER if c in measured]
+    keys = [CLEAN] * (CLEAN in measured) + corruptions + [AVERAGE]
     columns = [_column(key, metric) for key in keys]
     sections = []
     for setting in settings_in_order(chosen):
@@ -83,16 +83,16 @@ _BEST = "Best of each column among models of one setting measured on the same fr
 
 def _listed(benchmarks: pl.Series) -> str:
     """What was measured on, in words, the paper's benchmark first."""
-    found = dict.fromkeys(benchmarks)
-    names = [label for name, label in BENCHMARK_LABELS.items() if name in found]
-    names += sorted(plain(name) for name in found if name not in BENCHMARK_LABELS)
+    listed = dict.fromkeys(benchmarks)
+    names = [label for name, label in BENCHMARK_LABELS.items() if name in listed]
+    names += sorted(plain(name) for name in listed if name not in BENCHMARK_LABELS)
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def settings_in_order(results: pl.DataFrame) -> list[str]:
     """The settings found, the paper's first."""
-    found = list(dict.fromkeys(results["setting"]))
-    return [name for name in SETTING_LABELS if name in found] + sorted(set(found) - set(SETTING_LABELS))
+    settings = list(dict.fromkeys(results["setting"]))
+    return [name for name in SETTING_LABELS if name in settings] + sorted(set(settings) - set(SETTING_LABELS))
 
 
 def _column(key: str, metric: str) -> Column:

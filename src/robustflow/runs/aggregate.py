@@ -76,11 +76,11 @@ def summarize(
     if averaging not in get_args(Averaging):
         raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
     rows = complete_rows(_checked(rows))
-    found = list(rows.select(ROW_KEY).iter_rows())
-    samples = {sample for sample, _, _ in found}
-    settings = {(corruption, severity) for _, corruption, severity in found} | {(CLEAN, 0)}
+    cells = list(rows.select(ROW_KEY).iter_rows())
+    samples = {sample for sample, _, _ in cells}
+    settings = {(corruption, severity) for _, corruption, severity in cells} | {(CLEAN, 0)}
     expected = {(s, *setting) for s in samples for setting in settings} if planned is None else set(planned)
-    missing = _units(expected - set(found))
+    missing = _units(expected - set(cells))
     with_truth = pl.coalesce("n_valid", "n_all")
     unmeasured = _units(rows.filter(with_truth == 0).select(ROW_KEY).iter_rows())
 
@@ -210,20 +210,20 @@ def _mean_scores(parts: Sequence[Scores], clean: Scores) -> Scores:
 def _corruptions(
     by_setting: dict[tuple[str, int], Scores], clean: Scores, over: Literal["all", "paper"]
 ) -> dict[str, CorruptionScores]:
-    found: dict[str, dict[int, Scores]] = defaultdict(dict)
+    by_corruption: dict[str, dict[int, Scores]] = defaultdict(dict)
     for (corruption, severity), scores in sorted(by_setting.items(), key=lambda item: item[0]):
-        found[corruption][severity] = scores
+        by_corruption[corruption][severity] = scores
     family_of = {name: family for family, names in FAMILIES.items() for name in names}
-    order = [name for name in PAPER_ORDER if name in found]
+    order = [name for name in PAPER_ORDER if name in by_corruption]
     return {
         name: CorruptionScores(
-            **_mean_scores(list(found[name].values()), clean).model_dump(),
+            **_mean_scores(list(by_corruption[name].values()), clean).model_dump(),
             family=family_of.get(name),
             averaged=over == "all" or name in PAPER_ORDER,
-            severities=list(found[name]),
-            by_severity={m: [getattr(scores, m) for scores in found[name].values()] for m in METRICS},
+            severities=list(by_corruption[name]),
+            by_severity={m: [getattr(scores, m) for scores in by_corruption[name].values()] for m in METRICS},
         )
-        for name in order + sorted(set(found) - set(order))
+        for name in order + sorted(set(by_corruption) - set(order))
     }
 
 

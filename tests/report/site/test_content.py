@@ -100,7 +100,7 @@ def test_the_paper_has_no_significance():
     assert "SAMFlow-B (OOD, CRE 4.44 px as printed, 4.47 px from its EPE)" in said
     assert "ARFlow (ID, CRE 2.74 px)" in said
     assert "FlowFormer (OOD, RCRE 1.29 px)" in said
-    assert "cannot be told" in said
+    assert "unknown whether a lead is more than chance" in said
 
 
 def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):

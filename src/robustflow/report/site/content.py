@@ -38,7 +38,7 @@ class Content:
         costs: the paper's, empty where its results are not there.
         entries: the lines of the leaderboard.
         group_titles: sample set -> heading.
-        alone: whether the page is about its runs, and the paper's results only stand beside them: then they have no
+        alone: whether the page is about its runs, and the paper's results are only shown beside them: then they have no
             figures, observations and audit of their own.
     """
 
@@ -79,8 +79,8 @@ def whole_content(
     Args:
         runs: none or more.
         files: (name of a file, the results read from it). Each is a sample set of its own unless its lines name one.
-        published: whether the paper's results stand beside them.
-        only_own: whether the page is about the runs and files: the paper's results only stand beside them.
+        published: whether the paper's results are shown beside them.
+        only_own: whether the page is about the runs and files: the paper's results are only shown beside them.
 
     Raises:
         DataError: a value that is there twice, in two files or in a file and the paper's results.
@@ -111,10 +111,10 @@ def _content(
     results = pl.concat([*parts, paper])
     twice = results.filter(results.select(RESULT_KEY).is_duplicated())
     if twice.height:
-        found = twice.row(0, named=True)
+        entry = twice.row(0, named=True)
         raise DataError(
-            f"{found['metric']} of '{plain(found['model'])}' ({plain(found['setting'])}) on {found['corruption']} is "
-            f"there twice for the sample set '{plain(found['sample_set'])}'; give each result once"
+            f"{entry['metric']} of '{plain(entry['model'])}' ({plain(entry['setting'])}) on {entry['corruption']} is "
+            f"there twice for the sample set '{plain(entry['sample_set'])}'; give each result once"
         )
     costs = published_costs() if published else {}
     entries = entries_of(

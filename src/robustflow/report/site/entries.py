@@ -80,15 +80,15 @@ def entries_of(
         first: (benchmark, sample set, setting, model, note) of entries that are there whatever the results say, before
             the others.
     """
-    found: dict[tuple[str, str, str, str], Entry] = {}
+    entries: dict[tuple[str, str, str, str], Entry] = {}
     slugs = Slugs()
 
     def entry_of(benchmark: str, frames: str, setting: str, model: str, note: str) -> Entry:
         key = (benchmark, frames, setting, model)
-        if key not in found:
+        if key not in entries:
             texts = (plain(setting, 40), plain(model), model, plain(note, 300))
-            found[key] = Entry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
-        return found[key]
+            entries[key] = Entry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
+        return entries[key]
 
     for head in first:
         entry_of(*head)
@@ -102,7 +102,7 @@ def entries_of(
     }
     ranks = cost_ranks(costs) if costs else {}
     own_ranks = run_ranks(measured_crer(results.filter(pl.col("sample_set") != PAPER)), run_costs or {})
-    for key, entry in found.items():
+    for key, entry in entries.items():
         _add_families(entry)
         run = (entry.sample_set, entry.name)
         entry.set(("crer", AVERAGE), crer.get(key))
@@ -116,8 +116,8 @@ def entries_of(
             own = own_ranks.get(key[1:])
             entry.set(("rank", ""), own.average if own else None, 0)
         entry.intervals = dict((intervals or {}).get(run, {}))
-    _mark_best(list(found.values()))
-    return list(found.values())
+    _mark_best(list(entries.values()))
+    return list(entries.values())
 
 
 def _add_families(entry: Entry) -> None:
