@@ -104,11 +104,11 @@ def run_examples(run: Run) -> tuple[Slider, list[Panel]] | None:
     clean = _read(folder / shown.slider.clean)
     pictures = ((one.corruption, one.severity, [_read(folder / one.file)], "") for one in shown.slider.pictures)
     slider = make_slider(f"Sample {plain(shown.slider.key)}", [clean], pictures, widest=_SLIDER_WIDTH, quality=_QUALITY)
-    return slider, [_panel(folder, panel) for panel in examples.panels]
+    return slider, [_panel(folder, panel) for panel in shown.panels]
 
 
 def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
-    """The slider of the first run with pictures, and the panels of the first `MOST_RUNS` of them."""
+    """The slider of the first run with examples, and the panels of the first `MOST_RUNS` of them."""
     slider: Slider | None = None
     panels: dict[tuple[str, str], list[Panel]] = {}
     for key, run in runs.items():
