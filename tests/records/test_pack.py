@@ -165,7 +165,7 @@ def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):
     other = with_json(packed, "record.json", lambda record: record.update(run="0" * 16))
     for held in (b"letters", other):
         target.write_bytes(held)
-        with pytest.raises(RunError, match="something else than this run"):
+        with pytest.raises(RunError, match="does not hold this run"):
             pack(run, target)
         assert target.read_bytes() == held
     assert pack(run, target, overwrite=True).stat().st_size > 1000

@@ -99,8 +99,8 @@ def _opened(
     name: str, root: Path | None, split: Path | None, options: dict[str, Any], reserved: list[str]
 ) -> Benchmark:
     if name not in BENCHMARKS.names():
-        if name in DATASETS.names():
-            return from_dataset(name, root, split, options)
+        if name in DATASETS:
+            return from_dataset(DATASETS.current_name(name), root, split, options)
         raise unknown_name("benchmark", name, reserved)
     if options:
         raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
@@ -125,6 +125,6 @@ def benchmark_facts(name: str) -> BenchmarkFacts:
         facts = getattr(BENCHMARKS.get(name), "facts", None)
         if isinstance(facts, BenchmarkFacts):
             return facts
-    elif name in DATASETS.names():
+    elif name in DATASETS:
         return facts_of_dataset(dataset_facts(name))
     return BenchmarkFacts(title=name[:80] or "unnamed")

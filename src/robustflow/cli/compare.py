@@ -66,9 +66,9 @@ def compare(
         raise UsageError(f"--json and --format {format} are two formats; leave out one of them")
     if len(runs) < 2:
         raise UsageError("one run cannot be compared: name two or more")
-    found = [load_run(run) for run in runs]
-    chosen = metric or ("rcre" if any(run.cre is None for run in found) else "cre")
-    if (across := across_conditions(found, chosen)) is not None:
+    loaded = [load_run(run) for run in runs]
+    chosen = metric or ("rcre" if any(run.cre is None for run in loaded) else "cre")
+    if (across := across_conditions(loaded, chosen)) is not None:
         frame, shown = across
         text = frame.write_json() + "\n" if as_json else render(shown, format)
         if output is None:
@@ -77,11 +77,11 @@ def compare(
             write_bytes(output, text.encode())
             typer.echo(str(output))
         return
-    if len(found) == 2:
-        comparison = compare_two(*found, level=level, resamples=resamples, seed=seed)
+    if len(loaded) == 2:
+        comparison = compare_two(*loaded, level=level, resamples=resamples, seed=seed)
         table = comparison.frame if metric is None else comparison.frame.filter(metric=metric)
     else:
-        rows = dict(zip(run_names(found), (run.rows for run in found), strict=True))
+        rows = dict(zip(run_names(loaded), (run.rows for run in loaded), strict=True))
         note = common_remark(rows)
         table = compare_all(rows, chosen, level=level, resamples=resamples, seed=seed)
         if table.is_empty():
@@ -90,7 +90,7 @@ def compare(
     on_screen = format == "terminal" and output is None
     if as_json:
         text = table.write_json() + "\n"
-    elif len(found) == 2:
+    elif len(loaded) == 2:
         shown = comparison.table(metric or "")
         text = for_stdout(shown) if on_screen else render(shown, format)
     elif format == "terminal":

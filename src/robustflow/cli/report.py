@@ -18,7 +18,7 @@ def report(
     published: Annotated[bool, typer.Option("--published", help="Put the paper's results beside them.")] = False,
     only_own: Annotated[
         bool,
-        typer.Option("--only-own", help="Figures, trends and observations of your runs alone, whatever stands beside."),
+        typer.Option("--only-own", help="Figures, trends and observations of your runs alone."),
     ] = False,
     table: Annotated[
         str | None,

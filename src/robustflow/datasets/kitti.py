@@ -127,7 +127,7 @@ class Kitti2012(KittiSequences):
 def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, Pair]:
     """The pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc.
 
-    Their groups are the drives of `dataset` ("kitti2015", "kitti2012" or "kitti_fc").
+    Their groups are the drives of `dataset` ("kitti2015", "kitti2012" or "kitti_fc_released").
 
     Raises:
         DataError: no ground truth folder, or a file of a pair is missing.

@@ -24,7 +24,12 @@ from itertools import groupby
 
 import polars as pl
 
-_TABLES = {"kitti2015": ("kitti2015", 200), "kitti_fc": ("kitti2015", 200), "kitti2012": ("kitti2012", 194)}
+_TABLES = {
+    "kitti2015": ("kitti2015", 200),
+    "kitti_fc_released": ("kitti2015", 200),
+    "kitti_fc": ("kitti2015", 200),  # what a run's identity calls it
+    "kitti2012": ("kitti2012", 194),
+}
 """Dataset -> the table of its pairs, and how many pairs there are. The released KITTI-FC keeps the numbers of 2015."""
 
 _NUMBERED_BY_DRIVE = ("kitti2015",)

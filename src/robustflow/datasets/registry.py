@@ -27,19 +27,21 @@ _TARGETS = {
     "flyingthings3d": "flyingthings3d:FlyingThings3D",
     "gopro": "gopro:GoPro",
     "folder": "folder:open_folder",
-    "kitti_fc": "kitti_fc:KittiFC",
-    "gopro_fc": "gopro_fc:GoProFC",
+    "kitti_fc_released": "kitti_fc_released:KittiFCReleased",
+    "gopro_fc_prepared": "gopro_fc_prepared:GoProFCPrepared",
     "gopro_fc_released": "gopro_fc_released:GoProFCReleased",
 }
 for _name, _target in _TARGETS.items():
     DATASETS.add(_name, f"robustflow.datasets.{_target}")
+DATASETS.rename("kitti_fc", "kitti_fc_released")
+DATASETS.rename("gopro_fc", "gopro_fc_prepared")
 
 
 def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
     """Open a dataset.
 
     Args:
-        name: a name of `DATASETS`.
+        name: a name of `DATASETS`, or a former one.
         root: its folder; None for a dataset that needs none.
         options: what the dataset takes besides (`step=2`, `render_pass="final"`).
 
@@ -75,4 +77,4 @@ def dataset_facts(name: str) -> DatasetFacts:
     >>> dataset_facts("kitti2015").pairs, dataset_facts("someone:Else").title
     (200, 'someone:Else')
     """
-    return facts_of(DATASETS.get(name) if name in DATASETS.names() else None, name)
+    return facts_of(DATASETS.get(name) if name in DATASETS else None, name)

@@ -10,6 +10,7 @@ from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
 from ..corruptions.scale import calibration_digest
 from ..corruptions.stack import levels_of
+from ..datasets import DATASETS
 from ..metrics.rows import CLEAN, ROW_MEANING_VERSION
 from ..models.window import Window
 from .identity import identity_digest
@@ -109,7 +110,7 @@ class Plan:
             | {
                 "version": IDENTITY_VERSION,
                 "benchmark": self.benchmark.name,
-                "dataset": self.benchmark.dataset.name,
+                "dataset": DATASETS.recorded_name(self.benchmark.dataset.name),
                 "protocol": self.benchmark.protocol,
                 "model": self.model_identity,
                 "seed": self.options.seed,

@@ -6,7 +6,7 @@ anew, so that nothing but pixels reaches the page.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -19,10 +19,10 @@ from ...images.io import jpeg_address, read_image, shrunk
 from ...runs.example_record import FOLDER, RECORD
 from ...sample import Frame
 from ...text import plain
+from ..slider import Slider, make_slider
 
 if TYPE_CHECKING:
     from ...runs.run import Run
-    from ..gallery.pictures import Cell
 
 _LARGEST_LIST = 1 << 20
 _LARGEST_PICTURE = 1 << 24
@@ -69,17 +69,6 @@ class _Examples(_Strict):
 
 
 @dataclass(frozen=True)
-class Slider:
-    """One frame as it is and under corruptions: (name, [(severity, picture)]); pictures are `data:` addresses."""
-
-    title: str
-    width: int
-    height: int
-    clean: str
-    corruptions: tuple[tuple[str, tuple[tuple[int, str], ...]], ...]
-
-
-@dataclass(frozen=True)
 class Examples:
     """What a page shows of its pictures: a slider, and panels by (sample set, name) of the run."""
 
@@ -113,8 +102,8 @@ def run_examples(run: Run) -> tuple[Slider, list[Panel]] | None:
     except ValidationError as error:
         raise DataError(f"{folder / RECORD}: {first_misfit(error)}; delete the folder, or run again") from error
     clean = _read(folder / found.slider.clean)
-    pictures = ((one.corruption, one.severity, _read(folder / one.file)) for one in found.slider.pictures)
-    slider = make_slider(f"Sample {plain(found.slider.key)}", clean, pictures)
+    pictures = ((one.corruption, one.severity, [_read(folder / one.file)], "") for one in found.slider.pictures)
+    slider = make_slider(f"Sample {plain(found.slider.key)}", [clean], pictures, widest=_SLIDER_WIDTH, quality=_QUALITY)
     return slider, [_panel(folder, panel) for panel in found.panels]
 
 
@@ -128,21 +117,6 @@ def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
             slider = slider or found[0]
             panels[key] = found[1]
     return None if slider is None else Examples(slider, panels)
-
-
-def gallery_slider(clean: Frame, cells: Iterable[Cell], title: str) -> Slider:
-    """A slider from the cells of a gallery."""
-    return make_slider(title, clean, ((c.name, c.severity, c.frame) for c in cells if c.frame is not None))
-
-
-def make_slider(title: str, clean: Frame, pictures: Iterable[tuple[str, int, Frame]]) -> Slider:
-    """A slider from frames, RGB uint8, in the order of its choice of corruptions."""
-    found: dict[str, dict[int, str]] = {}
-    for corruption, severity, frame in pictures:
-        found.setdefault(corruption, {})[severity] = jpeg_address(frame, _SLIDER_WIDTH, _QUALITY)
-    height, width = shrunk(clean, _SLIDER_WIDTH).shape[:2]
-    corruptions = tuple((plain(long_label(name)), tuple(sorted(levels.items()))) for name, levels in found.items())
-    return Slider(title, width, height, jpeg_address(clean, _SLIDER_WIDTH, _QUALITY), corruptions)
 
 
 def _panel(folder: Path, panel: _Panel) -> Panel:
