@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import polars as pl
 
 from ..metrics.rows import CLEAN
 from ..runs.run import Run
+from .scores import run_names, sample_set
 
 BLIND_BELOW = 0.01
 """Mean RCRE in pixels below which a flow hardly depends on the frames; the flow of a model that sees them moves by ten
@@ -21,6 +23,14 @@ def doubts(run: Run) -> list[str]:
     """
     found = ["its weights are random"] if run.setting == "untrained" else []
     return found + doubts_from_rows(run.rows)
+
+
+def doubted_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
+    """(sample set, name) -> what speaks against ranking it, of the runs against which something does."""
+    reasons = {
+        (sample_set(run), name): " and ".join(doubts(run)) for name, run in zip(run_names(runs), runs, strict=True)
+    }
+    return {key: reason for key, reason in reasons.items() if reason}
 
 
 def doubts_from_rows(rows: pl.DataFrame) -> list[str]:

@@ -63,6 +63,15 @@ class Table:
     lines_are: str = "Model"
 
 
+def with_doubt(note: str, reason: str | None) -> str:
+    """The note of a line, and why its model is the best of nothing.
+
+    >>> with_doubt("3 pairs", "its weights are random")
+    '3 pairs; not marked as best: its weights are random'
+    """
+    return "; ".join(part for part in (note, reason and f"not marked as best: {reason}") if part)
+
+
 def number_text(value: float | None, decimals: int | None) -> str:
     """As it was printed, or with two decimals.
 

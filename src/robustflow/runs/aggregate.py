@@ -22,6 +22,7 @@ from ..metrics.regions import REGIONS
 from ..metrics.robustness import cre, crer
 from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
+from .family_means import by_family
 from .plan import Cell
 
 _WHOLE = {
@@ -95,11 +96,7 @@ def summarize(
     averaged_over = [name for name, scores in corruptions.items() if scores.averaged]
     overall = _mean_scores([corruptions[name] for name in averaged_over], clean)
     in_paper = [name for name in corruptions if name in paper]
-    families = {
-        family: _mean_scores([corruptions[name] for name in names if name in corruptions], clean)
-        for family, names in FAMILIES.items()
-        if any(name in corruptions for name in names)
-    }
+    families = {family: _mean_scores(parts, clean) for family, parts in by_family(corruptions).items()}
     return Summary(
         **overall.model_dump(),
         averaging=averaging,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...analysis.audit.rounding import misfits
-from ...analysis.doubts import doubts
 from ...analysis.labels import METRIC_LABELS, benchmark_label, on_benchmark
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
+from ...analysis.scores import paper_rows
 from ...analysis.uncertainty import compare_all
 from ...errors import RunError
 from ...text import plain
@@ -116,8 +116,8 @@ def _shown(entry: Entry, key: Key) -> str:
 
 
 def _doubts(entry: Entry, content: Content) -> list[str]:
-    run = content.runs.get((entry.sample_set, entry.name))
-    return doubts(run) if run is not None else []
+    reason = content.doubted.get((entry.sample_set, entry.name))
+    return [reason] if reason else []
 
 
 def _not_ranked(entries: Sequence[Entry], content: Content, start: str) -> list[str]:
@@ -131,7 +131,8 @@ def _difference(metric: str, order: Sequence[Entry], content: Content) -> list[s
     """Whether the best differs from the second, corrected for every pair of the best `MOST_COMPARED`: which two are
     compared was chosen by looking at all."""
     runs = {entry.name: content.runs.get((entry.sample_set, entry.name)) for entry in order[:MOST_COMPARED]}
-    measured = {name: run.rows for name, run in runs.items() if run is not None}
+    rows = paper_rows if content.of_paper else (lambda run: run.rows)
+    measured = {name: rows(run) for name, run in runs.items() if run is not None}
     if len(measured) < len(runs):
         return []  # Results files have no values per image.
     try:

@@ -95,7 +95,9 @@ def _of_run(page: str, entry: Entry, run: Run, panels: tuple[Panel, ...]) -> Mod
         name=entry.model,
         tiles=((entry, _tiles(entry)),),
         says=_sentences(entry),
-        tables=tuple(_severity_table(entry, run, metric) for metric in _METRICS if (metric, AVERAGE) in entry.texts),
+        tables=tuple(
+            _severity_table(entry, run, metric) for metric in _METRICS if any(of == metric for of, _ in entry.texts)
+        ),
         facts=run_facts(run),
         anatomy=_anatomy(run),
         panels=panels,
