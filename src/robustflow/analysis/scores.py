@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import polars as pl
 
 from ..benchmarks import benchmark_facts
+from ..metrics.summary import Scores, has_gaps
 from ..severity import SEVERITIES
 from ..text import counted
 from .labels import benchmark_label
@@ -32,8 +33,12 @@ _SAMPLE_SETS: WeakKeyDictionary[Run, str] = WeakKeyDictionary()
 """What `sample_set` gave: it reads all rows, and a page asks for it many times."""
 
 
-def run_results(runs: Sequence[Run]) -> pl.DataFrame:
+def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataFrame:
     """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average: columns of `results.RESULT_SCHEMA`.
+
+    Beside published results (`beside_published`) the averages of a run with corruptions that the paper does not have
+    are the paper's mean, `Summary.paper`; where not all of the paper's were run either, it has none. A run of some of
+    the paper's keeps its own, and a note.
 
     Runs of one `sample_set` measured the same frames under the same corruptions, so their values can be compared;
     `note` says how they differ from the paper's. Two runs of the same name are told apart by their digests.
@@ -42,16 +47,46 @@ def run_results(runs: Sequence[Run]) -> pl.DataFrame:
     records: list[tuple[Any, ...]] = []
     for run, name in zip(runs, names, strict=True):
         identity, summary = run.manifest["identity"], run.summary
-        shared = (sample_set(run), note_of(run))
+        shared = (sample_set(run), note_of(run, beside_published))
+        means = paper_means(run) if beside_published else summary
         values = {("epe", CLEAN): summary.epe_clean}
         for metric in METRICS:
             values |= {(metric, name_): getattr(scores, metric) for name_, scores in summary.corruptions.items()}
-            values[metric, AVERAGE] = getattr(summary, metric)
+            values[metric, AVERAGE] = getattr(means, metric)
         for (metric, corruption), value in values.items():
             if value is not None:
                 head = (str(identity["benchmark"]), setting_of(run), name, metric, corruption)
                 records.append((*head, float(value), None, None, str(run.manifest["identity_digest"]), *shared))
     return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
+
+
+def paper_means(run: Run) -> Scores:
+    """The averages of a run that may stand beside published ones; see `run_results`."""
+    summary = run.summary
+    if _only_of_paper(run):
+        return summary
+    return summary.paper or Scores()
+
+
+def paper_rows(run: Run) -> pl.DataFrame:
+    """The rows that `paper_means` are over."""
+    return run.rows if _only_of_paper(run) else run.rows.filter(pl.col("corruption").is_in([CLEAN, *_wanted(run)]))
+
+
+def _only_of_paper(run: Run) -> bool:
+    return set(run.summary.averaged_over) <= set(_wanted(run))
+
+
+def _wanted(run: Run) -> tuple[str, ...]:
+    return benchmark_facts(str(run.manifest["identity"]["benchmark"])).paper_corruptions
+
+
+def coverage_of(runs: Sequence[Run]) -> dict[tuple[str, str], float]:
+    """(sample set, name) -> share of the pixels that are in the mean errors, of the runs that left out any."""
+    found = {(sample_set(run), name): run.summary for name, run in zip(run_names(runs), runs, strict=True)}
+    return {
+        key: summary.coverage for key, summary in found.items() if summary.coverage is not None and has_gaps(summary)
+    }
 
 
 def run_names(runs: Sequence[Run]) -> list[str]:
@@ -100,14 +135,22 @@ def sample_set(run: Run) -> str:
     return _SAMPLE_SETS.setdefault(run, hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest())
 
 
-def note_of(run: Run) -> str:
-    """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities."""
+def note_of(run: Run, beside_published: bool = False) -> str:
+    """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities;
+    `beside_published` as for `run_results`."""
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples
     told = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
-    if set(averaged) != set(wanted):
+    if beside_published and not _only_of_paper(run):
+        of_paper = [name for name in wanted if name in averaged]
+        told.append(
+            f"average over the paper's {len(wanted)} of {counted(len(averaged), 'corruption')}"
+            if run.summary.paper is not None
+            else f"no average: {len(of_paper)} of the paper's {len(wanted)} corruptions, and others"
+        )
+    elif set(averaged) != set(wanted):
         told.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
     if set(selection["severities"]) != set(SEVERITIES):
         told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
