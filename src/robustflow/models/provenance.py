@@ -65,7 +65,7 @@ class Training:
 def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Training:
     """What the model of an identity was trained on.
 
-    A checkpoint of the catalog is known by the hash of its file, wherever it is and whatever is declared.
+    A checkpoint of the catalogue is known by the hash of its file, wherever it is and whatever is declared.
 
     Args:
         identity: of the model: `name`, `checkpoint`.
@@ -92,7 +92,7 @@ def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Tra
 
 
 def training_of_entry(entry: CheckpointEntry) -> Training:
-    """What a checkpoint of the catalog was trained on."""
+    """What a checkpoint of the catalogue was trained on."""
     return Training(tuple(entry.trained_on.split("+")), f"catalog: {entry.model} {entry.checkpoint}", entry.note)
 
 
