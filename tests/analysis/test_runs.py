@@ -17,20 +17,19 @@ from robustflow.images.io import write_image
 from robustflow.report.assemble import ALL_TABLES, figures_of, results_of, tables_of
 from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import whole_content
+from robustflow.testing import ZeroFlow
 
 
-class Still:
+class Still(ZeroFlow):
     """A model that sees no motion."""
 
     def __init__(self, name: str = "<img src=x onerror=alert(1)>", trained_on: str | None = None) -> None:
+        super().__init__()
         self._identity = {"name": name}
         self.trained_on = trained_on
 
     def identity(self):
         return self._identity
-
-    def predict(self, frame1, frame2):
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 @pytest.fixture(scope="module")
