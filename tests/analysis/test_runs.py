@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from robustflow.analysis.doubts import sound_results
 from robustflow.analysis.scores import note_of, run_names, run_results, sample_set, setting_of
 from robustflow.api import Result, evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
@@ -126,7 +127,9 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     assert best["Useless"][0] == 0
     assert "not marked as best: its clean EPE of 0.03 px is not below the 0.00 px of zero flow" in best["Useless"][1]
     assert best["Good"][0] > 0
-    entries = {entry.name: entry for entry in whole_content([useless, *others], published=False).entries}
+    content = whole_content([useless, *others], published=False)
+    assert set(sound_results(content.results, content.doubted)["model"]) == {"Good", "Bad"}
+    entries = {entry.name: entry for entry in content.entries}
     assert not entries["Useless"].best
     assert ("epe", "average") in entries["Good"].best
     assert "zero flow" in entries["Useless"].doubt

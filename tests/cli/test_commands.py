@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import subprocess
 import sys
@@ -60,6 +61,30 @@ def test_several_models_one_after_the_other(robustflow):
         assert f"{run.cre:.2f}" in line
     assert "robustflow compare both/dis both/farneback" in table
     code, _, error = robustflow("run", "-m", "dis", "-m", "dis", *few)
+    assert (code, error.count("\n")) == (2, 1)
+
+
+def test_show_says_what_speaks_against_a_model(robustflow, tmp_path):
+    rf.evaluate(_Named(), "demo", output=tmp_path / "zero", corruptions=["contrast"], severities=[1], examples=False)
+    code, out, _ = robustflow("show", tmp_path / "zero")
+    assert code == 0
+    (line,) = (line for line in out.splitlines() if line.startswith("Read no robustness from this: "))
+    assert "is not below the 34.34 px of zero flow" in line
+    assert "its flow hardly depends on the frames" in line
+
+
+def test_show_measures_robustness_beside_accuracy(robustflow, tmp_path):
+    options = {"corruptions": ["fog"], "severities": [1, 5], "examples": False}
+    run = rf.evaluate("dis", "demo", output=tmp_path / "dis", **options)
+    ratios = [math.log(epe / run.epe_clean) for epe in run.summary.corruptions["fog"].by_severity["epe"]]
+    code, out, _ = robustflow("show", run.path, "--metric", "log_ratio")
+    assert code == 0
+    for value in (*ratios, sum(ratios) / 2):
+        assert f"{value:.2f}" in out
+    assert f"log_ratio {sum(ratios) / 2:.2f}, the mean over corruptions" in out
+    assert "Read no robustness" not in out
+    assert run.uncoupled().overall.median_log_ratio == pytest.approx(sum(ratios) / 2)
+    code, _, error = robustflow("show", run.path, "--metric", "log_ration")
     assert (code, error.count("\n")) == (2, 1)
 
 

@@ -68,7 +68,7 @@ def test_without_examples_or_ground_truth_there_is_none(tmp_path):
     assert "How far things move" not in render_site(whole_content([bare]))
 
 
-def test_more_samples_are_counted_anew(tmp_path):
+def test_more_samples_are_counted_again(tmp_path):
     home = tmp_path / "training"
     (home / "clean" / "alley").mkdir(parents=True)
     for index in (1, 2, 3):
@@ -82,7 +82,7 @@ def test_more_samples_are_counted_anew(tmp_path):
     assert sum(read_displacement(more).pixels) == 512
 
 
-def test_a_damaged_one_is_counted_anew(run):
+def test_a_damaged_one_is_counted_again(run):
     path = run.path / "displacement.json"
     whole = path.read_bytes()
     path.write_text("{")

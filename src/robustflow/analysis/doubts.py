@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import polars as pl
 
@@ -31,6 +31,13 @@ def doubted_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
         (sample_set(run), name): " and ".join(doubts(run)) for name, run in zip(run_names(runs), runs, strict=True)
     }
     return {key: reason for key, reason in reasons.items() if reason}
+
+
+def sound_results(results: pl.DataFrame, doubted: Mapping[tuple[str, str], str]) -> pl.DataFrame:
+    """Results (columns `sample_set` and `model` among others) without those of doubted runs, for what is said of models
+    in general."""
+    left_out = pl.DataFrame(list(doubted), schema={"sample_set": pl.String, "model": pl.String}, orient="row")
+    return results.join(left_out, on=["sample_set", "model"], how="anti", maintain_order="left")
 
 
 def doubts_from_rows(rows: pl.DataFrame) -> list[str]:

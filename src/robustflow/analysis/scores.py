@@ -41,7 +41,7 @@ def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataF
     the paper's keeps its own, and a note.
 
     Runs of one `sample_set` measured the same frames under the same corruptions, so their values can be compared;
-    `note` says how they differ from the paper's. Two runs of the same name are told apart by their digests.
+    `note` says how they differ from the paper's. Two runs of the same name are distinguished by their digests.
     """
     names = run_names(runs)
     records: list[tuple[Any, ...]] = []
@@ -83,9 +83,11 @@ def _wanted(run: Run) -> tuple[str, ...]:
 
 def coverage_of(runs: Sequence[Run]) -> dict[tuple[str, str], float]:
     """(sample set, name) -> share of the pixels that are in the mean errors, of the runs that left out any."""
-    found = {(sample_set(run), name): run.summary for name, run in zip(run_names(runs), runs, strict=True)}
+    summaries = {(sample_set(run), name): run.summary for name, run in zip(run_names(runs), runs, strict=True)}
     return {
-        key: summary.coverage for key, summary in found.items() if summary.coverage is not None and has_gaps(summary)
+        key: summary.coverage
+        for key, summary in summaries.items()
+        if summary.coverage is not None and has_gaps(summary)
     }
 
 
@@ -94,25 +96,25 @@ def run_names(runs: Sequence[Run]) -> list[str]:
     benchmark, or the run's digest (and a number)."""
     of_model = Counter(run.name for run in runs)
     of_benchmark = Counter((run.name, str(run.manifest["identity"]["benchmark"])) for run in runs)
-    told = []
+    candidates = []
     for run in runs:
         benchmark = str(run.manifest["identity"]["benchmark"])
         if of_model[run.name] == 1:
-            told.append(run.name)
+            candidates.append(run.name)
         elif of_benchmark[run.name, benchmark] == 1:
-            told.append(f"{run.name} ({benchmark_label(benchmark)})")
+            candidates.append(f"{run.name} ({benchmark_label(benchmark)})")
         else:
-            told.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
+            candidates.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
     seen: Counter[str] = Counter()
     names = []
-    for name in told:
+    for name in candidates:
         seen[name] += 1
         names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
     return names
 
 
 def setting_of(run: Run) -> str:
-    """The setting of a run, by what its model has seen; "own" where nobody said what that is."""
+    """The setting of a run, by what its model has seen; "own" where that was not declared."""
     return OWN if run.setting == "undeclared" else run.setting
 
 
@@ -140,25 +142,25 @@ def note_of(run: Run, beside_published: bool = False) -> str:
     `beside_published` as for `run_results`."""
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples
-    told = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
+    remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
     if beside_published and not _only_of_paper(run):
         of_paper = [name for name in wanted if name in averaged]
-        told.append(
+        remarks.append(
             f"average over the paper's {len(wanted)} of {counted(len(averaged), 'corruption')}"
             if run.summary.paper is not None
             else f"no average: {len(of_paper)} of the paper's {len(wanted)} corruptions, and others"
         )
     elif set(averaged) != set(wanted):
-        told.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
+        remarks.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
     if set(selection["severities"]) != set(SEVERITIES):
-        told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
+        remarks.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
-        told.append("calibrated severities, not the paper's")
+        remarks.append("calibrated severities, not the paper's")
     if not run.summary.complete:
-        told.append("not complete")
-    return "; ".join(part for part in told if part)
+        remarks.append("not complete")
+    return "; ".join(part for part in remarks if part)
 
 
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:

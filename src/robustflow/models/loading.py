@@ -113,7 +113,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A model by name and options: what a worker process is told so that it can load its own copy.
+    """A model by name and options: what a worker process is given so that it can load its own copy.
 
     The option `trained_on` declares the training sets of any model (see `provenance`); it is not given to the model.
     """
@@ -137,10 +137,10 @@ class ModelSpec:
     def identity(self, model: AnyModel) -> dict[str, Any]:
         """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
         that an edited model never continues the run of the unedited one. What the model says itself about an option
-        counts instead of the option: a checkpoint by its hash, wherever the file lies."""
+        counts instead of the option: a checkpoint by its hash, wherever the file is."""
         identity = model_identity(model)
-        said = set(identity)
-        identity["options"] = {key: str(value) for key, value in self.options if key not in said | {DECLARED}}
+        known = set(identity)
+        identity["options"] = {key: str(value) for key, value in self.options if key not in known | {DECLARED}}
         users = ":" in self.name and not self.name.startswith(PTLFLOW)
         source = source_of_target(self.name) if users else None
         if source is not None:
@@ -156,7 +156,7 @@ class FunctionModel:
         self._identity = identity or model_identity(function)
 
     def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: where the function is defined, unless told otherwise."""
+        """See `FlowModel`: where the function is defined, unless stated otherwise."""
         return self._identity
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:

@@ -10,7 +10,7 @@ import polars as pl
 
 from ..analysis.cost_ranks import run_costs
 from ..analysis.displacements import displacements_of
-from ..analysis.doubts import doubted_runs
+from ..analysis.doubts import doubted_runs, sound_results
 from ..analysis.labels import on_benchmark
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results
@@ -64,6 +64,7 @@ def tables_of(
     about = results.filter(pl.col("sample_set") != PAPER) if only_own else results
 
     doubted, coverage = doubted_runs(runs), coverage_of(runs)
+    sound = sound_results(about, doubted)
     pairs = {sample_set(run): run.summary.samples for run in runs}
 
     def all_observations(part: pl.DataFrame) -> Table:
@@ -85,11 +86,11 @@ def tables_of(
         "uncoupled": lambda: [uncoupled_table(_some(runs, "uncoupled"))],
         "effective": lambda: _by_sample_set(about, effective_table),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
-        "observations": lambda: _by_sample_set(about, all_observations),
+        "observations": lambda: _by_sample_set(sound, all_observations),
     }
     if wanted is not None:
         return [table for name in wanted for table in makers[name]()]
-    makers["observations"] = lambda: _by_sample_set(about, computable_observations)
+    makers["observations"] = lambda: _by_sample_set(sound, computable_observations)
     tables: list[Table] = []
     for name in ALL_TABLES:
         try:

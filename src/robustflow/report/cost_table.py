@@ -97,12 +97,12 @@ def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
 
 
 def _measured_lines(
-    found: Mapping[Measured, tuple[float, str]],
+    measured: Mapping[Measured, tuple[float, str]],
     run_costs: Mapping[tuple[str, str], RunCost],
     doubted: Mapping[tuple[str, str], str],
 ) -> tuple[Line, ...]:
-    ranks, lines = run_ranks(found, run_costs, doubted), []
-    for key, (value, note) in found.items():
+    ranks, lines = run_ranks(measured, run_costs, doubted), []
+    for key, (value, note) in measured.items():
         frames, setting, model = key
         rank, cost = ranks[key], run_costs.get((frames, model))
         cells = [Cell("-")] * len(_COLUMNS)
@@ -124,7 +124,7 @@ def _shown(rank: int | None) -> str:
 
 
 def _counted_note(cost: RunCost) -> str:
-    told = [f"{cost.iterations} iterations"] if cost.iterations not in (None, COUNTED_ITERATIONS) else []
+    conditions = [f"{cost.iterations} iterations"] if cost.iterations not in (None, COUNTED_ITERATIONS) else []
     if counted_size(cost) != COUNTED_SIZE:
-        told.append(f"frames of {cost.height}x{cost.width}")
-    return f"FLOPs of {', '.join(told)}" if told else ""
+        conditions.append(f"frames of {cost.height}x{cost.width}")
+    return f"FLOPs of {', '.join(conditions)}" if conditions else ""

@@ -90,15 +90,15 @@ def entries_of(
         doubted: by (sample set, name) of a run, why its model is the best of nothing.
         coverage: of runs that left out pixels, which share of them is in the errors.
     """
-    found: dict[tuple[str, str, str, str], Entry] = {}
+    entries: dict[tuple[str, str, str, str], Entry] = {}
     slugs = Slugs()
 
     def entry_of(benchmark: str, frames: str, setting: str, model: str, note: str) -> Entry:
         key = (benchmark, frames, setting, model)
-        if key not in found:
+        if key not in entries:
             texts = (plain(setting, 40), plain(model), model, plain(note, 300))
-            found[key] = Entry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
-        return found[key]
+            entries[key] = Entry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
+        return entries[key]
 
     for head in first:
         entry_of(*head)
@@ -112,7 +112,7 @@ def entries_of(
     }
     ranks = cost_ranks(costs) if costs else {}
     own_ranks = run_ranks(measured_crer(results.filter(pl.col("sample_set") != PAPER)), run_costs or {}, doubted or {})
-    for key, entry in found.items():
+    for key, entry in entries.items():
         for metric in ("epe", "cre", "rcre"):
             values = {name: value for (of, name), value in entry.numbers.items() if of == metric}
             for family, mean in family_means(values).items():
@@ -131,8 +131,8 @@ def entries_of(
         entry.doubt = (doubted or {}).get(run, "")
         entry.set(COVERAGE, (coverage or {}).get(run))
         entry.intervals = dict((intervals or {}).get(run, {}))
-    _mark_best(list(found.values()), doubted or {})
-    return list(found.values())
+    _mark_best(list(entries.values()), doubted or {})
+    return list(entries.values())
 
 
 def _add_published(entry: Entry, cost: Cost, ranks: Mapping[str, Mapping[str, int]]) -> None:

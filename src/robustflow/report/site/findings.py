@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import polars as pl
 
 from ...analysis.audit import CHECKS, Audit, Finding, audit_published, audit_results
+from ...analysis.doubts import sound_results
 from ...analysis.observations import Observation, observations
 from ...analysis.observations.verdict import THIN, UNKNOWN
 from ...analysis.published.tables import PAPER
@@ -27,8 +28,9 @@ class Checked:
 def checked_observations(content: Content) -> list[Checked]:
     """For each sample set that the page is about, where at least one observation can be computed."""
     checked = []
-    for frames in dict.fromkeys(content.focus["sample_set"]):
-        part = content.results.filter(pl.col("sample_set") == frames)
+    sound = sound_results(content.focus, content.doubted)
+    for frames in dict.fromkeys(sound["sample_set"]):
+        part = sound.filter(pl.col("sample_set") == frames)
         pairs = next((run.summary.samples for (of, _), run in content.runs.items() if of == frames), None)
         made = observations(part, content.costs if frames == PAPER else {}, pairs=pairs)
         if any(one.verdict != UNKNOWN for one in made):
