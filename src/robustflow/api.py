@@ -83,7 +83,7 @@ class Result(Run):
 def load_run(path: str | Path) -> Result:
     """The run of a folder that `run` wrote, or of a record that `pack` wrote.
 
-    A record is verified first; its run lies in a temporary folder that goes when the result is no longer used.
+    A record is verified first; its run is in a temporary folder that is removed when the result is no longer used.
 
     Raises:
         RunError: no run there, one that this version cannot read, or a record that does not verify.
@@ -116,7 +116,7 @@ def evaluate(
     examples: bool = False,
     progress: Progress | bool | None = None,
 ) -> Result:
-    """Measure how robust a model is. Resumable: the same call goes on where a killed one stopped.
+    """Measure how robust a model is. Resumable: the same call continues where a killed one stopped.
 
     Args:
         model: a name (`"dis"`, `"module.path:Attribute"`) or path (a folder of flows), or any object with

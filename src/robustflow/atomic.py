@@ -67,7 +67,7 @@ def json_bytes(value: Any) -> bytes:
     """JSON as this project writes it: the same bytes for the same value, and no number that JSON does not know.
 
     Raises:
-        ValueError: a number that is not finite, or text that is no Unicode.
+        ValueError: a number that is not finite, or text that is not Unicode.
 
     >>> json_bytes({"b": 1, "a": None})
     b'{\\n  "a": null,\\n  "b": 1\\n}\\n'

@@ -20,7 +20,7 @@ class RobustFlowError(Exception):
 
 
 class UsageError(RobustFlowError, ValueError):
-    """An argument that cannot be meant: an unknown name, a severity of 6, options that exclude each other."""
+    """An argument that makes no sense here: an unknown name, a severity of 6, options that exclude each other."""
 
     exit_code = 2
 
@@ -42,7 +42,7 @@ class RunError(RobustFlowError):
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
-    """The error for a name nobody registered, with the nearest known ones.
+    """The error for an unknown name, with the nearest known ones.
 
     >>> print(unknown_name("corruption", "gausian_noise", ["gaussian_noise", "fog"]))
     unknown corruption 'gausian_noise': did you mean 'gaussian_noise'? Known: gaussian_noise, fog
@@ -63,7 +63,7 @@ def first_misfit(error: ValidationError, whole: str = "the file") -> str:
 
     Args:
         error: what pydantic raised.
-        whole: what to call a place that is no part of it.
+        whole: what to call a place that is not part of it.
 
     >>> from pydantic import TypeAdapter, ValidationError
     >>> try:

@@ -124,7 +124,7 @@ def choice(option: str, value: str, known: Sequence[str]) -> str:
 
 
 def positive(option: str, value: int) -> int:
-    """`value`, or a UsageError when it is no whole number of 1 or more."""
+    """`value`, or a UsageError unless it is a whole number of 1 or more."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         raise UsageError(f"{option} {value!r} is not possible: give a whole number, 1 or more")
     return value

@@ -61,7 +61,7 @@ def test_another_run_s_record_is_not_overwritten(robustflow, runs, records):
     before = records[0].read_bytes()
     code, _, error = robustflow("pack", runs[1], "-o", records[0])
     assert (code, error.count("\n")) == (1, 1)
-    assert "something else than this run" in error
+    assert "does not hold this run" in error
     assert records[0].read_bytes() == before
 
 

@@ -213,8 +213,8 @@ def test_rows_nobody_planned(packed):
 @pytest.mark.parametrize(
     ("path", "value", "check", "says"),
     [
-        (("selection", "corruptions"), ["fog", "contrast", "fogg"], "cells", "'fogg' is not known here"),
-        (("selection", "corruptions"), ["fog", "contrast", "fog+"], "cells", "'fog+' is not known here"),
+        (("selection", "corruptions"), ["fog", "contrast", "fogg"], "cells", "'fogg' is unknown"),
+        (("selection", "corruptions"), ["fog", "contrast", "fog+"], "cells", "'fog+' is unknown"),
         (("selection", "corruptions"), ["fog", "contrast", "fog"], "cells", "selected twice"),
         (("selection", "severities"), [0, 1, 5], "cells", "they are 1 to 5"),
         (("selection", "severities"), [1, 5, 6], "manifest", "less than or equal to 5"),
@@ -265,10 +265,10 @@ def test_a_changed_identity_with_its_digest(packed):
     [
         (("version",), 2, "upgrade robustflow"),
         (("version",), 10**400, "upgrade robustflow"),
-        (("version",), "1", "no record of a run"),
-        (("version",), True, "no record of a run"),
-        (("version",), 0, "no record of a run"),
-        (("format",), "zip", "no record of a run"),
+        (("version",), "1", "not a record of a run"),
+        (("version",), True, "not a record of a run"),
+        (("version",), 0, "not a record of a run"),
+        (("format",), "zip", "not a record of a run"),
         (("more",), 1, "more"),
         (("author",), "\x1b[31m", "cannot be shown"),
         (("author",), "x" * 201, "author"),
@@ -283,7 +283,7 @@ def test_a_changed_record(packed, path, value, says):
     assert says in said
 
 
-def test_a_run_said_to_be_complete_or_not(packed):
+def test_a_run_declared_complete_or_not(packed):
     assert failure(with_json(packed, "record.json", _set("complete", value=False)))[0] == "cells"
     assert failure(with_json(packed, "record.json", _set("run", value="0" * 16)))[0] == "manifest"
 
@@ -386,8 +386,8 @@ def test_declared_training_sets(tmp_path):
     for change, says in (
         ({"setting": "knowledge"}, "it is OOD"),
         ({"trained_on": ["middlebury"]}, "it is LEAKED"),
-        ({"trained_on": ["anything"]}, "say nothing"),
-        ({"trained_on": []}, "say nothing"),
+        ({"trained_on": ["anything"]}, "cannot be read"),
+        ({"trained_on": []}, "cannot be read"),
         ({"basis": "undeclared"}, "it is undeclared"),
         ({"basis": "method", "setting": "knowledge", "trained_on": None}, "it is undeclared"),
     ):

@@ -15,7 +15,7 @@ from ..models.torch.network import RANDOM
 class Models:
     """Models by name: those given on the command line first, then all that this installation can run.
 
-    Holds one loaded model. Used from one thread alone, but for `names`.
+    Holds one loaded model. Used from one thread only, except `names`.
 
     >>> Models([]).names[:2]
     ['dis', 'farneback']
@@ -54,10 +54,10 @@ class Models:
         ]
 
     def check(self, name: str, checkpoint: str = "") -> None:
-        """Refuse a name that is not offered, before anything is loaded or imported for it.
+        """Refuse an unknown name before anything is loaded or imported for it.
 
         Raises:
-            UsageError: such a name, or a checkpoint for a model that has no weights.
+            UsageError: an unknown name, or a checkpoint for a model without weights.
         """
         if name not in self._specs:
             raise unknown_name("model of this app", name, self.names)

@@ -1,4 +1,4 @@
-"""Who may talk to the app: this page of this session, and nobody else.
+"""Who may talk to the app: this page of this session, and no one else.
 
 A web server on loopback can be reached by every page the same browser opens. Three things keep those out: the Host
 header must name this server (a foreign domain may be made to resolve to 127.0.0.1), a POST must come from a page of
@@ -39,7 +39,7 @@ class Guard:
         app: what is guarded.
         token: of this session.
         port: that the server listens on.
-        host: that it was told to listen on, where others than this machine may call it: by that name or an address.
+        host: that it listens on, where other machines may call it: by that name or an address.
     """
 
     def __init__(self, app: ASGIApp, token: str, port: int, host: str = "") -> None:
@@ -101,10 +101,10 @@ def _is_address(name: str) -> bool:
 
 def _cookie(headers: Headers, name: str) -> str:
     try:
-        found = SimpleCookie(headers.get("cookie", "")).get(name)
+        cookie = SimpleCookie(headers.get("cookie", "")).get(name)
     except CookieError:
         return ""
-    return found.value if found else ""
+    return cookie.value if cookie else ""
 
 
 def _same(given: str, token: str) -> bool:

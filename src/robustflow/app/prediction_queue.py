@@ -19,16 +19,16 @@ Message = dict[str, Any]
 
 
 class OutdatedError(Exception):
-    """Nobody waits for this job any more."""
+    """The job is no longer wanted."""
 
 
 @dataclass(eq=False)
 class Job:
-    """Work that somebody waits for.
+    """Work that a page waits for.
 
     Attributes:
         page: whose work it is; a newer job of the same page makes it outdated.
-        work: called in the worker's thread with a function that tells the stage, and raises where it is outdated.
+        work: called in the worker's thread with a function that reports the stage, and raises once the job is outdated.
         tell: takes every message: stages, and at last a result, an error, or that it is outdated.
     """
 
@@ -38,7 +38,7 @@ class Job:
     outdated: threading.Event = field(default_factory=threading.Event)
 
     def stage(self, name: str) -> None:
-        """Say what is done now, unless nobody wants it."""
+        """Report the current stage, unless the job is outdated."""
         if self.outdated.is_set():
             raise OutdatedError
         self.tell({"stage": name})
@@ -70,7 +70,7 @@ class PredictionQueue:
             self._change.notify()
 
     def close(self) -> None:
-        """Let every job's owner go; a prediction that is being made is left to itself."""
+        """Release every waiting page; a prediction in progress is left to finish."""
         with self._change:
             for job in (*self._waiting, self._current):
                 if job is not None:
@@ -89,7 +89,7 @@ class PredictionQueue:
 
 
 def _let_go(job: Job) -> bool:
-    """Tell an outdated job's owner, who need not wait for its turn."""
+    """Tell the page of an outdated job at once, before its turn comes."""
     if job.outdated.is_set():
         job.tell({"outdated": True})
     return job.outdated.is_set()

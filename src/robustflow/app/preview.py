@@ -172,6 +172,6 @@ def _pictures(
         pictures |= {"frame1": sample.frames[0], "frame2": sample.frames[1]}
         if sample.flow is not None and sample.valid is not None:
             pictures["truth_flow"] = thickened(flow_colours(sample.flow, radius, sample.valid), sample.valid)
-    # Without loss, for noise is what some of them show.
+    # Lossless, because noise is what some of them show.
     addresses = {name: png_address(picture, WIDEST) for name, picture in pictures.items()}
     return {"radius": radius, "pictures": addresses}

@@ -1,4 +1,4 @@
-"""Start the app's server, tell its address, and end with Ctrl-C."""
+"""Start the app's server, print its address, and end with Ctrl-C."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def serve(
     number = listening.getsockname()[1]
     others = not _is_loopback(listening.getsockname()[0])
     if others:
-        warn("anyone who can reach this machine and is told the address can use this app and what it loads")
+        warn("anyone who can reach this machine and knows the address can use this app and what it loads")
     token = secrets.token_urlsafe(24)
     shown = f"[{host}]" if host and ":" in host else host or LOOPBACK
     address = f"http://{LOOPBACK if shown in ('0.0.0.0', '[::]') else shown}:{number}/?token={token}"
@@ -81,7 +81,7 @@ def serve(
 
 
 class _Server(uvicorn.Server):
-    """A server that does not wait for a prediction when it is told to end."""
+    """A server that does not wait for a prediction when it is asked to end."""
 
     def __init__(self, config: uvicorn.Config, queue: PredictionQueue) -> None:
         super().__init__(config)

@@ -1,7 +1,7 @@
 """Folders of uploads, and those that an app left behind when it was killed.
 
 A folder is held by a lock while its app lives; the operating system lets go of it however the app ends, so the next one
-knows which folders nobody needs.
+knows which folders are abandoned.
 """
 
 from __future__ import annotations

@@ -23,10 +23,10 @@ def app(
     option: ModelOptions = None,
     psf_dir: PsfDir = None,
     host: Annotated[
-        str | None, typer.Option(help="Address to listen on, for others than this machine; 127.0.0.1 by default.")
+        str | None, typer.Option(help="Address to listen on, so that other machines can connect; 127.0.0.1 by default.")
     ] = None,
     port: Annotated[
-        int | None, typer.Option(help="Port to listen on; 8642 by default, or any where that is taken.")
+        int | None, typer.Option(help="Port to listen on; 8642 by default, or any free one if that is taken.")
     ] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
 ) -> None:

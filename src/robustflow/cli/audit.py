@@ -1,4 +1,4 @@
-"""`robustflow audit`: do results follow from each other?"""
+"""`robustflow audit`: are results consistent with each other?"""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def audit(
     from ..records.audit import audit as audit_source
     from ..text import plain
 
-    found = audit_published() if source is None else audit_source(source)
+    audit = audit_published() if source is None else audit_source(source)
     if as_json:
-        typer.echo(found.model_dump_json(indent=2))
+        typer.echo(audit.model_dump_json(indent=2))
     else:
-        for check, count in found.checked.items():
-            findings = [finding for finding in found.findings if finding.check == check]
+        for check, count in audit.checked.items():
+            findings = [finding for finding in audit.findings if finding.check == check]
             typer.echo(
                 f"{CHECKS[check]}: {len(findings)} of {count} do not fit"
                 if findings
@@ -49,8 +49,8 @@ def audit(
             for finding in findings:
                 where = f"{finding.source}: " if finding.source else ""
                 typer.echo(f"  {plain(where + finding.says, 400)}")
-        if not found.checked:
-            typer.echo("nothing in it follows from anything else in it, so nothing was checked")
-        typer.echo(f"{plain(found.audited, 200)}: {len(found.findings)} finding{'s' * (len(found.findings) != 1)}")
-    if not found.fits:
+        if not audit.checked:
+            typer.echo("none of its numbers follows from the others, so nothing was checked")
+        typer.echo(f"{plain(audit.audited, 200)}: {len(audit.findings)} finding{'s' * (len(audit.findings) != 1)}")
+    if not audit.fits:
         raise typer.Exit(FOUND)

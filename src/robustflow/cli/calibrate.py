@@ -23,7 +23,7 @@ def calibrate(
 
     Takes a quarter of an hour for all corruptions on the reference set. With --corruptions, an --output that is
     there already and was made with the same pictures, seed and draws keeps its other corruptions.
-    ROBUSTFLOW_CALIBRATION=FILE puts a table of your own in the place of the shipped one.
+    ROBUSTFLOW_CALIBRATION=FILE replaces the shipped table with your own.
 
     \b
     Examples:
@@ -35,9 +35,9 @@ def calibrate(
     from ..corruptions.calibration.search import calibrate as measure
     from ..corruptions.scale import CalibratedCorruption, merged, read_table, shipped
 
-    def show(name: str, found: CalibratedCorruption) -> None:
-        low, high = found.reachable
-        levels = " ".join("    -" if level.parameter is None else f"{level.ssim:.3f}" for level in found.levels)
+    def show(name: str, result: CalibratedCorruption) -> None:
+        low, high = result.reachable
+        levels = " ".join("    -" if level.parameter is None else f"{level.ssim:.3f}" for level in result.levels)
         typer.echo(f"{name:20s} {levels}   reaches {low:.3f} to {high:.3f}")
 
     table = measure(names(corruptions) or calibratable(), reference_pictures(data), seed, draws, report=show)
@@ -47,5 +47,5 @@ def calibrate(
         write_json(output, table.model_dump(mode="json"))
         typer.echo(str(output))
     elif data is None and (seed, draws) == (shipped().seed, shipped().draws):
-        same = all(shipped().corruptions.get(name) == found for name, found in table.corruptions.items())
+        same = all(shipped().corruptions.get(name) == result for name, result in table.corruptions.items())
         typer.echo("as shipped, digit for digit" if same else "differs from the shipped table")

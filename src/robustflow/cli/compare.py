@@ -53,22 +53,21 @@ def compare(
     from ..records.load import load_run
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table
-    from ..report.render import FORMATS, render
+    from ..report.render import render, renderer
     from ..report.standings_tables import standings_table
     from ..text import plain
     from .tables import for_stdout
 
     if metric is not None and metric not in METRICS:
         raise unknown_name("metric", metric, METRICS)
-    if format not in FORMATS:
-        raise unknown_name("format", format, FORMATS)
+    renderer(format)  # an unknown one is refused before anything is read
     if as_json and format != "terminal":
         raise UsageError(f"--json and --format {format} are two formats; leave out one of them")
     if len(runs) < 2:
         raise UsageError("one run cannot be compared: name two or more")
-    found = [load_run(run) for run in runs]
-    chosen = metric or ("rcre" if any(run.cre is None for run in found) else "cre")
-    if (across := across_conditions(found, chosen)) is not None:
+    loaded = [load_run(run) for run in runs]
+    chosen = metric or ("rcre" if any(run.cre is None for run in loaded) else "cre")
+    if (across := across_conditions(loaded, chosen)) is not None:
         frame, shown = across
         text = frame.write_json() + "\n" if as_json else render(shown, format)
         if output is None:
@@ -77,11 +76,11 @@ def compare(
             write_bytes(output, text.encode())
             typer.echo(str(output))
         return
-    if len(found) == 2:
-        comparison = compare_two(*found, level=level, resamples=resamples, seed=seed)
+    if len(loaded) == 2:
+        comparison = compare_two(*loaded, level=level, resamples=resamples, seed=seed)
         table = comparison.frame if metric is None else comparison.frame.filter(metric=metric)
     else:
-        rows = dict(zip(run_names(found), (run.rows for run in found), strict=True))
+        rows = dict(zip(run_names(loaded), (run.rows for run in loaded), strict=True))
         note = common_remark(rows)
         table = compare_all(rows, chosen, level=level, resamples=resamples, seed=seed)
         if table.is_empty():
@@ -90,7 +89,7 @@ def compare(
     on_screen = format == "terminal" and output is None
     if as_json:
         text = table.write_json() + "\n"
-    elif len(found) == 2:
+    elif len(loaded) == 2:
         shown = comparison.table(metric or "")
         text = for_stdout(shown) if on_screen else render(shown, format)
     elif format == "terminal":

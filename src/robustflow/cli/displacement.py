@@ -35,7 +35,7 @@ def displacement(
     """Write the histogram of flow amplitudes (the paper's figure of both benchmarks): displacement.csv, .png, .svg and
     .pdf.
 
-    A run keeps that of its ground truth by itself, unless --no-examples is given; --into is for frames without.
+    A run with ground truth keeps its histogram by itself, unless --no-examples is given; --into is for frames without.
 
     \b
     Examples:
@@ -87,7 +87,7 @@ def _run_of(folder: Path, chosen: Benchmark) -> Run:
     from ..runs.run import Run
 
     if folder.is_file():
-        raise UsageError(f"{folder} is a file; a histogram is kept in a run's folder, and no record holds one")
+        raise UsageError(f"{folder} is a file; a histogram is kept in a run's folder, not in a record")
     run = Run(folder)
     if run.manifest["identity"]["benchmark"] != chosen.name or set(run.manifest["samples"]) != set(chosen.keys):
         raise UsageError(

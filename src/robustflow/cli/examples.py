@@ -43,7 +43,7 @@ def examples(
 ) -> None:
     """Draw the worst and the median sample of a run: frames, corrupted frames, flows and the map of errors.
 
-    Model and data are found where the run had them; options say where they lie now. A model that is code of your own
+    Model and data are found where the run had them; options say where they are now. A model that is code of your own
     (module:Attribute) or a file is named again with --model or --checkpoint: a run's folder may come from anyone. The
     pictures go into RUN/examples and into RUN/report.html.
 

@@ -38,7 +38,7 @@ def export(
 ) -> None:
     """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}.
 
-    Files that are already whole are left alone, so a stopped export goes on where it stopped.
+    Files that are already whole are left alone, so a stopped export continues where it stopped.
 
     \b
     Example:
@@ -61,5 +61,5 @@ def export(
     fresh = sum(step.fresh for step in shown)
     fewer = [name for name, n in zip(chosen.corruptions, levels, strict=True) if n < len(chosen.severities)]
     if severity_scale == "calibrated" and fewer:
-        typer.echo(f"not at every severity, for the calibrated scale lacks some: {', '.join(fewer)}", err=True)
+        typer.echo(f"not at every severity, because the calibrated scale lacks some: {', '.join(fewer)}", err=True)
     typer.echo(f"{output}: {len(chosen.keys)} pairs, {fresh} settings written, {total - fresh} were already there")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from ..report.site.examples import Slider
+    from ..report.slider import Slider
 
 
 def leaderboard(
@@ -27,7 +27,7 @@ def leaderboard(
 ) -> None:
     """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
 
-    Without a source it shows the paper's results. Results measured on other frames stand in groups of their own and
+    Without a source it shows the paper's results. Results measured on other frames form groups of their own and
     are not ranked against each other.
 
     \b
@@ -63,8 +63,8 @@ def _gallery() -> Slider | None:
     """The embedded pair under every corruption of image pairs; None where scikit-image comes without it."""
     from ..datasets import load_dataset
     from ..errors import AssetError
+    from ..report.gallery.page import example_slider
     from ..report.gallery.pictures import gallery
-    from ..report.site.examples import gallery_slider
     from ..severity import SEVERITIES
 
     key = "motorcycle"
@@ -74,4 +74,4 @@ def _gallery() -> Slider | None:
         warnings.warn(f"no example pictures: {error}", stacklevel=2)
         return None
     cells = gallery(frames[0], frames[1], SEVERITIES, key=key)
-    return gallery_slider(frames[0], cells, "Middlebury 2014, Motorcycle")
+    return example_slider(frames[0], cells, "Middlebury 2014, Motorcycle")

@@ -18,7 +18,7 @@ _OF_FILES = {
     "onnx": ("an .onnx file", "onnx"),
     "torch_export": ("a .pt2 file of torch.export", "torch"),
 }
-"""Models that hold any method: what they are read from, and the extra, which imports what it is called."""
+"""Models of any method: what they are read from, and the extra they need, which has the name of what it imports."""
 KINDS = ("models", "corruptions", "benchmarks", "datasets")
 
 
@@ -85,7 +85,7 @@ def _models() -> list[str]:
         "Of those, some need more than ptlflow installs: "
         + "; ".join(f"ptlflow:{name} ({needs})" for name, needs in BESIDES.items())
         + ".",
-        "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs; undeclared: say it with "
+        "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs; undeclared: declare it with "
         "--trained-on C+T.",
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",

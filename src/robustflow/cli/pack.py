@@ -19,7 +19,7 @@ def pack(
     description: Annotated[str, typer.Option(help="A sentence or two, plain text.")] = "",
     partial: Annotated[bool, typer.Option("--partial", help="Pack a run that is not finished, marked so.")] = False,
     keep_paths: Annotated[
-        bool, typer.Option("--keep-paths", help="Pack texts that name places on this machine.")
+        bool, typer.Option("--keep-paths", help="Pack texts that contain paths of this machine.")
     ] = False,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace a file that is not a record of this run.")

@@ -38,13 +38,13 @@ def predict(
     ] = True,
     radius: Annotated[
         float | None,
-        typer.Option("--max-flow", metavar="PX", help="Length in full colour; what 99 % stay below, by default."),
+        typer.Option("--max-flow", metavar="PX", help="Length shown in full colour; the 99th percentile by default."),
     ] = None,
     video: Annotated[
         Path | None, typer.Option("--video", metavar="FILE.mp4", help="Write frames above their flow as a video.")
     ] = None,
     fps: Annotated[float, typer.Option(help="Frames per second of --video.")] = 25.0,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace flows that are there.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace flows that already exist.")] = False,
 ) -> None:
     """Predict flow for each pair of adjacent frames, as files that any tool of the field reads.
 
@@ -64,9 +64,9 @@ def predict(
     if not 0 < fps <= 1000:
         raise UsageError(f"--fps {fps}: above 0 and at most 1000")
     if video is not None and video.suffix.lower() != ".mp4":
-        raise UsageError(f"--video {video}: the name ends in .mp4")
+        raise UsageError(f"--video {video}: the name must end in .mp4")
     if video is not None and video.exists() and not overwrite:
-        raise UsageError(f"{video} is there already; choose another name, or give --overwrite")
+        raise UsageError(f"{video} already exists; choose another name, or give --overwrite")
     spec = ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device, precision=precision))
     dataset = frames_of(frames, dict(keyword_options(data_option)))
     total = len(dataset.keys())

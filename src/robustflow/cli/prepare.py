@@ -38,14 +38,14 @@ def gopro_fc(
     ] = None,
     checkpoint: Annotated[Path | None, typer.Option(help="FLAVR's official 4x weights.")] = None,
     device: Annotated[str, typer.Option(help="Where FLAVR runs: cpu, cuda, cuda:0.")] = "cpu",
-    preset: Annotated[str, typer.Option(help="x264's for the master: no pixel depends on it, bit errors do.")] = (
+    preset: Annotated[str, typer.Option(help="x264's, for the master: bit errors depend on it, pixels do not.")] = (
         "veryslow"
     ),
     workers: Annotated[int, typer.Option(help="Clips prepared at once.")] = 1,
     cache_gb: Annotated[float, typer.Option(help="Limit for transcoded variants, made during run.")] = 20.0,
-    estimate_only: Annotated[bool, typer.Option("--estimate", help="Say how much disk it takes, and stop.")] = False,
+    estimate_only: Annotated[bool, typer.Option("--estimate", help="Print the disk space it takes, and stop.")] = False,
 ) -> None:
-    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. Stopped, it goes on where it was.
+    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. If stopped, it continues where it was.
 
     \b
     Examples:

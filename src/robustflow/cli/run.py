@@ -79,7 +79,7 @@ def run(
 ) -> None:
     """Measure how robust a model is, or one model after the other.
 
-    A run can be stopped at any moment; the same command goes on where it stopped.
+    A run can be stopped at any moment; the same command continues where it stopped.
 
     \b
     Examples:
@@ -144,7 +144,7 @@ def run(
                 print_result(result)
                 results.append(result)
     except KeyboardInterrupt:
-        typer.echo(f"robustflow: stopped; {progress.kept()} Give the same command again to go on.", err=True)
+        typer.echo(f"robustflow: stopped; {progress.kept()} Give the same command again to continue.", err=True)
         raise typer.Exit(130) from None
     if len(results) > 1:
         print_results(results)

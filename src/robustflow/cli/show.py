@@ -19,7 +19,7 @@ def show(
         ),
     ] = "all",
 ) -> None:
-    """Print a run's tables again, and write its summary and report anew; of a record, print alone.
+    """Print a run's tables again, and rewrite its summary and report; a record is only printed.
 
     \b
     Examples:

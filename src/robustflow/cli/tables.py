@@ -23,7 +23,7 @@ from ..text import plain
 
 
 def print_result(result: Run, metric: str = "all", *, report: bool = True) -> None:
-    """Print the overall scores and one line per corruption to stdout; `report`: where its page lies, too."""
+    """Print the overall scores and one line per corruption to stdout; `report`: where its page is, too."""
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
     summary = result.summary
@@ -53,7 +53,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")
         if summary.epe is not None and summary.cre is None:
-            console.print("CRE needs the clean error over the same pixels, which rows of this age do not hold.")
+            console.print("CRE needs the clean error over the same pixels, which rows as old as these do not hold.")
     for warning in dict.fromkeys(text for clip in result.manifest.get("clips", []) for text in clip["warnings"]):
         console.print(f"Warning: {plain(warning, None)}", highlight=False, soft_wrap=True)
     if result.left_out:
@@ -74,7 +74,7 @@ def print_results(results: Sequence[Run]) -> None:
         table.add_row(plain(result.name), *(cell(getattr(result, name)) for name in names))
     console.print(table)
     folders = " ".join(shlex.quote(str(result.path)) for result in results)
-    console.print(f"Is the difference one? robustflow compare {folders}", highlight=False, soft_wrap=True)
+    console.print(f"Is the difference real? robustflow compare {folders}", highlight=False, soft_wrap=True)
 
 
 def for_stdout(table: report_table.Table) -> str:

@@ -1,4 +1,4 @@
-"""`robustflow verify`: whether records hold together."""
+"""`robustflow verify`: whether records are consistent."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def verify(
 
 @dataclass(frozen=True)
 class _Rows:
-    """Some rows of a record, to be made again from data that are here."""
+    """Some rows of a record, to be made again from local data."""
 
     data: Path | None
     options: dict[str, object]

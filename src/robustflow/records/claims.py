@@ -18,7 +18,7 @@ from ..text import plain
 from .contents import Manifest
 
 _MOST_SHARED = 0.5
-"""Share of one sample's rows whose digest may stand at another of its settings too."""
+"""Share of one sample's rows whose digest may occur at another of its settings too."""
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 
 def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
-    """Corruptions nobody knows, rows that were not planned or are missing; and a sentence where there are none."""
+    """Unknown corruptions, and rows that were not planned or are missing; a sentence where there are none."""
     plan = reader.plan
     problems = [*_unknown(plan.selection.corruptions, plan.identity.corruptions or {}), *_left_out(plan)]
     if not set(plan.selection.severities) <= set(SEVERITIES):
         problems.append(f"severities {plan.selection.severities}: they are 1 to 5")
     if problems:
         return problems, ""
-    planned, found = set(run.planned()), set(reader.frame.select(ROW_KEY).iter_rows())
-    extra, missing = found - planned, planned - found
+    planned, present = set(run.planned()), set(reader.frame.select(ROW_KEY).iter_rows())
+    extra, missing = present - planned, planned - present
     if extra:
         sample, corruption, severity = min(extra)
         problems.append(
@@ -46,17 +46,17 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
         problems.append(
             f"record.json says that the run is {says}, but {len(missing)} of {len(planned)} rows are missing"
         )
-    without = {sample for sample, _, _ in found} - {sample for sample, name, _ in found if name == CLEAN}
+    without = {sample for sample, _, _ in present} - {sample for sample, name, _ in present if name == CLEAN}
     if without:
-        problems.append(f"sample '{plain(min(without))}' has no row of its clean frames")
+        problems.append(f"sample '{plain(min(without))}' has no row for its clean frames")
     problems += _digest_problems(reader.frame)
     if not plan.identity.allow_invalid and reader.frame["n_invalid"].sum():
-        problems.append("pixels that are no numbers were counted, but the run did not allow them")
-    return problems, f"{len(found)} of {len(planned)} planned rows"
+        problems.append("pixels that are NaN or infinite were counted, but the run did not allow them")
+    return problems, f"{len(present)} of {len(planned)} planned rows"
 
 
 def _digest_problems(rows: pl.DataFrame) -> list[str]:
-    """Digests that cannot be of the frames they are said to be of.
+    """Digests that cannot belong to the frames they are given for.
 
     Different settings of one sample are different frames, but for a flat frame, which no filter changes, and streams in
     which no bit was hit; so most digests of most samples differ.
@@ -73,23 +73,24 @@ def _digest_problems(rows: pl.DataFrame) -> list[str]:
 def training_problems(plan: Manifest, raw: dict[str, Any]) -> list[str]:
     """Whether the setting (OOD, ID, LEAKED, ...) is what the declared or catalogued training sets make it.
 
-    What a user declares is believed; what the package knows better by a checkpoint's hash is not up to declaration.
+    What a user declares is believed; what the package knows better by a checkpoint's hash cannot be overridden.
     """
-    said, benchmark = plan.provenance, plan.identity.benchmark
+    declared, benchmark = plan.provenance, plan.identity.benchmark
     known = training_of(raw["identity"]["model"])
-    if known.basis == "undeclared" and said.basis == "declared":
+    if known.basis == "undeclared" and declared.basis == "declared":
         try:
-            known = Training(parse_training_sets("+".join(said.trained_on or [])), "declared")
+            known = Training(parse_training_sets("+".join(declared.trained_on or [])), "declared")
         except UsageError as error:
-            return [f"the declared training sets say nothing: {plain(str(error), 120)}"]
+            return [f"the declared training sets cannot be read: {plain(str(error), 120)}"]
     record = training_record(known, benchmark, plan.samples, plan.identity.protocol)
     settings = {record["setting"]}
     if any(":" in name for name in record["trained_on"] or ()):
         settings.add("ID")  # older versions did not look at the pairs; what is shown is judged when it is read
-    if said.setting not in settings or (said.basis, said.trained_on) != (record["basis"], record["trained_on"]):
+    expected = (record["basis"], record["trained_on"])
+    if declared.setting not in settings or (declared.basis, declared.trained_on) != expected:
         return [
-            f"the manifest says {said.setting} by {said.basis}, trained on {_sets(said.trained_on)}; for this model "
-            f"and benchmark it is {record['setting']} by {record['basis']}, trained on {_sets(record['trained_on'])}"
+            f"the manifest says {declared.setting} by {declared.basis}, trained on {_sets(declared.trained_on)}; for "
+            f"this model and benchmark it is {record['setting']} by {expected[0]}, trained on {_sets(expected[1])}"
         ]
     return []
 
@@ -107,7 +108,7 @@ def _unknown(names: list[str], own: Iterable[str] = ()) -> list[str]:
         except UsageError:
             fits = False
         if not fits:
-            out.append(f"corruption '{plain(name, 60)}' is not known here; install the package that brings it")
+            out.append(f"corruption '{plain(name, 60)}' is unknown; install the package that provides it")
     if len(set(names)) != len(names):
         out.append("a corruption is selected twice")
     return out

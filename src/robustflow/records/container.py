@@ -1,7 +1,7 @@
 """The file around a record: a zip of a few named entries, none of them compressed.
 
 Stored entries make the same bytes with every version of zlib, and the sizes in the file are the sizes in memory: no
-small file can unfold into a large one. A reader takes entries by the names it expects and writes none of them to disk
+small file can expand into a large one. A reader takes entries by the names it expects and writes none of them to disk
 under a name from the file.
 """
 
@@ -67,7 +67,7 @@ def read_file(path: Path) -> bytes:
     Raises:
         DataError: no file, or larger than any record.
     """
-    if path.exists() and not path.is_file():  # a pipe would be waited for, for ever
+    if path.exists() and not path.is_file():  # reading a pipe could block for ever
         raise DataError(f"{path} is not a file; give one that 'robustflow pack' wrote")
     try:
         with open(path, "rb") as file:

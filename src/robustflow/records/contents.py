@@ -1,4 +1,4 @@
-"""What stands in a record, as validated data: `record.json`, and the manifest without what names a machine."""
+"""What a record holds, as validated data: `record.json`, and the manifest without what names a machine."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Selection(_Strict):
 
 
 class Provenance(_Strict):
-    """What is said about the model's training."""
+    """What the manifest states about the model's training."""
 
     setting: Setting
     trained_on: Annotated[list[_Text], Field(max_length=100)] | None
@@ -148,15 +148,15 @@ def validated(kind: type[_Model], data: bytes, name: str) -> _Model:
         raise DataError(f"{name}: {plain(first_misfit(error), 200)} ({error.error_count()} misfit)") from error
 
 
-def check_version(found: dict[str, Any], name: str) -> None:
+def check_version(record: dict[str, Any], name: str) -> None:
     """Whether this version reads a `record.json`, before anything else in it is looked at.
 
     Raises:
         DataError: another format, or a newer version of it.
     """
-    version = found.get("version")
-    if found.get("format") != FORMAT or isinstance(version, bool) or not isinstance(version, int) or version < 1:
-        raise DataError(f"{name} is no record of a run; give a file that 'robustflow pack' wrote")
+    version = record.get("version")
+    if record.get("format") != FORMAT or isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise DataError(f"{name} is not a record of a run; give a file that 'robustflow pack' wrote")
     if version > VERSION:
         raise DataError(
             f"{name} is a record of version {version}, this version reads {VERSION}: upgrade robustflow to read it"
@@ -169,7 +169,7 @@ def shareable_manifest(manifest: dict[str, Any], keep_paths: bool = False) -> di
     The command line is left out, for it holds paths, and of the machine its name and system version.
 
     Raises:
-        RunError: a text in it that names a place on this machine, which is part of the run's identity and cannot be
+        RunError: a text in it that contains a path of this machine, which is part of the run's identity and cannot be
             left out; `keep_paths` packs it all the same.
     """
     kept = {field.alias or name for name, field in Manifest.model_fields.items()}

@@ -1,4 +1,4 @@
-"""A run from wherever it lies: what every command that reads runs takes."""
+"""A run from a folder or a record: what every command that reads runs accepts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def load_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
 def load_run(path: str | Path, kind: type[Run] = Run) -> Run:
     """The run of a folder that `run` wrote, or of a record that `pack` wrote.
 
-    A record is verified first; its run lies in a temporary folder that goes when the run is no longer used.
+    A record is verified first; its run is in a temporary folder that is removed when the run is no longer used.
 
     Args:
         path: of the folder or record.
@@ -57,9 +57,9 @@ def _open_record(path: Path, kind: type[AnyRun]) -> AnyRun:
     if not is_record(path):
         raise RunError(f"{path} is neither a run's folder nor a record; give what 'run' or 'pack' wrote")
     reader = Reader(read_file(path), str(path))
-    found = verify_read(reader)
-    if not found.ok:
-        raise RunError(f"{path} does not verify: {found.first_failure()}; robustflow verify {path} says more")
+    verification = verify_read(reader)
+    if not verification.ok:
+        raise RunError(f"{path} does not verify: {verification.first_failure()}; robustflow verify {path} says more")
     folder = Path(mkdtemp(prefix="robustflow-"))
     try:
         reader.extract(folder)

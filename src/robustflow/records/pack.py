@@ -40,7 +40,7 @@ def pack(
         path: the file; the name of the run's folder with `.robustflow` in the working folder by default.
         author, link, description: plain text, shown with the run; the link begins with https://.
         partial: pack a run that is not finished, which is marked so.
-        keep_paths: pack texts of the manifest that name places on this machine.
+        keep_paths: pack texts of the manifest that contain paths of this machine.
         overwrite: replace a file that is not a record of this very run.
 
     Returns:
@@ -57,9 +57,9 @@ def pack(
         raise UsageError(f"{target}: a record's name ends in {SUFFIX}")
     verification = verify_read(Reader(data, str(target)))
     if not verification.ok:
-        raise RunError(f"{run.path} cannot be packed, for it would not verify: {verification.first_failure()}")
+        raise RunError(f"{run.path} cannot be packed, because it would not verify: {verification.first_failure()}")
     if not overwrite and target.exists() and _run_of(target) != run.manifest["identity_digest"]:
-        raise RunError(f"{target} holds something else than this run; name another file with -o, or give --overwrite")
+        raise RunError(f"{target} does not hold this run; name another file with -o, or give --overwrite")
     write_bytes(target, data)
     return target
 
@@ -88,7 +88,7 @@ def record_bytes(
     missing = sum(len(units.samples) for units in run.summary.missing)
     if missing and not partial:
         raise RunError(
-            f"{run.path} is not finished: {missing} rows are missing; give the same run command again to go on, or "
+            f"{run.path} is not finished: {missing} rows are missing; give the same run command again to continue, or "
             "pack it as it is with --partial"
         )
     entries = {

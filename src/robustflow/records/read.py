@@ -32,7 +32,7 @@ _LARGEST_INT, _LARGEST_SUM = 2**53, 1e18
 
 
 class Reader:
-    """Reads one record. Every step returns a sentence about what it found, or raises.
+    """Reads one record. Every step returns a sentence about what it checked, or raises.
 
     Args:
         data: the file.
@@ -42,7 +42,7 @@ class Reader:
         name, sha256: of the file.
         entries: the bytes of each entry, after `container`.
         facts: `record.json`, after `record`.
-        raw_manifest, plan: `manifest.json` as it stands and validated, after `manifest`.
+        raw_manifest, plan: `manifest.json` as written and validated, after `manifest`.
         frame: the rows, after `rows`.
 
     Raises:

@@ -1,8 +1,8 @@
 """Rows as text: CSV in one canonical form, so that equal rows are equal bytes whatever wrote them.
 
 Parquet is what a run keeps; a record does not, because its bytes differ between versions of the library that writes it,
-and because it is compressed inside: nobody can tell how much a page unfolds to before it has. Numbers are written with
-as many digits as it takes to read the same number back.
+and because it is compressed inside: the size of a page is unknown until it has been decompressed. Numbers are
+written with as many digits as it takes to read the same number back.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def rows_from_text(text: bytes) -> pl.DataFrame:
     try:
         rows = pl.read_csv(io.BytesIO(text), schema=schema)
         same = _text(rows, schema) == text
-    # A panic inside polars is no PolarsError, and not even an Exception.
+    # A panic inside polars is not a PolarsError, nor even an Exception.
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, UnicodeError, ValueError) as error:
         raise DataError(f"rows.csv cannot be read ({' '.join(str(error).split())[:120]})") from error
     if not same:

@@ -30,20 +30,20 @@ def read_json(data: bytes, name: str) -> dict[str, Any]:
     {'a': 1}
     >>> read_json(b'{"a": NaN}', "x.json")
     Traceback (most recent call last):
-    robustflow.errors.DataError: x.json is no JSON (NaN is no number)
+    robustflow.errors.DataError: x.json is not JSON (NaN is not a number)
     """
     try:
-        found = json.loads(data.decode(), parse_constant=_refuse)
-        if not isinstance(found, dict):
-            raise DataError(f"{name} is no JSON object")
-        for where, text in texts(found):
+        value = json.loads(data.decode(), parse_constant=_refuse)
+        if not isinstance(value, dict):
+            raise DataError(f"{name} is not a JSON object")
+        for where, text in texts(value):
             check_text(text, f"{name}, {where or 'a name'}")
-        canonical = json_bytes(found) == data
+        canonical = json_bytes(value) == data
     except (ValueError, RecursionError) as error:
-        raise DataError(f"{name} is no JSON ({plain(str(error), 80)})") from error
+        raise DataError(f"{name} is not JSON ({plain(str(error), 80)})") from error
     if not canonical:
         raise DataError(f"{name} is not written as a record writes it (order of names, spelling of numbers, spaces)")
-    return found
+    return value
 
 
 def check_text(text: str, where: str) -> None:
@@ -63,7 +63,7 @@ def check_text(text: str, where: str) -> None:
 
 
 def texts(value: Any) -> Iterator[tuple[str, str]]:
-    """Every text inside a JSON value, names included, with where it stands.
+    """Every text inside a JSON value, names included, with its position.
 
     Raises:
         ValueError: nested too deeply.
@@ -86,7 +86,7 @@ def texts(value: Any) -> Iterator[tuple[str, str]]:
 
 
 def holds_path(text: str) -> bool:
-    """Whether a text names a place on a machine: an absolute path, or one from a home folder.
+    """Whether a text contains a path of a machine: an absolute path, or one from a home folder.
 
     >>> [holds_path(t) for t in ("/home/ada/w.pth", "~/w.pth", "--data /data/kitti", "a/b.png", "1/2 / 3")]
     [True, True, True, False, False]
@@ -97,4 +97,4 @@ def holds_path(text: str) -> bool:
 
 
 def _refuse(constant: str) -> Any:
-    raise ValueError(f"{constant} is no number")
+    raise ValueError(f"{constant} is not a number")

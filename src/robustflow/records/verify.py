@@ -1,4 +1,4 @@
-"""Whether a record holds together: everything that can be checked without the model and the data."""
+"""Whether a record is consistent: everything that can be checked without the model and the data."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ class Check(BaseModel):
 
 
 class Verification(BaseModel):
-    """What the checks of a record said.
+    """The outcome of the checks of a record.
 
     Attributes:
         file: the path, as given.
         sha256: of the file, by which a record can be cited; "" where it could not be read.
-        facts: `record.json` with author, link and description, nobody's but the submitter's words; None where it could
+        facts: `record.json` with author, link and description, all in the submitter's words; None where it could
             not be read.
         checks: in the order of `CHECKS`; "frames" only where data were given, "predictions" where a model was too.
         subject: model, benchmark, pairs and scores, recomputed from the rows; None where a check before them failed.
@@ -92,8 +92,8 @@ def verify(
 
     Args:
         path: the file; whatever is wrong with it becomes a failed check.
-        frames: compares frames with data that are here (`robustflow.runner.recheck`), called when all else holds.
-        predictions: predicts some rows again with a model that is here, called when the frames hold too.
+        frames: compares frames with local data (`robustflow.runner.recheck`), called when all else holds.
+        predictions: predicts some rows again with a local model, called when the frames hold too.
 
     Returns:
         The `Verification`.
@@ -150,7 +150,7 @@ def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
         problems, says = cell_problems(run, reader)
         out["cells"] = _outcome(problems, says)
         if problems:
-            return out, None  # sums over cells that nobody planned mean nothing
+            return out, None  # sums over unplanned cells mean nothing
         try:
             audited = audit_run(run)
         except RobustFlowError as error:
