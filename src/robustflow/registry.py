@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Generic, TypeVar, cast
@@ -61,6 +62,12 @@ class Registry(Generic[T]):
     def __contains__(self, name: object) -> bool:
         """Whether this name, or a former one, is registered."""
         return name in self._former or name in self.names()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names())
+
+    def __len__(self) -> int:
+        return len(self.names())
 
     def names(self) -> list[str]:
         """All names, in the order of registration, those of installed packages last."""

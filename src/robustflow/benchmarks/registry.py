@@ -29,7 +29,7 @@ class Definition(Protocol):
 
     @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:
-        """The benchmark on the data that lies in a folder.
+        """The benchmark on the data in a folder.
 
         Args:
             data: what `--data` names; None where nothing was given.
@@ -110,7 +110,7 @@ def _opened(
 def benchmark_facts(name: str) -> BenchmarkFacts:
     """What is known of a benchmark by its name alone, for those who read manifests and tables and have no data.
 
-    A data set's name gives its own title. A name that nobody registered, as manifests of other machines may hold,
+    A data set's name gives its own title. An unregistered name, as manifests of other machines may hold,
     gives neutral facts: its name as the title, and nothing from the paper; no code is loaded for it.
 
     >>> facts = benchmark_facts("kitti-fc")

@@ -10,7 +10,7 @@ Where a map of `flow_noc` is missing beside one of `flow_occ`, the pair has no o
 (In 2015 both maps hold the same vectors. In 2012 they differ by up to some pixels, as they were filled in separately.)
 
 The group of a pair is the drive it was taken from (`kitti_drives.py`).
-The multi-view extension adds 000010_00.png to 000010_20.png of each pair; where they lie in the same folder, samples
+The multi-view extension adds 000010_00.png to 000010_20.png of each pair; where they are in the same folder, samples
 have clips around them, for multi-frame models.
 Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
 """

@@ -59,7 +59,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     parameters = inspect.signature(factory).parameters
     takes_root = "root" in parameters
     if takes_root and root is None:
-        raise UsageError(f"dataset '{name}' lies in a folder of yours: name it with --data FOLDER (root=... in Python)")
+        raise UsageError(f"dataset '{name}' is in a folder of yours: name it with --data FOLDER (root=... in Python)")
     if root is not None and not takes_root:
         raise UsageError(f"dataset '{name}' needs no folder; leave out --data (root=... in Python)")
     for option in options:
@@ -71,7 +71,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
 def dataset_facts(name: str) -> DatasetFacts:
     """What is known of a data set by its name alone: title, licence, citation, counts, layout.
 
-    A name that nobody registered, as manifests of other machines may hold, gives its title and nothing else; no code
+    An unregistered name, as manifests of other machines may hold, gives its title and nothing else; no code
     is loaded for it.
 
     >>> dataset_facts("kitti2015").pairs, dataset_facts("someone:Else").title

@@ -1,7 +1,7 @@
 """What a run's `summary.json` and `report.html` were made from, so that neither is made again while that is the same.
 
 Kept in a hidden file of the folder: for each file its own digest, and one of everything that decides it: the rows as
-they are read now, the manifest, what lies beside them, and the code that makes it. Where any of it differs, or the
+they are read now, the manifest, what is beside them, and the code that makes it. Where any of it differs, or the
 hidden file is damaged, the file is made again. A file that was changed by hand is made again too.
 """
 
@@ -36,7 +36,7 @@ def made_from(folder: Path, rows: pl.DataFrame, *, beside: bool) -> str:
     Args:
         folder: of the run.
         rows: of the run.
-        beside: whether it also shows what lies beside the rows: pictures, costs, displacements.
+        beside: whether it also shows what is kept beside the rows: pictures, costs, displacements.
     """
     manifest = _read(folder / "manifest.json") or b""
     files = list(_files(folder)) if beside else []
@@ -90,7 +90,7 @@ def _read(path: Path) -> bytes | None:
 
 
 def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
-    """What lies in a run's folder besides rows, clean flows and what is made from them: name, size, time of change."""
+    """What is in a run's folder besides rows, clean flows and what is made from them: name, size, time of change."""
     for path in sorted(folder.rglob("*")):
         inside = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in inside.parts)

@@ -56,8 +56,8 @@ class RunOptions:
 class Plan:
     """A benchmark, the options of the run, and the identity of the model it is for.
 
-    `provenance` is what the manifest says about the model's training. It changes no number, so it is no part of the
-    identity: a run goes on when its model's training sets are declared later.
+    `provenance` is what the manifest says about the model's training. It changes no number, so it is not part of
+    the identity: a run continues when its model's training sets are declared later.
     """
 
     benchmark: Benchmark

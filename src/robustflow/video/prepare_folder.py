@@ -78,7 +78,7 @@ def prepare_folder(
     if workers < 1:
         raise UsageError(f"{workers} workers are not possible: give 1 or more")
     load_interpolator(settings.interpolator, settings.factor, settings.checkpoint, settings.device)
-    for source in sources:  # whatever cannot work is said before anything is written
+    for source in sources:  # whatever cannot work is reported before anything is written
         geometry(source, settings)
     record = FolderRecord(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
     if len(set(record.clips)) != len(record.clips):

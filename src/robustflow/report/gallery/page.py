@@ -30,7 +30,7 @@ def render_page(clean: Frame, cells: Sequence[Cell], severity: int, title: str) 
     Args:
         clean: RGB uint8 (H, W, 3), the first frame.
         cells: of every severity the slider shall reach.
-        severity: where the slider stands at first.
+        severity: where the slider starts.
         title: text; names and titles are escaped.
 
     Raises:

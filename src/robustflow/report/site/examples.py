@@ -1,7 +1,7 @@
 """Example pictures of a run's folder, and of the embedded pair, ready to stand inside a page.
 
 A folder may come from anyone: its list is checked, a file's name is a plain name, and a picture is decoded and encoded
-anew, so that nothing but pixels reaches the page.
+again, so that nothing but pixels reaches the page.
 """
 
 from __future__ import annotations
@@ -98,13 +98,13 @@ def run_examples(run: Run) -> tuple[Slider, list[Panel]] | None:
         return None
     data = _bytes(folder / RECORD, _LARGEST_LIST)
     try:
-        found = _Examples.model_validate_json(data)
+        shown = _Examples.model_validate_json(data)
     except ValidationError as error:
         raise DataError(f"{folder / RECORD}: {first_misfit(error)}; delete the folder, or run again") from error
-    clean = _read(folder / found.slider.clean)
-    pictures = ((one.corruption, one.severity, [_read(folder / one.file)], "") for one in found.slider.pictures)
-    slider = make_slider(f"Sample {plain(found.slider.key)}", [clean], pictures, widest=_SLIDER_WIDTH, quality=_QUALITY)
-    return slider, [_panel(folder, panel) for panel in found.panels]
+    clean = _read(folder / shown.slider.clean)
+    pictures = ((one.corruption, one.severity, [_read(folder / one.file)], "") for one in shown.slider.pictures)
+    slider = make_slider(f"Sample {plain(shown.slider.key)}", [clean], pictures, widest=_SLIDER_WIDTH, quality=_QUALITY)
+    return slider, [_panel(folder, panel) for panel in shown.panels]
 
 
 def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
@@ -112,10 +112,10 @@ def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
     slider: Slider | None = None
     panels: dict[tuple[str, str], list[Panel]] = {}
     for key, run in runs.items():
-        found = run_examples(run) if len(panels) < (MOST_RUNS if len(runs) <= MOST_RUNS else 1) else None
-        if found is not None:
-            slider = slider or found[0]
-            panels[key] = found[1]
+        pictures = run_examples(run) if len(panels) < (MOST_RUNS if len(runs) <= MOST_RUNS else 1) else None
+        if pictures is not None:
+            slider = slider or pictures[0]
+            panels[key] = pictures[1]
     return None if slider is None else Examples(slider, panels)
 
 
@@ -131,7 +131,7 @@ def _panel(folder: Path, panel: _Panel) -> Panel:
 
 def _read(path: Path) -> Frame:
     if path.is_symlink():
-        raise DataError(f"{path} is a link; example pictures lie in their folder")
+        raise DataError(f"{path} is a link; example pictures must be files in their folder")
     if path.is_file() and path.stat().st_size > _LARGEST_PICTURE:
         raise DataError(f"{path}: larger than {_LARGEST_PICTURE >> 20} MiB; example pictures are small")
     return read_image(path)
