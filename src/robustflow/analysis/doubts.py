@@ -20,7 +20,7 @@ def doubts(run: Run) -> list[str]:
     A model can change little under corruption because it does not look: random weights, zero flow, a constant.
     """
     found = ["its weights are random"] if run.setting == "untrained" else []
-    return found + doubts_from_rows(run.rows)
+    return found + run.fact("doubts", list[str], lambda: doubts_from_rows(run.rows))
 
 
 def doubts_from_rows(rows: pl.DataFrame) -> list[str]:

@@ -7,7 +7,6 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 import polars as pl
 
@@ -26,10 +25,6 @@ OWN = "own"
 
 _OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
 """What of a run's identity decides which frames its model saw."""
-
-
-_SAMPLE_SETS: WeakKeyDictionary[Run, str] = WeakKeyDictionary()
-"""What `sample_set` gave: it reads all rows, and a page asks for it many times."""
 
 
 def run_results(runs: Sequence[Run]) -> pl.DataFrame:
@@ -87,8 +82,10 @@ def sample_set(run: Run) -> str:
     Samples of other data may have the same names; the digests of the clean frames tell them apart. A run of which
     settings are missing is averaged over the others, and comparable with those that lack the same.
     """
-    if run in _SAMPLE_SETS:
-        return _SAMPLE_SETS[run]
+    return run.fact("sample_set", str, lambda: _sample_set(run))
+
+
+def _sample_set(run: Run) -> str:
     identity = run.manifest["identity"]
     parts = {key: identity.get(key) for key in _OF_FRAMES}
     parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
@@ -97,7 +94,7 @@ def sample_set(run: Run) -> str:
     if not run.summary.complete:
         parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
     spelled = json.dumps(parts, sort_keys=True, default=str)
-    return _SAMPLE_SETS.setdefault(run, hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest())
+    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
 
 
 def note_of(run: Run) -> str:

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from ...analysis.cost_ranks import run_costs
+from ...analysis.doubts import doubts
 from ...analysis.labels import benchmark_label
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
 from ...analysis.scores import note_of, run_names, sample_set, setting_of
-from ...analysis.uncertainty import intervals
+from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import DataError, UsageError
 from ...text import plain
 from ..assemble import results_of
-from .entries import Entry, Interval, Key, entries_of
+from .entries import Entry, entries_of
 
 if TYPE_CHECKING:
     from ...runs.run import Run
@@ -96,9 +97,9 @@ def _content(
     known = {}
     for run, name in zip(runs, run_names(runs), strict=True):
         key = (sample_set(run), name)
-        by_name[key], known[key] = run, _intervals(run, detailed=len(runs) <= MOST_DETAILED)
+        by_name[key], known[key] = run, interval_ends(run, corruptions=len(runs) <= MOST_DETAILED)
         if len(runs) > MOST_DETAILED:
-            _ = run.summary
+            _ = run.summary, doubts(run)
             run.release_rows()
     own, paper = results_of(runs, published=False), results_of([], published=published)
     parts, titles = [own], {PAPER: "Published values"}
@@ -132,11 +133,3 @@ def _content(
             "nothing to show: there are no results; name runs or results files, or show the published ones"
         )
     return Content(title, by_name, results, costs, entries, titles, alone)
-
-
-def _intervals(run: Run, detailed: bool) -> dict[Key, Interval]:
-    known = intervals(run.rows, corruptions=detailed).drop_nulls(["low", "high"])
-    return {
-        (metric, corruption): (low, high)
-        for metric, corruption, low, high in known.select("metric", "corruption", "low", "high").iter_rows()
-    }
