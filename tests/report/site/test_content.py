@@ -7,12 +7,15 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.results import parse_results
+from robustflow.analysis.uncertainty import intervals
 from robustflow.api import evaluate
 from robustflow.errors import DataError, UsageError
 from robustflow.report.site.board import boards_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.models import model_pages
+from robustflow.runs.made_from import FACTS
+from robustflow.runs.run import Run
 
 _HEAD = "setting,model,metric,corruption,value,sample_set\n"
 
@@ -155,7 +158,9 @@ def test_the_mildest_corruption_is_none_of_the_worst(metric, values, says):
 
 def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp_path, monkeypatch):
     folders = [
-        evaluate("dis", "demo", output=tmp_path / f"run-{seed}", corruptions=["contrast"], severities=[1], seed=seed).path
+        evaluate(
+            "dis", "demo", output=tmp_path / f"run-{seed}", corruptions=["contrast"], severities=[1], seed=seed
+        ).path
         for seed in (0, 1)
     ]
     for folder in folders:
@@ -191,7 +196,7 @@ def test_intervals_of_averages_are_those_among_all(structured_rows):
 def structured_rows(tmp_path):
     """Ten pairs whose errors differ."""
     rows = evaluate("dis", "demo", output=tmp_path / "one", corruptions=["contrast", "fog"], severities=[1]).rows
-    totals = [name for name in rows.columns if "epe_sum" in name or "rcre" in name and "sum" in name]
+    totals = [name for name in rows.columns if "epe_sum" in name or ("rcre" in name and "sum" in name)]
     return pl.concat(
         rows.with_columns(
             pl.lit(f"pair {index}").alias("sample"),
