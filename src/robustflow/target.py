@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from .errors import UsageError, unknown_name
+from .errors import RobustFlowError, UsageError, unknown_name
 
 
 def is_target(text: str) -> bool:
@@ -20,14 +20,15 @@ def is_target(text: str) -> bool:
     return bool(colon) and all(name.isidentifier() for name in f"{module}.{attribute}".split("."))
 
 
-def import_target(target: str, kind: str) -> Any:
+def import_target(target: str, kind: str, error: type[RobustFlowError] = UsageError) -> Any:
     """The attribute of a module that is installed, or is in the working folder.
 
     Args:
         kind: what it is to be, for messages.
+        error: raised where the module cannot be imported.
 
     Raises:
-        UsageError: it cannot be imported, or has no such attribute.
+        UsageError: the module has no such attribute.
 
     >>> import_target("json:loads", "data set")("[1]")
     [1]
@@ -38,13 +39,23 @@ def import_target(target: str, kind: str) -> Any:
         sys.path.insert(0, here)  # a console script does not see the user's folder; `python -m` would
     try:
         value: Any = import_module(name)
-    except (Exception, SystemExit) as error:
-        raise UsageError(
-            f"cannot import '{name}' for {kind} '{target}': {type(error).__name__}: {error}; "
+    except (Exception, SystemExit) as cause:  # the latter from a script that reads its arguments as it is imported
+        raise error(
+            f"cannot import '{name}' for {kind} '{target}': {type(cause).__name__}: {cause}; "
             "run from the folder that holds it, or install its package"
-        ) from error
+        ) from cause
     for part in attribute.split("."):
         if not hasattr(value, part):
             raise unknown_name(f"attribute of {name}", part, [key for key in vars(value) if key[0] != "_"])
         value = getattr(value, part)
     return value
+
+
+def source_of_target(target: str) -> bytes | None:
+    """The source file of the module that a target names; None where it was not imported, or comes from no file.
+
+    >>> source_of_target("json:loads") is not None, source_of_target("sys:path")
+    (True, None)
+    """
+    path = getattr(sys.modules.get(target.partition(":")[0]), "__file__", None)
+    return Path(path).read_bytes() if path else None

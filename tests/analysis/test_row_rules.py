@@ -86,7 +86,7 @@ _CHANGES = {
         {"pred_magnitude_sum": pl.col("pred_magnitude_sum") + 3 * pl.col("rcre_all_sum") + 1},
     ),
     "it counts more pixels than there are": (_FOG, {"n_invalid": pl.lit(1, pl.Int64)}),
-    "numbers are there without the others that belong to them": (_FOG, {"epe_sum_occ": pl.lit(None, pl.Float64)}),
+    "numbers are given without the others that belong to them": (_FOG, {"epe_sum_occ": pl.lit(None, pl.Float64)}),
     "its regions do not add up to all pixels": (_FOG, {"epe_sum_s40": pl.col("epe_sum_s40") * (1 + 1e-6)}),
     "its outliers of 5, 3 and 1 px are not contained in each other": (_FOG, {"px5_count": pl.col("px3_count") + 1}),
     "its error is below what its outliers alone add up to": (_FOG, {"epe_sum": pl.col("epe_sum") * 0.01}),

@@ -8,26 +8,28 @@ import numpy as np
 import polars as pl
 import pytest
 
+from robustflow.analysis.doubts import sound_results
 from robustflow.analysis.scores import note_of, run_names, run_results, sample_set, setting_of
 from robustflow.api import Result, evaluate
+from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import UsageError
 from robustflow.images.io import write_image
 from robustflow.report.assemble import ALL_TABLES, figures_of, results_of, tables_of
 from robustflow.report.render import FORMATS, render
+from robustflow.report.site.content import whole_content
+from robustflow.testing import ZeroFlow
 
 
-class Still:
+class Still(ZeroFlow):
     """A model that sees no motion."""
 
     def __init__(self, name: str = "<img src=x onerror=alert(1)>", trained_on: str | None = None) -> None:
+        super().__init__()
         self._identity = {"name": name}
         self.trained_on = trained_on
 
     def identity(self):
         return self._identity
-
-    def predict(self, frame1, frame2):
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +68,92 @@ def test_values_are_those_of_the_summary(runs):
         assert found["cre", "average"] == run.summary.cre
         assert found["rcre", "contrast"] == run.summary.corruptions["contrast"].rcre
         assert len(found) == 1 + 4 * 3
+
+
+def _with_rows(run, rows, tmp_path):
+    out = Result(shutil.copytree(run.path, tmp_path / "made", dirs_exist_ok=True))
+    (out.path / "summary.json").unlink(missing_ok=True)
+    out.rows = rows
+    out.manifest["selection"] = {"corruptions": sorted(set(rows["corruption"]) - {"clean"}), "severities": [1, 3]}
+    return out
+
+
+def _average(run, published):
+    (table,) = tables_of([run], published=published, wanted=["epe"])
+    line = next(line for section in table.sections for line in section.lines if line.label == "dis")
+    labels = [column.label for column in table.columns]
+    return dict(zip(labels, (cell.text for cell in line.cells), strict=True)), line.note
+
+
+def test_beside_published_rows_an_average_is_the_papers_or_none(runs, tmp_path):
+    """All of the paper's corruptions with one error, and one that the paper does not have with a hundred times it."""
+    base = runs[0].rows.filter(pl.col("corruption").is_in(["clean", "contrast"]))
+    one = base.filter(pl.col("corruption") == "contrast")
+    others = [one.with_columns(corruption=pl.lit(name)) for name in PAPER_ORDER if name in IMAGE_PAIR]
+    far = one.with_columns(corruption=pl.lit("elastic_transform"), epe_sum=100 * pl.col("epe_sum"))
+    mean = runs[0].summary.corruptions["contrast"].epe
+    whole = _with_rows(runs[0], pl.concat([base.filter(corruption="clean"), *others, far]), tmp_path)
+    cells, note = _average(whole, published=True)
+    assert cells["AVG EPE"] == f"{mean:.2f}"
+    assert cells["Elastic transform"] == f"{100 * mean:.2f}"
+    assert "average over the paper's 20 of 21 corruptions" in note
+    cells, note = _average(whole, published=False)
+    assert cells["AVG EPE"] == f"{120 * mean / 21:.2f}"
+    assert "average over 21 corruptions, not the paper's 20" in note
+    part = _with_rows(runs[0], pl.concat([base, far]), tmp_path / "part")
+    assert _average(part, published=True)[0]["AVG EPE"] == "-"
+    assert _average(part, published=False)[0]["AVG EPE"] == f"{101 * mean / 2:.2f}"
+    content = whole_content([whole])
+    entry = next(entry for entry in content.entries if entry.name == "dis")
+    assert entry.texts["epe", "average"] == f"{mean:.2f}"
+
+
+def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tmp_path):
+    """The lowest errors under corruption, of a model that is no better than zero flow on clean frames."""
+
+    def made(name, rows):
+        run = _with_rows(runs[0], rows, tmp_path / name)
+        run.manifest["selection"] = runs[0].manifest["selection"]
+        run.manifest["identity"]["model"] = {"name": name}
+        run.__dict__["provenance"] = {"setting": "OOD", "trained_on": [], "basis": "declared", "note": ""}
+        return run
+
+    rows = runs[0].rows
+    low = rows.with_columns(epe_sum=pl.col("epe_sum") / 100, clean_epe_sum=pl.col("clean_epe_sum") / 100)
+    others = [made("Good", rows), made("Bad", rows.with_columns(epe_sum=2 * pl.col("epe_sum")))]
+    assert _marked([made("Lucky", low), *others])["Lucky"][0] > 0, "without a doubt it is the best"
+    useless = made("Useless", low.with_columns(magnitude_sum=pl.lit(0.0)))
+    best = _marked([useless, *others])
+    assert best["Useless"][0] == 0
+    assert "not marked as best: its clean EPE of 0.03 px is not below the 0.00 px of zero flow" in best["Useless"][1]
+    assert best["Good"][0] > 0
+    content = whole_content([useless, *others], published=False)
+    assert set(sound_results(content.results, content.doubted)["model"]) == {"Good", "Bad"}
+    entries = {entry.name: entry for entry in content.entries}
+    assert not entries["Useless"].best
+    assert ("epe", "average") in entries["Good"].best
+    assert "zero flow" in entries["Useless"].doubt
+
+
+def _marked(runs):
+    (table,) = tables_of(runs, published=False, wanted=["epe"])
+    return {
+        line.label: (sum(cell.best for cell in line.cells), line.note)
+        for section in table.sections
+        for line in section.lines
+    }
+
+
+def test_coverage_is_a_column_where_a_model_left_out_pixels(runs, tmp_path):
+    assert "Coverage" not in _average(runs[0], published=True)[0]
+    half = runs[0].rows.with_columns(
+        n_valid=pl.when(corruption="contrast").then(pl.col("n_valid") // 2).otherwise("n_valid")
+    )
+    gaps = _with_rows(runs[0], half, tmp_path)
+    cells, _ = _average(gaps, published=True)
+    assert cells["Coverage"] == f"{gaps.summary.coverage:.2f}" == "0.75"
+    entry = next(entry for entry in whole_content([gaps], published=False).entries)
+    assert entry.texts["coverage", ""] == "0.75"
 
 
 def test_settings_and_notes(runs):

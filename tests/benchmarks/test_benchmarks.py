@@ -12,6 +12,7 @@ from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
+from robustflow.runs.plan import Plan, RunOptions
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
@@ -180,3 +181,13 @@ def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
             load_benchmark("kitti-fc", path)
         assert "\n" not in str(caught.value)
         assert len(str(caught.value)) < 400
+
+
+def test_a_renamed_data_set_keeps_the_identity_of_its_runs(kitti, tmp_path):
+    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1), tmp_path))
+    benchmark = load_benchmark("kitti-fc", tmp_path)
+    assert benchmark.dataset.name == "kitti_fc_released"
+    identity = Plan(benchmark, RunOptions(), {"name": "dis"}).identity()
+    assert identity["dataset"] == "kitti_fc", "as runs before the renaming have it"
+    with pytest.raises(UsageError, match="'kitti_fc_released' are corrupted already: use --benchmark kitti-fc"):
+        load_benchmark("kitti_fc_released", tmp_path)

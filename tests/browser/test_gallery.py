@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 from skimage import data
 
-from robustflow.report.gallery.page import render_page
+from robustflow.images.io import write_image
+from robustflow.report.gallery.clip import ClipPart, clip_cells
+from robustflow.report.gallery.page import clip_slider, page_of, render_page
 from robustflow.report.gallery.pictures import gallery
 
 pytestmark = pytest.mark.browser
@@ -21,9 +23,70 @@ def test_slider_changes_the_picture_and_nothing_is_fetched(visit, tmp_path: Path
     seen.page.goto(page_file.as_uri())
     shown = seen.page.locator("figure img:visible").last
     mild = shown.get_attribute("src")
-    seen.page.locator("input[type=range]").focus()
+    seen.page.locator("#slider-severity").focus()
     seen.page.keyboard.press("End")
     assert seen.page.locator("figure img:visible").last.get_attribute("src") != mild
     assert "<b>title</b>" in seen.page.inner_text("body")
     assert seen.outside() == []
     assert seen.complaints == []
+
+
+@pytest.fixture(scope="module")
+def clip_page(tmp_path_factory) -> Path:
+    """The gallery of a folder of eight frames."""
+    folder = tmp_path_factory.mktemp("clip")
+    for index in range(8):
+        write_image(folder / f"{index}.png", data.astronaut()[:96, 4 * index : 4 * index + 160].copy())
+    part = ClipPart(folder, shown=5)
+    shown = list(part.frames(part.shown))
+    encoded = tmp_path_factory.mktemp("encoded")
+    cells = clip_cells(part, shown, [1, 5], ["snow", "spatter", "h264_crf"], encoded)
+    slider = clip_slider(shown, cells, [1, 5], 5, "Eight frames", part.first_number)
+    page_file = folder / "gallery.html"
+    page_file.write_text(page_of(slider, ["a remark"]))
+    return page_file
+
+
+def test_a_clip_plays_and_steps_by_keyboard(visit, clip_page):
+    seen = visit()
+    page = seen.page
+    page.goto(clip_page.as_uri())
+    assert page.locator(".slider figure:visible").count() == 4
+    snow = page.get_by_alt_text("Snow at severity 5")
+    frame, first = page.locator("#slider-frame"), snow.get_attribute("src")
+    frame.focus()
+    page.keyboard.press("ArrowRight")
+    assert page.locator("#slider-frame-shown").inner_text() == "2"
+    assert snow.get_attribute("src") != first
+    assert snow.get_attribute("alt") == "Snow at severity 5, frame 2"
+    page.keyboard.press("Home")
+    assert snow.get_attribute("src") == first
+    play = page.locator("#slider-play")
+    play.focus()
+    page.keyboard.press("Space")
+    assert play.inner_text() == "Pause"
+    page.wait_for_function("document.getElementById('slider-frame').value === '3'")
+    page.keyboard.press("Space")
+    assert play.inner_text() == "Play"
+    stopped = frame.input_value()
+    page.wait_for_timeout(500)
+    assert frame.input_value() == stopped
+    page.locator("#slider-corruption").select_option(label="H.264 CRF")
+    assert page.locator(".slider figure:visible").count() == 2
+    assert page.locator(".slider [data-corruption]:visible img").evaluate("image => image.naturalWidth") == 160
+    assert seen.outside() == []
+    assert seen.complaints == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [1440, 390])
+def test_axe_has_nothing_serious_to_say(visit, clip_page, scheme, width):
+    axe = pytest.importorskip(
+        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (the dev extra has it)"
+    )
+    page = visit(width=width, color_scheme=scheme).page
+    page.goto(clip_page.as_uri())
+    response = axe.Axe().run(page).response
+    serious = [v["id"] for v in response["violations"] if v["impact"] in ("serious", "critical")]
+    assert serious == []
+    assert page.evaluate("document.documentElement.scrollWidth") <= width

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import subprocess
 import sys
@@ -63,6 +64,30 @@ def test_several_models_one_after_the_other(robustflow):
     assert (code, error.count("\n")) == (2, 1)
 
 
+def test_show_says_what_speaks_against_a_model(robustflow, tmp_path):
+    rf.evaluate(_Named(), "demo", output=tmp_path / "zero", corruptions=["contrast"], severities=[1], examples=False)
+    code, out, _ = robustflow("show", tmp_path / "zero")
+    assert code == 0
+    (line,) = (line for line in out.splitlines() if line.startswith("Read no robustness from this: "))
+    assert "is not below the 34.34 px of zero flow" in line
+    assert "its flow hardly depends on the frames" in line
+
+
+def test_show_measures_robustness_beside_accuracy(robustflow, tmp_path):
+    options = {"corruptions": ["fog"], "severities": [1, 5], "examples": False}
+    run = rf.evaluate("dis", "demo", output=tmp_path / "dis", **options)
+    ratios = [math.log(epe / run.epe_clean) for epe in run.summary.corruptions["fog"].by_severity["epe"]]
+    code, out, _ = robustflow("show", run.path, "--metric", "log_ratio")
+    assert code == 0
+    for value in (*ratios, sum(ratios) / 2):
+        assert f"{value:.2f}" in out
+    assert f"log_ratio {sum(ratios) / 2:.2f}, the mean over corruptions" in out
+    assert "Read no robustness" not in out
+    assert run.uncoupled().overall.median_log_ratio == pytest.approx(sum(ratios) / 2)
+    code, _, error = robustflow("show", run.path, "--metric", "log_ration")
+    assert (code, error.count("\n")) == (2, 1)
+
+
 @pytest.mark.parametrize("metric", ["all", "rcre"])
 def test_a_name_or_folder_is_no_markup_and_steers_no_terminal(robustflow, tmp_path, metric):
     run = tmp_path / "r[/blue]"
@@ -82,7 +107,7 @@ def test_what_a_file_says_steers_no_terminal_from_an_error(robustflow):
 def test_a_model_that_knows_nothing_is_not_praised(robustflow, tmp_path):
     source = "import numpy as np\ndef flow(a, b): return np.full((*a.shape[:2], 2), np.nan, np.float32)\n"
     (tmp_path / "not_a_number.py").write_text(source)
-    with pytest.warns(UserWarning, match="no pixel to measure, so no sample is the worst"):
+    with pytest.warns(UserWarning, match="no pixel to measure, so there is no worst sample"):
         code, out, _ = robustflow("run", "-m", "not_a_number:flow", "-c", "contrast", "-s", "1", "--allow-invalid")
     assert code == 0
     assert "nothing could be measured" in out
@@ -114,7 +139,7 @@ LISTED = {"models": "farneback", "corruptions": "glass_blur", "benchmarks": "kit
 def test_list(robustflow, kind):
     code, out, _ = robustflow("list", kind)
     assert code == 0
-    first_words = {line.split()[0] for line in out.splitlines() if line}
+    first_words = {line.split()[0].rstrip(":") for line in out.splitlines() if line}
     for name, listed in LISTED.items():
         assert (listed in first_words) == (kind in (name, "all"))
 
@@ -171,8 +196,8 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (None, "run -m dis -s high", 2, "whole numbers"),
         (None, "run -m dis --variant other", 2, "default, reference, paper"),
         (None, "run -m dis -O presetfast", 2, "KEY=VALUE"),
-        (None, "run -m dis --device cpu", 2, "unknown option of model 'dis' 'device'"),
-        (None, "run -m dis --checkpoint things", 2, "unknown option of model 'dis' 'checkpoint'"),
+        (None, "run -m dis --device cpu", 2, "runs on the CPU only; leave out --device"),
+        (None, "run -m dis --checkpoint things", 2, "has no weights to load; leave out --checkpoint"),
         (None, "run -m dis --batch-size 4", 2, "one pair at a time"),
         (None, "run -m arflow -O checkpoint=a.pth --checkpoint b.pth", 2, "checkpoint is given twice"),
         (None, "run -m dis --engine cluster", 2, "engine"),

@@ -32,15 +32,12 @@ from robustflow.images.io import write_image
 from robustflow.random.rng import Rng
 from robustflow.runner.worker import frames_digest
 from robustflow.runs.plan import Plan, RunOptions
+from robustflow.testing import ZeroFlow
 
 SMALL = {"chelsea": reference_pictures()["chelsea.png"][60:156, 90:210]}
 GAPS = {name: levels for name in IMAGE_PAIR if (levels := calibrated_levels(name)) != SEVERITIES}
 GAP = next(iter(GAPS))
 MISSING = next(s for s in SEVERITIES if s not in GAPS[GAP])
-
-
-def still(frame1, frame2):
-    return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 def flat(parameter):
@@ -208,7 +205,7 @@ def test_a_stack_exists_where_all_its_parts_do():
 def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
     have = GAPS[GAP][0]
     ask = {"corruptions": [GAP, "contrast"], "severities": [MISSING, have], "severity_scale": "calibrated"}
-    result = rf.evaluate(still, output=tmp_path / "run", **ask)
+    result = rf.evaluate(ZeroFlow(), output=tmp_path / "run", **ask)
     assert result.left_out == {GAP: [MISSING]}
     assert result.summary.complete
     assert result.summary.corruptions[GAP].severities == [have]
@@ -217,15 +214,15 @@ def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
     row = result.rows.filter((result.rows["corruption"] == "contrast") & (result.rows["severity"] == have))
     corrupted = rf.corrupt(*frames, "contrast", have, key="motorcycle", scale="calibrated")
     assert row["frames_digest"].item() == frames_digest(corrupted)
-    assert rf.evaluate(still, output=tmp_path / "run", **ask).left_out == result.left_out
+    assert rf.evaluate(ZeroFlow(), output=tmp_path / "run", **ask).left_out == result.left_out
     with pytest.raises(rf.RobustFlowError, match="severity_scale"):
-        rf.evaluate(still, output=tmp_path / "run", corruptions=["contrast"], severities=[have])
+        rf.evaluate(ZeroFlow(), output=tmp_path / "run", corruptions=["contrast"], severities=[have])
 
 
 def test_nothing_left_to_run_is_an_error(tmp_path):
     with pytest.raises(UsageError, match="nothing to run"):
         rf.evaluate(
-            still, output=tmp_path / "run", corruptions=[GAP], severities=[MISSING], severity_scale="calibrated"
+            ZeroFlow(), output=tmp_path / "run", corruptions=[GAP], severities=[MISSING], severity_scale="calibrated"
         )
     assert not (tmp_path / "run").exists()
 

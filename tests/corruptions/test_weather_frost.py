@@ -108,7 +108,7 @@ def test_fetched_once_verified_and_kept(invented, pip, capsys, tmp_path):
     assert not list(tmp_path.rglob("outside.txt"))
 
 
-def test_a_damaged_cache_is_said_and_fetched_again(invented, pip, capsys):
+def test_a_damaged_cache_is_reported_and_fetched_again(invented, pip, capsys):
     frost_assets.read_texture(0)
     (cache_folder("frost") / "frost1.png").write_bytes(b"half")
     assert frost_assets.read_texture(0) == (invented / "frost1.png").read_bytes()

@@ -97,10 +97,10 @@ def test_kitti_fc_release(tmp_path: Path) -> None:
     kitti(tmp_path / "clean" / "training", ["000005"], noc=False)
     for setting in ("fog_2", "fog_3", "brightness_5"):
         kitti(tmp_path / setting / "val", ["000003", "000004"], noc=False)
-    dataset = load_dataset("kitti_fc", tmp_path)
+    dataset = load_dataset("kitti_fc_released", tmp_path)
     assert isinstance(dataset, PreCorrupted)
     assert dataset.keys() == ["000003", "000004"]
-    assert load_dataset("kitti_fc", tmp_path, split="training").keys() == ["000005"]
+    assert load_dataset("kitti_fc_released", tmp_path, split="training").keys() == ["000005"]
     clean = tmp_path / "clean" / "val"
     shots = [clean / "image_2" / f"000004_{number}.png" for number in (10, 11)]
     check(dataset, "000004", *shots, clean / "flow_occ" / "000004_10.png")
@@ -330,7 +330,7 @@ ROOTS = {
     "kitti2012": lambda root: kitti(root / "training", ["000000"], "image_0"),
     "sintel": sintel,
     "spring": spring,
-    "kitti_fc": lambda root: kitti(root / "clean" / "val", ["000000"]),
+    "kitti_fc_released": lambda root: kitti(root / "clean" / "val", ["000000"]),
 }
 
 
@@ -349,7 +349,7 @@ def test_one_level_too_high_or_low_is_pointed_out(tmp_path: Path, name: str) -> 
 @pytest.mark.parametrize(
     "name",
     ["kitti2015", "kitti2012", "middlebury", "sintel", "hd1k", "spring", "flyingchairs", "flyingthings3d", "gopro",
-     "kitti_fc", "folder"],
+     "kitti_fc_released", "folder"],
 )  # fmt: skip
 def test_missing_and_empty_roots(tmp_path: Path, name: str) -> None:
     refused(name, tmp_path / "missing", "missing: no such folder")

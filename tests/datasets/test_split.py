@@ -66,8 +66,8 @@ def test_a_split_by_name(tmp_path: Path) -> None:
     assert selected(path, KEYS, "kitti2015") == ["000010"]
     with pytest.raises(UsageError, match="split of KITTI 2015, not of sintel"):
         selected("drive-disjoint", KEYS, "sintel")
-    with pytest.raises(UsageError, match="not of kitti_fc"):
-        selected("drive-disjoint", KEYS, "kitti_fc")
+    with pytest.raises(UsageError, match="not of kitti_fc_released"):
+        selected("drive-disjoint", KEYS, "kitti_fc_released")
     with pytest.raises(DataError, match="none of these 1 pairs"):
         selected("drive-disjoint", drive_disjoint_split(KEYS).training[:1], "kitti2015")
 

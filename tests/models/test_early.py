@@ -32,7 +32,7 @@ finally:
         (("-m", "missing.pt2"), "missing.pt2: no such checkpoint"),
     ],
 )
-def test_what_is_missing_is_said_at_once(arguments, says, tmp_path):
+def test_what_is_missing_is_reported_at_once(arguments, says, tmp_path):
     ran = subprocess.run([sys.executable, "-c", SCRIPT, *arguments], capture_output=True, text=True, cwd=tmp_path)
     if "which is not installed" in ran.stderr:
         pytest.skip("needs the extra of this model")

@@ -52,7 +52,7 @@ def test_the_cost_of_a_run(profile, tmp_path):
 
 
 @pytest.mark.parametrize("model", ["dis", "models_for_tests:still"])
-def test_what_is_no_network_is_said_so(profile, model, monkeypatch):
+def test_what_is_not_a_network_is_refused(profile, model, monkeypatch):
     monkeypatch.syspath_prepend(Path(__file__).parents[1] / "runner")
     code, _, err = profile(model)
     assert code == 2

@@ -25,6 +25,7 @@ from robustflow.records.rows_text import rows_from_text, rows_to_text
 from robustflow.records.verify import verify
 from robustflow.testing import ZeroFlow
 
+from ..runs.edited import edit_rows
 from .forge import entries_of, with_json
 
 _FLOATS = st.floats(0, 1e18, allow_nan=False) | st.sampled_from([5e-324, 0.1, 1e16, 1e-7, 123456789.12345679])
@@ -109,8 +110,7 @@ def test_a_run_of_other_workers_has_the_same_rows(run, packed, tmp_path):
 
 def test_a_run_that_is_not_finished(run, tmp_path):
     folder = shutil.copytree(run.path, tmp_path / "part")
-    shard = next((folder / "rows").iterdir())
-    pl.read_parquet(shard).filter(pl.col("severity") != 5).write_parquet(shard)
+    edit_rows(folder, lambda rows: rows.filter(pl.col("severity") != 5))
     with pytest.raises(RunError, match=r"2 rows are missing.*--partial"):
         pack(Result(folder), tmp_path / "a.robustflow")
     path = pack(Result(folder), tmp_path / "a.robustflow", partial=True)
@@ -122,8 +122,7 @@ def test_a_run_that_is_not_finished(run, tmp_path):
 
 def test_a_run_that_would_not_verify_is_not_packed(run, tmp_path):
     folder = shutil.copytree(run.path, tmp_path / "changed")
-    shard = next((folder / "rows").iterdir())
-    pl.read_parquet(shard).with_columns(fl_count=pl.col("n_valid") + 1).write_parquet(shard)
+    edit_rows(folder, lambda rows: rows.with_columns(fl_count=pl.col("n_valid") + 1))
     with pytest.raises(RunError, match=r"measurements.*more outliers than pixels"):
         pack(Result(folder), tmp_path / "a.robustflow")
     assert not (tmp_path / "a.robustflow").exists()

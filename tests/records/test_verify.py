@@ -283,7 +283,7 @@ def test_a_changed_record(packed, path, value, says):
     assert says in said
 
 
-def test_a_run_said_to_be_complete_or_not(packed):
+def test_a_run_declared_complete_or_not(packed):
     assert failure(with_json(packed, "record.json", _set("complete", value=False)))[0] == "cells"
     assert failure(with_json(packed, "record.json", _set("run", value="0" * 16)))[0] == "manifest"
 

@@ -10,16 +10,26 @@ class Elements(HTMLParser):
 
     Attributes:
         found: (tag, attributes) of every element, in order.
+        scripts: (attributes, text) of every script, which may be data.
     """
 
     def __init__(self, text: str) -> None:
         super().__init__()
         self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[tuple[dict[str, str | None], str]] = []
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """See `HTMLParser`."""
         self.found.append((tag, dict(attrs)))
+        if tag == "script":
+            self.scripts.append((dict(attrs), ""))
+
+    def handle_data(self, data: str) -> None:
+        """See `HTMLParser`."""
+        if self.found and self.found[-1][0] == "script":
+            attributes, text = self.scripts[-1]
+            self.scripts[-1] = (attributes, text + data)
 
     def all(self, tag: str) -> list[dict[str, str | None]]:
         """The attributes of every element of a tag."""

@@ -104,7 +104,7 @@ def test_severity_curves_have_a_line_per_run_and_a_band():
     expected = _rows(1).filter(corruption="fog", severity=3)["rcre_sum"].mean() / 1000
     assert fog.lines[0].get_ydata()[1] == pytest.approx(expected)
     assert len(fog.collections) == 2
-    with pytest.raises(UsageError, match="cannot be told apart"):
+    with pytest.raises(UsageError, match="cannot be distinguished"):
         severity_curves({str(i): _rows() for i in range(9)})
 
 

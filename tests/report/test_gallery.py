@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import re
 import sys
 
@@ -33,6 +34,14 @@ def pair():
     return tuple(np.array(image.resize((90, 60), Image.Resampling.BICUBIC)) for image in rough)
 
 
+def _data(page):
+    return next(json.loads(text) for attrs, text in page.scripts if attrs.get("type") == "application/json")
+
+
+def _shots(page):
+    return [one["shots"] for one in _data(page)["corruptions"]]
+
+
 def decoded(uri):
     assert uri.startswith("data:image/jpeg;base64,")
     return Image.open(io.BytesIO(base64.b64decode(uri.partition(",")[2])))
@@ -55,7 +64,8 @@ def test_a_severity_that_does_not_exist_is_an_empty_place(pair):
     assert tuple(cell.severity for cell in cells if cell.frame is not None) == calibrated_levels(name)
     lacking = next(cell.severity for cell in cells if cell.frame is None)
     page = Elements(render_page(pair[0], cells, lacking, "t"))
-    assert len(page.all("img")) == 1 + len(calibrated_levels(name))
+    assert [attrs.get("alt") for attrs in page.all("img")] == ["The clean frame", ""]
+    assert len(_shots(page)[0]) == len(calibrated_levels(name))
     assert draw_figure(pair[0], [Cell(name, lacking)], "t", "png")[:4] == b"\x89PNG"
 
 
@@ -99,13 +109,13 @@ def test_the_page_asks_nobody_for_anything_and_can_be_used_by_keyboard(pair):
     assert "default-src 'none'" in next(a["content"] for a in page.all("meta") if "http-equiv" in a)
     assert not page.all("link")
     assert all("src" not in attrs for attrs in page.all("script"))
-    (slider,) = page.all("input")
+    (slider,) = page.all("input")  # no frame control for a pair
     assert (slider["type"], slider["min"], slider["max"], slider["value"]) == ("range", "1", "5", "3")
     assert any(attrs.get("for") == slider["id"] for attrs in page.all("label"))
     assert all(attrs["alt"] for attrs in page.all("img"))
-    assert len(page.all("img")) == 1 + 5 * len(SOME)
-    shown = [attrs["data-severity"] for attrs in page.all("div") if "data-severity" in attrs and "hidden" not in attrs]
-    assert shown == ["3"] * len(SOME)
+    assert len(page.all("img")) == 1 + len(SOME)
+    assert [str(attrs["alt"])[-12:] for attrs in page.all("img")[1:]] == ["t severity 3"] * len(SOME)
+    assert [sorted(shots) for shots in _shots(page)] == [list("12345")] * len(SOME)
     assert "color-scheme: light dark" in text
 
 
@@ -139,7 +149,7 @@ def test_the_command_writes_three_files(tmp_path, monkeypatch, capsys, pair):
     assert code == 0
     assert said.out.split() == ["out/gallery.png", "out/gallery.pdf", "out/gallery.html"]
     assert Image.open("out/gallery.png").size[0] == 1920
-    assert len(Elements((tmp_path / "out/gallery.html").read_text()).all("img")) == 11
+    assert len(Elements((tmp_path / "out/gallery.html").read_text()).all("img")) == 3
     assert call("-c", "contrast", "-s", "6")[0] == 2
     assert call("-c", "frosst")[0] == 2
     assert call("-c", "contrast", "--severity-scale", "other")[0] == 2

@@ -173,3 +173,21 @@ def test_latex_of_many_lines_goes_on_in_another_table():
 def test_unknown_format():
     with pytest.raises(UsageError, match="did you mean 'latex'"):
         render(_table("a"), "latexx")
+
+
+def test_a_format_of_the_users_own(tmp_path, monkeypatch):
+    (tmp_path / "mine_json.py").write_text(
+        "import json\n\n\ndef lines(table):\n"
+        "    return json.dumps([[c.text for c in line.cells] for s in table.sections for line in s.lines])\n\n\n"
+        "def broken(table):\n    return table.rows\n\n\ndef nothing(table):\n    return None\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    assert render(_table("RAFT"), "mine_json:lines") == '[["1.00", "-0.50"]]'
+    with pytest.raises(UsageError, match="'mine_json:broken' failed on table 'x': AttributeError"):
+        render(_table("RAFT"), "mine_json:broken")
+    with pytest.raises(UsageError, match="returned NoneType for table 'x', not text"):
+        render(_table("RAFT"), "mine_json:nothing")
+    with pytest.raises(UsageError, match="unknown attribute of mine_json 'line': did you mean 'lines'"):
+        render(_table("RAFT"), "mine_json:line")
+    with pytest.raises(UsageError, match="unknown format 'latx': did you mean 'latex'"):
+        render(_table("RAFT"), "latx")

@@ -14,48 +14,18 @@ import sys
 from itertools import count
 from pathlib import Path
 
-import numpy as np
-
 import robustflow as rf
 import robustflow.runner.fill
 import robustflow.runs.clean_flows
 from robustflow.benchmarks import Benchmark
-from robustflow.sample import Sample
-
-
-class Drawn:
-    """Three small samples that follow from their keys."""
-
-    name = "drawn"
-    has_flow = True
-
-    def keys(self):
-        return ["0", "1", "2"]
-
-    def load(self, key):
-        rng = np.random.default_rng(int(key))
-        frames = tuple(rng.integers(0, 256, (24, 32, 3)).astype(np.uint8) for _ in range(2))
-        return Sample(key, frames, np.ones((24, 32, 2), np.float32), np.ones((24, 32), bool))
-
-    def files(self, key):
-        return []
-
-
-class Brightness:
-    """A flow that depends on the frames."""
-
-    def identity(self):
-        return {"name": "brightness"}
-
-    def predict(self, frame1, frame2):
-        return np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32)
+from robustflow.testing import BrightnessFlow, TexturePairs
 
 
 def run(folder):
     """The run that is killed, and continued; without its report, which takes longer than the rest."""
     rf.Result.write_report = lambda self: None
-    benchmark = Benchmark("drawn", Drawn(), ("0", "1", "2"), ("contrast", "high_light"), (1, 2))
-    return rf.evaluate(Brightness(), benchmark, output=folder)
+    benchmark = Benchmark("drawn", TexturePairs(3, (24, 32)), ("0", "1", "2"), ("contrast", "high_light"), (1, 2))
+    return rf.evaluate(BrightnessFlow(), benchmark, output=folder)
 
 
 def kill_before(call):

@@ -90,7 +90,7 @@ def test_another_model_seed_or_variant_is_refused_in_the_same_folder(whole):
         rf.evaluate("farneback", output=whole.path)
 
 
-def test_a_run_that_failed_before_its_first_row_is_begun_anew(tmp_path, models_on_path):
+def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path, models_on_path):
     folder = tmp_path / "run"
     with pytest.raises(ModelError, match="no weights"):
         rf.evaluate("models_for_tests:raises", output=folder, corruptions=["contrast"], severities=[1])

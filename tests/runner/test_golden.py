@@ -1,7 +1,7 @@
 """Rows of one small run, kept: a byte of a corruption or a digit of a metric that changes is noticed.
 
 The flow is one that no library decides. Where a change is meant, raise STREAM_VERSION or ROW_SCHEMA_VERSION and write
-the file anew: `python -m tests.runner.test_golden`.
+the file again: `python -m tests.runner.test_golden`.
 """
 
 from __future__ import annotations

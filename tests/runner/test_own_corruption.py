@@ -11,19 +11,8 @@ import pytest
 import robustflow as rf
 from robustflow.cli.main import main
 from robustflow.errors import RobustFlowError
+from robustflow.testing import ZeroFlow
 from tests.corruptions.test_own import RAIN
-
-
-def still(frame1, frame2):
-    return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-
-class Still:
-    def predict(self, frame1, frame2):
-        return still(frame1, frame2)
-
-    def identity(self):
-        return {"name": "still"}
 
 
 @pytest.fixture
@@ -74,7 +63,7 @@ def test_an_object_runs_in_processes_as_in_this_one(package):
     from rain_module import Rain
 
     runs = [
-        rf.evaluate(Still(), output=package / str(workers), corruptions=["contrast", Rain(2)], severities=[1, 2],
+        rf.evaluate(ZeroFlow(), output=package / str(workers), corruptions=["contrast", Rain(2)], severities=[1, 2],
                     workers=workers)
         for workers in (1, 2)
     ]  # fmt: skip
@@ -82,13 +71,13 @@ def test_an_object_runs_in_processes_as_in_this_one(package):
     assert one.to_list() == two.to_list()
     assert len(set(one)) == 2
     with pytest.raises(RobustFlowError, match="source of the corruption rain has changed"):
-        rf.evaluate(Still(), output=package / "1", corruptions=["contrast", Rain(3)], severities=[1, 2])
+        rf.evaluate(ZeroFlow(), output=package / "1", corruptions=["contrast", Rain(3)], severities=[1, 2])
 
 
 def test_common_draws_are_another_run_with_the_same_places(package):
     folders = {common: package / f"common {common}" for common in (False, True)}
     rows = {
-        common: rf.evaluate(Still(), output=folder, corruptions=["over_exposure"], common_draws=common, limit=1)
+        common: rf.evaluate(ZeroFlow(), output=folder, corruptions=["over_exposure"], common_draws=common, limit=1)
         for common, folder in folders.items()
     }
     assert "common_draws" not in rows[False].manifest["identity"]
@@ -109,12 +98,12 @@ def test_common_draws_are_another_run_with_the_same_places(package):
 def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(package):
     from rain_module import Rain
 
-    first = rf.evaluate(Still(), corruptions=[Rain(2)], severities=[1])
-    assert rf.evaluate(Still(), corruptions=[Rain(2)], severities=[1, 2]).path == first.path
+    first = rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1])
+    assert rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1, 2]).path == first.path
     with pytest.warns(
         UserWarning, match="source of the corruption rain has changed since runs/.* starts apart, in runs/"
     ):
-        other = rf.evaluate(Still(), corruptions=[Rain(3)], severities=[1])
+        other = rf.evaluate(ZeroFlow(), corruptions=[Rain(3)], severities=[1])
     assert other.path != first.path
     assert set(first.rows["severity"]) == {0, 1, 2}
 

@@ -126,7 +126,7 @@ def test_weights_at_a_fixed_path_that_changed_stop_a_run(tmp_path, frames, monke
     before = _run(tmp_path, frames, [1], "model_with_weights_for_test:Model").rows
     np.save(tmp_path / "weights.npy", 4.0)
     for severities in ([1], [1, 2]):
-        with pytest.raises(RunError, match=r"predicts another flow on sample .*its weights have changed"):
+        with pytest.raises(RunError, match=r"predicts a different flow on sample .*its weights have changed"):
             _run(tmp_path, frames, severities, "model_with_weights_for_test:Model")
     np.save(tmp_path / "weights.npy", 1.0)
     after = _run(tmp_path, frames, [1, 2], "model_with_weights_for_test:Model")

@@ -22,17 +22,14 @@ from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
 from robustflow.runner.displacement import displacement_histogram
 from robustflow.runs.displacement_file import read_displacement, write_displacement
+from robustflow.testing import ZeroFlow
 
 CELL = {"corruptions": ["contrast"], "severities": [1]}
 
 
-def _still(frame1, frame2):
-    return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
-    return rf.evaluate(_still, output=tmp_path_factory.mktemp("moved") / "run", examples=True, **CELL)
+    return rf.evaluate(ZeroFlow(), output=tmp_path_factory.mktemp("moved") / "run", examples=True, **CELL)
 
 
 @pytest.fixture
@@ -62,16 +59,16 @@ def test_the_page_draws_it_with_its_numbers(kept):
 
 
 def test_without_examples_or_ground_truth_there_is_none(tmp_path):
-    assert read_displacement(rf.evaluate(_still, output=tmp_path / "a", **CELL)) is None
+    assert read_displacement(rf.evaluate(ZeroFlow(), output=tmp_path / "a", **CELL)) is None
     (tmp_path / "data").mkdir()
     for index in range(2):
         write_image(tmp_path / "data" / f"{index}.png", np.full((32, 32, 3), 40 * index, np.uint8))
-    bare = rf.evaluate(_still, "folder", tmp_path / "data", tmp_path / "b", examples=True, **CELL)
+    bare = rf.evaluate(ZeroFlow(), "folder", tmp_path / "data", tmp_path / "b", examples=True, **CELL)
     assert read_displacement(bare) is None
     assert "How far things move" not in render_site(whole_content([bare]))
 
 
-def test_more_samples_are_counted_anew(tmp_path):
+def test_more_samples_are_counted_again(tmp_path):
     home = tmp_path / "training"
     (home / "clean" / "alley").mkdir(parents=True)
     for index in (1, 2, 3):
@@ -79,17 +76,17 @@ def test_more_samples_are_counted_anew(tmp_path):
     (home / "flow" / "alley").mkdir(parents=True)
     for index in (1, 2):
         write_flow(home / "flow" / "alley" / f"frame_000{index}.flo", np.full((16, 16, 2), 3.0 * index, np.float32))
-    first = rf.evaluate(_still, "sintel", tmp_path, tmp_path / "run", limit=1, examples=True, **CELL)
+    first = rf.evaluate(ZeroFlow(), "sintel", tmp_path, tmp_path / "run", limit=1, examples=True, **CELL)
     assert sum(read_displacement(first).pixels) == 256
-    more = rf.evaluate(_still, "sintel", tmp_path, tmp_path / "run", examples=True, **CELL)
+    more = rf.evaluate(ZeroFlow(), "sintel", tmp_path, tmp_path / "run", examples=True, **CELL)
     assert sum(read_displacement(more).pixels) == 512
 
 
-def test_a_damaged_one_is_counted_anew(run):
+def test_a_damaged_one_is_counted_again(run):
     path = run.path / "displacement.json"
     whole = path.read_bytes()
     path.write_text("{")
-    rf.evaluate(_still, output=run.path, examples=True, **CELL)
+    rf.evaluate(ZeroFlow(), output=run.path, examples=True, **CELL)
     assert path.read_bytes() == whole
 
 

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import pytest
 from PIL import Image
 from skimage import data
 
 import robustflow as rf
 from robustflow.errors import RunError
+from robustflow.testing import ZeroFlow
 
 CHOSEN = {"corruptions": ["contrast"], "severities": [1]}
-
-
-def still(frame1, frame2):
-    return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 @pytest.fixture
@@ -35,19 +31,19 @@ def flip(path):
 
 
 def test_a_changed_byte_of_a_bmp_is_another_run(frames, tmp_path):
-    result = rf.evaluate(still, "folder", frames, tmp_path / "run", **CHOSEN)
+    result = rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
     assert [len(digest) for digest in result.manifest["file_digests"]["0"]] == [16, 16]
-    assert rf.evaluate(still, "folder", frames, tmp_path / "run", **CHOSEN).rows.equals(result.rows)
+    assert rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN).rows.equals(result.rows)
     flip(frames / "1.bmp")
     with pytest.raises(RunError, match="made from other files for sample '0'"):
-        rf.evaluate(still, "folder", frames, tmp_path / "run", **CHOSEN)
+        rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
 
 
 def test_a_run_of_before_goes_on(frames, tmp_path):
-    rf.evaluate(still, "folder", frames, tmp_path / "run", **CHOSEN)
+    rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
     path = tmp_path / "run" / "manifest.json"
     manifest = json.loads(path.read_text())
     del manifest["file_digests"]
     path.write_text(json.dumps(manifest))
-    result = rf.evaluate(still, "folder", frames, tmp_path / "run", **CHOSEN)
+    result = rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
     assert set(result.manifest["file_digests"]) == {"0"}

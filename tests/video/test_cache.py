@@ -79,3 +79,26 @@ def test_a_failure_leaves_nothing(tmp_path):
 def test_what_a_killed_process_left_is_cleared(tmp_path):
     make(tmp_path / ".making-a")
     assert FolderCache(tmp_path, 1000).use("a", make, read) == 100
+
+
+def test_a_killed_process_holds_no_lock(tmp_path):
+    code = f"""
+import time
+from pathlib import Path
+from robustflow.video.cache import FolderCache
+def slowly(folder):
+    print("making", flush=True)
+    time.sleep(600)
+FolderCache(Path({str(tmp_path)!r}), 1000).use("a", slowly, None)
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "making\n"
+        process.kill()
+    assert FolderCache(tmp_path, 1000).use("a", make, read) == 100
+
+
+def test_a_lock_that_cannot_be_taken_is_one_sentence(tmp_path):
+    (tmp_path / ".a.lock").mkdir()
+    with pytest.raises(DataError, match=f"cannot write {tmp_path}: "):
+        FolderCache(tmp_path, 1000).use("a", make, read)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import polars as pl
@@ -53,14 +53,14 @@ def run_costs(runs: Sequence[Run]) -> dict[tuple[str, str], RunCost]:
 
 def measured_crer(results: pl.DataFrame) -> dict[Measured, tuple[float, str]]:
     """(sample set, setting, model) -> (CREr, note): as given, or made from the average and the clean EPE."""
-    found: dict[tuple[str, str, str], dict[tuple[str, str], float]] = {}
+    by_model: dict[tuple[str, str, str], dict[tuple[str, str], float]] = {}
     notes = {}
     for row in results.iter_rows(named=True):
         key = (row["sample_set"], row["setting"], row["model"])
-        found.setdefault(key, {})[row["metric"], row["corruption"]] = row["value"]
+        by_model.setdefault(key, {})[row["metric"], row["corruption"]] = row["value"]
         notes[key] = row["note"]
     out = {}
-    for key, values in found.items():
+    for key, values in by_model.items():
         given, clean, epe = (values.get(k) for k in (("crer", AVERAGE), ("epe", CLEAN), ("epe", AVERAGE)))
         if given is None and epe is not None and clean:
             given = (epe - clean) / clean
@@ -70,18 +70,22 @@ def measured_crer(results: pl.DataFrame) -> dict[Measured, tuple[float, str]]:
 
 
 def run_ranks(
-    found: Mapping[Measured, tuple[float, str]], run_costs: Mapping[tuple[str, str], RunCost]
+    measured: Mapping[Measured, tuple[float, str]],
+    run_costs: Mapping[tuple[str, str], RunCost],
+    doubted: Container[tuple[str, str]] = (),
 ) -> dict[Measured, RunRanks]:
     """Ranks of models measured elsewhere than in the paper, among those of their setting on the same frames.
 
     Args:
-        found: what `measured_crer` gives.
+        measured: what `measured_crer` gives.
         run_costs: of runs, by (sample set, name).
+        doubted: runs without a rank, which the others are not ranked against either.
     """
-    known = {key: run_costs[key[0], key[2]] for key in found if (key[0], key[2]) in run_costs}
-    ranks = {}
-    for key in found:
-        crer = _ranks({k: round(value, 2) for k, (value, _) in found.items() if k[:2] == key[:2]})
+    sound = {key: value for key, value in measured.items() if (key[0], key[2]) not in doubted}
+    known = {key: run_costs[key[0], key[2]] for key in sound if (key[0], key[2]) in run_costs}
+    ranks = dict.fromkeys(measured, RunRanks(None, None, None))
+    for key in sound:
+        crer = _ranks({k: round(value, 2) for k, (value, _) in sound.items() if k[:2] == key[:2]})
         flops = _ranks(
             {
                 k: round(other.flops_g, 1)

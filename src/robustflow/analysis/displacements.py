@@ -15,15 +15,15 @@ from .scores import sample_set
 
 def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
     """What the figure draws: label -> bins, one for each sample set, of its ground truth where a run has it."""
-    found: dict[str, DisplacementFile] = {}
+    by_samples: dict[str, DisplacementFile] = {}
     benchmarks: dict[str, str] = {}
     for run in runs:
         one, frames = read_displacement(run), sample_set(run)
         if one is None or not any(one.pixels):
             continue
-        if frames not in found or one.source == GROUND_TRUTH != found[frames].source:
-            found[frames], benchmarks[frames] = one, str(run.manifest["identity"]["benchmark"])
-    return {label: one.table for label, one in _labelled(found, benchmarks)}
+        if frames not in by_samples or one.source == GROUND_TRUTH != by_samples[frames].source:
+            by_samples[frames], benchmarks[frames] = one, str(run.manifest["identity"]["benchmark"])
+    return {label: one.table for label, one in _labelled(by_samples, benchmarks)}
 
 
 def label_of(benchmark: str, samples: int, source: str) -> str:
@@ -35,10 +35,10 @@ def label_of(benchmark: str, samples: int, source: str) -> str:
     return f"{benchmark_label(benchmark)}, {samples} pair{'s' if samples != 1 else ''} ({plain(source, 40)})"
 
 
-def _labelled(found: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:
+def _labelled(kept: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:
     """Sample sets that differ in corruptions or seed alone have one histogram; others of one label are numbered."""
     seen: dict[str, list[DisplacementFile]] = {}
-    for frames, one in found.items():
+    for frames, one in kept.items():
         label = label_of(benchmarks[frames], one.samples, one.source)
         alike = seen.setdefault(label, [])
         if any((other.low, other.pixels) == (one.low, one.pixels) for other in alike):

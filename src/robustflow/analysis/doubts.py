@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import polars as pl
 
 from ..metrics.rows import CLEAN
 from ..runs.run import Run
+from .scores import run_names, sample_set
 
 BLIND_BELOW = 0.01
 """Mean RCRE in pixels below which a flow hardly depends on the frames; the flow of a model that sees them moves by ten
@@ -15,12 +17,27 @@ times as much already under the mildest corruptions."""
 
 
 def doubts(run: Run) -> list[str]:
-    """What speaks against ranking a run's model by robustness, each as a clause; empty for a sound model.
+    """The reasons against ranking a run's model by robustness, each as a clause; empty for a sound model.
 
     A model can change little under corruption because it does not look: random weights, zero flow, a constant.
     """
-    found = ["its weights are random"] if run.setting == "untrained" else []
-    return found + run.fact("doubts", list[str], lambda: doubts_from_rows(run.rows))
+    reasons = ["its weights are random"] if run.setting == "untrained" else []
+    return reasons + run.fact("doubts", list[str], lambda: doubts_from_rows(run.rows))
+
+
+def doubted_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
+    """(sample set, name) -> what speaks against ranking it, of the runs against which something does."""
+    reasons = {
+        (sample_set(run), name): " and ".join(doubts(run)) for name, run in zip(run_names(runs), runs, strict=True)
+    }
+    return {key: reason for key, reason in reasons.items() if reason}
+
+
+def sound_results(results: pl.DataFrame, doubted: Mapping[tuple[str, str], str]) -> pl.DataFrame:
+    """Results (columns `sample_set` and `model` among others) without those of doubted runs, for what is said of models
+    in general."""
+    left_out = pl.DataFrame(list(doubted), schema={"sample_set": pl.String, "model": pl.String}, orient="row")
+    return results.join(left_out, on=["sample_set", "model"], how="anti", maintain_order="left")
 
 
 def doubts_from_rows(rows: pl.DataFrame) -> list[str]:
@@ -30,14 +47,14 @@ def doubts_from_rows(rows: pl.DataFrame) -> list[str]:
     >>> doubts_from_rows(rows_frame([]))
     []
     """
-    found = []
+    reasons = []
     epe, still = clean_epe(rows), zero_flow_epe(rows)
     if epe is not None and still is not None and epe >= still:
-        found.append(f"its clean EPE of {epe:.2f} px is not below the {still:.2f} px of zero flow")
+        reasons.append(f"its clean EPE of {epe:.2f} px is not below the {still:.2f} px of zero flow")
     moved = _moved(rows)
     if moved is not None and moved < BLIND_BELOW:
-        found.append(f"its flow hardly depends on the frames: corruption moves it by {moved:.3f} px")
-    return found
+        reasons.append(f"its flow hardly depends on the frames: corruption moves it by {moved:.3f} px")
+    return reasons
 
 
 def clean_epe(rows: pl.DataFrame) -> float | None:

@@ -1,4 +1,4 @@
-"""Effective robustness: how much better a model stands corruptions than its clean accuracy lets expect.
+"""Effective robustness: how much better a model withstands corruptions than its clean accuracy predicts.
 
 Over many models the corrupted error follows the clean error (the paper's Observation 1); the residual of a model from
 that trend separates "robust" from "accurate" (Taori et al. 2020, who did so for classification). The trend is a
@@ -34,7 +34,7 @@ EFFECTIVE_SCHEMA: dict[str, Any] = {
 def effective_robustness(
     results: pl.DataFrame, *, corruption: str = AVERAGE, by_setting: bool = True, without: tuple[str, ...] = ()
 ) -> pl.DataFrame:
-    """Corrupted EPE against what the clean EPE of the other models lets expect.
+    """Corrupted EPE against what the clean EPE of the other models predicts.
 
     Args:
         results: `RESULT_SCHEMA`, of one benchmark and measured on the same frames.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from ..benchmarks import benchmark_facts
 from ..corruptions.registry import FAMILIES
 from ..text import plain
 
 METRIC_LABELS = {"epe": "EPE", "cre": "CRE", "rcre": "RCRE", "crer": "CREr"}
 UNITS = {"epe": "px", "cre": "px", "rcre": "px", "crer": ""}
-BENCHMARK_LABELS = {"kitti-fc": "KITTI-FC", "gopro-fc": "GoPro-FC"}
 SETTING_LABELS = {
     "knowledge": "Knowledge-driven",
     "OOD": "Out-of-domain (OOD)",
@@ -50,12 +50,13 @@ def metric_label(metric: str) -> str:
 
 
 def benchmark_label(benchmark: str) -> str:
-    """A benchmark as it is written; one that a file names is text.
+    """A benchmark as it is written: a published one by its title, any other by its name, which is text.
 
     >>> benchmark_label("kitti-fc"), benchmark_label("sintel")
     ('KITTI-FC', 'sintel')
     """
-    return BENCHMARK_LABELS.get(benchmark, plain(benchmark, 40))
+    facts = benchmark_facts(benchmark)
+    return plain(facts.title if facts.published else benchmark, 40)
 
 
 def on_benchmark(model: str, benchmark: str) -> str:

@@ -64,8 +64,8 @@ def read_results(path: str | Path) -> pl.DataFrame:
         Columns of `RESULT_SCHEMA`; `decimals` is counted from the text of each value.
 
     Raises:
-        DataError: no such file, not CSV in this shape, an unknown corruption, a value that is no number, or one given
-            twice.
+        DataError: no such file, not CSV in this shape, an unknown corruption, a value that is not a number or is
+            given twice.
 
     >>> from tempfile import mkdtemp
     >>> path = Path(mkdtemp()) / "mine.csv"
@@ -99,9 +99,9 @@ def parse_results(text: str, name: str, sample_set: str) -> pl.DataFrame:
     frame = pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
     twice = frame.filter(frame.select(RESULT_KEY).is_duplicated())
     if twice.height:
-        found = twice.row(0, named=True)
+        entry = twice.row(0, named=True)
         raise DataError(
-            f"{name}: {found['metric']} of '{found['model']}' ({found['setting']}) on {found['corruption']} is there "
+            f"{name}: {entry['metric']} of '{entry['model']}' ({entry['setting']}) on {entry['corruption']} is there "
             "twice; give each value once"
         )
     return frame

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from ..benchmarks import benchmark_facts
+from ..metrics.summary import Scores, has_gaps
 from ..severity import SEVERITIES
 from ..text import counted
 from .labels import benchmark_label
@@ -27,21 +28,26 @@ _OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", 
 """What of a run's identity decides which frames its model saw."""
 
 
-def run_results(runs: Sequence[Run]) -> pl.DataFrame:
+def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataFrame:
     """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average: columns of `results.RESULT_SCHEMA`.
 
+    Beside published results (`beside_published`) the averages of a run with corruptions that the paper does not have
+    are the paper's mean, `Summary.paper`; where not all of the paper's were run either, it has none. A run of some of
+    the paper's keeps its own, and a note.
+
     Runs of one `sample_set` measured the same frames under the same corruptions, so their values can be compared;
-    `note` says how they differ from the paper's. Two runs of the same name are told apart by their digests.
+    `note` says how they differ from the paper's. Two runs of the same name are distinguished by their digests.
     """
     names = run_names(runs)
     records: list[tuple[Any, ...]] = []
     for run, name in zip(runs, names, strict=True):
         identity, summary = run.manifest["identity"], run.summary
-        shared = (sample_set(run), note_of(run))
+        shared = (sample_set(run), note_of(run, beside_published))
+        means = paper_means(run) if beside_published else summary
         values = {("epe", CLEAN): summary.epe_clean}
         for metric in METRICS:
             values |= {(metric, name_): getattr(scores, metric) for name_, scores in summary.corruptions.items()}
-            values[metric, AVERAGE] = getattr(summary, metric)
+            values[metric, AVERAGE] = getattr(means, metric)
         for (metric, corruption), value in values.items():
             if value is not None:
                 head = (str(identity["benchmark"]), setting_of(run), name, metric, corruption)
@@ -49,30 +55,61 @@ def run_results(runs: Sequence[Run]) -> pl.DataFrame:
     return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
 
 
+def paper_means(run: Run) -> Scores:
+    """The averages of a run that may stand beside published ones; see `run_results`."""
+    summary = run.summary
+    if _only_of_paper(run):
+        return summary
+    return summary.paper or Scores()
+
+
+def paper_rows(run: Run) -> pl.DataFrame:
+    """The rows that `paper_means` are over."""
+    return run.rows if _only_of_paper(run) else run.rows.filter(pl.col("corruption").is_in([CLEAN, *_wanted(run)]))
+
+
+def _only_of_paper(run: Run) -> bool:
+    return set(run.summary.averaged_over) <= set(_wanted(run))
+
+
+def _wanted(run: Run) -> tuple[str, ...]:
+    return benchmark_facts(str(run.manifest["identity"]["benchmark"])).paper_corruptions
+
+
+def coverage_of(runs: Sequence[Run]) -> dict[tuple[str, str], float]:
+    """(sample set, name) -> share of the pixels that are in the mean errors, of the runs that left out any."""
+    summaries = {(sample_set(run), name): run.summary for name, run in zip(run_names(runs), runs, strict=True)}
+    return {
+        key: summary.coverage
+        for key, summary in summaries.items()
+        if summary.coverage is not None and has_gaps(summary)
+    }
+
+
 def run_names(runs: Sequence[Run]) -> list[str]:
     """A name for each run, no two alike: the model's, with what is needed to tell it from the others of this name, the
     benchmark, or the run's digest (and a number)."""
     of_model = Counter(run.name for run in runs)
     of_benchmark = Counter((run.name, str(run.manifest["identity"]["benchmark"])) for run in runs)
-    told = []
+    candidates = []
     for run in runs:
         benchmark = str(run.manifest["identity"]["benchmark"])
         if of_model[run.name] == 1:
-            told.append(run.name)
+            candidates.append(run.name)
         elif of_benchmark[run.name, benchmark] == 1:
-            told.append(f"{run.name} ({benchmark_label(benchmark)})")
+            candidates.append(f"{run.name} ({benchmark_label(benchmark)})")
         else:
-            told.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
+            candidates.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
     seen: Counter[str] = Counter()
     names = []
-    for name in told:
+    for name in candidates:
         seen[name] += 1
         names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
     return names
 
 
 def setting_of(run: Run) -> str:
-    """The setting of a run, by what its model has seen; "own" where nobody said what that is."""
+    """The setting of a run, by what its model has seen; "own" where that was not declared."""
     return OWN if run.setting == "undeclared" else run.setting
 
 
@@ -97,22 +134,30 @@ def _sample_set(run: Run) -> str:
     return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
 
 
-def note_of(run: Run) -> str:
-    """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities."""
+def note_of(run: Run, beside_published: bool = False) -> str:
+    """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities;
+    `beside_published` as for `run_results`."""
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples
-    told = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
+    remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
-    if set(averaged) != set(wanted):
-        told.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
+    if beside_published and not _only_of_paper(run):
+        of_paper = [name for name in wanted if name in averaged]
+        remarks.append(
+            f"average over the paper's {len(wanted)} of {counted(len(averaged), 'corruption')}"
+            if run.summary.paper is not None
+            else f"no average: {len(of_paper)} of the paper's {len(wanted)} corruptions, and others"
+        )
+    elif set(averaged) != set(wanted):
+        remarks.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
     if set(selection["severities"]) != set(SEVERITIES):
-        told.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
+        remarks.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
-        told.append("calibrated severities, not the paper's")
+        remarks.append("calibrated severities, not the paper's")
     if not run.summary.complete:
-        told.append("not complete")
-    return "; ".join(part for part in told if part)
+        remarks.append("not complete")
+    return "; ".join(part for part in remarks if part)
 
 
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:

@@ -12,7 +12,7 @@ from .base import Benchmark
 from .facts import BenchmarkFacts
 
 if TYPE_CHECKING:
-    from ..datasets.gopro_fc import GoProFC as Prepared
+    from ..datasets.gopro_fc_prepared import GoProFCPrepared
 
 
 class GoProFC:
@@ -34,9 +34,10 @@ class GoProFC:
     @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:
         """See `Definition.open`."""
-        from ..datasets.gopro_fc import GoProFC as Prepared
-        from ..datasets.gopro_fc import is_prepared, prepare_video
+        from ..datasets.gopro_fc_prepared import GoProFCPrepared
         from ..datasets.gopro_fc_released import GoProFCReleased
+        from ..video.prepare_folder import prepare_video
+        from ..video.prepared import is_prepared
         from .released import released
 
         if data is None:
@@ -44,9 +45,9 @@ class GoProFC:
         if split is not None:
             raise UsageError("gopro-fc has no split: leave out --split")
         if data.is_file():
-            return _prepared(Prepared(prepare_video(data)))
+            return _prepared(GoProFCPrepared(prepare_video(data)))
         if is_prepared(data):
-            return _prepared(Prepared(data))
+            return _prepared(GoProFCPrepared(data))
         if (data / "clean").is_dir():
             dataset = GoProFCReleased(data)
             return released("gopro-fc", dataset, dataset.keys(), GoProFC.facts)
@@ -56,8 +57,8 @@ class GoProFC:
         )
 
 
-def _prepared(dataset: Prepared) -> Benchmark:
-    from ..datasets.gopro_fc import slow_blur
+def _prepared(dataset: GoProFCPrepared) -> Benchmark:
+    from ..video.prepared import slow_blur
 
     for clip in dataset.clips:
         span = slow_blur(clip)

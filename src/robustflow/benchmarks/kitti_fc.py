@@ -33,14 +33,14 @@ class KittiFC:
     @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:
         """See `Definition.open`."""
-        from ..datasets.kitti_fc import KittiFC as Released
+        from ..datasets.kitti_fc_released import KittiFCReleased
         from ..datasets.split import kitti_split, selected
         from .released import released
 
         if data is None:
             raise UsageError("kitti-fc needs the KITTI-2015 folder: give --data PATH (the folder that holds training/)")
         if (data / "clean").is_dir():
-            files = Released(data)
+            files = KittiFCReleased(data)
             keys = selected(split, files.keys(), files.name) if split else files.keys()
             return released("kitti-fc", files, keys, KittiFC.facts)
         dataset = load_dataset("kitti2015", data)

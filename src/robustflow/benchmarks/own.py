@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..corruptions import IMAGE_PAIR
+from ..datasets import DATASETS
 from ..datasets.facts import facts_of
 from ..datasets.own import called, check_members, open_own_dataset, own_source
 from ..datasets.split import read_split
@@ -37,7 +38,7 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
         made = called(target, "open(data, split)", lambda: opener(data, split))
     if not isinstance(made, Benchmark):
         raise UsageError(f"{target} returned {type(made).__name__}; open must return a Benchmark")
-    if made.name in reserved:
+    if made.name in reserved or made.name in DATASETS:
         raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it another")
     check_members(made.dataset, f"the data set of {target}")
     gone = [key for key in made.keys if key not in set(made.dataset.keys())]
@@ -54,7 +55,7 @@ def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, An
         UsageError: see `open_own_dataset`; or its name is taken.
     """
     dataset = open_own_dataset(target, options)
-    if dataset.name in reserved:
+    if dataset.name in reserved or dataset.name in DATASETS:
         raise UsageError(f"{target} has the name of the data set '{dataset.name}': give it another")
     keys = read_split(split, dataset.keys()) if split else dataset.keys()
     protocol: dict[str, Any] = {"own": {"dataset": target, "source": own_source(target, dataset)}}

@@ -29,7 +29,7 @@ class Definition(Protocol):
 
     @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:
-        """The benchmark on the data that lies in a folder.
+        """The benchmark on the data in a folder.
 
         Args:
             data: what `--data` names; None where nothing was given.
@@ -99,8 +99,8 @@ def _opened(
     name: str, root: Path | None, split: Path | None, options: dict[str, Any], reserved: list[str]
 ) -> Benchmark:
     if name not in BENCHMARKS.names():
-        if name in DATASETS.names():
-            return from_dataset(name, root, split, options)
+        if name in DATASETS:
+            return from_dataset(DATASETS.current_name(name), root, split, options)
         raise unknown_name("benchmark", name, reserved)
     if options:
         raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
@@ -110,7 +110,7 @@ def _opened(
 def benchmark_facts(name: str) -> BenchmarkFacts:
     """What is known of a benchmark by its name alone, for those who read manifests and tables and have no data.
 
-    A data set's name gives its own title. A name that nobody registered, as manifests of other machines may hold,
+    A data set's name gives its own title. An unregistered name, as manifests of other machines may hold,
     gives neutral facts: its name as the title, and nothing from the paper; no code is loaded for it.
 
     >>> facts = benchmark_facts("kitti-fc")
@@ -125,6 +125,6 @@ def benchmark_facts(name: str) -> BenchmarkFacts:
         facts = getattr(BENCHMARKS.get(name), "facts", None)
         if isinstance(facts, BenchmarkFacts):
             return facts
-    elif name in DATASETS.names():
+    elif name in DATASETS:
         return facts_of_dataset(dataset_facts(name))
     return BenchmarkFacts(title=name[:80] or "unnamed")

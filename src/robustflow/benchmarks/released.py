@@ -1,4 +1,4 @@
-"""A released benchmark as it lies on disk."""
+"""A released benchmark as it is on disk."""
 
 from __future__ import annotations
 

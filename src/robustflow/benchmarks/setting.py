@@ -60,8 +60,8 @@ def setting_of(
     """What the numbers of a model on a benchmark are worth.
 
     "OOD": saw nothing of its domain. "ID": saw its domain, and none of the frames it evaluates. "LEAKED": saw frames
-    that it evaluates. "knowledge": learns nothing. "untrained": random weights. "undeclared": not declared, not to be
-    told, or the frames are the user's own. Arguments as for `training_record`.
+    that it evaluates. "knowledge": learns nothing. "untrained": random weights. "undeclared": not declared, unknown,
+    or the frames are the user's own. Arguments as for `training_record`.
 
     >>> setting_of(Training(("flyingchairs", "kitti2015"), "declared"), "kitti-fc")
     'LEAKED'
@@ -111,15 +111,15 @@ def _judge(
 
 
 def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -> tuple[Setting, str]:
-    """What `K:part` is worth for these pairs, and what must be said about it."""
+    """What `K:part` is worth for these pairs, and the note that must go with it."""
     released = protocol.get("frames") == _RELEASED
     if released != (part == _RELEASED):
         own = "the released KITTI-FC has a split of its own, which K:released names"
-        return "undeclared", f"whether K:{part} holds evaluated pairs cannot be told; {own}"
+        return "undeclared", f"whether K:{part} holds evaluated pairs is unknown; {own}"
     if part == _RELEASED:
         return "ID", ""
     if not {*keys} <= {*_PAIRS}:
-        return "undeclared", f"whether K:{part} holds evaluated pairs cannot be told; they are not named as in KITTI"
+        return "undeclared", f"whether K:{part} holds evaluated pairs is unknown; they are not named as in KITTI"
     trained = KITTI_SPLITS[part](_PAIRS).training
     seen = {*keys} & {*trained}
     if seen:

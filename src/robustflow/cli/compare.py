@@ -53,15 +53,14 @@ def compare(
     from ..records.load import load_run
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table
-    from ..report.render import FORMATS, render
+    from ..report.render import render, renderer
     from ..report.standings_tables import standings_table
     from ..text import plain
     from .tables import for_stdout
 
     if metric is not None and metric not in METRICS:
         raise unknown_name("metric", metric, METRICS)
-    if format not in FORMATS:
-        raise unknown_name("format", format, FORMATS)
+    renderer(format)  # an unknown one is refused before anything is read
     if as_json and format != "terminal":
         raise UsageError(f"--json and --format {format} are two formats; leave out one of them")
     if len(runs) < 2:

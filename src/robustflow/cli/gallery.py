@@ -1,19 +1,35 @@
-"""`robustflow gallery`: every corruption of one pair side by side."""
+"""`robustflow gallery`: every corruption of one pair, or of a clip, side by side."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..errors import UsageError
 from .options import Corruptions, PsfDir, Seed, SeverityScale, names, use_psf_dir
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from ..report.gallery.clip import ClipCell
+    from ..report.gallery.pictures import Cell
+    from ..sample import Frame
 
 
 def gallery(
     frames: Annotated[
         tuple[Path, Path] | None, typer.Option("--frames", "-f", help="Two frames; the motorcycle pair by default.")
     ] = None,
+    clip: Annotated[
+        Path | None, typer.Option("--clip", help="A video, or a folder of frames: the page then plays it.")
+    ] = None,
+    start: Annotated[
+        str | None, typer.Option("--start", help="Where in the clip to begin: a frame (120) or a time (12.5s, 1:05).")
+    ] = None,
+    stop: Annotated[str | None, typer.Option("--stop", help="Where to end; not included.")] = None,
+    length: Annotated[int | None, typer.Option("--length", help="Frames of the clip to show, 10 by default.")] = None,
     severity: Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 (mild) to 5 (severe).")] = 3,
     corruptions: Corruptions = None,
     severity_scale: SeverityScale = "paper",
@@ -23,35 +39,109 @@ def gallery(
 ) -> None:
     """Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over all five.
 
-    The four corruptions of whole clips (h264_crf, ...) are not among them: two frames are not enough.
+    Of a clip the page shows frames from the middle, to play or to step through, and what H.264 and bit errors make of
+    it; two frames are not enough for those.
 
     \b
     Examples:
       robustflow gallery --severity 4
       robustflow gallery --frames a.png b.png --corruptions fog,snow --severity-scale calibrated -o out
+      robustflow gallery --clip clip.mp4 --start 12.5s --corruptions snow,spatter,h264_crf
     """
-    from ..atomic import make_folder, write_bytes
+    from ..severity import check_severity
+
+    if frames is not None and clip is not None:
+        raise UsageError("--frames and --clip are both given; choose one")
+    if clip is None and not (start is None and stop is None and length is None):
+        raise UsageError("--start, --stop and --length are for a clip: give --clip")
+    check_severity(severity)
+    use_psf_dir(psf_dir)
+    wanted = names(corruptions)
+    if clip is None:
+        _of_pair(frames, severity, wanted, severity_scale, seed, output)
+    else:
+        _of_clip(clip, start, stop, length, severity, wanted, severity_scale, seed, output)
+
+
+def _of_pair(
+    frames: tuple[Path, Path] | None, severity: int, wanted: list[str] | None, scale: str, seed: int, output: Path
+) -> None:
     from ..datasets import load_dataset
     from ..images.io import read_image
-    from ..report.gallery.figure import draw_figure
     from ..report.gallery.page import render_page
     from ..report.gallery.pictures import gallery as cells_of
-    from ..severity import SEVERITIES, check_severity
+    from ..severity import SEVERITIES
 
-    use_psf_dir(psf_dir)
-    check_severity(severity)
     if frames is None:
         key, what = "motorcycle", "the motorcycle pair"
         pair = load_dataset("motorcycle", None).load(key).frames
     else:
         key, what = frames[0].stem, f"{frames[0].name}, {frames[1].name}"
         pair = (read_image(frames[0]), read_image(frames[1]))
-    cells = list(cells_of(pair[0], pair[1], SEVERITIES, names(corruptions), seed, key, severity_scale))
+    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale))
+    title = f"Corruptions of {what}, {scale} scale"
     at = [cell for cell in cells if cell.severity == severity]
-    title = f"Corruptions of {what}, {severity_scale} scale"
+    page = render_page(pair[0], cells, severity, title)
+    _write(output, pair[0], at, f"{title}, severity {severity}", page)
+
+
+def _of_clip(
+    clip: Path,
+    start: str | None,
+    stop: str | None,
+    length: int | None,
+    severity: int,
+    wanted: list[str] | None,
+    scale: str,
+    seed: int,
+    output: Path,
+) -> None:
+    from tempfile import TemporaryDirectory
+
+    from rich.console import Console
+    from rich.progress import track
+
+    from ..report.gallery.clip import SHOWN, ClipPart, chosen_corruptions, clip_cells
+    from ..report.gallery.page import clip_slider, page_of
+    from ..report.gallery.pictures import Cell
+    from ..severity import SEVERITIES
+
+    chosen, remarks = chosen_corruptions(wanted, scale)
+    part = ClipPart(clip, start, stop, SHOWN if length is None else length)
+    shown = list(part.frames(part.shown))
+    key = clip.resolve().stem
+    first, last = part.first_number, part.first_number + len(shown) - 1
+    title = f"Corruptions of {clip.name}, frames {first} to {last}, {scale} scale"
+    at: list[Cell] = []
+
+    def kept(folder: str) -> Iterator[ClipCell]:
+        cells = clip_cells(part, shown, SEVERITIES, chosen, Path(folder), seed, key, scale)
+        total = len(chosen) * len(SEVERITIES)
+        console = Console(stderr=True)
+        for cell in track(cells, "corrupting", total, console=console, disable=not console.is_terminal, transient=True):
+            if cell.severity == severity:
+                at.append(Cell(cell.name, severity, cell.frames[0] if cell.frames else None, 0, cell.ssim))
+            yield cell
+
+    with TemporaryDirectory(prefix="robustflow-gallery-") as folder:
+        slider = clip_slider(shown, kept(folder), SEVERITIES, severity, title, first)
+    remarks = [
+        f"The frames are the middle of a part of {part.count} frames at {float(part.rate):.4g} frames per second, "
+        "at their full size when they are corrupted; SSIM is that of the first one.",
+        *remarks,
+    ]
+    _write(output, shown[0], at, f"{title}, severity {severity}", page_of(slider, remarks))
+    for remark in remarks[1:]:
+        typer.echo(remark, err=True)
+
+
+def _write(output: Path, clean: Frame, at: Sequence[Cell], title: str, page: str) -> None:
+    from ..atomic import make_folder, write_bytes
+    from ..report.gallery.figure import draw_figure
+
     make_folder(output)
     for form in ("png", "pdf"):
-        write_bytes(output / f"gallery.{form}", draw_figure(pair[0], at, f"{title}, severity {severity}", form))
-    write_bytes(output / "gallery.html", render_page(pair[0], cells, severity, title).encode())
+        write_bytes(output / f"gallery.{form}", draw_figure(clean, at, title, form))
+    write_bytes(output / "gallery.html", page.encode())
     for form in ("png", "pdf", "html"):
         typer.echo(str(output / f"gallery.{form}"))

@@ -30,7 +30,7 @@ def report(
         ),
     ] = None,
     format: Annotated[
-        str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or page.")
+        str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, page, or MODULE:FUNCTION.")
     ] = "terminal",
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder for figures (PNG, SVG and PDF).")] = None,
     output: Annotated[
@@ -49,15 +49,15 @@ def report(
       robustflow report runs/mine runs/other --published --format page -o report.html
     """
     from ..atomic import write_bytes
-    from ..errors import UsageError, unknown_name
+    from ..errors import UsageError
     from ..records.load import load_run
     from ..report.assemble import figures_of, tables_of
-    from ..report.render import FORMATS, render
+    from ..report.render import render, renderer
     from .options import names
     from .tables import for_stdout
 
-    if format not in (*FORMATS, PAGE):
-        raise unknown_name("format", format, (*FORMATS, PAGE))
+    if format != PAGE:
+        renderer(format)  # an unknown one is refused before anything is read
     if not runs and not published:
         raise UsageError("nothing to report: name a run's folder, or give --published")
     if only_own and not runs:

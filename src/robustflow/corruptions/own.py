@@ -8,20 +8,19 @@ from __future__ import annotations
 
 import inspect
 import re
-import sys
 from collections.abc import Iterable
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from ..errors import RobustFlowError, UsageError, unknown_name
+from ..errors import RobustFlowError, UsageError
 from ..random.rng import Rng
 from ..sample import Frame
 from ..severity import SEVERITIES
+from ..source_digest import source_digest
+from ..target import import_target
 from .base import BGR, VARIANTS, Corruption
 from .registry import CORRUPTIONS, SHIPPED
-from .source_digest import source_digest
 
 Made = Any
 """A class that makes a corruption, or one that is made."""
@@ -95,16 +94,6 @@ class OwnCorruption(Corruption):
         return UsageError(f"corruption '{self.name}' failed in {method}: {type(error).__name__}: {error}{hint}")
 
 
-def is_target(part: str) -> bool:
-    """Whether a part of a name means `module.path:Attribute`.
-
-    >>> is_target("mypkg.weather:Rain"), is_target("fog:2"), is_target("fog")
-    (True, False, False)
-    """
-    module, colon, attribute = part.partition(":")
-    return bool(colon) and all(name.isidentifier() for name in f"{module}.{attribute}".split("."))
-
-
 def adopt(made: Made) -> str:
     """Make a class or an object known by its name, and return that name; the newest of a name counts.
 
@@ -129,21 +118,7 @@ def adopt_target(target: str) -> str:
     Raises:
         UsageError: it cannot be imported, or is not a corruption.
     """
-    module_name, _, attribute = target.partition(":")
-    if "" not in sys.path and not any(place == _here() for place in sys.path):
-        sys.path.insert(0, _here())  # a console script does not see the user's folder; `python -m` would
-    try:
-        value: Any = import_module(module_name)
-    except (Exception, SystemExit) as error:
-        raise UsageError(
-            f"cannot import '{module_name}' for corruption '{target}': {type(error).__name__}: {error}; "
-            "run from the folder that holds it, or install its package"
-        ) from error
-    for part in attribute.split("."):
-        if not hasattr(value, part):
-            raise unknown_name(f"attribute of {module_name}", part, [key for key in vars(value) if key[0] != "_"])
-        value = getattr(value, part)
-    return adopt(value)
+    return adopt(import_target(target, "corruption"))
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:
@@ -203,9 +178,3 @@ def _spelled(made: Made) -> str:
     if inspect.isroutine(made):
         return f"the function {made.__name__}"
     return f"{kind.__module__}:{kind.__qualname__}"
-
-
-def _here() -> str:
-    from pathlib import Path
-
-    return str(Path.cwd())

@@ -59,7 +59,7 @@ class CalibrationTable(_Frozen):
         draws: of a random corruption, per picture.
         images: name of each picture of the reference set, and the SHA-256 of its pixels.
         targets: mean SSIM of severities 1 to 5, falling.
-        tolerance: how far from its target a level may lie.
+        tolerance: how far from its target a level may be.
         corruptions: by name.
     """
 

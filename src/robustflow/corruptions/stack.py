@@ -12,8 +12,9 @@ from ..errors import UsageError
 from ..random.rng import Rng
 from ..sample import Frame
 from ..severity import SEVERITIES, check_severity
+from ..target import is_target
 from .base import Corruption
-from .own import adopt_target, is_known, is_target
+from .own import adopt_target, is_known
 from .registry import CORRUPTIONS, SHIPPED
 from .scale import calibrated_levels
 

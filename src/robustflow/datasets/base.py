@@ -61,7 +61,7 @@ class Clips(Protocol):
     """A dataset whose pairs come from sequences: it also has the frames around a pair, for multi-frame models.
 
     They are counted by offsets from frame 1 of the pair, in steps of the pair: frame 1 is 0, frame 2 is 1, the frame
-    before the pair -1, the one after it 2. Where frame 2 lies before frame 1 in time, the offsets run backwards too.
+    before the pair -1, the one after it 2. Where frame 2 comes before frame 1 in time, the offsets run backwards too.
     """
 
     def around(self, key: str, reach: int) -> range:

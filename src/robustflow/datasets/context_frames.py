@@ -25,7 +25,7 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
 
     Raises:
         UsageError: the model needs more than two frames, and the data set has no more.
-        ModelError: its window is none.
+        ModelError: its window is not one.
     """
     if not isinstance(model, ClipModel):
         return None

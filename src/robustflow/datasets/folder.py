@@ -29,7 +29,7 @@ FACTS = DatasetFacts(
 )
 
 ALONE = "frames"
-"""The group of pictures that lie directly in the folder, whose own name does not count: it may be anywhere."""
+"""The group of pictures directly in the folder, whose own name does not count: it may be anywhere."""
 
 
 class FrameFolder(PairDataset):

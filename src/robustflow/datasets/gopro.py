@@ -3,7 +3,7 @@
     test/GOPR0384_11_00/sharp/000001.png ...    (GoPro_Large: blur, blur_gamma, sharp)
     test/GOPR0384_11_00/000001.png ...          (GoPro_Large_all: the camera's 240 frames per second)
 
-Sequences may also lie directly in the root. Source: Nah, Kim and Lee, CVPR 2017.
+Sequences may also be directly in the root. Source: Nah, Kim and Lee, CVPR 2017.
 """
 
 from __future__ import annotations

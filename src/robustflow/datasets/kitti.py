@@ -10,7 +10,7 @@ Where a map of `flow_noc` is missing beside one of `flow_occ`, the pair has no o
 (In 2015 both maps hold the same vectors. In 2012 they differ by up to some pixels, as they were filled in separately.)
 
 The group of a pair is the drive it was taken from (`kitti_drives.py`).
-The multi-view extension adds 000010_00.png to 000010_20.png of each pair; where they lie in the same folder, samples
+The multi-view extension adds 000010_00.png to 000010_20.png of each pair; where they are in the same folder, samples
 have clips around them, for multi-frame models.
 Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
 """
@@ -127,7 +127,7 @@ class Kitti2012(KittiSequences):
 def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, Pair]:
     """The pairs of a folder with `images`/NNNNNN_10.png, `images`/NNNNNN_11.png, flow_occ and flow_noc.
 
-    Their groups are the drives of `dataset` ("kitti2015", "kitti2012" or "kitti_fc").
+    Their groups are the drives of `dataset` ("kitti2015", "kitti2012" or "kitti_fc_released").
 
     Raises:
         DataError: no ground truth folder, or a file of a pair is missing.

@@ -8,7 +8,7 @@ The numbers of 2015 are those of `mapping/train_mapping.txt` in the benchmark's 
 holds the pairs that Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data to keep them out of training.
 
 **Pairs without a drive.** The pairs of 2015 are numbered in the order of drives, and a drive is in the raw data whole
-or not at all. So a run of numbers without a drive lies between two drives and shares none with them; how many drives it
+or not at all. So a run of numbers without a drive is between two drives and shares none with them; how many drives it
 is made of is not known. All pairs of such a run are one group: more of the pairs are then taken for related than are,
 never fewer. The pairs of 2012 are numbered at random and neighbours say nothing, so all without a drive are one group;
 intervals on 2012 are still too narrow (`docs/design/uncertainty.md`).
@@ -24,7 +24,12 @@ from itertools import groupby
 
 import polars as pl
 
-_TABLES = {"kitti2015": ("kitti2015", 200), "kitti_fc": ("kitti2015", 200), "kitti2012": ("kitti2012", 194)}
+_TABLES = {
+    "kitti2015": ("kitti2015", 200),
+    "kitti_fc_released": ("kitti2015", 200),
+    "kitti_fc": ("kitti2015", 200),  # what a run's identity calls it
+    "kitti2012": ("kitti2012", 194),
+}
 """Dataset -> the table of its pairs, and how many pairs there are. The released KITTI-FC keeps the numbers of 2015."""
 
 _NUMBERED_BY_DRIVE = ("kitti2015",)

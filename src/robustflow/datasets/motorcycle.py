@@ -47,7 +47,7 @@ class Motorcycle(Samples):
         for path in self._files:
             if not path.is_file():
                 raise AssetError(
-                    f"{path}: missing from this scikit-image; install its wheel anew: "
+                    f"{path}: missing from this scikit-image; reinstall its wheel: "
                     "pip install --force-reinstall --no-deps scikit-image"
                 )
 

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
-from ..corruptions.source_digest import source_digest
+from ..digest import digest_of_bytes
 from ..errors import RobustFlowError, UsageError, unknown_name
 from ..sample import Sample
-from ..target import import_target
+from ..source_digest import source_digest
+from ..target import import_target, source_of_target
 from .base import Dataset
 
 _GUIDE = "see the guide 'add your data set'"
@@ -82,11 +81,7 @@ def check_sample(dataset: Any, key: str, what: str) -> Sample:
 
 def own_source(target: str, made: object) -> str:
     """16 hexadecimal digits of the source of what a user named: of its class, and of the module it was named in."""
-    digest = hashlib.blake2b(source_digest(type(made)).encode(), digest_size=8)
-    path = getattr(sys.modules.get(target.partition(":")[0]), "__file__", None)
-    if path is not None:
-        digest.update(Path(path).read_bytes())
-    return digest.hexdigest()
+    return digest_of_bytes(source_digest(type(made)).encode(), source_of_target(target) or b"", size=8)
 
 
 def called(what: str, call: str, function: Any) -> Any:

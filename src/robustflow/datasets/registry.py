@@ -27,19 +27,21 @@ _TARGETS = {
     "flyingthings3d": "flyingthings3d:FlyingThings3D",
     "gopro": "gopro:GoPro",
     "folder": "folder:open_folder",
-    "kitti_fc": "kitti_fc:KittiFC",
-    "gopro_fc": "gopro_fc:GoProFC",
+    "kitti_fc_released": "kitti_fc_released:KittiFCReleased",
+    "gopro_fc_prepared": "gopro_fc_prepared:GoProFCPrepared",
     "gopro_fc_released": "gopro_fc_released:GoProFCReleased",
 }
 for _name, _target in _TARGETS.items():
     DATASETS.add(_name, f"robustflow.datasets.{_target}")
+DATASETS.rename("kitti_fc", "kitti_fc_released")
+DATASETS.rename("gopro_fc", "gopro_fc_prepared")
 
 
 def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
     """Open a dataset.
 
     Args:
-        name: a name of `DATASETS`.
+        name: a name of `DATASETS`, or a former one.
         root: its folder; None for a dataset that needs none.
         options: what the dataset takes besides (`step=2`, `render_pass="final"`).
 
@@ -57,7 +59,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     parameters = inspect.signature(factory).parameters
     takes_root = "root" in parameters
     if takes_root and root is None:
-        raise UsageError(f"dataset '{name}' lies in a folder of yours: name it with --data FOLDER (root=... in Python)")
+        raise UsageError(f"dataset '{name}' is in a folder of yours: name it with --data FOLDER (root=... in Python)")
     if root is not None and not takes_root:
         raise UsageError(f"dataset '{name}' needs no folder; leave out --data (root=... in Python)")
     for option in options:
@@ -69,10 +71,10 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
 def dataset_facts(name: str) -> DatasetFacts:
     """What is known of a data set by its name alone: title, licence, citation, counts, layout.
 
-    A name that nobody registered, as manifests of other machines may hold, gives its title and nothing else; no code
+    An unregistered name, as manifests of other machines may hold, gives its title and nothing else; no code
     is loaded for it.
 
     >>> dataset_facts("kitti2015").pairs, dataset_facts("someone:Else").title
     (200, 'someone:Else')
     """
-    return facts_of(DATASETS.get(name) if name in DATASETS.names() else None, name)
+    return facts_of(DATASETS.get(name) if name in DATASETS else None, name)

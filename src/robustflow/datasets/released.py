@@ -16,7 +16,7 @@ DISK_NAMES = {"high_light": "brightness"}
 
 
 class ReleasedPairs(PairDataset):
-    """Pairs whose corrupted frames lie beside them. Implements `PreCorrupted`; `root` holds `clean/` and the rest."""
+    """Pairs whose corrupted frames are beside them. Implements `PreCorrupted`; `root` holds `clean/` and the rest."""
 
     root: Path
 

@@ -7,7 +7,7 @@ import re
 from ..errors import UsageError
 
 Place = int | str | None
-"""A frame number from 0; a time as "12.5s" or "1:05" (minutes and seconds); or None for the end that is meant."""
+"""A frame number from 0; a time as "12.5s" or "1:05" (minutes and seconds); or None for the beginning or end."""
 
 
 def place(option: str, value: Place | float) -> int | float | None:

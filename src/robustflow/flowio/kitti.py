@@ -54,7 +54,7 @@ def kitti_bytes(path: Path, flow: Flow, valid: Mask) -> bytes:
     if outside.any():
         worst = np.abs(flow[outside]).max()
         raise DataError(
-            f"{path}: {int(outside.sum())} pixels (largest component {worst:.6g}) lie outside KITTI's "
+            f"{path}: {int(outside.sum())} pixels (largest component {worst:.6g}) are outside KITTI's "
             f"{LOWEST:g} to {HIGHEST} pixels; write .flo instead, or mark them invalid"
         )
     raw = np.empty((*valid.shape, 3), np.uint16)

@@ -35,7 +35,7 @@ _OF_PILLOW = (
 """What Pillow raises on damaged files."""
 
 _STRIPS = (273, 279, 324, 325)
-"""TIFF's tags of where strips or tiles lie, and of how many bytes each has."""
+"""TIFF's tags of where strips or tiles are, and of how many bytes each has."""
 
 _FORMATS = ("PNG", "JPEG", "PPM", "BMP", "TIFF", "WEBP")
 
@@ -44,7 +44,7 @@ def read_image(path: str | Path) -> Frame:
     """Read a picture as RGB uint8 (H, W, 3): PNG, JPEG, PPM/PGM, BMP, TIFF or WebP.
 
     Grey becomes three equal channels, a palette its colours. The orientation a camera notes in the file is
-    applied. Alpha is dropped where every pixel is opaque. Refused, for no conversion is the right one: any
+    applied. Alpha is dropped where every pixel is opaque. Refused, because no conversion is right: any
     transparency, more than 8 bits per channel, CMYK and other colour spaces, several pictures in one file.
 
     Raises:
@@ -85,10 +85,10 @@ def image_size(path: str | Path) -> tuple[int, int]:
 
 
 def stored_size(path: str | Path) -> tuple[int, int]:
-    """(H, W) as it lies in the file, before a noted orientation is applied. Decodes no pixel, whatever is claimed.
+    """(H, W) as it is in the file, before a noted orientation is applied. Decodes no pixel, whatever is claimed.
 
     Raises:
-        DataError: no such file, no picture, or a claim that Pillow takes for an attack.
+        DataError: no such file, not a picture, or a claim that Pillow takes for an attack.
     """
     path = Path(path)
     try:
@@ -187,7 +187,7 @@ def _open(path: Path, data: bytes) -> Image.Image:
     if width * height > MAX_PIXELS:
         raise DataError(f"{path}: {width}x{height} pixels are more than {MAX_PIXELS}; scale the picture down")
     if deep or _is_deep(image):
-        raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (a flow map is no picture)")
+        raise DataError(f"{path}: more than 8 bits per channel; convert it to 8 bits (a flow map is not a picture)")
     return image
 
 

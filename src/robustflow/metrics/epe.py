@@ -110,7 +110,7 @@ def mean_epe(flow: Flow, ground_truth: Flow, valid: Mask | None = None) -> float
 
 
 def flow_array(flow: Flow) -> Flow:
-    """`flow` in C order, or the reason why it is no flow."""
+    """`flow` in C order, or the reason why it is not a flow."""
     if not isinstance(flow, np.ndarray) or flow.dtype != np.float32 or flow.ndim != 3 or flow.shape[2] != 2:
         got = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
         raise DataError(f"a flow is a float32 array of shape (H, W, 2), this is {got}; convert it first")

@@ -36,7 +36,7 @@ ROW_SCHEMA_VERSION = 2
 """Raised when a column is added, dropped, or means something else. Version 1 lacked `LATER_COLUMNS`."""
 
 ROW_MEANING_VERSION = 1
-"""Raised when a column means something else, so that rows of before and after cannot stand in one run; part of a run's
+"""Raised when a column means something else, so that rows of before and after cannot be in one run; part of a run's
 identity."""
 
 CLEAN = "clean"

@@ -58,7 +58,7 @@ class ClipModel(Protocol):
 
         Args:
             frames: RGB uint8 (H, W, 3) each, of one size, in the order of time. With the window (before, after) always
-                before + 2 + after of them: at an end of the sequence its last frame stands for those that are missing.
+                before + 2 + after of them: at an end of the sequence its last frame is repeated for the missing ones.
             index: of frame 1 of the pair; with the window (before, after) always `before`.
         """
         ...
@@ -80,12 +80,13 @@ AnyModel: TypeAlias = FlowModel | ClipModel | FlowLookup
 def model_identity(model: Any) -> dict[str, Any]:
     """What names this model in a run's identity; the class name where the model says nothing itself."""
     if hasattr(model, "identity"):
-        said = model.identity()
-        if not isinstance(said, Mapping):
+        identity = model.identity()
+        if not isinstance(identity, Mapping):
             raise ModelError(
-                f"the model's identity() returned {type(said).__name__}; expected a dict of what changes its numbers"
+                f"the model's identity() returned {type(identity).__name__}; "
+                "expected a dict of what changes its numbers"
             )
-        named: dict[str, Any] = json.loads(json.dumps({str(key): said[key] for key in said}, default=str))
+        named: dict[str, Any] = json.loads(json.dumps({str(key): identity[key] for key in identity}, default=str))
         return named
     kind = model if isinstance(model, type) or hasattr(model, "__qualname__") else type(model)
     return {"object": f"{kind.__module__}.{kind.__qualname__}"}
@@ -180,8 +181,8 @@ def _checked(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
     except Exception as error:  # a tensor on a GPU, or one that gradients flow through; rows of several lengths
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ModelError(
-            f"the model returned a {type(flow).__name__} on {where} that is no array ({reason}); return a NumPy array, "
-            "of a tensor flow.detach().cpu().numpy()"
+            f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason}); return a NumPy "
+            "array, of a tensor flow.detach().cpu().numpy()"
         ) from error
     if array.shape != expected or array.dtype.kind != "f":
         what = type(flow).__name__ if array.dtype.kind == "O" else f"{array.dtype} {array.shape}"

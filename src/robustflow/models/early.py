@@ -1,4 +1,4 @@
-"""What can be said against a model by name before any heavy library is imported."""
+"""Reasons to refuse a model by name before any heavy library is imported."""
 
 from __future__ import annotations
 

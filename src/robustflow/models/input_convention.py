@@ -38,7 +38,7 @@ class InputConvention:
         mean: subtracted from values 0..255, per channel in `order`.
         scale: then multiplied by this, one number or one per channel in `order`.
         order: of the colours.
-        fit: what is done about sizes that are no multiple of `multiple`: "none" (the network takes any), "pad" or
+        fit: what is done about sizes that are not a multiple of `multiple`: "none" (the network takes any), "pad" or
             "stretch" up to `size` or the next multiple, and crop the flow, or stretch it back, values included.
         multiple: of height and width.
         size: (height, width) to fit to; None, or None for one of them, for the next multiple.

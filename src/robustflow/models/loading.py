@@ -6,7 +6,6 @@ import inspect
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from ..digest import digest_of_bytes
 from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..registry import Registry
 from ..sample import Flow, Frame
+from ..target import import_target, source_of_target
 from .base import AnyModel, model_identity
 from .early import refuse_early
 from .own.networks import OWN
@@ -113,7 +113,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A model by name and options: what a worker process is told so that it can load its own copy.
+    """A model by name and options: what a worker process is given so that it can load its own copy.
 
     The option `trained_on` declares the training sets of any model (see `provenance`); it is not given to the model.
     """
@@ -137,14 +137,13 @@ class ModelSpec:
     def identity(self, model: AnyModel) -> dict[str, Any]:
         """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
         that an edited model never continues the run of the unedited one. What the model says itself about an option
-        counts instead of the option: a checkpoint by its hash, wherever the file lies."""
+        counts instead of the option: a checkpoint by its hash, wherever the file is."""
         identity = model_identity(model)
-        said = set(identity)
-        identity["options"] = {key: str(value) for key, value in self.options if key not in said | {DECLARED}}
+        known = set(identity)
+        identity["options"] = {key: str(value) for key, value in self.options if key not in known | {DECLARED}}
         users = ":" in self.name and not self.name.startswith(PTLFLOW)
-        module = sys.modules.get(self.name.partition(":")[0]) if users else None
-        if module is not None and module.__file__:
-            source = Path(module.__file__).read_bytes()
+        source = source_of_target(self.name) if users else None
+        if source is not None:
             identity |= {"spec": self.name, "source": digest_of_bytes(source)}
         return identity
 
@@ -157,7 +156,7 @@ class FunctionModel:
         self._identity = identity or model_identity(function)
 
     def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: where the function is defined, unless told otherwise."""
+        """See `FlowModel`: where the function is defined, unless stated otherwise."""
         return self._identity
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
@@ -218,21 +217,7 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     if module_name.endswith(".py"):
         meant = f"{module_name.removesuffix('.py').replace('/', '.')}:{attribute}"
         raise UsageError(f"model '{name}' names a file; name its module, from the folder it is in: {meant}")
-    if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))  # a console script does not see the user's folder; `python -m` would
-    try:
-        module = import_module(module_name)
-    except (Exception, SystemExit) as error:  # the latter from a script that reads its arguments as it is imported
-        raise ModelError(
-            f"cannot import '{module_name}' for model '{name}': {type(error).__name__}: {error}; "
-            "run from the folder that holds it, or install its package"
-        ) from error
-    found: Any = module
-    for part in attribute.split("."):
-        if not hasattr(found, part):
-            public = [key for key in vars(found) if not key.startswith("_")]
-            raise unknown_name(f"attribute of {module_name}", part, public)
-        found = getattr(found, part)
+    found = import_target(name, "model", ModelError)
     if is_module(found) and not isinstance(found, AnyModel):
         return _as_torch_model(found, name, options)
     if inspect.isclass(found) or (callable(found) and not _takes_two_frames(found)):

@@ -1,4 +1,4 @@
-"""What a model was trained on; what that makes of its numbers on a benchmark is said in `benchmarks/setting.py`."""
+"""What a model was trained on; what that makes of its numbers on a benchmark is in `benchmarks/setting.py`."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Training:
     """What a model was trained on.
 
     Attributes:
-        sets: names among `TRAINING_SETS`, perhaps with ":train" or another of `PARTS`; None where nobody said.
+        sets: names among `TRAINING_SETS`, perhaps with ":train" or another of `PARTS`; None where unknown.
         basis: how that is known.
         note: what is not certain.
         trained: False for methods that learn nothing and for random weights.
@@ -65,7 +65,7 @@ class Training:
 def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Training:
     """What the model of an identity was trained on.
 
-    A checkpoint of the catalog is known by the hash of its file, wherever it lies and whatever is declared.
+    A checkpoint of the catalogue is known by the hash of its file, wherever it is and whatever is declared.
 
     Args:
         identity: of the model: `name`, `checkpoint`.
@@ -92,7 +92,7 @@ def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Tra
 
 
 def training_of_entry(entry: CheckpointEntry) -> Training:
-    """What a checkpoint of the catalog was trained on."""
+    """What a checkpoint of the catalogue was trained on."""
     return Training(tuple(entry.trained_on.split("+")), f"catalog: {entry.model} {entry.checkpoint}", entry.note)
 
 
@@ -105,7 +105,7 @@ def parse_training_sets(text: str) -> tuple[str, ...]:
     ('sintel', 'other')
 
     Raises:
-        UsageError: nothing, or a set that is not known, whose consequence nobody could tell.
+        UsageError: nothing, or a set that is not known, whose consequence is unknown.
     """
     sets: list[str] = []
     for part in re.split(r"[+>,\s]+", str(text).strip()):

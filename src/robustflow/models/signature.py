@@ -117,7 +117,7 @@ def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
 
 
 def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Literal["nchw", "nhwc"]:
-    """Which axis of an output holds (u, v): told by its shape, channels first where both would fit.
+    """Which axis of an output holds (u, v): recognised by its shape, channels first where both would fit.
 
     Args:
         shape: of the output.
@@ -125,7 +125,7 @@ def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Li
         height, width: of the network's input.
 
     Raises:
-        ModelError: an output that is no flow at the input's resolution.
+        ModelError: an output that is not a flow at the input's resolution.
 
     >>> flow_layout((1, 40, 64, 2), 1, 40, 64)
     'nhwc'

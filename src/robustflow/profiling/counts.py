@@ -3,7 +3,7 @@
 thop is what the paper's table was made with. It sees modules only (convolutions, linear layers, norms, pooling and
 upsampling modules): products of matrices, in correlation volumes and attention, cost nothing there, and neither do
 layers that are not run or whose class is not exactly PyTorch's own. A module that hangs at two places of the network is
-hooked twice and then added twice, so its operations count four times; RAFT has such norms. Its rules are written anew
+hooked twice and then added twice, so its operations count four times; RAFT has such norms. Its rules are rewritten
 here from its behaviour, because it changes the network it measures and is no longer kept.
 """
 

@@ -14,7 +14,7 @@ def network_of(model: Any) -> NetworkModel:
     """The adapter that holds a model's network, without the tiles it may predict in.
 
     Raises:
-        UsageError: a model that is no PyTorch network of this project, or one of more than two frames.
+        UsageError: a model that is not a PyTorch network of this project, or one of more than two frames.
     """
     while isinstance(model, TiledModel):
         model = model.model

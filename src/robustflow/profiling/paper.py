@@ -59,7 +59,7 @@ def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Ite
     """One method after the other.
 
     Args:
-        published: methods of the catalog, as their papers call them.
+        published: methods of the catalogue, as their papers call them.
         frames: height and width.
     """
     names = {entry.method: name for name, entry in reversed(methods().items())}

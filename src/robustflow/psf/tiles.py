@@ -1,8 +1,8 @@
-"""Where the kernels of a spatially varying blur stand, and what they are.
+"""Where the kernels of a spatially varying blur are, and what they are.
 
 The blur is out = sum over nodes of w_node * (image convolved with the kernel of the node), with triangular windows
 w that add up to one: kernels are interpolated linearly between nodes 12 to 34 pixels apart, closer in small images,
-over which the blur changes faster. Nodes lie symmetrically about the image centre, so that a quarter of the kernels
+over which the blur changes faster. Nodes are symmetric about the image centre, so that a quarter of the kernels
 serves the whole image, mirrored.
 """
 
@@ -45,7 +45,7 @@ class Axis:
         length: pixels along the axis.
         pitch: distance between nodes, pixels.
         offsets: distance of each node from the image centre, float64 (n,).
-        starts: the first pixel of each node's window (may lie outside the image).
+        starts: the first pixel of each node's window (may be outside the image).
         windows: weights of the pixels from `starts` on, float64 (n, 2 x the largest pitch).
 
     >>> Axis.of(375, 34).offsets[:2]

@@ -30,14 +30,14 @@ def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0) -> 
     columns += [Column(metric_label(metric)) for metric in METRIC_LABELS]
     lines = []
     for name, run in zip(run_names(runs), runs, strict=True):
-        found = {
+        estimates = {
             (row["metric"], row["corruption"]): row for row in intervals(run.rows, level=level, seed=seed).to_dicts()
         }
-        lines.append(Line(name, tuple(Cell(_estimate(found.get(key))) for key in keys), note_of(run)))
+        lines.append(Line(name, tuple(Cell(_estimate(estimates.get(key))) for key in keys), note_of(run)))
     remark = (
         f"[{100 * level:g} % confidence interval] by a bootstrap over images, or over sequences where pairs share one."
     )
-    return Table("means", "Means and how sure they are", tuple(columns), (Section("Runs", tuple(lines)),), (remark,))
+    return Table("means", "Means with intervals", tuple(columns), (Section("Runs", tuple(lines)),), (remark,))
 
 
 def effective_table(results: pl.DataFrame) -> Table:
@@ -46,17 +46,17 @@ def effective_table(results: pl.DataFrame) -> Table:
     Raises:
         UsageError: too few models.
     """
-    found = effective_robustness(results)
+    effective = effective_robustness(results)
     columns = tuple(map(Column, ("clean EPE", "EPE", "expected EPE", "factor")))
     sections = []
-    for setting in dict.fromkeys(found["setting"]):
-        rows = found.filter(setting=setting).iter_rows(named=True)
+    for setting in dict.fromkeys(effective["setting"]):
+        rows = effective.filter(setting=setting).iter_rows(named=True)
         lines = [
             Line(r["model"], tuple(Cell(f"{r[c]:.2f}") for c in ("epe_clean", "epe", "expected", "factor")))
             for r in rows
         ]
         sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
-    remark = "factor: EPE over what the other models' clean EPE lets expect; below 1 is more robust than accurate."
+    remark = "factor: EPE over what the other models' clean EPE predicts; below 1 is more robust than accurate."
     return Table("effective", "Effective robustness", columns, tuple(sections), (remark,))
 
 
@@ -88,12 +88,12 @@ def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost], pairs: 
     """The ten observations with their verdicts; results must be comparable, `pairs` as for `observations`."""
     columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
     sections = []
-    for found in observations(results, costs, pairs=pairs):
+    for observation in observations(results, costs, pairs=pairs):
         lines = [
             Line("main" if part.main else "also", (Cell(part.verdict), Cell(part.claim), Cell(part.says)))
-            for part in found.parts
+            for part in observation.parts
         ]
-        sections.append(Section(f"{found.number}. {found.title}: {found.verdict}", tuple(lines)))
+        sections.append(Section(f"{observation.number}. {observation.title}: {observation.verdict}", tuple(lines)))
     return Table("observations", "The paper's observations", columns, tuple(sections), lines_are="Part")
 
 

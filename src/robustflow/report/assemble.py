@@ -10,10 +10,11 @@ import polars as pl
 
 from ..analysis.cost_ranks import run_costs
 from ..analysis.displacements import displacements_of
+from ..analysis.doubts import doubted_runs, sound_results
 from ..analysis.labels import on_benchmark
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results
-from ..analysis.scores import run_names, run_results, sample_set
+from ..analysis.scores import coverage_of, run_names, run_results, sample_set
 from ..errors import UsageError, unknown_name
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
@@ -32,7 +33,7 @@ _MOST_NAMED = 4
 
 def results_of(runs: Sequence[Run], published: bool) -> pl.DataFrame:
     """Results of runs, after the published ones where wanted: `results.RESULT_SCHEMA`."""
-    return pl.concat(([published_results()] if published else []) + [run_results(runs)])
+    return pl.concat(([published_results()] if published else []) + [run_results(runs, published)])
 
 
 def tables_of(
@@ -47,7 +48,7 @@ def tables_of(
 
     Args:
         runs: none or more.
-        published: whether the paper's results stand beside them.
+        published: whether the paper's results are shown beside them.
         wanted: of `ALL_TABLES`; by default all that these runs can fill.
         seed: of the bootstrap behind the intervals.
         only_own: whether effective robustness and observations are left out for the paper's models.
@@ -62,6 +63,8 @@ def tables_of(
     costs = published_costs() if published else {}
     about = results.filter(pl.col("sample_set") != PAPER) if only_own else results
 
+    doubted, coverage = doubted_runs(runs), coverage_of(runs)
+    sound = sound_results(about, doubted)
     pairs = {sample_set(run): run.summary.samples for run in runs}
 
     def all_observations(part: pl.DataFrame) -> Table:
@@ -75,7 +78,7 @@ def tables_of(
         return table
 
     makers: dict[str, Callable[[], list[Table]]] = {
-        name: lambda name=name: [build_table(name, results, costs, run_costs(runs))]  # type: ignore[misc]
+        name: lambda name=name: [build_table(name, results, costs, run_costs(runs), doubted, coverage)]  # type: ignore[misc]
         for name in TABLES
     }
     makers |= {
@@ -83,11 +86,11 @@ def tables_of(
         "uncoupled": lambda: [uncoupled_table(_some(runs, "uncoupled"))],
         "effective": lambda: _by_sample_set(about, effective_table),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
-        "observations": lambda: _by_sample_set(about, all_observations),
+        "observations": lambda: _by_sample_set(sound, all_observations),
     }
     if wanted is not None:
         return [table for name in wanted for table in makers[name]()]
-    makers["observations"] = lambda: _by_sample_set(about, computable_observations)
+    makers["observations"] = lambda: _by_sample_set(sound, computable_observations)
     tables: list[Table] = []
     for name in ALL_TABLES:
         try:
@@ -142,5 +145,5 @@ def _whose(frames: str, part: pl.DataFrame) -> str:
         return "published models"
     benchmark, models = part["benchmark"][0], list(dict.fromkeys(part["model"]))
     named, more = models[:_MOST_NAMED], len(models) - _MOST_NAMED
-    told = ", ".join(map(plain, named)) + (f" and {more} more" if more > 0 else "")
-    return on_benchmark(told, benchmark)
+    text = ", ".join(map(plain, named)) + (f" and {more} more" if more > 0 else "")
+    return on_benchmark(text, benchmark)

@@ -72,14 +72,14 @@ class Comparison:
 
     @property
     def sentence(self) -> str:
-        """What may be said about the average of the headline's metric, or its first corruption where none has one."""
-        return self._said(self.metric)
+        """What can be claimed about the headline metric's average, or its first corruption where there is none."""
+        return self._sentence(self.metric)
 
-    def _said(self, metric: str) -> str:
+    def _sentence(self, metric: str) -> str:
         of_metric = self.frame.filter(metric=metric)
         average = of_metric.filter(corruption=AVERAGE)
-        said = (average if average.height else of_metric)["sentence"].to_list()
-        return str(said[0]) if said else f"No {METRIC_LABELS[metric]} was measured in both runs."
+        sentences = (average if average.height else of_metric)["sentence"].to_list()
+        return str(sentences[0]) if sentences else f"No {METRIC_LABELS[metric]} was measured in both runs."
 
     def table(self, metric: str = "") -> Table:
         """For `robustflow.report.render`: the overall lines, then every corruption in one metric.
@@ -108,7 +108,7 @@ class Comparison:
         sections = [Section("Overall", tuple(overall))]
         if each:
             sections.append(Section(f"{metric_label(metric)} per corruption", tuple(each)))
-        remarks = tuple(filter(None, (self._said(metric), self.remark)))
+        remarks = tuple(filter(None, (self._sentence(metric), self.remark)))
         return Table("comparison", f"{first} against {second}", columns, tuple(sections), remarks, "Mean")
 
     def __repr__(self) -> str:
@@ -163,7 +163,7 @@ def compare(first: Run, second: Run, *, level: float = LEVEL, resamples: int = R
 
     Raises:
         RunError: nothing in common, or other frames under the same names.
-        UsageError: a level or number of resamples that cannot be meant.
+        UsageError: a level or number of resamples out of range.
 
     >>> import tempfile, numpy as np
     >>> from robustflow import compare, evaluate

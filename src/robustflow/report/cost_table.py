@@ -11,7 +11,7 @@ from ..analysis.cost_ranks import Measured, cost_ranks, counted_size, measured_c
 from ..analysis.published.tables import COUNTED_ITERATIONS, COUNTED_SIZE, PAPER, Cost
 from ..errors import UsageError
 from ..runs.costs import RunCost
-from .table import Cell, Column, Line, Section, Table, number_text
+from .table import Cell, Column, Line, Section, Table, number_text, with_doubt
 
 _COLUMNS = (
     Column("Param. (M)"),
@@ -28,7 +28,10 @@ _OTHER = (4, 7)
 
 
 def cost_table(
-    results: pl.DataFrame, costs: Mapping[str, Cost], run_costs: Mapping[tuple[str, str], RunCost] | None = None
+    results: pl.DataFrame,
+    costs: Mapping[str, Cost],
+    run_costs: Mapping[tuple[str, str], RunCost] | None = None,
+    doubted: Mapping[tuple[str, str], str] | None = None,
 ) -> Table:
     """CREr beside cost, ranked by the rule of `ranking`.
 
@@ -40,6 +43,7 @@ def cost_table(
         results: columns of `results.RESULT_SCHEMA`.
         costs: the published ones.
         run_costs: of runs, by (sample set, name).
+        doubted: of runs, why their models have no rank.
 
     Raises:
         UsageError: neither costs nor a CREr.
@@ -49,7 +53,7 @@ def cost_table(
         sections.append(Section("Published", _published_lines(costs)))
     others = measured_crer(results.filter(pl.col("sample_set") != PAPER))
     if others:
-        sections.append(Section("Measured on other frames", _measured_lines(others, run_costs or {})))
+        sections.append(Section("Measured on other frames", _measured_lines(others, run_costs or {}, doubted or {})))
     if not sections:
         raise UsageError("the table 'cost' would be empty: it needs the published costs, or runs with a CREr")
     shown = [index for index in range(len(_COLUMNS)) if others or index not in _OTHER]
@@ -93,10 +97,12 @@ def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
 
 
 def _measured_lines(
-    found: Mapping[Measured, tuple[float, str]], run_costs: Mapping[tuple[str, str], RunCost]
+    measured: Mapping[Measured, tuple[float, str]],
+    run_costs: Mapping[tuple[str, str], RunCost],
+    doubted: Mapping[tuple[str, str], str],
 ) -> tuple[Line, ...]:
-    ranks, lines = run_ranks(found, run_costs), []
-    for key, (value, note) in found.items():
+    ranks, lines = run_ranks(measured, run_costs, doubted), []
+    for key, (value, note) in measured.items():
         frames, setting, model = key
         rank, cost = ranks[key], run_costs.get((frames, model))
         cells = [Cell("-")] * len(_COLUMNS)
@@ -108,6 +114,7 @@ def _measured_lines(
             if rank.average is not None:
                 cells[average_at] = Cell(str(rank.average), rank.average == 1)
             note = "; ".join(part for part in (note, _counted_note(cost)) if part)
+        note = with_doubt(note, doubted.get((frames, model)))
         lines.append(Line(model, tuple(cells), note, best=rank.average == 1))
     return tuple(lines)
 
@@ -117,7 +124,7 @@ def _shown(rank: int | None) -> str:
 
 
 def _counted_note(cost: RunCost) -> str:
-    told = [f"{cost.iterations} iterations"] if cost.iterations not in (None, COUNTED_ITERATIONS) else []
+    conditions = [f"{cost.iterations} iterations"] if cost.iterations not in (None, COUNTED_ITERATIONS) else []
     if counted_size(cost) != COUNTED_SIZE:
-        told.append(f"frames of {cost.height}x{cost.width}")
-    return f"FLOPs of {', '.join(told)}" if told else ""
+        conditions.append(f"frames of {cost.height}x{cost.width}")
+    return f"FLOPs of {', '.join(conditions)}" if conditions else ""

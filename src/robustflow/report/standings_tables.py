@@ -44,7 +44,7 @@ def variance_table(split: pl.DataFrame, metric: str, name: str) -> Table:
     columns = (Column("levels"), Column("deviation (px)"), Column("share %"), Column("error of the mean (px)"))
     remark = (
         "deviation: of the score of one image, averaged over corruptions; error of the mean: what the source adds to "
-        "the standard error of the mean over all images and seeds. Severities are the protocol's, not a sample."
+        "the standard error of the mean over all images and seeds. Severities are set by the protocol, not sampled."
     )
     title = f"Where the {METRIC_LABELS[metric]} of {plain(name)} varies"
     return Table("variance", title, columns, (Section(METRIC_LABELS[metric], lines),), (remark,), "Source")

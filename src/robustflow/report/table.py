@@ -1,4 +1,4 @@
-"""A table as data: what stands in which cell, and which is the best of its column."""
+"""A table as data: what each cell holds, and which is the best of its column."""
 
 from __future__ import annotations
 
@@ -61,6 +61,15 @@ class Table:
     sections: tuple[Section, ...]
     remarks: tuple[str, ...] = ()
     lines_are: str = "Model"
+
+
+def with_doubt(note: str, reason: str | None) -> str:
+    """The note of a line, and why its model is the best of nothing.
+
+    >>> with_doubt("3 pairs", "its weights are random")
+    '3 pairs; not marked as best: its weights are random'
+    """
+    return "; ".join(part for part in (note, reason and f"not marked as best: {reason}") if part)
 
 
 def number_text(value: float | None, decimals: int | None) -> str:

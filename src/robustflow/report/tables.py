@@ -9,16 +9,23 @@ from collections.abc import Mapping
 
 import polars as pl
 
-from ..analysis.labels import BENCHMARK_LABELS, FAMILY_LABELS, FAMILY_OF, METRIC_LABELS, SETTING_LABELS, short_label
+from ..analysis.best import Compared, best_of_columns
+from ..analysis.labels import (
+    FAMILY_LABELS,
+    FAMILY_OF,
+    METRIC_LABELS,
+    SETTING_LABELS,
+    benchmark_label,
+    short_label,
+)
 from ..analysis.published.tables import Cost
 from ..analysis.results import AVERAGE, CLEAN
 from ..benchmarks import benchmark_facts
 from ..corruptions.registry import PAPER_ORDER
 from ..errors import UsageError, unknown_name
 from ..runs.costs import RunCost
-from ..text import plain
 from .cost_table import cost_table
-from .table import Cell, Column, Line, Section, Table, number_text
+from .table import Cell, Column, Line, Section, Table, number_text, with_doubt
 
 TABLES = ("epe", "cre", "rcre", "gopro-rcre", "cost")
 
@@ -28,6 +35,8 @@ def build_table(
     results: pl.DataFrame,
     costs: Mapping[str, Cost] | None = None,
     run_costs: Mapping[tuple[str, str], RunCost] | None = None,
+    doubted: Mapping[tuple[str, str], str] | None = None,
+    coverage: Mapping[tuple[str, str], float] | None = None,
 ) -> Table:
     """One of the paper's tables, from any results.
 
@@ -36,6 +45,9 @@ def build_table(
         results: columns of `results.RESULT_SCHEMA`: published, of runs, or both after one another.
         costs: published ones by model, for "cost".
         run_costs: of runs by (sample set, name), for "cost"; runs that are not in it are listed without.
+        doubted: by (sample set, name) of a run, why its model is the best of nothing; a footnote says so.
+        coverage: by (sample set, name) of a run, the share of the pixels that its model predicted, where it left out
+            any: a column of its own.
 
     Raises:
         UsageError: an unknown table, or results without anything that belongs in it.
@@ -51,7 +63,7 @@ def build_table(
     if name not in TABLES:
         raise unknown_name("table", name, TABLES)
     if name == "cost":
-        return cost_table(results, costs or {}, run_costs)
+        return cost_table(results, costs or {}, run_costs, doubted)
     metric = "rcre" if name == "gopro-rcre" else name
     # The paper's two tables of RCRE: its benchmark without ground truth has one of its own.
     apart = [benchmark for benchmark in results["benchmark"].unique() if _published_without_flow(benchmark)]
@@ -60,17 +72,26 @@ def build_table(
     if chosen.is_empty():
         raise UsageError(f"the table '{name}' would be empty: these results have no such {METRIC_LABELS[metric]}")
     found = set(chosen["corruption"])
-    corruptions = [c for c in PAPER_ORDER if c in found]
-    keys = [CLEAN] * (CLEAN in found) + corruptions + [AVERAGE]
+    known = [c for c in PAPER_ORDER if c in found]
+    others = sorted(found - {CLEAN, AVERAGE, *known})
+    keys = [CLEAN] * (CLEAN in found) + known + others + [AVERAGE]
     columns = [_column(key, metric) for key in keys]
+    models = set(chosen.select("sample_set", "model").iter_rows())
+    gaps = {model: share for model, share in (coverage or {}).items() if model in models and share < 1}
+    if gaps:
+        keys.append(_COVERAGE)
+        columns.append(Column("Coverage"))
     sections = []
     for setting in settings_in_order(chosen):
         lines = chosen.filter(setting=setting)
         sections.append(
-            Section(SETTING_LABELS.get(setting, setting), _lines(lines, keys, marked=setting != "knowledge"))
+            Section(
+                SETTING_LABELS.get(setting, setting),
+                _lines(lines, keys, setting != "knowledge", doubted or {}, gaps),
+            )
         )
     title = f"{METRIC_LABELS[metric]} on {_listed(chosen['benchmark'])}"
-    return Table(name, title, tuple(columns), tuple(sections), (_BEST,))
+    return Table(name, title, tuple(columns), tuple(sections), (_BEST, _SHARE) if gaps else (_BEST,))
 
 
 def _published_without_flow(benchmark: str) -> bool:
@@ -81,11 +102,16 @@ def _published_without_flow(benchmark: str) -> bool:
 _BEST = "Best of each column among models of one setting measured on the same frames; lower is better."
 
 
+_COVERAGE = "coverage"
+_SHARE = "Coverage: share of the pixels with ground truth that the model predicted; its errors are over these alone."
+
+
 def _listed(benchmarks: pl.Series) -> str:
     """What was measured on, in words, the paper's benchmark first."""
     found = dict.fromkeys(benchmarks)
-    names = [label for name, label in BENCHMARK_LABELS.items() if name in found]
-    names += sorted(plain(name) for name in found if name not in BENCHMARK_LABELS)
+    facts = {name: benchmark_facts(name) for name in found}
+    order = sorted(found, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
+    names = list(map(benchmark_label, order))
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -100,35 +126,26 @@ def _column(key: str, metric: str) -> Column:
         return Column("Clean")
     if key == AVERAGE:
         return Column(f"AVG {METRIC_LABELS[metric]}")
-    return Column(short_label(key), FAMILY_LABELS[FAMILY_OF[key]])
+    return Column(short_label(key), FAMILY_LABELS[FAMILY_OF[key]] if key in FAMILY_OF else "Others")
 
 
-def _lines(results: pl.DataFrame, keys: list[str], marked: bool) -> tuple[Line, ...]:
+def _lines(
+    results: pl.DataFrame,
+    keys: list[str],
+    marked: bool,
+    doubted: Mapping[tuple[str, str], str],
+    gaps: Mapping[tuple[str, str], float],
+) -> tuple[Line, ...]:
     lines: dict[tuple[str, str], tuple[str, dict[str, str]]] = {}
     for row in results.iter_rows(named=True):
         _, cells = lines.setdefault((row["sample_set"], row["model"]), (row["note"], {}))
         cells[row["corruption"]] = number_text(row["value"], row["decimals"])
-    # Two models are the best of a column together where the printed numbers are equal, as in the paper.
-    best = {
-        (frames, key): min(
-            (float(c[key]) for (s, _), (_, c) in lines.items() if s == frames and key in c), default=None
-        )
-        for frames in {frames for frames, _ in lines}
-        for key in keys
-    }
-    alone = {frames for frames, _ in lines if sum(other == frames for other, _ in lines) == 1}
-    return tuple(
-        Line(
-            model,
-            tuple(
-                Cell(text := cells.get(key, "-"), marked and frames not in alone and _is(text, best[frames, key]))
-                for key in keys
-            ),
-            note,
-        )
-        for (frames, model), (note, cells) in lines.items()
+    best = best_of_columns(
+        [Compared(key[0], texts if marked else {}, key in doubted) for key, (_, texts) in lines.items()]
     )
-
-
-def _is(text: str, best: float | None) -> bool:
-    return text != "-" and float(text) == best
+    out = []
+    for (key, (note, texts)), columns in zip(lines.items(), best, strict=True):
+        shown = texts | ({_COVERAGE: number_text(gaps[key], None)} if key in gaps else {})
+        line = tuple(Cell(shown.get(column, "-"), column in columns) for column in keys)
+        out.append(Line(key[1], line, with_doubt(note, doubted.get(key))))
+    return tuple(out)

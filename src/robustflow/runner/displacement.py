@@ -44,7 +44,7 @@ def displacement_histogram(
         (a count), `share` (of all valid pixels; the shares add up to 1).
 
     Raises:
-        DataError: ground truth asked of a benchmark without.
+        DataError: ground truth asked of a benchmark that has none.
         UsageError: edges that do not ascend from 0, or a model that needs more than two frames.
         ModelError: the model failed, or returned a flow that is not finite.
         RunError: frames that have another digest.
@@ -101,7 +101,7 @@ def keep_displacement(result: Run, benchmark: Benchmark) -> None:
     try:
         kept = read_displacement(result)
     except RunError:
-        kept = None  # damaged, and counted anew
+        kept = None  # damaged, so counted again
     if kept is None:
         samples = replace(benchmark, keys=tuple(result.manifest["samples"]))
         write_displacement(result, displacement_histogram(samples))

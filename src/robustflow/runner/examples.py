@@ -53,7 +53,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
         raise RunError(f"{run.path} is not complete, so its worst sample is not known; give its command again first")
     record = examples_record(run.rows)
     if record is None:
-        raise RunError(f"{run.path} has no pixel to measure, so no sample is the worst")
+        raise RunError(f"{run.path} has no pixel to measure, so there is no worst sample")
     if are_current(run):
         return False
     home = run.path / FOLDER
@@ -70,7 +70,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
         try:
             making.rename(home)
         except OSError as error:
-            raise DataError(f"cannot write {home}: {error.strerror}; choose a folder that has room") from error
+            raise DataError(f"cannot write {home}: {error.strerror}; choose a folder with free space") from error
     finally:
         shutil.rmtree(making, ignore_errors=True)
     return True
@@ -122,10 +122,10 @@ def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Lit
 
 def _row(rows: pl.DataFrame, cell: Cell) -> dict[str, Any]:
     key, corruption, severity = cell
-    found = rows.filter(sample=key, corruption=corruption, severity=severity)
-    if found.is_empty():
+    matching = rows.filter(sample=key, corruption=corruption, severity=severity)
+    if matching.is_empty():
         raise _no_such_cell(rows, cell)
-    return found.row(0, named=True)
+    return matching.row(0, named=True)
 
 
 def _no_such_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:

@@ -27,7 +27,7 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
         setup: of the run.
         engine: that computes.
         batch_size: severities that are predicted in one call.
-        progress: is told of the run's size and of every unit that is on disk.
+        progress: is notified of the run's size and of every unit that is on disk.
 
     Raises:
         RunError: the folder holds another run.

@@ -62,9 +62,9 @@ def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
     """
     if not all(_close(before[column], now[column]) for column in _PREDICTION):
         raise RunError(
-            f"the model predicts another flow on sample '{before['sample']}' than when this run measured it, though it "
-            "has the same name: its code, a module it imports or its weights have changed; choose another folder with "
-            "--output, or restore the model"
+            f"the model predicts a different flow on sample '{before['sample']}' than when this run measured it, "
+            "though it has the same name: its code, a module it imports or its weights have changed; choose "
+            "another folder with --output, or restore the model"
         )
 
 

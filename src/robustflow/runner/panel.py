@@ -119,7 +119,7 @@ def _error_scale(figure: Figure, axes: Axes) -> None:
 
 
 def _wheel(axes: Axes) -> None:
-    """What the colours mean, where there is no ground truth to fill the place."""
+    """What the colours mean, shown in place of missing ground truth."""
     side = np.linspace(-1, 1, 161, dtype=np.float32)
     flow = np.stack(np.meshgrid(side, side), axis=2)
     colours = flow_colours(flow, 1.0)

@@ -98,7 +98,7 @@ def predict_flows(
     targets = {key: folder / f"{key}.{suffix}" for key in keys}
     there = [path for path in targets.values() if path.exists()]
     if there and not overwrite:
-        raise UsageError(f"{there[0]} is there already; choose another folder with -o, or give --overwrite")
+        raise UsageError(f"{there[0]} already exists; choose another folder with -o, or give --overwrite")
     named = name_model(model)
     if isinstance(named.model, FlowLookup):
         raise UsageError("a folder of flow files predicts nothing; name a model")

@@ -54,7 +54,7 @@ def shown(progress: Progress | bool | None) -> Iterator[Progress]:
 
     Args:
         progress: one of the caller's own; True for a bar, or lines where there is no screen; False for none; None for
-            a bar where somebody looks at it (standard error is a terminal, or a notebook), and none elsewhere.
+            a bar where it can be seen (standard error is a terminal, or a notebook), and none elsewhere.
     """
     if progress is None:
         console = Console(stderr=True)

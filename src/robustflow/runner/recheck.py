@@ -1,4 +1,4 @@
-"""Whether rows were made from the frames that somebody else has too: their digests, made again from the data.
+"""Whether rows were made from the frames that others have too: their digests, made again from the data.
 
 A row carries a digest of the frames its model was given. Frames follow from the data, the corruption, its severity, the
 seed and the sample's key alone, so anyone with the data can make them again without the model.
@@ -52,9 +52,9 @@ def recheck(
         identity: of the run; benchmark, seed, variant and scale are taken from it.
         rows: of the run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
         data, options: of the benchmark, as for `evaluate`; they are never taken from the run.
-        model: that is said to have made the rows; loaded from here, never from the run.
+        model: that the run names as the one that made the rows; loaded from here, never from the run.
         count: how many rows, drawn at random; all of them where there are fewer.
-        seed: of the draw; a new one each time by default, so that nobody knows beforehand which rows are looked at.
+        seed: of the draw; a new one each time by default, so that the rows to be checked are not known beforehand.
 
     Returns:
         What was compared, in a sentence.
@@ -76,7 +76,7 @@ def recheck(
     known = set(dataset.keys())
     absent = sorted(set(chosen["sample"]) - known)
     if absent:
-        raise RunError(f"these data have no sample '{absent[0]}' ({len(known)} others); give the data of the run")
+        raise RunError(f"this data set has no sample '{absent[0]}' ({len(known)} others); give the data of the run")
     problems = []
     names = {key: index for index, key in enumerate(dict.fromkeys(chosen["sample"]))}
     with TemporaryDirectory(prefix="robustflow-") as folder:

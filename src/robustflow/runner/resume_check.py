@@ -1,4 +1,4 @@
-"""Before a run goes on: is this still the model, and are these still the data, that its rows were measured with?
+"""Before a run continues: is this still the model, and are these still the data, that its rows were measured with?
 
 An identity cannot say it all. A user's model counts with its own source file, not with what it imports or reads; data
 count with the names and sizes of their files. So one clean row is measured again, of the sample whose files changed

@@ -129,7 +129,7 @@ def set_up_frames(
     _check_registered(identity["benchmark"])
     benchmark = open_benchmark(identity["benchmark"], data, None, data_options, identity["variant"])
     protocol = json.loads(json.dumps(benchmark.protocol, default=str))  # as it comes back from a manifest
-    if benchmark.dataset.name != identity["dataset"] or protocol != identity["protocol"]:
+    if DATASETS.recorded_name(benchmark.dataset.name) != identity["dataset"] or protocol != identity["protocol"]:
         raise RunError(
             f"the run's data are {identity['dataset']} {identity['protocol']}, these are {benchmark.dataset.name} "
             f"{protocol}; give the data and data options of the run"
@@ -147,7 +147,7 @@ def set_up_frames(
 
 def _check_registered(benchmark: Any) -> None:
     """Refuse a benchmark that only code named by a stranger's file could open."""
-    if benchmark not in BENCHMARKS.names() and benchmark not in DATASETS.names():
+    if benchmark not in BENCHMARKS and benchmark not in DATASETS:
         raise RunError(
             f"unknown benchmark '{plain(str(benchmark))}' of the run: neither this package nor an installed one offers "
             "it, and no code is loaded because a run names it"

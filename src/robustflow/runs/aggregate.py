@@ -22,6 +22,7 @@ from ..metrics.regions import REGIONS
 from ..metrics.robustness import cre, crer
 from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
+from .family_means import by_family
 from .plan import Cell
 
 _WHOLE = {
@@ -76,11 +77,11 @@ def summarize(
     if averaging not in get_args(Averaging):
         raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
     rows = complete_rows(_checked(rows))
-    found = list(rows.select(ROW_KEY).iter_rows())
-    samples = {sample for sample, _, _ in found}
-    settings = {(corruption, severity) for _, corruption, severity in found} | {(CLEAN, 0)}
+    cells = list(rows.select(ROW_KEY).iter_rows())
+    samples = {sample for sample, _, _ in cells}
+    settings = {(corruption, severity) for _, corruption, severity in cells} | {(CLEAN, 0)}
     expected = {(s, *setting) for s in samples for setting in settings} if planned is None else set(planned)
-    missing = _units(expected - set(found))
+    missing = _units(expected - set(cells))
     with_truth = pl.coalesce("n_valid", "n_all")
     unmeasured = _units(rows.filter(with_truth == 0).select(ROW_KEY).iter_rows())
 
@@ -95,11 +96,7 @@ def summarize(
     averaged_over = [name for name, scores in corruptions.items() if scores.averaged]
     overall = _mean_scores([corruptions[name] for name in averaged_over], clean)
     in_paper = [name for name in corruptions if name in paper]
-    families = {
-        family: _mean_scores([corruptions[name] for name in names if name in corruptions], clean)
-        for family, names in FAMILIES.items()
-        if any(name in corruptions for name in names)
-    }
+    families = {family: _mean_scores(parts, clean) for family, parts in by_family(corruptions).items()}
     return Summary(
         **overall.model_dump(),
         averaging=averaging,
@@ -210,20 +207,20 @@ def _mean_scores(parts: Sequence[Scores], clean: Scores) -> Scores:
 def _corruptions(
     by_setting: dict[tuple[str, int], Scores], clean: Scores, over: Literal["all", "paper"]
 ) -> dict[str, CorruptionScores]:
-    found: dict[str, dict[int, Scores]] = defaultdict(dict)
+    by_corruption: dict[str, dict[int, Scores]] = defaultdict(dict)
     for (corruption, severity), scores in sorted(by_setting.items(), key=lambda item: item[0]):
-        found[corruption][severity] = scores
+        by_corruption[corruption][severity] = scores
     family_of = {name: family for family, names in FAMILIES.items() for name in names}
-    order = [name for name in PAPER_ORDER if name in found]
+    order = [name for name in PAPER_ORDER if name in by_corruption]
     return {
         name: CorruptionScores(
-            **_mean_scores(list(found[name].values()), clean).model_dump(),
+            **_mean_scores(list(by_corruption[name].values()), clean).model_dump(),
             family=family_of.get(name),
             averaged=over == "all" or name in PAPER_ORDER,
-            severities=list(found[name]),
-            by_severity={m: [getattr(scores, m) for scores in found[name].values()] for m in METRICS},
+            severities=list(by_corruption[name]),
+            by_severity={m: [getattr(scores, m) for scores in by_corruption[name].values()] for m in METRICS},
         )
-        for name in order + sorted(set(found) - set(order))
+        for name in order + sorted(set(by_corruption) - set(order))
     }
 
 

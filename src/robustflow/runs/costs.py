@@ -33,7 +33,7 @@ class RunCost(KeptFile):
         iterations: of the model, None where it has none.
         parameters: all that are learned.
         macs: multiply-accumulates by PyTorch's counter.
-        thop_parameters, thop_macs: as the paper's table counts them.
+        thop_parameters, thop_macs: as counted in the paper's table.
         seconds: of one pair, the shortest time of several; None where it was not timed.
         peak_bytes: memory, None where it was not measured.
         device: where it was timed, as PyTorch calls it.
@@ -71,7 +71,7 @@ def parse_cost(data: bytes, name: str) -> RunCost:
 
 
 def read_cost(run: Run) -> RunCost | None:
-    """The cost kept in a run's folder; None where nobody counted it.
+    """The cost kept in a run's folder; None where it was not counted.
 
     Raises:
         RunError: the file is damaged, or was counted for another run.

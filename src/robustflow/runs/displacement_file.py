@@ -59,8 +59,8 @@ def read_displacement(run: Run) -> DisplacementFile | None:
     Raises:
         RunError: the file is damaged, or was counted for another run.
     """
-    found = read_kept(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
-    return found if found and found.samples == len(run.manifest["samples"]) else None
+    displacement = read_kept(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
+    return displacement if displacement and displacement.samples == len(run.manifest["samples"]) else None
 
 
 def write_displacement(run: Run, table: pl.DataFrame) -> Path:

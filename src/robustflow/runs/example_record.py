@@ -76,14 +76,14 @@ def are_current(result: Run) -> bool:
     record = examples_record(result.rows)
     home = result.path / FOLDER
     try:
-        found = json.loads((home / RECORD).read_text(encoding="utf-8"))
+        recorded = json.loads((home / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return record is not None and found == record and all((home / name).is_file() for name in picture_files(record))
+    return record is not None and recorded == record and all((home / name).is_file() for name in picture_files(record))
 
 
 def drop_examples(run: Path) -> None:
-    """Remove a run's pictures: they show numbers that are no longer the run's."""
+    """Remove a run's pictures: their numbers are out of date."""
     home = run / FOLDER
     if home.is_dir():
         gone = home.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-old")  # so that no reader finds half of them

@@ -36,7 +36,7 @@ def parse_kept(kind: type[Kept], data: bytes, name: str, command: str) -> Kept:
         kind: what it should hold.
         data: the file.
         name: of it, for messages.
-        command: of robustflow, which writes it anew.
+        command: of robustflow, which writes it again.
 
     Raises:
         RunError: not in this shape; the first misfit is named.
@@ -45,7 +45,7 @@ def parse_kept(kind: type[Kept], data: bytes, name: str, command: str) -> Kept:
         return kind.model_validate_json(data)
     except ValidationError as error:
         raise RunError(
-            f"{name}: {first_misfit(error)}; delete it, or write it anew with robustflow {command}"
+            f"{name}: {first_misfit(error)}; delete it, or write it again with robustflow {command}"
         ) from error
 
 
@@ -57,20 +57,20 @@ def read_kept(kind: type[Kept], run: Run, file: str, largest: int, command: str)
         run: whose folder.
         file: its name.
         largest: bytes that are read of it at most.
-        command: of robustflow, which writes it anew.
+        command: of robustflow, which writes it again.
 
     Raises:
         RunError: it is damaged, or was counted for another run.
     """
     path = run.path / file
     if not path.is_file():
-        return None  # a pipe would be waited for
+        return None  # reading a pipe could block
     try:
         with open(path, "rb") as opened:
             data = opened.read(largest)
     except OSError:
         return None
-    found = parse_kept(kind, data, str(path), command)
-    if found.run != run.manifest["identity_digest"]:
-        raise RunError(f"{path} was counted for another run ({found.run}); delete it, or count it anew")
-    return found
+    contents = parse_kept(kind, data, str(path), command)
+    if contents.run != run.manifest["identity_digest"]:
+        raise RunError(f"{path} was counted for another run ({contents.run}); delete it, or count it again")
+    return contents

@@ -72,7 +72,7 @@ def _read(path: Path) -> bytes | None:
 
 
 def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
-    """What lies in a run's folder besides rows, clean flows and what is made from them: name, size, time of change."""
+    """What is in a run's folder besides rows, clean flows and what is made from them: name, size, time of change."""
     for path in sorted(folder.rglob("*")):
         inside = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in inside.parts)

@@ -22,7 +22,7 @@ from .store import RunFolder
 def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     """The folder's manifest brought up to date with this plan, or an error where the two do not belong together.
 
-    What another run left that ended before its first row counts for nothing.
+    A manifest left by a run that ended before its first row is ignored.
     """
     identity = plan.identity()
     old = folder.manifest() or {}

@@ -18,7 +18,7 @@ _Severity = Annotated[int, Field(ge=0, le=5)]
 
 
 class _Shape(BaseModel):
-    """What is read of a part; what else stands in it is kept."""
+    """What is read of a part; what else is in it is kept."""
 
     model_config = ConfigDict(extra="allow", strict=True)
 

@@ -10,6 +10,7 @@ from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
 from ..corruptions.scale import calibration_digest
 from ..corruptions.stack import levels_of
+from ..datasets import DATASETS
 from ..metrics.rows import CLEAN, ROW_MEANING_VERSION
 from ..models.window import Window
 from .identity import identity_digest
@@ -55,8 +56,8 @@ class RunOptions:
 class Plan:
     """A benchmark, the options of the run, and the identity of the model it is for.
 
-    `provenance` is what the manifest says about the model's training. It changes no number, so it is no part of the
-    identity: a run goes on when its model's training sets are declared later.
+    `provenance` is what the manifest says about the model's training. It changes no number, so it is not part of
+    the identity: a run continues when its model's training sets are declared later.
     """
 
     benchmark: Benchmark
@@ -109,7 +110,7 @@ class Plan:
             | {
                 "version": IDENTITY_VERSION,
                 "benchmark": self.benchmark.name,
-                "dataset": self.benchmark.dataset.name,
+                "dataset": DATASETS.recorded_name(self.benchmark.dataset.name),
                 "protocol": self.benchmark.protocol,
                 "model": self.model_identity,
                 "seed": self.options.seed,

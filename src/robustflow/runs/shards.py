@@ -1,4 +1,4 @@
-"""Shards: rows in Parquet files, each named after the digest of its own bytes, so that damage never passes for numbers.
+"""Shards: rows in Parquet files, each named after the digest of its own bytes, so that damage is always noticed.
 
 NAME.DIGEST.parquet, DIGEST being 32 hexadecimal digits of BLAKE2b over the file. The name says what is inside:
 
@@ -78,7 +78,7 @@ def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame
         raise _damaged(path, "its bytes are not those that were written")
     try:
         rows = pl.read_parquet(io.BytesIO(data), columns=None if columns is None else list(columns))
-    except (Exception, pl.exceptions.PanicException) as error:  # the latter is no Exception
+    except (Exception, pl.exceptions.PanicException) as error:  # the latter is not an Exception
         raise _damaged(path, type(error).__name__) from error
     wanted = ROW_SCHEMA if columns is None else {name: ROW_SCHEMA[name] for name in columns}
     older = [name for name in wanted if name in LATER_COLUMNS and name not in rows.columns]

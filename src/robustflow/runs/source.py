@@ -1,6 +1,6 @@
-"""Where a run's model and data lay: what `robustflow examples` needs to draw a finished run again.
+"""Where a run's model and data were: what `robustflow examples` needs to draw a finished run again.
 
-Kept beside the manifest, not in it: paths on one machine are no part of a result, and are not passed on with it.
+Kept beside the manifest, not in it: paths on one machine are not part of a result, and are not passed on with it.
 
 A run's folder may come from anyone, so nothing is loaded because this file says so but what cannot be chosen by whoever
 wrote it: models that this package or an installed one (an entry point) has registered, and models of ptlflow. Code
@@ -56,10 +56,10 @@ class RunSource:
             RunError: the file is damaged.
         """
         try:
-            found = json.loads((folder / FILE).read_text(encoding="utf-8"))
-            spec, data = found["model"], found["data"]
+            source = json.loads((folder / FILE).read_text(encoding="utf-8"))
+            spec, data = source["model"], source["data"]
             model = None if spec is None else ModelSpec(str(spec["name"]), tuple(dict(spec["options"]).items()))
-            return cls(model, None if data is None else Path(data), dict(found["data_options"]))
+            return cls(model, None if data is None else Path(data), dict(source["data_options"]))
         except FileNotFoundError:
             return cls()
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:

@@ -5,7 +5,7 @@ rows/*.parquet     shards, written once, each with a digest in its name (`shards
 clean/*.npy        clean flows of samples that are not finished yet (`clean_flows`)
 summary.json, report.html
 examples/           pictures of the worst and the median sample
-source.json        where model and data lay on this machine
+source.json        where model and data were on this machine
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ class RunFolder:
         return cells
 
     def settle(self, samples: Iterable[str], unfinished: Collection[str], cells: Collection[Cell]) -> None:
-        """Do what a killed run did not come to: merge the shards of finished samples, remove clean flows of no use.
+        """Finish what a killed run left undone: merge the shards of finished samples, remove useless clean flows.
 
         Args:
             samples: the keys of all samples of the run.

@@ -1,4 +1,4 @@
-"""Checks for what users bring: models, corruptions, data sets. Imported on first use."""
+"""Checks for what users bring (models, corruptions, data sets), and small fakes. Imported on first use."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .corruptions import check_corruption
-    from .datasets import check_dataset
+    from .datasets import TexturePairs, check_dataset
     from .models import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroFlow, check_model
 
 _WHERE = {
     "check_corruption": "corruptions",
-    "check_dataset": "datasets",
+    **dict.fromkeys(("check_dataset", "TexturePairs"), "datasets"),
     **dict.fromkeys(("check_model", "BrightnessFlow", "ConstantFlow", "ShiftedTruth", "ZeroFlow"), "models"),
 }
 
@@ -20,6 +20,7 @@ __all__ = [
     "BrightnessFlow",
     "ConstantFlow",
     "ShiftedTruth",
+    "TexturePairs",
     "ZeroFlow",
     "check_corruption",
     "check_dataset",

@@ -1,15 +1,80 @@
-"""Check a data set of your own before a benchmark runs on it."""
+"""Check a data set of your own before a benchmark runs on it; and a small data set whose flow is known."""
 
 from __future__ import annotations
 
 import pickle
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
+from ..datasets.facts import DatasetFacts
 from ..datasets.own import check_members, check_sample
+from ..datasets.samples import Samples
 from ..errors import RobustFlowError, UsageError
 from ..sample import Sample
+
+
+class TexturePairs(Samples):
+    """Smooth textures that move by whole pixels, each pair by its own shift, without a file: the flow is exact.
+
+    Args:
+        count: of pairs; their keys are "0", "1", ...
+        size: (H, W) of the frames in pixels.
+        reach: the largest shift along either axis, in pixels.
+        seed: of textures and shifts.
+
+    Raises:
+        UsageError: no pair, or frames that are not larger than the shift.
+
+    >>> pairs = TexturePairs(count=2, size=(32, 48))
+    >>> pairs.keys()
+    ['0', '1']
+    >>> sample = pairs.load("1")
+    >>> u, v = sample.flow[0, 0].astype(int).tolist()
+    >>> bool((sample.frames[0][8:24, 8:40] == sample.frames[1][8 + v : 24 + v, 8 + u : 40 + u]).all())
+    True
+    """
+
+    name = "texture_pairs"
+    has_flow = True
+    facts = DatasetFacts(title="Moving textures", description="Textures that move by whole pixels, for tests.")
+
+    def __init__(self, count: int = 3, size: tuple[int, int] = (64, 96), reach: int = 4, seed: int = 0) -> None:
+        if count < 1 or not 0 <= reach < min(size):
+            raise UsageError(f"{count} pairs of {size[0]}x{size[1]} pixels that move by up to {reach} cannot be made")
+        self._count, self._size, self._reach, self._seed = int(count), size, int(reach), int(seed)
+
+    def keys(self) -> list[str]:
+        """See `Dataset.keys`."""
+        return [str(number) for number in range(self._count)]
+
+    def files(self, key: str) -> list[Path]:
+        """See `Dataset.files`: there are none."""
+        return []
+
+    def load(self, key: str) -> Sample:
+        """See `Dataset.load`: flow float32 (H, W, 2) in pixels, known everywhere; what leaves the frame is occluded.
+
+        Raises:
+            KeyError: no such key.
+        """
+        if key not in self.keys():
+            raise KeyError(f"there is no pair '{key}': keys are 0 to {self._count - 1}")
+        rng = np.random.default_rng([self._seed, int(key)])
+        (height, width), reach = self._size, self._reach
+        u, v = (int(shift) for shift in rng.integers(-reach, reach + 1, 2))
+        whole = (height + 2 * reach, width + 2 * reach)
+        coarse = rng.integers(0, 256, (whole[0] // 4 + 2, whole[1] // 4 + 2, 3), np.uint8)
+        texture = cv2.resize(coarse, whole[::-1], interpolation=cv2.INTER_LINEAR)
+        corners = ((reach, reach), (reach - v, reach - u))
+        frames = tuple(np.ascontiguousarray(texture[y : y + height, x : x + width]) for y, x in corners)
+        rows, columns = np.mgrid[:height, :width] + np.array([v, u])[:, None, None]
+        gone = (rows < 0) | (rows >= height) | (columns < 0) | (columns >= width)
+        flow = np.empty((height, width, 2), np.float32)
+        flow[:] = (u, v)
+        return Sample(key, frames, flow, np.ones((height, width), bool), gone)
 
 
 def check_dataset(dataset: Any, samples: int = 3) -> str:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
+
+from filelock import FileLock
 
 from ..atomic import make_folder
 from ..errors import DataError
@@ -89,16 +90,16 @@ class FolderCache:
     @contextmanager
     def _lock(self, name: str) -> Iterator[None]:
         """Held by one process at a time; the system lets go when its holder dies."""
-        with open(self.root / f".{name}", "wb") as file:
-            if sys.platform == "win32":
-                import msvcrt
-
-                msvcrt.locking(file.fileno(), msvcrt.LK_LOCK, 1)
-            else:
-                import fcntl
-
-                fcntl.flock(file, fcntl.LOCK_EX)
+        try:
+            # A lock of the operating system's; one that is a mere file would outlive a killed process.
+            lock = FileLock(self.root / f".{name}", fallback_to_soft=False)
+            lock.acquire()
+        except OSError as error:
+            raise DataError(f"cannot write {self.root}: {error.strerror or error}; is it a folder of yours?") from error
+        try:
             yield
+        finally:
+            lock.release()
 
 
 def _size(folder: Path) -> int:

@@ -57,9 +57,9 @@ EXACT = (("x264-params", "asm=MMX2" if platform.machine().lower() in ("x86_64", 
 """Options of every lossy encoding, so that equal pictures make equal streams on every machine.
 
 x264's macroblock tree decides how good each part of a picture must be. Its AVX-512 code (core 165) reads memory that
-nobody wrote, so the stream differs from call to call; SSSE3 and later round its sums unlike the C code, and SSE2 uses
-reciprocals that differ between makers of processors. With MMX2 the tree runs in C, and the rest is integer arithmetic
-that is exact at any level. Lossless encoding has no such tree and may use whatever the processor offers.
+was never written, so the stream differs from call to call; SSSE3 and later round its sums unlike the C code, and
+SSE2 uses reciprocals that differ between makers of processors. With MMX2 the tree runs in C, and the rest is integer
+arithmetic that is exact at any level. Lossless encoding has no such tree and may use whatever the processor offers.
 """
 
 

@@ -1,4 +1,4 @@
-"""Somebody's video file, opened with care: known containers only, whole by its own account, decoded strictly."""
+"""A user's video file, opened with care: known containers only, whole by its own account, decoded strictly."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much disk preparing will take, told before it starts, from the clips' own first frames."""
+"""How much disk preparing will take, reported before it starts, from the clips' own first frames."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ class Fuse(nn.Module):
         self.conv = nn.Sequential(nn.Conv2d(inputs, outputs, 1, bias=False))
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, C, T, H, W) to (N, outputs, H, W); channels of one time lie together, in time order."""
+        """(N, C, T, H, W) to (N, outputs, H, W); channels of one time are together, in time order."""
         return F.leaky_relu(self.conv(x.transpose(1, 2).flatten(1, 2)), 0.2)
 
 

@@ -75,7 +75,7 @@ def _visible(flow: Any, back: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def _carry(forward: Any, backward: Any, seen_first: Any, seen_second: Any, first: Any, second: Any, time: Any) -> Any:
-    """Flow from frame 1 to 2 as it lies at `time`, float32 (H, W, 2), and who sees each point: 0 both, 1 or 2."""
+    """Flow from frame 1 to 2 as it is at `time`, float32 (H, W, 2), and who sees each point: 0 both, 1 or 2."""
     height, width = forward.shape[:2]
     flow = np.zeros((height, width, 2), np.float32)
     sight = np.zeros((height, width), np.uint8)

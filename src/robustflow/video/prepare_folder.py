@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from fractions import Fraction
 from pathlib import Path
 
 from ..atomic import make_folder, write_json
+from ..cache import cache_folder, cache_folders
 from ..errors import DataError, UsageError
 from ..layout import folders
 from .interpolation import load_interpolator
 from .prepare import Progress, Settings, geometry, prepare_clip
-from .prepared import CACHE_LIMIT, FOLDER_RECORD, VERSION, FolderRecord, PreparedClip, read_folder
+from .prepared import (
+    CACHE_LIMIT,
+    FOLDER_RECORD,
+    VERSION,
+    FolderRecord,
+    PreparedClip,
+    is_prepared,
+    read_folder,
+    sha256_of,
+)
 from .source import PictureFolder, Source, VideoFile, pictures_in
 
 SEQUENCES = ("GOPR0374_11_02", "GOPR0379_11_00", "GOPR0384_11_02", "GOPR0385_11_00", "GOPR0386_11_00")
@@ -69,7 +78,7 @@ def prepare_folder(
     if workers < 1:
         raise UsageError(f"{workers} workers are not possible: give 1 or more")
     load_interpolator(settings.interpolator, settings.factor, settings.checkpoint, settings.device)
-    for source in sources:  # whatever cannot work is said before anything is written
+    for source in sources:  # whatever cannot work is reported before anything is written
         geometry(source, settings)
     record = FolderRecord(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
     if len(set(record.clips)) != len(record.clips):
@@ -81,6 +90,19 @@ def prepare_folder(
     else:
         _in_processes(sources, output, settings, workers, progress)
     return read_folder(output)[1]
+
+
+def prepare_video(path: Path) -> Path:
+    """Prepare a video file as it is (no interpolation, key frames 1/30 s apart) in the user's cache folder.
+
+    Returns the prepared folder; made on the first call, found on later ones.
+    """
+    sources = find_sources(path)
+    name = f"{path.stem}-{sha256_of(path)[:12]}"
+    kept = (folder / name for folder in cache_folders("clips"))
+    output = next((folder for folder in kept if is_prepared(folder)), cache_folder("clips") / name)
+    prepare_folder(sources, output, Settings(factor=1))
+    return output
 
 
 def _in_processes(
@@ -124,8 +146,3 @@ def _camera(folder: Path, name: str) -> PictureFolder:
     source = PictureFolder(folder, name)
     source.fps = CAMERA_FPS
     return source
-
-
-def cache_folder() -> Path:
-    """Where clips prepared on the fly are kept: `$XDG_CACHE_HOME/robustflow`, else `~/.cache/robustflow`."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "robustflow"

@@ -141,3 +141,14 @@ def _read(path: Path, kind: type[R]) -> R:
     if record.version != VERSION:
         raise DataError(f"{path}: of another version of RobustFlow; prepare the clips again")
     return record
+
+
+def is_prepared(data: Path) -> bool:
+    """Whether a folder was made by `robustflow prepare gopro-fc`."""
+    return (data / FOLDER_RECORD).is_file()
+
+
+def slow_blur(clip: PreparedClip) -> Fraction | None:
+    """Seconds that the most severe object motion blur averages over, where that is longer than the paper's 31/960."""
+    span = (2 * REACH + 1) / clip.master.fps
+    return span if span > Fraction(2 * REACH + 1, 960) else None

@@ -31,7 +31,7 @@ _KEYS_BACK = 2
 class VideoReader:
     """Random access to the frames of a video's first video stream, as stored (a rotation tag is not applied).
 
-    Holds one decoded frame and an open file. Can be pickled, and survives a fork: the copy opens the file anew.
+    Holds one decoded frame and an open file. Can be pickled, and survives a fork: the copy opens the file again.
 
     Raises:
         DataError: not a video, damaged, cut short, or without a video stream.

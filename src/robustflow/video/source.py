@@ -1,4 +1,4 @@
-"""What a clip is made from: a folder of pictures, or somebody's video file, checked before any work begins."""
+"""What a clip is made from: a folder of pictures, or a user's video file, checked before any work begins."""
 
 from __future__ import annotations
 

@@ -326,7 +326,7 @@ def bomb(path):
 NO_PROGRAM = {
     "pickled module": (
         pickled_module,
-        r"it is no whole file of torch\.export",
+        r"it is not a complete file of torch\.export",
     ),
     "plain pickle": (
         lambda path: path.write_bytes(pickle.dumps(Payload(path.with_name("ran")))),
@@ -411,10 +411,10 @@ def test_two_parts_of_one_name_are_refused(tmp_path, monkeypatch):
         content = archive.read(name)
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr(name, content)
-    with pytest.raises(ModelError, match="no whole file of torch"):
+    with pytest.raises(ModelError, match="not a complete file of torch"):
         load(path)
     path = save(tmp_path / "other.pt2")
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr(f"another_root/{MODEL}", content)  # the same part once the root's name is gone
-    with pytest.raises(ModelError, match="no whole file of torch"):
+    with pytest.raises(ModelError, match="not a complete file of torch"):
         load(path)

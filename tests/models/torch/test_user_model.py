@@ -148,7 +148,7 @@ def test_a_network_of_torchvision_needs_no_declaration():
     np.testing.assert_allclose(model.predict(image1, image2), flow, atol=1e-3)
 
 
-def test_the_order_of_a_trained_network_is_found_and_said():
+def test_the_order_of_a_trained_network_is_found_and_reported():
     net = trained_matcher()
     with pytest.warns(UserWarning, match=r"Matcher did not say .* taken: scaling=-1-1, order=bgr, layout=pair"):
         model = rf.TorchModel(net, scaling="-1-1", device="cpu")

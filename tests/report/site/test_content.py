@@ -103,7 +103,7 @@ def test_the_paper_has_no_significance():
     assert "SAMFlow-B (OOD, CRE 4.44 px as printed, 4.47 px from its EPE)" in said
     assert "ARFlow (ID, CRE 2.74 px)" in said
     assert "FlowFormer (OOD, RCRE 1.29 px)" in said
-    assert "cannot be told" in said
+    assert "unknown whether a lead is more than chance" in said
 
 
 def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
@@ -126,9 +126,9 @@ def test_a_run_that_measured_nothing_is_still_the_page_of_that_run(tmp_path):
     run = evaluate(Blind(), "demo", output=tmp_path, corruptions=["contrast"], severities=[1], allow_invalid=True)
     content = run_content(run)
     assert content.entries[0].model == "blind"
-    assert not content.entries[0].texts
+    assert content.entries[0].texts == {("coverage", ""): "0.00"}
     board = boards_of(content.entries, dict(content.group_titles))[0]
-    assert (board.benchmark, board.count, board.columns) == ("demo", 1, ())
+    assert (board.benchmark, board.count, [column.label for column in board.columns]) == ("demo", 1, ["Coverage"])
     text = (run.path / "report.html").read_text()
     assert "predicted pixels were NaN or infinite" in text
     assert 'id="primary" data-page="blind"' in text

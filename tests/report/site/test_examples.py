@@ -13,8 +13,9 @@ from PIL import Image
 
 from robustflow.api import Result
 from robustflow.errors import DataError
+from robustflow.report.gallery.page import example_slider
 from robustflow.report.gallery.pictures import gallery
-from robustflow.report.site.examples import gallery_slider, run_examples
+from robustflow.report.site.examples import run_examples
 
 
 @pytest.fixture
@@ -38,10 +39,10 @@ def _rewritten(run: Result, change) -> None:
 def test_the_slider_shows_the_folders_pictures(copied):
     slider, panels = run_examples(copied)
     assert [name for name, _ in slider.corruptions] == ["Contrast", "Impulse noise"]
-    assert [level for level, _ in slider.corruptions[0][1]] == [1, 5]
-    clean = _pixels(slider.clean)
+    assert [shot.severity for shot in slider.corruptions[0][1]] == [1, 5]
+    clean = _pixels(slider.clean[0])
     assert clean.shape == (slider.height, slider.width, 3)
-    spread = [float(np.std(_pixels(uri))) for _, uri in slider.corruptions[0][1]]
+    spread = [float(np.std(_pixels(shot.pictures[0]))) for shot in slider.corruptions[0][1]]
     assert spread[1] < spread[0] < float(np.std(clean))
     assert [panel.title.split(":")[0] for panel in panels] == ["Worst sample", "Median sample"]
     assert "CRE" in panels[0].numbers
@@ -105,11 +106,11 @@ def test_nothing_of_the_file_but_pixels_is_kept(copied):
     image.save(path, comment=b"<script>alert(1)</script>")
     assert b"<script>" in path.read_bytes()
     slider, _ = run_examples(copied)
-    assert b"<script>" not in base64.b64decode(slider.clean.partition(",")[2])
+    assert b"<script>" not in base64.b64decode(slider.clean[0].partition(",")[2])
 
 
 def test_the_gallery_leaves_out_what_does_not_exist():
     grey = np.full((32, 48, 3), 128, np.uint8)
     cells = list(gallery(grey, grey, [1, 5], ["contrast"]))
-    slider = gallery_slider(grey, cells, "Grey")
-    assert [(name, [level for level, _ in found]) for name, found in slider.corruptions] == [("Contrast", [1, 5])]
+    slider = example_slider(grey, cells, "Grey")
+    assert [(name, [shot.severity for shot in shots]) for name, shots in slider.corruptions] == [("Contrast", [1, 5])]

@@ -14,8 +14,9 @@ import pytest
 
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results import parse_results
+from robustflow.report.embed import json_block
 from robustflow.report.site.content import run_content, whole_content
-from robustflow.report.site.page import json_block, render_site
+from robustflow.report.site.page import render_site
 
 from ..hostile import HOSTILE
 

@@ -1,4 +1,4 @@
-"""Do published or own results follow from each other? What does not is listed with both numbers."""
+"""Are published or own results consistent? What is not is listed with both numbers."""
 
 from __future__ import annotations
 

@@ -198,11 +198,11 @@ def _metrics(book: Book) -> Iterator[tuple[ModelKey, str, Values]]:
 
 def _settings(book: Book) -> Iterator[tuple[str, list[ModelKey]]]:
     """(metric, the models of one setting) for every metric and setting in which something is marked."""
-    found: dict[tuple[str, str, str, str], list[ModelKey]] = {}
+    by_setting: dict[tuple[str, str, str, str], list[ModelKey]] = {}
     for key, marks in book.marks.items():
         for metric in dict.fromkeys(metric for metric, _ in marks):
-            found.setdefault((metric, *key[:3]), []).append(key)
-    for (metric, *_), keys in found.items():
+            by_setting.setdefault((metric, *key[:3]), []).append(key)
+    for (metric, *_), keys in by_setting.items():
         if any(book.marks[key][cell] for key in keys for cell in book.marks[key] if cell[0] == metric):
             yield metric, keys
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ...benchmarks import benchmark_facts
 from ..cost_ranks import cost_ranks
 from ..published.tables import PAPER, Cost
 from ..results import AVERAGE, CLEAN
@@ -16,16 +17,21 @@ _Part = tuple[str, int, list[Finding]]
 
 
 def check_costs(book: Book, costs: Mapping[str, Cost]) -> list[_Part]:
-    """CREr and ranks of a cost table against the results of the same models on KITTI-FC."""
+    """CREr and ranks of a cost table against the published results of the same models."""
     from_epe: list[Finding] = []
     from_cre: list[Finding] = []
     corrected: dict[str, Cost] = {}
+    paper = {
+        (setting, model): values
+        for (frames, benchmark, setting, model), values in book.values.items()
+        if frames == PAPER and benchmark_facts(benchmark).has_flow
+    }
     count = 0
     for name, cost in costs.items():
         corrected[name] = cost
         for setting in ("OOD", "ID"):
             field = f"crer_{setting.lower()}"
-            given, values = getattr(cost, field), book.values.get((PAPER, "kitti-fc", setting, name))
+            given, values = getattr(cost, field), paper.get((setting, name))
             if given is None or values is None:
                 continue
             count += 1

@@ -16,7 +16,7 @@ CHECKS = {
     "rank": "ranks follow from the values beside them",
     "rank_from_epe": "ranks follow from CREr made from the EPE",
     "swapped": "each row belongs to its model",
-    "shifted": "each value stands in its column",
+    "shifted": "each value is in its column",
     "summary": "the summary follows from the rows",
     "identity": "the run's digest follows from its identity",
     "rows": "the rows are possible measurements",
@@ -29,9 +29,9 @@ class Finding(BaseModel):
 
     Attributes:
         check: one of `CHECKS`.
-        source: the table or file it stands in.
+        source: the table or file it is in.
         setting, model, metric, corruption: where in it; "" where that means nothing.
-        given: the number as it stands there.
+        given: the number as printed.
         recomputed: what follows from the other numbers.
         tolerance: how far apart rounding alone could put the two.
         says: the finding in words.

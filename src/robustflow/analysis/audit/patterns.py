@@ -10,7 +10,7 @@ from .findings import Finding
 from .rounding import misfits
 
 _LEAST = 3
-"""Fewer numbers that happen to fit elsewhere are no pattern."""
+"""Fewer numbers that happen to fit elsewhere are not a pattern."""
 
 
 def check_swapped(book: Book) -> tuple[str, int, list[Finding]]:

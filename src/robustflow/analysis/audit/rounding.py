@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 _UNROUNDED = 1e-9
 _FLOAT = 1e-9
-"""Of binary fractions: 0.1 + 0.2 is no misfit."""
+"""Of binary fractions: 0.1 + 0.2 is not a misfit."""
 
 
 class Printed(NamedTuple):
@@ -17,7 +17,7 @@ class Printed(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Half a unit of the last digit: what lies behind the number is at most that far away.
+        """Half a unit of the last digit: the exact value is at most that far away.
 
         >>> Printed(4.2, 2).half
         0.005

@@ -1,4 +1,4 @@
-"""What no measurement can be: rules that every row of a run obeys by the definitions in `robustflow.metrics.rows`.
+"""Impossible measurements: rules that every row of a run obeys by the definitions in `robustflow.metrics.rows`.
 
 They hold for any model on any frames, so a row that breaks one was not measured, or was changed afterwards. A sum of
 lengths is compared up to a rounding of 1e-9 of itself.
@@ -119,7 +119,7 @@ RULES: dict[str, _Expr] = {
         + [pl.col("n_valid") > pl.col("n_all"), pl.col("n_valid") > pl.col("n_truth"), pl.col("n_truth") > _pixels]
         + [_whole & (pl.col("n_valid") != pl.col("n_truth"))]
     ),
-    "numbers are there without the others that belong to them": _any(
+    "numbers are given without the others that belong to them": _any(
         [_missing_together(_TRUTH)]
         + [_missing_together(tuple(f"{field}_{region}" for field in _all_of)) for region in REGIONS]
         + [pl.col("n_valid").is_null() & pl.col(f"n_{region}").is_not_null() for region in REGIONS]

@@ -1,4 +1,4 @@
-"""A run folder: the summary against the rows, the digest against the identity, and rows that cannot be."""
+"""A run folder: the summary against the rows, the digest against the identity, and rows that are impossible."""
 
 from __future__ import annotations
 
@@ -75,13 +75,13 @@ def _summary(run: Run) -> tuple[str, int, list[Finding]]:
 def _read_summary(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > _LARGEST_SUMMARY:
-            raise RunError(f"{path}: larger than {_LARGEST_SUMMARY >> 20} MiB; no summary is")
-        found = json.loads(path.read_text(encoding="utf-8"))
+            raise RunError(f"{path}: larger than {_LARGEST_SUMMARY >> 20} MiB, which no summary is")
+        summary = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
-        raise RunError(f"{path} cannot be read ({error}); write it anew with robustflow show {path.parent}") from error
-    if not isinstance(found, dict):
-        raise RunError(f"{path} is no summary; write it anew with robustflow show {path.parent}")
-    return found
+        raise RunError(f"{path} cannot be read ({error}); write it again with robustflow show {path.parent}") from error
+    if not isinstance(summary, dict):
+        raise RunError(f"{path} is not a summary; write it again with robustflow show {path.parent}")
+    return summary
 
 
 _LATER_FIELDS = ("version", "coverage", "paper", "paper_over")

@@ -59,13 +59,13 @@ def observations(
             with fewer than `LEAST_MODELS` models, the numbers are given without a verdict: "too little evidence".
 
     >>> from robustflow.analysis.published.tables import published_costs, published_results
-    >>> found = observations(published_results(), published_costs())
-    >>> [observation.number for observation in found if observation.verdict == "does not hold"]
+    >>> checked = observations(published_results(), published_costs())
+    >>> [observation.number for observation in checked if observation.verdict == "does not hold"]
     [1]
     """
     evidence = Evidence(results, costs or {}, methods)
-    found = [observe(evidence) for observe in _OBSERVATIONS]
-    return [_weighed(one, len(evidence.rcre if one.number in _OF_RCRE else evidence.entries), pairs) for one in found]
+    checked = [observe(evidence) for observe in _OBSERVATIONS]
+    return [_weighed(one, len(evidence.rcre if one.number in _OF_RCRE else evidence.entries), pairs) for one in checked]
 
 
 def _weighed(observation: Observation, models: int, pairs: int | None) -> Observation:

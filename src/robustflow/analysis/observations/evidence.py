@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from statistics import fmean
 
 import polars as pl
 
 from ...benchmarks import benchmark_facts
-from ...corruptions.registry import FAMILIES, PAPER_ORDER
+from ...corruptions.registry import PAPER_ORDER
+from ...runs.family_means import family_means
 from ..audit.rounding import misfits
 from ..published.tables import NOT_DISCUSSED, Cost, Method, method_of
 from ..results import AVERAGE, CLEAN, values_of
@@ -107,8 +107,7 @@ class Evidence:
 
     def family_crer(self, entry: Entry, family: str) -> float | None:
         """Mean CREr over the corruptions of a family that were measured; None without any."""
-        names = [name for name in FAMILIES[family] if self.has(entry, name)]
-        return fmean(self.crer(entry, name) for name in names) if names else None
+        return family_means({name: self.crer(entry, name) for name in self.corruptions(entry)}).get(family)
 
     def corruptions(self, entry: Entry) -> list[str]:
         """The paper's corruptions a model was measured under."""

@@ -46,7 +46,7 @@ def flowformer_is_best(evidence: Evidence) -> Observation:
 
 
 def foundation_model_does_not_help(evidence: Evidence) -> Observation:
-    """10: every SAMFlow has a higher average RCRE than FlowFormer, and is no better than the middle CNN."""
+    """10: every SAMFlow has a higher average RCRE than FlowFormer, and is not better than the median CNN."""
     title = "VFM does not help in small displacement condition"
     rcre = {entry: values[AVERAGE] for entry, values in evidence.rcre.items() if AVERAGE in values}
     sam = [entry for entry in rcre if (method := evidence.method(entry[1])) is not None and method.method == "SAMFlow"]

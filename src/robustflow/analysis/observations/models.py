@@ -29,8 +29,8 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
                 says = f"{setting}: all models have the same clean EPE or {name}, so there is no correlation"
                 parts.append(part(f"{name} grows with clean EPE ({setting})", None, says, True))
                 continue
-            found = spearmanr(*columns, alternative="greater")
-            rho, p = float(found.statistic), float(found.pvalue)
+            correlation = spearmanr(*columns, alternative="greater")
+            rho, p = float(correlation.statistic), float(correlation.pvalue)
             says = f"{setting}: Spearman {rho:+.2f}, one-sided p {p_text(p)}, {len(entries)} models"
             parts.append(part(f"{name} grows with clean EPE ({setting})", p < 0.05, says, True, {"rho": rho, "p": p}))
     if not parts:
@@ -49,15 +49,15 @@ def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Part]:
         clean, cre, ratio = (
             [value(e) for e in entries] for value in (evidence.clean, evidence.cre, evidence.log_ratio)
         )
-        found = coupling(clean, cre, ratio)
-        if found is not None and found.cre is not None and found.log_ratio is not None:
+        correlation = coupling(clean, cre, ratio)
+        if correlation is not None and correlation.cre is not None and correlation.log_ratio is not None:
             p = float(spearmanr(clean, ratio, alternative="greater").pvalue)
             says = (
-                f"{setting}: Spearman with clean EPE {found.cre:+.2f} for CRE, {found.log_ratio:+.2f} for "
-                f"ln(EPE / clean EPE), one-sided p {p_text(p)}, {found.models} models"
+                f"{setting}: Spearman with clean EPE {correlation.cre:+.2f} for CRE, {correlation.log_ratio:+.2f} for "
+                f"ln(EPE / clean EPE), one-sided p {p_text(p)}, {correlation.models} models"
             )
             claim = f"not only CRE but also the factor by which errors grow rises with clean EPE ({setting})"
-            parts.append(part(claim, p < 0.05, says, numbers={"cre": found.cre, "ratio": found.log_ratio}))
+            parts.append(part(claim, p < 0.05, says, numbers={"cre": correlation.cre, "ratio": correlation.log_ratio}))
     says = (
         "CRE is EPE - clean EPE, so it contains the clean EPE that it is compared with: noise in the clean EPE alone "
         "makes a correlation, of the other sign, and errors that all grow by one factor make one of this sign. CRE is "

@@ -23,7 +23,7 @@ class Part(_Frozen):
         verdict: whether it is so.
         says: the numbers, in words.
         numbers: the same by name.
-        main: whether the observation stands or falls with it; the others are further sentences below its heading.
+        main: whether the observation depends on it; the others are further sentences below its heading.
     """
 
     claim: str
@@ -49,12 +49,12 @@ class Observation(_Frozen):
     @property
     def verdict(self) -> Verdict:
         """Of its main parts together."""
-        found = [part.verdict for part in self.parts if part.main]
-        if THIN in found:
+        verdicts = [part.verdict for part in self.parts if part.main]
+        if THIN in verdicts:
             return THIN
-        if "does not hold" in found:
+        if "does not hold" in verdicts:
             return "does not hold"
-        return UNKNOWN if UNKNOWN in found else "holds"
+        return UNKNOWN if UNKNOWN in verdicts else "holds"
 
 
 def without_verdict(observation: Observation, reason: str) -> Observation:

@@ -1,7 +1,7 @@
 """The paper's published results: its tables 1 to 4, 7 and 8 as data, value by value as printed.
 
 Yi et al., "Benchmarking the Robustness of Optical Flow Estimation to Corruptions". Nothing is corrected here: what
-does not fit together in the tables is listed by `robustflow audit`.
+is inconsistent in the tables is listed by `robustflow audit`.
 """
 
 from __future__ import annotations

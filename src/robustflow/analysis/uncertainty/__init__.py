@@ -1,4 +1,4 @@
-"""How sure a mean is: bootstrap intervals, paired tests, and what may be said about a difference.
+"""How sure a mean is: bootstrap intervals, paired tests, and what can be claimed about a difference.
 
 `docs/design/uncertainty.md` says why these methods and how well they do.
 """

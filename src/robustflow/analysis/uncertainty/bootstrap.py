@@ -87,19 +87,19 @@ def bootstrap(
     True
     """
     if not 0.5 <= level < 1:
-        raise UsageError(f"a level of {level:g} is no confidence level: give one from 0.5 to below 1, for example 0.95")
+        raise UsageError(f"a level of {level:g} is not a confidence level: give 0.5 or more, below 1, for example 0.95")
     if not 99 <= resamples <= 1_000_000:
         raise UsageError(f"{resamples} resamples: give 99 to 1000000")
     whole = np.ones((1, clusters))
-    found = {key: statistic(whole) for key, statistic in statistics.items()}
+    estimates_of = {key: statistic(whole) for key, statistic in statistics.items()}
     if not enough_clusters(clusters, level):
-        return {key: _without_interval(estimates) for key, estimates in found.items()}
+        return {key: _without_interval(estimates) for key, estimates in estimates_of.items()}
     pivots: dict[Key, list[Array]] = {key: [] for key in statistics}
     for weights in _resamples(clusters, resamples, seed):
         for key, values in _values(statistics, weights):
-            pivots[key].append(_pivots(values, found[key].theta[0]))
+            pivots[key].append(_pivots(values, estimates_of[key].theta[0]))
     together = symmetric or clusters < FEW
-    return {key: _interval(found[key], np.concatenate(pivots[key]), together, level) for key in statistics}
+    return {key: _interval(estimates_of[key], np.concatenate(pivots[key]), together, level) for key in statistics}
 
 
 def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, Values]]:
@@ -147,10 +147,10 @@ def _pivots(estimates: Values, center: float) -> Array:
     return np.asarray(np.where(np.abs(shift) <= tiny, 0.0, pivots)[np.isfinite(shift)])
 
 
-def _interval(found: Values, pivots: Array, symmetric: bool, level: float) -> Interval:
-    estimate, error = float(found.theta[0]), float(found.standard_error[0])
+def _interval(values: Values, pivots: Array, symmetric: bool, level: float) -> Interval:
+    estimate, error = float(values.theta[0]), float(values.standard_error[0])
     if not np.isfinite(estimate) or not np.isfinite(error):
-        return _without_interval(found)
+        return _without_interval(values)
     count = len(pivots)
     observed = estimate / error if error > 0 else float(np.sign(estimate)) * np.inf
     if symmetric:
@@ -164,10 +164,10 @@ def _interval(found: Values, pivots: Array, symmetric: bool, level: float) -> In
     if error == 0:
         return Interval(estimate, 0.0, estimate, estimate, 1.0 if estimate == 0 else float(p))
     if not np.isfinite([below, above]).all():
-        return _without_interval(found)
+        return _without_interval(values)
     return Interval(estimate, error, float(estimate - above * error), float(estimate - below * error), float(p))
 
 
-def _without_interval(found: Values) -> Interval:
-    error = float(found.standard_error[0])
-    return Interval(float(found.theta[0]), error if np.isfinite(error) else None, None, None, None)
+def _without_interval(values: Values) -> Interval:
+    error = float(values.standard_error[0])
+    return Interval(float(values.theta[0]), error if np.isfinite(error) else None, None, None, None)

@@ -69,8 +69,8 @@ def weighted_means(total: Array, count: Array, share: Array, weights: Array) -> 
 
     >>> import numpy as np
     >>> total, once = np.array([[1.0], [2.0], [3.0], [6.0]]), np.ones((1, 4))
-    >>> found = weighted_means(total, np.ones((4, 1)), np.ones(1), once)
-    >>> found.theta.tolist(), found.standard_error.round(4).tolist()
+    >>> mean = weighted_means(total, np.ones((4, 1)), np.ones(1), once)
+    >>> mean.theta.tolist(), mean.standard_error.round(4).tolist()
     ([3.0], [1.0801])
     """
     sums, images = weights @ total, weights @ count

@@ -62,11 +62,11 @@ def intervals(
     sums = ClusterSums.of(rows)
     keys = [key for key in statistics_of(sums, severities, corruptions) if key[0] in metrics]
     statistics = {key: sums.statistic(*key) for key in keys}
-    found = bootstrap(statistics, len(sums.clusters), level=level, resamples=resamples, seed=seed) if keys else {}
+    intervals = bootstrap(statistics, len(sums.clusters), level=level, resamples=resamples, seed=seed) if keys else {}
     shared = (sums.images, len(sums.clusters), level)
     records = [
         (*key, one.estimate, one.standard_error, _possible(key[0], one.low), one.high, *shared)
-        for key, one in found.items()
+        for key, one in intervals.items()
         if math.isfinite(one.estimate)
     ]
     return pl.DataFrame(records, schema=_SCHEMA, orient="row")

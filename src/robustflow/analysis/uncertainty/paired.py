@@ -68,15 +68,15 @@ def compare(
     """
     sums = tuple(ClusterSums.of(rows) for rows in common_rows(first, second, names))
     gap = _clean_gap(sums)
-    found = _differences(sums, statistics_of(sums[0]), level, resamples, seed)
+    differences = _differences(sums, statistics_of(sums[0]), level, resamples, seed)
     by_metric: dict[str, list[Key]] = {}
-    for key in found:
+    for key in differences:
         by_metric.setdefault(key[0], []).append(key)
     records = []
     for keys in by_metric.values():
-        adjusted = _adjusted([found[key][0] for key in keys])
+        adjusted = _adjusted([differences[key][0] for key in keys])
         for key, p_holm in zip(keys, adjusted, strict=True):
-            records.append(_record(names, key, found[key], p_holm, len(keys), sums[0], level, gap))
+            records.append(_record(names, key, differences[key], p_holm, len(keys), sums[0], level, gap))
     return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
 
 
@@ -102,10 +102,10 @@ def compare_all(
         sums = tuple(ClusterSums.of(rows) for rows in common_rows(runs[names[0]], runs[names[1]], names))
         if all(one.measured(*key) for one in sums):
             pairs.append((names, sums, _differences(sums, [key], level, resamples, seed)[key]))
-    adjusted = _adjusted([found[0] for _, _, found in pairs])
+    adjusted = _adjusted([difference[0] for _, _, difference in pairs])
     records = [
-        _record(names, key, found, p_holm, len(pairs), sums[0], level, _clean_gap(sums))
-        for (names, sums, found), p_holm in zip(pairs, adjusted, strict=True)
+        _record(names, key, difference, p_holm, len(pairs), sums[0], level, _clean_gap(sums))
+        for (names, sums, difference), p_holm in zip(pairs, adjusted, strict=True)
     ]
     return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
 
@@ -161,28 +161,28 @@ def common_rows(first: pl.DataFrame, second: pl.DataFrame, names: tuple[str, str
     return first.join(common, on=keys, how="semi"), second.join(common, on=keys, how="semi")
 
 
-_Found = tuple[Interval, float, float]
+_Difference = tuple[Interval, float, float]
 
 
 def _differences(
     sums: tuple[ClusterSums, ...], keys: list[Key], level: float, resamples: int, seed: int
-) -> dict[Key, _Found]:
+) -> dict[Key, _Difference]:
     first, second = sums
     if first.clusters != second.clusters:
         raise RunError("the two runs group their samples differently; compare runs of the same data")
     keys = [key for key in keys if second.measured(*key)]
 
     statistics = {key: first.statistic(*key) - second.statistic(*key) for key in keys}
-    found = bootstrap(statistics, len(first.clusters), level=level, resamples=resamples, seed=seed, symmetric=True)
+    intervals = bootstrap(statistics, len(first.clusters), level=level, resamples=resamples, seed=seed, symmetric=True)
     whole = np.ones((1, len(first.clusters)))
     return {
         key: (
-            found[key],
+            intervals[key],
             float(first.statistic(*key)(whole).theta[0]),
             float(second.statistic(*key)(whole).theta[0]),
         )
         for key in keys
-        if np.isfinite(found[key].estimate)
+        if np.isfinite(intervals[key].estimate)
     }
 
 
@@ -196,23 +196,23 @@ def _clean_gap(sums: tuple[ClusterSums, ...]) -> float | None:
     return first - second
 
 
-def _adjusted(found: list[Interval]) -> list[float | None]:
-    known = [one.p for one in found if one.p is not None]
+def _adjusted(intervals: list[Interval]) -> list[float | None]:
+    known = [one.p for one in intervals if one.p is not None]
     corrected = iter(holm(known))
-    return [None if one.p is None else next(corrected) for one in found]
+    return [None if one.p is None else next(corrected) for one in intervals]
 
 
 def _record(
     names: tuple[str, str],
     key: Key,
-    found: _Found,
+    difference: _Difference,
     p_holm: float | None,
     comparisons: int,
     sums: ClusterSums,
     level: float,
     clean_gap: float | None,
 ) -> tuple[Any, ...]:
-    interval, value_first, value_second = found
+    interval, value_first, value_second = difference
     numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, comparisons)
     counts = (sums.images, len(sums.clusters), level)
     sentence = difference_sentence(names, key[0], key[1], interval, p_holm, comparisons, *counts, clean_gap)

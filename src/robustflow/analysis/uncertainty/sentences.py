@@ -1,4 +1,4 @@
-"""What may be said about a difference, in a sentence."""
+"""What can be claimed about a difference, in a sentence."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def difference_sentence(
 ) -> str:
     """Whether two models differ, how much, how sure, and from how many independent observations.
 
-    A lower CRE or RCRE is no praise by itself: a model that does not look at the frames has the lowest. So the sentence
-    says beside it which of the two is more accurate.
+    A lower CRE or RCRE is not a merit by itself: a model that ignores the frames has the lowest. So the sentence
+    also says which of the two is more accurate.
 
     Args:
         names: of both.
@@ -30,10 +30,10 @@ def difference_sentence(
         clean_gap: clean EPE of the first minus that of the second, pixels; None without ground truth.
 
     >>> sure = Interval(-0.42, 0.1, -0.7, -0.1, 0.001)
-    >>> said = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95, 18.0)
-    >>> said.partition(" (")[0]
+    >>> sentence = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95, 18.0)
+    >>> sentence.partition(" (")[0]
     'The average CRE of A is lower than that of B by 0.42 px'
-    >>> said.partition("): ")[2]
+    >>> sentence.partition("): ")[2]
     'A changes less under corruption but is less accurate: EPE +18.00 px.'
     """
     what = {"average": "average ", "clean": "clean "}.get(corruption, f"{long_label(corruption)} ") + METRIC_LABELS[
@@ -44,16 +44,16 @@ def difference_sentence(
     size = abs(interval.estimate)
     if interval.low is None or interval.high is None or p_holm is None:
         units = ("image" if clusters == images else "sequence") + (" is" if clusters == 1 else "s are")
-        found = f"differs by {size:.2f}{unit}, but" if size else "is the same, but"
+        outcome = f"differs by {size:.2f}{unit}, but" if size else "is the same, but"
         chance = "to say whether that is chance" if size else "to say more"
-        return f"The {what} of {names[0]} and {names[1]} {found} {clusters} {units} too few {chance}."
+        return f"The {what} of {names[0]} and {names[1]} {outcome} {clusters} {units} too few {chance}."
     percent = f"{100 * level:g} %"
     corrected = f" corrected for {comparisons} comparisons" if comparisons > 1 else ""
-    told = f"p {p_text(p_holm)}{corrected}; {observed}"
+    evidence = f"p {p_text(p_holm)}{corrected}; {observed}"
     if p_holm >= 1 - level:
         return (
             f"No difference in {what} between {names[0]} and {names[1]} can be claimed: {interval.estimate:+.2f}{unit} "
-            f"({percent} interval {interval.low:+.2f} to {interval.high:+.2f}; {told})."
+            f"({percent} interval {interval.low:+.2f} to {interval.high:+.2f}; {evidence})."
         )
     lower = interval.estimate < 0
     low, high = sorted((abs(interval.low), abs(interval.high)))
@@ -61,7 +61,7 @@ def difference_sentence(
     verdict = _verdict(metric, names[0] if lower else names[1], gap)
     return (
         f"The {what} of {names[0]} is {'lower' if lower else 'higher'} than that of {names[1]} by {size:.2f}{unit} "
-        f"({percent} interval {low:.2f} to {high:.2f}; {told}): {verdict}."
+        f"({percent} interval {low:.2f} to {high:.2f}; {evidence}): {verdict}."
     )
 
 

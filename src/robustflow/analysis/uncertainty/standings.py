@@ -1,4 +1,4 @@
-"""Where each of several models may stand, and how their order moves from one condition to another."""
+"""Which rank each of several models may have, and how their order moves from one condition to another."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ STABILITY_SCHEMA: dict[str, Any] = {
 def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
     """The ranking of several models with ties: each model's rank, and the ranks that the paired tests leave it.
 
-    A model that m others beat by more than chance (Holm's correction over all pairs) stands at best at m + 1; one that
+    A model that m others beat by more than chance (Holm's correction over all pairs) has rank m + 1 at best; one that
     beats m others, at worst at m places from the end.
 
     Args:

@@ -61,8 +61,8 @@ class ClusterSums:
 
     def corruptions(self) -> list[str]:
         """The corruptions found, the paper's first and in its order."""
-        found = {name for name, _ in self.settings}
-        return [name for name in PAPER_ORDER if name in found] + sorted(found - set(PAPER_ORDER))
+        measured = {name for name, _ in self.settings}
+        return [name for name in PAPER_ORDER if name in measured] + sorted(measured - set(PAPER_ORDER))
 
     def statistic(self, metric: str, corruption: str, severity: int | None = None) -> Statistic:
         """A mean of the run, as a function of how often each cluster is drawn.
@@ -99,13 +99,13 @@ class ClusterSums:
     def _share(self, metric: str, corruption: str, severity: int | None) -> Array:
         """float64 (K,): the weight of each setting in the mean over severities, then corruptions."""
         share = np.zeros(len(self.settings))
-        found = self.counts[metric].sum(axis=0) > 0
+        has_images = self.counts[metric].sum(axis=0) > 0
         names = self.corruptions() if corruption == AVERAGE else [corruption]
         of_name = {
             name: [
                 k
                 for k, (other, level) in enumerate(self.settings)
-                if other == name and found[k] and severity in (None, level)
+                if other == name and has_images[k] and severity in (None, level)
             ]
             for name in names
         }

@@ -3,7 +3,7 @@
 With y_ijk the score of image i with seed j at severity k, averaged over corruptions, and each source's mean square from
 the crossed analysis of variance (one value per cell), the components follow by the method of moments, negative ones cut
 off at 0 (Searle, Casella and McCulloch 1992, ch. 4). Severity is a choice of the protocol and not a sample, so its
-component is described and is no part of the error of the mean, for which images and seeds count:
+component is described and is not part of the error of the mean, for which images and seeds count:
 
     var(mean) = image / n + seed / s + rest / (n s)
 

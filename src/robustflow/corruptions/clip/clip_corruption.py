@@ -13,7 +13,7 @@ from ..base import Corruption
 class ClipCorruption(Corruption):
     """A corruption of a clip. Nothing in it is random, and two images are not enough for it.
 
-    A dataset that holds the clips (`robustflow.datasets.gopro_fc.GoProFC`) gives its frames already corrupted.
+    A dataset that holds the clips (`robustflow.datasets.gopro_fc_prepared`) gives its frames already corrupted.
     """
 
     temporal: ClassVar[bool] = True

@@ -1,6 +1,6 @@
 """Motion along a straight line: a sparse kernel with one tap per pixel of the way.
 
-The taps lie where the reference code puts them, at the line's points rounded to pixels. Their weights are the half of
+The taps are where the reference code puts them, at the line's points rounded to pixels. Their weights are the half of
 a Gaussian that starts at the pixel itself, so the kernel is one-sided. Borders repeat the edge.
 
 Weights are 16-bit integers and pixels 16-bit fractions, so the sum is the same on every machine; each tap loses less

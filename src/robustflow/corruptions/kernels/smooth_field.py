@@ -24,7 +24,7 @@ class SmoothField(NamedTuple):
     """The field on its coarse grid."""
 
     samples: npt.NDArray[np.float32]
-    """float32; sample (i, j) lies at row (i - 1) * steps[0], column (j - 1) * steps[1]."""
+    """float32; sample (i, j) is at row (i - 1) * steps[0], column (j - 1) * steps[1]."""
     steps: tuple[int, int]
     """Distance of the samples in rows and columns."""
 

@@ -179,7 +179,7 @@ def check_image(image: Image) -> None:
     if image.dtype == np.float32:
         low, high = float(image.min()), float(image.max())
         if not (low >= 0.0 and high <= 1.0):
-            raise DataError(f"a float image has values from {low:g} to {high:g}: they must lie in [0, 1], without NaN")
+            raise DataError(f"a float image has values from {low:g} to {high:g}: they must be in [0, 1], without NaN")
 
 
 def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:

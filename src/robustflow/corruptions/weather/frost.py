@@ -63,7 +63,7 @@ class Frost(Corruption):
         return FrostState(slot, top, left, (shape[0], shape[1]), level.keep, level.add)
 
     def apply(self, frame: Frame, state: FrostState, index: int) -> Frame:
-        """Lay the frost over one frame."""
+        """Put the frost over one frame."""
         height, width = state.shape
         frost = enlarged_texture(state.slot, state.shape)
         source = contiguous(frame).reshape(height, 3 * width)

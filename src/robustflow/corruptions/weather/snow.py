@@ -96,7 +96,7 @@ class Snow(Corruption):
 
 
 def _between(long: int, short: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.float32]]:
-    """Where `long` points lie among `short` ones that span the same range: (index to the left, share of the right)."""
+    """Where `long` points are among `short` ones that span the same range: (index to the left, share of the right)."""
     at = np.arange(long) * ((short - 1) / max(long - 1, 1))
     left = np.minimum(at.astype(np.int64), max(short - 2, 0))
     return left.astype(np.uint32), (at - left).astype(np.float32)

@@ -82,7 +82,7 @@ class Spatter(Corruption):
         return SpatterLayer(_water(liquid, strength), WATER, covers=False)
 
     def apply(self, frame: Frame, state: SpatterLayer, index: int) -> Frame:
-        """Lay the drops over one frame."""
+        """Put the drops over one frame."""
         frame = contiguous(frame)
         out = np.empty_like(frame)
         colour = np.array(state.colour, np.float32)

@@ -29,7 +29,7 @@ class MethodEntry(BaseModel):
         extra: of the installation it needs, "" for none.
         frames: that it sees; 2, or more for a multi-frame method, at most.
         code_licence: of that implementation; hardly any weights state one.
-        undeclared: names of its public checkpoints of which the catalog does not say what they have seen, joined by
+        undeclared: names of its public checkpoints of which the catalogue does not say what they have seen, joined by
             "+".
     """
 
@@ -91,7 +91,7 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
 
 
 def published_names(model: str) -> list[str]:
-    """Names of the public checkpoints of a model, as far as the catalog knows them.
+    """Names of the public checkpoints of a model, as far as the catalogue knows them.
 
     >>> published_names("raft_small")
     ['C_T_V1', 'C_T_V2']

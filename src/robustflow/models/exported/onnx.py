@@ -45,7 +45,7 @@ class OnnxModel:
         scaling: of its values, "0-1", "-1-1", "0-255" or "imagenet".
         multiple: of height and width it needs, reached by repeating the border, half of it on each side. Where the
             network has a fixed size, frames are padded to that one.
-        layout: "pair", "stacked" or "concatenated"; told from the inputs' shapes by default.
+        layout: "pair", "stacked" or "concatenated"; taken from the inputs' shapes by default.
         inputs: names of the two inputs, first frame first, separated by a comma; in the file's order by default.
         output: name of the flow among several outputs; the last by default.
         sha256: the file's hash, or its first eight or more digits, to be checked.
@@ -134,7 +134,7 @@ class OnnxModel:
             float32 (H, W, 2) each, (u right, v down) in pixels.
 
         Raises:
-            UsageError: frames that are no pairs of RGB uint8 images.
+            UsageError: frames that are not pairs of RGB uint8 images.
             ModelError: a frame larger than the network takes, or a network that fails or returns no flow.
         """
         return predict_by_size(self._predict, frames1, frames2)
@@ -216,7 +216,7 @@ def _session(path: Path, device: str, threads: int) -> Any:
 def _parse_device(device: str) -> str:
     kind, _, number = str(device).partition(":")
     if kind not in ("cpu", "cuda") or (number and not (kind == "cuda" and number.isdecimal())):
-        raise UsageError(f"'{device}' is no device of onnxruntime: give cpu, cuda or cuda:0")
+        raise UsageError(f"unknown device '{device}' for onnxruntime: give cpu, cuda or cuda:0")
     return str(device)
 
 

@@ -59,8 +59,8 @@ def read_exported_program(path: Path, sha256: str | None = None) -> tuple[torch.
         sha256: the hash it must have, or the first eight or more digits of it.
 
     Raises:
-        ModelError: missing, damaged, no file of `torch.export.save`, or holding more than operators and weights.
-        UsageError: `sha256` is no such digits.
+        ModelError: missing, damaged, not a file of `torch.export.save`, or holding more than operators and weights.
+        UsageError: `sha256` is not such digits.
     """
     with opened(path, sha256) as (file, digest):
         content = file.read()
@@ -89,7 +89,7 @@ def _rebuilt(content: bytes) -> bytes:
             raise _RefusedError("it would unpack to more than its size, and genuine ones are not compressed")
         names = [entry.filename.partition("/")[2] for entry in entries]
         if _MODEL not in names or len(set(names)) != len(names):
-            raise _RefusedError("it is no whole file of torch.export.save")
+            raise _RefusedError("it is not a complete file of torch.export.save")
         for entry, name in zip(entries, names, strict=True):
             if _LEFT_OUT.fullmatch(name):
                 continue

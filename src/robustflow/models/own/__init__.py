@@ -1,1 +1,1 @@
-"""Networks that nobody packages, written here."""
+"""Networks that no library packages, written here."""

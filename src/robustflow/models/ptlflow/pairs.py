@@ -107,7 +107,7 @@ def ptlflow_network(
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
     require("ptlflow", "ptlflow", name)
     if checkpoint is None and names:
-        raise needs_checkpoint(name, names, _SOURCE)  # said at once: the library takes seconds to import
+        raise needs_checkpoint(name, names, _SOURCE)  # checked first: the library takes seconds to import
     with _silence():
         import ptlflow
     if architecture not in ptlflow.get_model_names():
@@ -183,7 +183,7 @@ def _adapt(net: Any, read: Checkpoint) -> Mapping[str, Any]:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Standard output belongs to the results, and what ptlflow says there helps nobody."""
+    """Standard output belongs to the results, and what ptlflow prints there is useless."""
     import loguru  # noqa: F401  # it keeps the stderr it finds on its first import, which must be the real one
 
     with warnings.catch_warnings(), redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):

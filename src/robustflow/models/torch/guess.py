@@ -31,7 +31,7 @@ _SEES = 0.5
 
 @dataclass(frozen=True)
 class Declared:
-    """How a module takes a pair and where its flow is; None for what nobody declared.
+    """How a module takes a pair and where its flow is; None for what was not declared.
 
     Attributes:
         scaling: a name of `input_convention.SCALINGS`.
@@ -82,7 +82,7 @@ def complete(
     Args:
         module: in evaluation mode, on `device`.
         call: calls it with its list of inputs.
-        declared: what the user said.
+        declared: what the user declared.
         device: where it is run.
         threads: of the CPU.
 
@@ -192,7 +192,7 @@ def _outputs(returned: Any) -> list[str | int]:
 
 
 def _as_flow(returned: Any, output: str | int, size: tuple[int, ...]) -> Any:
-    """Float32 (H, W, 2), or None for what is no flow of this size."""
+    """Float32 (H, W, 2), or None for what is not a flow of this size."""
     try:
         flow: Tensor = chosen_output(returned, output)
         if flow.ndim == 5 and flow.shape[1] == 1:

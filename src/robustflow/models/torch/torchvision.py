@@ -43,7 +43,7 @@ def _raft(
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
     require("torchvision", "torch", name)
     if checkpoint is None and names:
-        raise needs_checkpoint(name, names, _SOURCE)  # said at once: the library takes seconds to import
+        raise needs_checkpoint(name, names, _SOURCE)  # checked first: the library takes seconds to import
     from torchvision import __version__ as version
     from torchvision.models import optical_flow
 

@@ -145,7 +145,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
 
 
 def _places(radius: float) -> list[_Place]:
-    """Where a name may stand around a marker, the best first: (right, up) in points, and the side it hangs by."""
+    """Where a name may be placed around a marker, the best first: (right, up) in points, and the side it hangs by."""
     places: list[_Place] = []
     for reach in (radius + 3, radius + 11, radius + 20):
         slant = 0.8 * reach

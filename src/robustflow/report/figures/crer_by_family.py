@@ -25,9 +25,9 @@ def family_crer(results: pl.DataFrame) -> dict[tuple[str, str], dict[str, float]
     for setting, model in dict.fromkeys((s, m) for s, m, _ in epe):
         clean = epe.get((setting, model, CLEAN))
         for family, names in FAMILIES.items():
-            found = [epe[setting, model, name] for name in names if (setting, model, name) in epe]
-            if clean and found:
-                out.setdefault((setting, model), {})[family] = (fmean(found) - clean) / clean
+            values = [epe[setting, model, name] for name in names if (setting, model, name) in epe]
+            if clean and values:
+                out.setdefault((setting, model), {})[family] = (fmean(values) - clean) / clean
     return out
 
 
@@ -42,12 +42,12 @@ def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None)
     Raises:
         UsageError: none of the models has a clean EPE.
     """
-    found = family_crer(results)
+    crer = family_crer(results)
     if models is None:
-        own = [model for setting, model in found if setting not in SETTINGS]
-        chosen = [model for _, model in found if model in (*REPRESENTATIVE, *own)]
-        models = (*REPRESENTATIVE, *own) if chosen else tuple(model for _, model in found)
-    shown = [model for model in dict.fromkeys(models) if any(m == model for _, m in found)][:9]
+        own = [model for setting, model in crer if setting not in SETTINGS]
+        chosen = [model for _, model in crer if model in (*REPRESENTATIVE, *own)]
+        models = (*REPRESENTATIVE, *own) if chosen else tuple(model for _, model in crer)
+    shown = [model for model in dict.fromkeys(models) if any(m == model for _, m in crer)][:9]
     if not shown:
         raise UsageError("no CREr to draw: none of these models has a clean EPE")
     columns = min(3, len(shown))
@@ -56,11 +56,11 @@ def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None)
     for extra in axes[len(shown) :]:
         extra.remove()
     for panel, model in zip(axes, shown, strict=False):
-        settings = [setting for setting, m in found if m == model]
-        families = [family for family in FAMILIES if any(family in found[s, model] for s in settings)]
+        settings = [setting for setting, m in crer if m == model]
+        families = [family for family in FAMILIES if any(family in crer[s, model] for s in settings)]
         width = 0.8 / len(settings)
         for index, setting in enumerate(settings):
-            heights = [found[setting, model].get(family, np.nan) for family in families]
+            heights = [crer[setting, model].get(family, np.nan) for family in families]
             at = np.arange(len(families)) + (index - (len(settings) - 1) / 2) * width
             bars = panel.bar(at, heights, width, color=SETTING_COLOURS.get(setting, ORANGE), label=name_text(setting))
             for bar, family, height in zip(bars, families, heights, strict=True):

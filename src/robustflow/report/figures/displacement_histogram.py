@@ -25,7 +25,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
         UsageError: more than eight tables, or none that counts a pixel.
     """
     if len(tables) > len(SERIES):
-        raise UsageError(f"{len(tables)} histograms in one figure cannot be told apart: choose up to {len(SERIES)}")
+        raise UsageError(f"{len(tables)} histograms in one figure cannot be distinguished: choose up to {len(SERIES)}")
     tables = {label: table for label, table in tables.items() if table["share"].sum() > 0}
     if not tables:
         raise UsageError("no displacement to draw: none of these has a pixel with a flow")
@@ -33,7 +33,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
     right = 0.0
     for drawn, (label, table) in enumerate(tables.items()):
         colour = SERIES[drawn]
-        # Broad ones first, so that a line which lies on another leaves its rim to be seen.
+        # Broad ones first, so that a line that covers another leaves its rim visible.
         width = 1.3 + 0.4 * (len(tables) - 1 - drawn)
         lows, shares = table["low"].to_list(), [100 * share for share in table["share"]]
         edges = [*lows, _end(table)]

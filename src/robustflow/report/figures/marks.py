@@ -1,4 +1,4 @@
-"""What each mark of a figure stands for, so that a page can name it and find its model elsewhere."""
+"""What each mark of a figure means, so that a page can name it and find its model elsewhere."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Mark:
 
     Attributes:
         model: whose it is.
-        setting: of the model, "" where the figure does not tell settings apart.
+        setting: of the model, "" where the figure does not distinguish settings.
         values: (what, number with its unit), as the figure shows them; none for a name beside a point.
     """
 
@@ -28,7 +28,7 @@ class Mark:
 
 
 class MarkedFigure(Figure):
-    """A figure that knows what its marks stand for.
+    """A figure that knows what its marks mean.
 
     Attributes:
         marks: id of an artist in the SVG -> its marks, in the order they are drawn.
@@ -43,7 +43,7 @@ class MarkedFigure(Figure):
         return figure_bytes(self, "png")
 
     def mark(self, artist: Artist, marks: Sequence[Mark]) -> None:
-        """Say what the points of an artist stand for; one for a bar or a text.
+        """State what the points of an artist mean; one for a bar or a text.
 
         >>> figure = MarkedFigure()
         >>> figure.mark(figure.text(0, 0, "RAFT"), [Mark("RAFT")])

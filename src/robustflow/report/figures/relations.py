@@ -45,15 +45,15 @@ def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
     figure, axes = new_figure(8.4, 7.2, 2, 2)
     for letter, panel, (x, y) in zip("abcd", axes, _PANELS, strict=True):
         headings = []
-        for setting, found in points.items():
-            xs, ys = (np.array([point[name] for point in found]) for name in (x, y))
+        for setting, entries in points.items():
+            xs, ys = (np.array([point[name] for point in entries]) for name in (x, y))
             drawn = panel.scatter(
                 xs, ys, s=26, color=SETTING_COLOURS.get(setting, ORANGE), alpha=0.8, edgecolor="white", linewidth=0.5
             )
             figure.mark(drawn, marks[setting])
             headings.append(f"{name_text(setting)}: {_correlation(xs, ys)}")
         if together:
-            every = [point for found in points.values() for point in found]
+            every = [point for values in points.values() for point in values]
             headings = [_correlation(*(np.array([point[name] for point in every]) for name in (x, y)))]
         panel.set_xlabel(f"{x} (px)")
         panel.set_ylabel(f"{y} (px)")
@@ -65,9 +65,9 @@ def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
             marker="o",
             linestyle="",
             color=SETTING_COLOURS.get(s, ORANGE),
-            label=f"{name_text(s)} ({len(found)} model{'s' if len(found) != 1 else ''})",
+            label=f"{name_text(s)} ({len(models)} model{'s' if len(models) != 1 else ''})",
         )
-        for s, found in points.items()
+        for s, models in points.items()
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
     return figure

@@ -33,15 +33,15 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
         UsageError: more than eight runs, or none that measured the metric.
     """
     if len(runs) > len(SERIES):
-        raise UsageError(f"{len(runs)} runs in one figure cannot be told apart: choose up to {len(SERIES)}")
+        raise UsageError(f"{len(runs)} runs in one figure cannot be distinguished: choose up to {len(SERIES)}")
     curves = {
         name: intervals(rows, seed=seed, severities=True, metrics=[metric]).filter(pl.col("severity").is_not_null())
         for name, rows in runs.items()
     }
-    found = {corruption for curve in curves.values() for corruption in curve["corruption"]}
-    if not found:
+    corruptions = {corruption for curve in curves.values() for corruption in curve["corruption"]}
+    if not corruptions:
         raise UsageError(f"none of these runs measured {METRIC_LABELS.get(metric, metric)} at a severity")
-    shown = [name for name in PAPER_ORDER if name in found] + sorted(found - set(PAPER_ORDER))
+    shown = [name for name in PAPER_ORDER if name in corruptions] + sorted(corruptions - set(PAPER_ORDER))
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     figure, axes = new_figure(2.3 * columns, 1.9 * rows + 0.5, rows, columns)

@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from functools import cache
 
-from jinja2 import Environment, PackageLoader, select_autoescape
+from jinja2 import Environment, PackageLoader
 
 from ...errors import UsageError
-from ...images.io import jpeg_address, shrunk
 from ...sample import Frame
+from ..embed import policy
+from ..slider import Slider, make_slider, script, slider_markup, style
+from .clip import ClipCell
 from .pictures import Cell
 
 WIDEST = 480
 """Pixels a picture is shrunk to, so that a hundred of them stay a few megabytes."""
 
+WIDEST_OF_CLIP = 288
+"""The same for a clip, of which there are a thousand."""
 
-@dataclass(frozen=True)
-class Picture:
-    """A cell as the page shows it; `uri` is empty where the severity does not exist on the scale."""
-
-    severity: int
-    caption: str
-    uri: str
+_QUALITY, _QUALITY_OF_CLIP = 80, 50
+ABSENT = "not on this scale"
 
 
 def render_page(clean: Frame, cells: Sequence[Cell], severity: int, title: str) -> str:
-    """The page.
+    """The page of a pair.
 
     Args:
         clean: RGB uint8 (H, W, 3), the first frame.
         cells: of every severity the slider shall reach.
-        severity: where the slider stands at first.
+        severity: where the slider starts.
         title: text; names and titles are escaped.
 
     Raises:
@@ -40,24 +39,84 @@ def render_page(clean: Frame, cells: Sequence[Cell], severity: int, title: str) 
     severities = sorted({cell.severity for cell in cells})
     if severity not in severities:
         raise UsageError(f"there is nothing to show at severity {severity}: give cells of that severity")
-    figures: dict[str, list[Picture]] = {}
-    for cell in cells:
-        uri = "" if cell.frame is None else jpeg_address(cell.frame, WIDEST)
-        text = "not on this scale" if cell.frame is None else f"SSIM {cell.ssim:.2f}" + (", frame 2" * cell.index)
-        figures.setdefault(cell.name, []).append(Picture(cell.severity, text, uri))
-    environment = Environment(
-        loader=PackageLoader("robustflow.report"),
-        autoescape=select_autoescape(default=True),
-        trim_blocks=True,
-        lstrip_blocks=True,
+    pictures = (
+        (cell.name, cell.severity, [] if cell.frame is None else [cell.frame], _caption(cell)) for cell in cells
     )
-    height, width = shrunk(clean, WIDEST).shape[:2]
-    return environment.get_template("gallery.html").render(
-        title=title,
-        clean=jpeg_address(clean, WIDEST),
-        figures=figures,
+    return page_of(
+        make_slider(
+            title,
+            [clean],
+            pictures,
+            widest=WIDEST,
+            quality=_QUALITY,
+            severities=severities,
+            start=severity,
+            together=True,
+            absent=ABSENT,
+        )
+    )
+
+
+def clip_slider(
+    clean: Sequence[Frame],
+    cells: Iterable[ClipCell],
+    severities: Sequence[int],
+    severity: int,
+    title: str,
+    first_frame: int,
+) -> Slider:
+    """The slider of a clip's page; of the cells, which may be a generator, one is held at a time.
+
+    Args:
+        clean: RGB uint8 (H, W, 3), the frames shown.
+        cells: what becomes of them.
+        severities: what the slider reaches; severity: where it stands at first.
+        title: text.
+        first_frame: the number of the first of the frames in the clip.
+    """
+    pictures = ((cell.name, cell.severity, cell.frames, cell.caption) for cell in cells)
+    return make_slider(
+        title,
+        clean,
+        pictures,
+        widest=WIDEST_OF_CLIP,
+        quality=_QUALITY_OF_CLIP,
         severities=severities,
-        severity=severity,
-        width=width,
-        height=height,
+        start=severity,
+        together=True,
+        absent=ABSENT,
+        first_frame=first_frame,
+    )
+
+
+def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
+    """The page around a slider, with sentences below its title."""
+    return (
+        _environment()
+        .get_template("gallery.html")
+        .render(
+            title=slider.title,
+            remarks=remarks,
+            slider=slider_markup(slider),
+            style=style(),
+            script=script(),
+            policy=policy(script()),
+        )
+    )
+
+
+def example_slider(clean: Frame, cells: Iterable[Cell], title: str) -> Slider:
+    """A slider for a page that shows one corruption at a time; severities that do not exist are left out."""
+    pictures = ((cell.name, cell.severity, [cell.frame], "") for cell in cells if cell.frame is not None)
+    return make_slider(title, [clean], pictures, widest=384, quality=62)
+
+
+def _caption(cell: Cell) -> str:
+    return "" if cell.frame is None else f"SSIM {cell.ssim:.2f}" + (", frame 2" * cell.index)
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        loader=PackageLoader("robustflow.report.gallery"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )

@@ -53,7 +53,7 @@ def gallery(
 
     Raises:
         UsageError: an unknown corruption or scale, or one that needs a clip.
-        DataError: frames that are no pair.
+        DataError: frames that are not a pair.
 
     >>> grey = np.full((32, 48, 3), 128, np.uint8)
     >>> [(cell.name, cell.severity, cell.index) for cell in gallery(grey, grey, [1, 2], ["contrast"])]

@@ -1,4 +1,4 @@
-"""Tables written out: one file per format.
+"""Tables written out: one file per format, and those of users.
 
 Names in a table may come from anyone's file. Every renderer first takes out what no format should receive
 (`robustflow.text.plain`), then escapes what its own gives a meaning.
@@ -7,12 +7,17 @@ Names in a table may come from anyone's file. Every renderer first takes out wha
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 
-from ...errors import unknown_name
+from ...errors import RobustFlowError, UsageError
+from ...registry import Registry
+from ...target import import_target, is_target
 from ..table import Table
 
-FORMATS = ("terminal", "markdown", "latex", "csv", "html")
+Renderer = Callable[[Table], str]
+
+FORMATS: Registry[Renderer] = Registry("format", entry_point_group="robustflow.table_formats")
+for _name in ("terminal", "markdown", "latex", "csv", "html"):
+    FORMATS.add(_name, f"{__name__}.{_name}:render")
 
 
 def render(table: Table, format: str) -> str:
@@ -20,10 +25,11 @@ def render(table: Table, format: str) -> str:
 
     Args:
         table: from `build_table`.
-        format: "terminal" (120 columns wide, no colour), "markdown", "latex" (booktabs), "csv" or "html" (a fragment).
+        format: "terminal" (120 columns wide, no colour), "markdown", "latex" (booktabs), "csv" or "html" (a fragment),
+            an installed package's (entry points "robustflow.table_formats"), or your own as `module.path:function`.
 
     Raises:
-        UsageError: unknown format.
+        UsageError: see `renderer`; or your own function fails, or returns no text.
 
     >>> from robustflow.report.table import Cell, Column, Line, Section, Table
     >>> line = Line("A|B", (Cell("1.00", best=True),))
@@ -31,7 +37,34 @@ def render(table: Table, format: str) -> str:
     >>> print(render(table, "markdown").splitlines()[5])
     | A\\|B | **1.00** |
     """
-    if format not in FORMATS:
-        raise unknown_name("format", format, FORMATS)
-    renderer: Callable[[Table], str] = import_module(f"{__name__}.{format}").render
-    return renderer(table)
+    write = renderer(format)
+    try:
+        text = write(table)
+    except RobustFlowError:
+        raise
+    except Exception as error:
+        if not is_target(format):
+            raise
+        raise UsageError(
+            f"format '{format}' failed on table '{table.name}': {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(text, str):
+        raise UsageError(f"format '{format}' returned {type(text).__name__} for table '{table.name}', not text")
+    return text
+
+
+def renderer(format: str) -> Renderer:
+    """The function that writes a table in a format.
+
+    Raises:
+        UsageError: an unknown format, or a function of the user's that cannot be imported.
+
+    >>> renderer("csv").__module__
+    'robustflow.report.render.csv'
+    """
+    if not is_target(format):
+        return FORMATS.get(format)
+    function = import_target(format, "format")
+    if not callable(function):
+        raise UsageError(f"{format} is not a function of a table, so it writes none")
+    return function

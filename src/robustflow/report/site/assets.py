@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 from functools import cache
 from importlib.resources import files
 
 from markupsafe import Markup
+
+from .. import slider
+from ..embed import policy as policy_for
 
 SCRIPTS = (
     "elements.js",
@@ -16,7 +17,6 @@ SCRIPTS = (
     "board.js",
     "figures.js",
     "findings.js",
-    "examples.js",
     "downloads.js",
 )
 
@@ -24,23 +24,19 @@ SCRIPTS = (
 @cache
 def style() -> Markup:
     """The style sheet. It is our own file, so nothing in it is escaped."""
-    return Markup(_text("site.css"))
+    return Markup(_text("site.css")) + slider.style()
 
 
 @cache
 def script() -> Markup:
     """All scripts after one another, each in a scope of its own."""
-    return Markup("".join(f"(() => {{\n{_text(name)}}})();\n" for name in SCRIPTS))
+    return Markup("".join(f"(() => {{\n{text}}})();\n" for text in (*map(_text, SCRIPTS), slider.script())))
 
 
 @cache
 def policy() -> str:
     """A Content-Security-Policy that allows this script by its hash, styles, and pictures inside the file."""
-    digest = base64.b64encode(hashlib.sha256(script().encode()).digest()).decode()
-    return (
-        f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'; base-uri 'none'; "
-        "form-action 'none'"
-    )
+    return policy_for(script())
 
 
 def _text(name: str) -> str:

@@ -10,7 +10,7 @@ from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.registry import FAMILIES
 from ...text import plain
-from .entries import START, Entry, Key, default_order
+from .entries import COVERAGE, START, Entry, Key, default_order
 
 OVERVIEW = "overview"
 CLASSES = "classes"
@@ -69,6 +69,9 @@ _OVERVIEW = (
     BoardColumn(("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", (OVERVIEW,), unit="px"),
     BoardColumn(("crer", AVERAGE), "CREr", "CRE / clean EPE", (OVERVIEW,)),
     BoardColumn(("rcre", AVERAGE), "RCRE", "How far the flow moves under corruption", (OVERVIEW,), unit="px"),
+    BoardColumn(
+        COVERAGE, "Coverage", "Share of the pixels that the model predicted; errors are over these", (OVERVIEW,)
+    ),
     BoardColumn(("parameters", ""), "Param.", "Parameters, millions", (OVERVIEW,), unit="M"),
     BoardColumn(("flops", ""), "FLOPs", "Floating-point operations of one prediction, 10⁹", (OVERVIEW,), unit="G"),
     BoardColumn(("rank", ""), "Avg. rank", "Rank of the mean of the FLOPs and CREr ranks (Tab. 3)", (OVERVIEW,)),
@@ -90,21 +93,22 @@ def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -
     keys = {key for entry in entries for key in entry.texts}
     columns = [column for column in _OVERVIEW if column.key in keys]
     metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in FAMILIES)]
-    found = [family for family in FAMILIES if any((metric, family) in keys for metric in metrics)]
+    families = [family for family in FAMILIES if any((metric, family) in keys for metric in metrics)]
     for metric in metrics:
-        columns.append(_mean_column(metric, (metric, AVERAGE), f"AVG {METRIC_LABELS[metric]}", (CLASSES,)))
-        for family in found:
+        if (metric, AVERAGE) in keys:
+            columns.append(_mean_column(metric, (metric, AVERAGE), f"AVG {METRIC_LABELS[metric]}", (CLASSES,)))
+        for family in families:
             columns.append(_mean_column(metric, (metric, family), FAMILY_LABELS[family], (CLASSES, family)))
             columns += [_column(metric, name, family) for name in FAMILIES[family] if (metric, name) in keys]
     start = next((i for key in START for i, column in enumerate(columns) if column.key == key), 0)
-    views = [(OVERVIEW, "Overview"), *([(CLASSES, "Class means")] if found else [])]
+    views = [(OVERVIEW, "Overview"), *([(CLASSES, "Class means")] if families else [])]
     settings = dict.fromkeys(entry.setting for entry in entries)
     return Board(
         benchmark=benchmark,
         label=benchmark_label(benchmark),
         columns=tuple(columns),
         groups=_groups(entries, group_titles),
-        views=(*views, *((family, FAMILY_LABELS[family]) for family in found)),
+        views=(*views, *((family, FAMILY_LABELS[family]) for family in families)),
         metrics=tuple((metric, METRIC_LABELS[metric]) for metric in metrics),
         settings=tuple(
             (name, setting_label(name)) for name in dict.fromkeys([*SETTING_LABELS, *settings]) if name in settings

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from ...analysis.cost_ranks import run_costs
-from ...analysis.doubts import doubts
+from ...analysis.doubts import doubted_runs, doubts
 from ...analysis.labels import benchmark_label
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
-from ...analysis.scores import note_of, run_names, sample_set, setting_of
+from ...analysis.scores import coverage_of, note_of, run_names, run_results, sample_set, setting_of
 from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import DataError, UsageError
 from ...text import plain
@@ -39,8 +39,10 @@ class Content:
         costs: the paper's, empty where its results are not there.
         entries: the lines of the leaderboard.
         group_titles: sample set -> heading.
-        alone: whether the page is about its runs, and the paper's results only stand beside them: then they have no
+        alone: whether the page is about its runs, and the paper's results are only shown beside them: then they have no
             figures, observations and audit of their own.
+        doubted: (sample set, name) of a run -> why its model is the best of nothing.
+        of_paper: whether the runs' averages are over the paper's corruptions alone, to stand beside the published ones.
     """
 
     title: str
@@ -50,6 +52,8 @@ class Content:
     entries: Sequence[Entry]
     group_titles: Mapping[str, str]
     alone: bool
+    doubted: Mapping[tuple[str, str], str]
+    of_paper: bool
 
     @property
     def of_one_run(self) -> bool:
@@ -80,8 +84,8 @@ def whole_content(
     Args:
         runs: none or more.
         files: (name of a file, the results read from it). Each is a sample set of its own unless its lines name one.
-        published: whether the paper's results stand beside them.
-        only_own: whether the page is about the runs and files: the paper's results only stand beside them.
+        published: whether the paper's results are shown beside them.
+        only_own: whether the page is about the runs and files: the paper's results are only shown beside them.
 
     Raises:
         DataError: a value that is there twice, in two files or in a file and the paper's results.
@@ -93,18 +97,24 @@ def whole_content(
 def _content(
     title: str, runs: Sequence[Run], files: Sequence[tuple[str, pl.DataFrame]], published: bool, alone: bool
 ) -> Content:
+    # A page about its runs says of each what was asked for; the paper's lines only stand below.
+    beside = published and not alone
+    doubted = doubted_runs(runs)
     by_name = {}
     known = {}
     for run, name in zip(runs, run_names(runs), strict=True):
         key = (sample_set(run), name)
-        by_name[key], known[key] = run, interval_ends(run, corruptions=len(runs) <= MOST_DETAILED)
+        by_name[key], known[key] = (
+            run,
+            interval_ends(run, corruptions=len(runs) <= MOST_DETAILED, beside_published=beside),
+        )
         if len(runs) > MOST_DETAILED:
             _ = run.summary, doubts(run)
             run.release_rows()
-    own, paper = results_of(runs, published=False), results_of([], published=published)
+    own, paper = run_results(runs, beside), results_of([], published=published)
     parts, titles = [own], {PAPER: "Published values"}
     for run in runs:
-        titles[sample_set(run)] = f"Measured here: {note_of(run) or 'the frames of the paper'}"
+        titles[sample_set(run)] = f"Measured here: {note_of(run, beside) or 'the frames of the paper'}"
     for index, (name, frame) in enumerate(files, 1):
         here = f"file {index}"
         parts.append(frame.with_columns(sample_set=pl.col("sample_set").replace({"file": here})))
@@ -112,10 +122,10 @@ def _content(
     results = pl.concat([*parts, paper])
     twice = results.filter(results.select(RESULT_KEY).is_duplicated())
     if twice.height:
-        found = twice.row(0, named=True)
+        entry = twice.row(0, named=True)
         raise DataError(
-            f"{found['metric']} of '{plain(found['model'])}' ({plain(found['setting'])}) on {found['corruption']} is "
-            f"there twice for the sample set '{plain(found['sample_set'])}'; give each result once"
+            f"{entry['metric']} of '{plain(entry['model'])}' ({plain(entry['setting'])}) on {entry['corruption']} is "
+            f"there twice for the sample set '{plain(entry['sample_set'])}'; give each result once"
         )
     costs = published_costs() if published else {}
     entries = entries_of(
@@ -124,12 +134,14 @@ def _content(
         known,
         run_costs(runs),
         [
-            (str(run.manifest["identity"]["benchmark"]), frames, setting_of(run), name, note_of(run))
+            (str(run.manifest["identity"]["benchmark"]), frames, setting_of(run), name, note_of(run, beside))
             for (frames, name), run in by_name.items()
         ],
+        doubted,
+        coverage_of(runs),
     )
     if not entries:
         raise UsageError(
             "nothing to show: there are no results; name runs or results files, or show the published ones"
         )
-    return Content(title, by_name, results, costs, entries, titles, alone)
+    return Content(title, by_name, results, costs, entries, titles, alone, doubted, beside)

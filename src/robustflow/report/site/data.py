@@ -71,13 +71,19 @@ def _entry(entry: Entry, place: dict[Key, int], title: str) -> dict[str, Any]:
         "page": entry.page,
         "frames": plain(entry.sample_set, 200),
         "note": entry.note,
-        "remark": plain(entry.note, 80) if entry.note not in title else "",
+        "remark": _remark(entry, title),
         "values": values,
         "best": sorted(place[key] for key in entry.best),
         "derived": sorted(place[key] for key in entry.derived),
         "intervals": {place[key]: interval_text(entry, key) for key in entry.intervals if key in place},
     }
     return {name: value for name, value in shown.items() if value or name in ("name", "setting")}
+
+
+def _remark(entry: Entry, title: str) -> str:
+    """Below the name: how it differs, unless the heading says so, and why it is the best of nothing."""
+    doubt = f"not marked as best: {plain(entry.doubt, 160)}" if entry.doubt else ""
+    return "; ".join(part for part in (plain(entry.note, 80) if entry.note not in title else "", doubt) if part)
 
 
 def _model(page: ModelPage) -> dict[str, Any]:

@@ -16,8 +16,9 @@ from ...errors import AssetError, DataError
 from ...runs.made_from import code_digest
 from ...sample import Frame
 from ...severity import SEVERITIES
+from ..gallery.page import example_slider
 from ..gallery.pictures import gallery
-from .examples import Slider, gallery_slider
+from ..slider import Slider
 
 _KEY = "motorcycle"
 _TITLE = "Middlebury 2014, Motorcycle"
@@ -36,7 +37,7 @@ def embedded_slider() -> Slider | None:
     source = _source(frames)
     kept = _read(source)
     if kept is None:
-        kept = gallery_slider(frames[0], gallery(frames[0], frames[1], SEVERITIES, key=_KEY), _TITLE)
+        kept = example_slider(frames[0], gallery(frames[0], frames[1], SEVERITIES, key=_KEY), _TITLE)
         _write(kept, source)
     return kept
 
@@ -56,7 +57,8 @@ def _read(source: str) -> Slider | None:
         slider = TypeAdapter(Slider).validate_python(document["slider"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError, ValidationError):
         return None
-    pictures = [slider.clean, *(picture for _, levels in slider.corruptions for _, picture in levels)]
+    shots = (shot for _, shots in slider.corruptions for shot in shots)
+    pictures = [*slider.clean, *(picture for shot in shots for picture in shot.pictures)]
     return slider if all(picture.startswith(_PICTURE) for picture in pictures) else None
 
 

@@ -7,18 +7,22 @@ from dataclasses import dataclass, field
 
 import polars as pl
 
+from ...analysis.best import Compared, best_of_columns
 from ...analysis.cost_ranks import cost_ranks, measured_crer, run_ranks
 from ...analysis.published.tables import PAPER, Cost
 from ...analysis.results import AVERAGE, CLEAN
 from ...benchmarks import benchmark_facts
-from ...corruptions.registry import FAMILIES
 from ...runs.costs import RunCost
+from ...runs.family_means import family_means
 from ...text import plain
 from ..table import number_text
 from .slugs import Slugs
 
 Key = tuple[str, str]
-"""(metric, corruption, "clean", "average", or a family); ("parameters", ""), ("flops", "") and ("rank", "")."""
+"""(metric, corruption, "clean", "average", or a family); ("parameters", ""), ("flops", ""), ("rank", "") and
+`COVERAGE`."""
+
+COVERAGE: Key = ("coverage", "")
 
 Interval = tuple[float, float]
 
@@ -42,6 +46,7 @@ class Entry:
         derived: keys of numbers that the paper has not printed and that are made from others of its.
         best: keys whose printed number is the smallest among the models of its setting and sample set.
         intervals: 95 % confidence intervals, where there are any.
+        doubt: why its model is the best of nothing, "" for a sound one.
     """
 
     benchmark: str
@@ -56,6 +61,7 @@ class Entry:
     derived: set[Key] = field(default_factory=set)
     best: set[Key] = field(default_factory=set)
     intervals: dict[Key, Interval] = field(default_factory=dict)
+    doubt: str = ""
 
     def set(self, key: Key, value: float | None, decimals: int | None = None) -> None:
         """Keep a number as it is printed; None is not kept."""
@@ -69,6 +75,8 @@ def entries_of(
     intervals: Mapping[tuple[str, str], Mapping[Key, Interval]] | None = None,
     run_costs: Mapping[tuple[str, str], RunCost] | None = None,
     first: Sequence[tuple[str, str, str, str, str]] = (),
+    doubted: Mapping[tuple[str, str], str] | None = None,
+    coverage: Mapping[tuple[str, str], float] | None = None,
 ) -> list[Entry]:
     """Entries of results, in their order, with the means over classes of corruptions that the paper does not print.
 
@@ -79,16 +87,18 @@ def entries_of(
         run_costs: of runs, by (sample set, name).
         first: (benchmark, sample set, setting, model, note) of entries that are there whatever the results say, before
             the others.
+        doubted: by (sample set, name) of a run, why its model is the best of nothing.
+        coverage: of runs that left out pixels, which share of them is in the errors.
     """
-    found: dict[tuple[str, str, str, str], Entry] = {}
+    entries: dict[tuple[str, str, str, str], Entry] = {}
     slugs = Slugs()
 
     def entry_of(benchmark: str, frames: str, setting: str, model: str, note: str) -> Entry:
         key = (benchmark, frames, setting, model)
-        if key not in found:
+        if key not in entries:
             texts = (plain(setting, 40), plain(model), model, plain(note, 300))
-            found[key] = Entry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
-        return found[key]
+            entries[key] = Entry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
+        return entries[key]
 
     for head in first:
         entry_of(*head)
@@ -101,9 +111,12 @@ def entries_of(
         for key, (value, _) in measured_crer(results.filter(benchmark=benchmark)).items()
     }
     ranks = cost_ranks(costs) if costs else {}
-    own_ranks = run_ranks(measured_crer(results.filter(pl.col("sample_set") != PAPER)), run_costs or {})
-    for key, entry in found.items():
-        _add_families(entry)
+    own_ranks = run_ranks(measured_crer(results.filter(pl.col("sample_set") != PAPER)), run_costs or {}, doubted or {})
+    for key, entry in entries.items():
+        for metric in ("epe", "cre", "rcre"):
+            values = {name: value for (of, name), value in entry.numbers.items() if of == metric}
+            for family, mean in family_means(values).items():
+                entry.set((metric, family), mean)
         run = (entry.sample_set, entry.name)
         entry.set(("crer", AVERAGE), crer.get(key))
         if entry.sample_set == PAPER and ("crer", AVERAGE) in entry.numbers:
@@ -115,17 +128,11 @@ def entries_of(
             entry.set(("flops", ""), run_costs[run].flops_g, 1)
             own = own_ranks.get(key[1:])
             entry.set(("rank", ""), own.average if own else None, 0)
+        entry.doubt = (doubted or {}).get(run, "")
+        entry.set(COVERAGE, (coverage or {}).get(run))
         entry.intervals = dict((intervals or {}).get(run, {}))
-    _mark_best(list(found.values()))
-    return list(found.values())
-
-
-def _add_families(entry: Entry) -> None:
-    for metric in ("epe", "cre", "rcre"):
-        for family, names in FAMILIES.items():
-            values = [entry.numbers[metric, name] for name in names if (metric, name) in entry.numbers]
-            if values:
-                entry.set((metric, family), sum(values) / len(values))
+    _mark_best(list(entries.values()), doubted or {})
+    return list(entries.values())
 
 
 def _add_published(entry: Entry, cost: Cost, ranks: Mapping[str, Mapping[str, int]]) -> None:
@@ -140,21 +147,19 @@ def _add_published(entry: Entry, cost: Cost, ranks: Mapping[str, Mapping[str, in
         entry.set(("rank", ""), ranks[f"average_{setting}"].get(entry.name), 0)
 
 
-def _mark_best(entries: list[Entry]) -> None:
-    """As in the paper: equal printed numbers share the mark; knowledge-driven methods, a model alone and numbers that
-    the paper does not print have none."""
-    groups: dict[tuple[str, str, str], list[Entry]] = {}
+_UNMARKED = {("parameters", ""), ("flops", ""), COVERAGE}
+
+
+def _mark_best(entries: list[Entry], doubted: Mapping[tuple[str, str], str]) -> None:
+    """As in the paper, knowledge-driven methods have no marks, nor have numbers that the paper does not print."""
+    lines = []
     for entry in entries:
-        groups.setdefault((entry.benchmark, entry.sample_set, entry.setting), []).append(entry)
-    for (_, _, setting), group in groups.items():
-        if setting == "knowledge" or len(group) == 1:
-            continue
-        for key in {key for entry in group for key in entry.texts} - {("parameters", ""), ("flops", "")}:
-            compared = [entry for entry in group if key in entry.texts and key not in entry.derived]
-            least = min((float(entry.texts[key]) for entry in compared), default=None)
-            for entry in compared:
-                if float(entry.texts[key]) == least:
-                    entry.best.add(key)
+        unmarked = entry.texts.keys() if entry.setting == "knowledge" else entry.derived | _UNMARKED
+        texts = {key: text for key, text in entry.texts.items() if key not in unmarked}
+        group = (entry.benchmark, entry.sample_set, entry.setting)
+        lines.append(Compared(group, texts, (entry.sample_set, entry.name) in doubted))
+    for entry, best in zip(entries, best_of_columns(lines), strict=True):
+        entry.best |= best
 
 
 def default_order(entry: Entry) -> tuple[bool, float, str]:

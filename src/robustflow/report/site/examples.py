@@ -1,12 +1,12 @@
 """Example pictures of a run's folder, and of the embedded pair, ready to stand inside a page.
 
 A folder may come from anyone: its list is checked, a file's name is a plain name, and a picture is decoded and encoded
-anew, so that nothing but pixels reaches the page.
+again, so that nothing but pixels reaches the page.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -19,10 +19,10 @@ from ...images.io import jpeg_address, read_image, shrunk
 from ...runs.example_record import FOLDER, RECORD
 from ...sample import Frame
 from ...text import plain
+from ..slider import Slider, make_slider
 
 if TYPE_CHECKING:
     from ...runs.run import Run
-    from ..gallery.pictures import Cell
 
 _LARGEST_LIST = 1 << 20
 _LARGEST_PICTURE = 1 << 24
@@ -69,17 +69,6 @@ class _Examples(_Strict):
 
 
 @dataclass(frozen=True)
-class Slider:
-    """One frame as it is and under corruptions: (name, [(severity, picture)]); pictures are `data:` addresses."""
-
-    title: str
-    width: int
-    height: int
-    clean: str
-    corruptions: tuple[tuple[str, tuple[tuple[int, str], ...]], ...]
-
-
-@dataclass(frozen=True)
 class Examples:
     """What a page shows of its pictures: a slider, and panels by (sample set, name) of the run."""
 
@@ -109,13 +98,13 @@ def run_examples(run: Run) -> tuple[Slider, list[Panel]] | None:
         return None
     data = _bytes(folder / RECORD, _LARGEST_LIST)
     try:
-        found = _Examples.model_validate_json(data)
+        shown = _Examples.model_validate_json(data)
     except ValidationError as error:
         raise DataError(f"{folder / RECORD}: {first_misfit(error)}; delete the folder, or run again") from error
-    clean = _read(folder / found.slider.clean)
-    pictures = ((one.corruption, one.severity, _read(folder / one.file)) for one in found.slider.pictures)
-    slider = make_slider(f"Sample {plain(found.slider.key)}", clean, pictures)
-    return slider, [_panel(folder, panel) for panel in found.panels]
+    clean = _read(folder / shown.slider.clean)
+    pictures = ((one.corruption, one.severity, [_read(folder / one.file)], "") for one in shown.slider.pictures)
+    slider = make_slider(f"Sample {plain(shown.slider.key)}", [clean], pictures, widest=_SLIDER_WIDTH, quality=_QUALITY)
+    return slider, [_panel(folder, panel) for panel in shown.panels]
 
 
 def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
@@ -123,26 +112,11 @@ def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
     slider: Slider | None = None
     panels: dict[tuple[str, str], list[Panel]] = {}
     for key, run in runs.items():
-        found = run_examples(run) if len(panels) < (MOST_RUNS if len(runs) <= MOST_RUNS else 1) else None
-        if found is not None:
-            slider = slider or found[0]
-            panels[key] = found[1]
+        pictures = run_examples(run) if len(panels) < (MOST_RUNS if len(runs) <= MOST_RUNS else 1) else None
+        if pictures is not None:
+            slider = slider or pictures[0]
+            panels[key] = pictures[1]
     return None if slider is None else Examples(slider, panels)
-
-
-def gallery_slider(clean: Frame, cells: Iterable[Cell], title: str) -> Slider:
-    """A slider from the cells of a gallery."""
-    return make_slider(title, clean, ((c.name, c.severity, c.frame) for c in cells if c.frame is not None))
-
-
-def make_slider(title: str, clean: Frame, pictures: Iterable[tuple[str, int, Frame]]) -> Slider:
-    """A slider from frames, RGB uint8, in the order of its choice of corruptions."""
-    found: dict[str, dict[int, str]] = {}
-    for corruption, severity, frame in pictures:
-        found.setdefault(corruption, {})[severity] = jpeg_address(frame, _SLIDER_WIDTH, _QUALITY)
-    height, width = shrunk(clean, _SLIDER_WIDTH).shape[:2]
-    corruptions = tuple((plain(long_label(name)), tuple(sorted(levels.items()))) for name, levels in found.items())
-    return Slider(title, width, height, jpeg_address(clean, _SLIDER_WIDTH, _QUALITY), corruptions)
 
 
 def _panel(folder: Path, panel: _Panel) -> Panel:
@@ -157,7 +131,7 @@ def _panel(folder: Path, panel: _Panel) -> Panel:
 
 def _read(path: Path) -> Frame:
     if path.is_symlink():
-        raise DataError(f"{path} is a link; example pictures lie in their folder")
+        raise DataError(f"{path} is a link; example pictures must be files in their folder")
     if path.is_file() and path.stat().st_size > _LARGEST_PICTURE:
         raise DataError(f"{path}: larger than {_LARGEST_PICTURE >> 20} MiB; example pictures are small")
     return read_image(path)

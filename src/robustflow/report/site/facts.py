@@ -45,7 +45,7 @@ def run_facts(run: Run) -> Facts:
 
 
 def published_facts(model: str, sources: list[str]) -> Facts:
-    """Of a model of the paper or of a results file: its method, and the tables its values stand in."""
+    """Of a model of the paper or of a results file: its method, and the tables its values are in."""
     method = method_of(model)
     facts = [("Source", ", ".join(source for source in sources if source))]
     if method is not None:

@@ -93,7 +93,7 @@ def page_figures(content: Content) -> list[PageFigure]:
 
 
 def _best_runs(frames: str, content: Content) -> list[str]:
-    """Names of the runs of a sample set, as many as a figure can tell apart, in the order of the runs: of more, those
+    """Names of the runs of a sample set, as many as a figure can distinguish, in the order of the runs: of more, those
     that come first on the leaderboard."""
     names = [name for of, name in content.runs if of == frames]
     if len(names) <= len(SERIES):
@@ -104,7 +104,7 @@ def _best_runs(frames: str, content: Content) -> list[str]:
 
 
 def _compares(name: str, figure: MarkedFigure) -> bool:
-    """Whether there is something to see: a cloud of one point is none."""
+    """Whether there is something to see: one point does not make a cloud."""
     return name == "crer_by_family" or len({mark.model for marks in figure.marks.values() for mark in marks}) > 1
 
 

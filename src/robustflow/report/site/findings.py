@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import polars as pl
 
 from ...analysis.audit import CHECKS, Audit, Finding, audit_published, audit_results
+from ...analysis.doubts import sound_results
 from ...analysis.observations import Observation, observations
 from ...analysis.observations.verdict import THIN, UNKNOWN
 from ...analysis.published.tables import PAPER
@@ -26,25 +27,26 @@ class Checked:
 
 def checked_observations(content: Content) -> list[Checked]:
     """For each sample set that the page is about, where at least one observation can be computed."""
-    found = []
-    for frames in dict.fromkeys(content.focus["sample_set"]):
-        part = content.results.filter(pl.col("sample_set") == frames)
+    checked = []
+    sound = sound_results(content.focus, content.doubted)
+    for frames in dict.fromkeys(sound["sample_set"]):
+        part = sound.filter(pl.col("sample_set") == frames)
         pairs = next((run.summary.samples for (of, _), run in content.runs.items() if of == frames), None)
         made = observations(part, content.costs if frames == PAPER else {}, pairs=pairs)
         if any(one.verdict != UNKNOWN for one in made):
-            found.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(made)))
-    return found
+            checked.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(made)))
+    return checked
 
 
 def audits(content: Content) -> list[Audit]:
     """Of the paper's tables, and of the results that came from files; runs are audited by `robustflow audit RUN`."""
     frames = set(content.results["sample_set"])
-    found = [audit_published()] if content.costs and not content.alone else []
+    audits = [audit_published()] if content.costs and not content.alone else []
     from_runs = {of for of, _ in content.runs}
     for name in sorted(frames - from_runs - {PAPER}):
         audited = content.group_titles.get(name, plain(name))
-        found.append(audit_results(content.results.filter(sample_set=name), audited=audited))
-    return found
+        audits.append(audit_results(content.results.filter(sample_set=name), audited=audited))
+    return audits
 
 
 def by_check(audit: Audit) -> list[tuple[str, int, list[Finding]]]:

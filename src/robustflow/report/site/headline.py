@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...analysis.audit.rounding import misfits
-from ...analysis.doubts import doubts
 from ...analysis.labels import METRIC_LABELS, benchmark_label, on_benchmark
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
+from ...analysis.scores import paper_rows
 from ...analysis.uncertainty import compare_all
 from ...errors import RunError
 from ...text import plain
@@ -38,20 +38,20 @@ def headline(content: Content) -> list[str]:
     if published and not content.alone:
         sentences.append(
             f"Of the published models, those that change least under corruption are {'; '.join(published)}. The paper "
-            "prints means and no values per image, so whether a lead is more than chance cannot be told."
+            "prints means and no values per image, so it is unknown whether a lead is more than chance."
         )
     return sentences
 
 
 def _best_of_settings(entries: list[Entry]) -> list[str]:
     """Per setting the model with the lowest CRE, or RCRE where there is none."""
-    told = []
+    leaders = []
     for setting in dict.fromkeys(entry.setting for entry in entries if entry.setting != "knowledge"):
-        found = _ranked([entry for entry in entries if entry.setting == setting])
-        if found is not None:
-            key, order = found
-            told.append(f"{order[0].model} ({setting}, {METRIC_LABELS[key[0]]} {_printed(order[0], key)})")
-    return told
+        ranked = _ranked([entry for entry in entries if entry.setting == setting])
+        if ranked is not None:
+            key, order = ranked
+            leaders.append(f"{order[0].model} ({setting}, {METRIC_LABELS[key[0]]} {_printed(order[0], key)})")
+    return leaders
 
 
 def _printed(entry: Entry, key: Key) -> str:
@@ -86,13 +86,13 @@ def _alone(entry: Entry) -> list[str]:
 
 
 def _of_own(entries: list[Entry], content: Content) -> list[str]:
-    """The lowest CRE beside the accuracy, among the models that nothing speaks against."""
+    """The lowest CRE beside the accuracy, among the models without doubts."""
     left_out = _not_ranked(entries, content, "Not ranked")
     sound = [entry for entry in entries if not _doubts(entry, content)]
-    found = _ranked(sound)
-    if found is None:
+    ranked = _ranked(sound)
+    if ranked is None:
         return [sentence for entry in sound for sentence in _alone(entry)] + left_out
-    key, order = found
+    key, order = ranked
     best, second = order[0], order[1]
     metric = METRIC_LABELS[key[0]]
     start = f"{benchmark_label(best.benchmark)}, {len(sound)} models on the same frames: "
@@ -116,8 +116,8 @@ def _shown(entry: Entry, key: Key) -> str:
 
 
 def _doubts(entry: Entry, content: Content) -> list[str]:
-    run = content.runs.get((entry.sample_set, entry.name))
-    return doubts(run) if run is not None else []
+    reason = content.doubted.get((entry.sample_set, entry.name))
+    return [reason] if reason else []
 
 
 def _not_ranked(entries: Sequence[Entry], content: Content, start: str) -> list[str]:
@@ -131,7 +131,8 @@ def _difference(metric: str, order: Sequence[Entry], content: Content) -> list[s
     """Whether the best differs from the second, corrected for every pair of the best `MOST_COMPARED`: which two are
     compared was chosen by looking at all."""
     runs = {entry.name: content.runs.get((entry.sample_set, entry.name)) for entry in order[:MOST_COMPARED]}
-    measured = {name: run.rows for name, run in runs.items() if run is not None}
+    rows = paper_rows if content.of_paper else (lambda run: run.rows)
+    measured = {name: rows(run) for name, run in runs.items() if run is not None}
     if len(measured) < len(runs):
         return []  # Results files have no values per image.
     try:

@@ -95,7 +95,9 @@ def _of_run(page: str, entry: Entry, run: Run, panels: tuple[Panel, ...]) -> Mod
         name=entry.model,
         tiles=((entry, _tiles(entry)),),
         says=_sentences(entry),
-        tables=tuple(_severity_table(entry, run, metric) for metric in _METRICS if (metric, AVERAGE) in entry.texts),
+        tables=tuple(
+            _severity_table(entry, run, metric) for metric in _METRICS if any(of == metric for of, _ in entry.texts)
+        ),
         facts=run_facts(run),
         anatomy=_anatomy(run),
         panels=panels,
@@ -130,8 +132,8 @@ def _tiles(entry: Entry) -> tuple[tuple[str, str, str], ...]:
 
 def interval_text(entry: Entry, key: Key) -> str:
     """ "[1.02, 1.71]", or "" where there is no interval."""
-    found = entry.intervals.get(key)
-    return f"[{found[0]:.2f}, {found[1]:.2f}]" if found else ""
+    interval = entry.intervals.get(key)
+    return f"[{interval[0]:.2f}, {interval[1]:.2f}]" if interval else ""
 
 
 def _sentences(entry: Entry) -> tuple[str, ...]:
@@ -142,11 +144,11 @@ def _sentences(entry: Entry) -> tuple[str, ...]:
             continue
         order = sorted(values, key=lambda name: -values[name])
         sign = "+" if metric == "cre" else ""
-        told = [f"{long_label(name)} ({values[name]:{sign}.2f} px)" for name in order]
-        worst = told[:-1][:3]
+        named = [f"{long_label(name)} ({values[name]:{sign}.2f} px)" for name in order]
+        worst = named[:-1][:3]
         are = "is" if len(worst) == 1 else "are"
         where = f"{benchmark_label(entry.benchmark)}, {setting_words(entry.setting)}"
-        return (f"{where}: by {METRIC_LABELS[metric]} the worst {are} {', '.join(worst)}; the mildest is {told[-1]}.",)
+        return (f"{where}: by {METRIC_LABELS[metric]} the worst {are} {', '.join(worst)}; the mildest is {named[-1]}.",)
     return ()
 
 
@@ -182,7 +184,7 @@ def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
 
 
 def _anatomy(run: Run) -> Table | None:
-    """Regions and families of the anatomy table; the slopes stand in the tables of severities."""
+    """Regions and families of the anatomy table; the slopes are in the tables of severities."""
     whole = anatomy_table([run])
     lines = [
         line for section in whole.sections for line in section.lines if any(cell.text != "-" for cell in line.cells[:2])

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
-from typing import Any
 
 from jinja2 import Environment, PackageLoader
-from markupsafe import Markup
 
 from ...text import plain
 from ...version import VERSION
+from ..embed import json_block
+from ..slider import Slider, slider_markup
 from . import assets
 from .board import boards_of
 from .content import Content
 from .data import page_data
-from .examples import Examples, Slider, examples_of
+from .examples import Examples, examples_of
 from .figures import page_figures
 from .findings import VERDICT_CLASSES, audits, by_check, checked_observations
 from .headline import headline
@@ -46,6 +45,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             primary=pages[0].id if content.of_one_run else "",
             figures=page_figures(content),
             examples=examples,
+            slider=slider_markup(examples.slider) if examples else None,
             observations=checked_observations(content),
             audits=audits(content),
             data=json_block(page_data(boards, pages)),
@@ -55,18 +55,6 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             version=VERSION,
         )
     )
-
-
-def json_block(value: Any) -> Markup:
-    """JSON that may stand inside `<script type="application/json">`: no text in it can end the element.
-
-    >>> print(json_block({"model": "</script><!--"}))
-    {"model":"\\u003c/script\\u003e\\u003c!--"}
-    """
-    text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    for character in "<>&\u2028\u2029":
-        text = text.replace(character, f"\\u{ord(character):04x}")
-    return Markup(text)
 
 
 @cache

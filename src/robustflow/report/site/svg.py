@@ -81,8 +81,8 @@ def mark_text(mark: Mark) -> str:
 def _name_marks(group: ElementTree.Element, marks: Sequence[Mark], page_of: Callable[[str], str | None]) -> None:
     """A point of a collection or line is a `use`; a bar or a text is the group itself."""
     points = list(group.iter(f"{{{_SVG}}}use"))
-    found = zip(points, marks, strict=True) if len(points) == len(marks) else ((group, mark) for mark in marks[:1])
-    for element, mark in found:
+    pairs = zip(points, marks, strict=True) if len(points) == len(marks) else ((group, mark) for mark in marks[:1])
+    for element, mark in pairs:
         page = page_of(mark.model)
         if page is not None:
             element.set("data-page", page)
@@ -120,8 +120,8 @@ def _restyle(element: ElementTree.Element) -> None:
     style = element.get("style")
     if style is not None:
         style = _FONT.sub(r"font-size: \1px", style)
-        element.set("style", re.sub("#[0-9a-f]{6}", lambda found: _COLOURS.get(found[0], found[0]), style))
+        element.set("style", re.sub("#[0-9a-f]{6}", lambda match: _COLOURS.get(match[0], match[0]), style))
     for name in _GEOMETRY:
         value = element.get(name)
         if value is not None:
-            element.set(name, _LONG_NUMBER.sub(lambda found: f"{float(found[0]):.2f}", value))
+            element.set(name, _LONG_NUMBER.sub(lambda match: f"{float(match[0]):.2f}", value))

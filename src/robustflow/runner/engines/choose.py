@@ -20,12 +20,12 @@ def choose_engine(name: str | None, workers: int, timeout: float | None) -> Engi
     """The engine of a name, or the one that the number of workers and the timeout ask for.
 
     Raises:
-        UsageError: an unknown name, or workers or a timeout that the engine cannot have.
+        UsageError: an unknown name, or workers or a timeout that the engine does not support.
     """
     if workers < 1:
-        raise UsageError(f"{workers} workers cannot work: give 1 or more")
+        raise UsageError(f"--workers {workers} is out of range: give 1 or more")
     if timeout is not None and timeout <= 0:
-        raise UsageError(f"a timeout of {timeout:g} s lets no model answer: give more than 0")
+        raise UsageError(f"no model can answer within a timeout of {timeout:g} s: give more than 0")
     if name is None:
         name = "processes" if workers > 1 or timeout is not None else "serial"
     if name not in ENGINES:

@@ -71,7 +71,7 @@ def refuse_unguarded_script() -> None:
     """Raise where a worker process, as it starts, runs the script that started it from the top again.
 
     Raises:
-        UsageError: it does, as Python has it of every script without an `if __name__ == "__main__":`.
+        UsageError: it does, as Python does with every script without an `if __name__ == "__main__":`.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise UsageError(_UNGUARDED)
@@ -109,7 +109,7 @@ class _Process:
             if not self._began and code == 1:
                 raise RunError(f"a worker process failed as it started; the usual cause: {_UNGUARDED}") from None
             raise RunError(
-                f"a worker process ended without a word (exit code {code}) while it computed "
+                f"a worker process ended without a message (exit code {code}) while it computed "
                 f"{self._what()}; out of memory or a crash inside the model are the usual causes: try fewer --workers"
             ) from None
         self._began = True
@@ -161,7 +161,7 @@ def _one_thread() -> Iterator[None]:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Ctrl-C waits here until a process has begun, which inherits that it does not hear it."""
+    """Ctrl-C waits here until a process has started, which inherits being deaf to it."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -29,7 +29,7 @@ class Schedule:
         for unit in units:
             self._waiting.setdefault(unit.key, deque()).append(unit)
         self._fresh = [key for key, mine in reversed(self._waiting.items()) if mine[0].corruption == CLEAN]
-        """Samples nobody has begun, the next one last."""
+        """Samples that no worker has begun, the next one last."""
 
     def take(self, last_key: str | None) -> Unit | None:
         """The next unit for a worker that has `last_key` loaded; None when all that is left has to wait."""
@@ -45,7 +45,7 @@ class Schedule:
         return None
 
     def finished(self, unit: Unit) -> None:
-        """Tell that a unit is done; a clean unit frees the rest of its sample."""
+        """Report that a unit is done; a clean unit frees the rest of its sample."""
         if unit.corruption == CLEAN:
             self._blocked.discard(unit.key)
 

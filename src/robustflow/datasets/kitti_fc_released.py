@@ -14,7 +14,7 @@ from .kitti import KittiPairs, kitti_pairs
 from .released import ReleasedPairs
 
 
-class KittiFC(KittiPairs, ReleasedPairs):
+class KittiFCReleased(KittiPairs, ReleasedPairs):
     """The released benchmark: clean samples, and the corrupted frames of each. Implements `PreCorrupted`.
 
     Args:
@@ -25,7 +25,7 @@ class KittiFC(KittiPairs, ReleasedPairs):
         DataError: another layout, or a file of a clean pair is missing.
     """
 
-    name = "kitti_fc"
+    name = "kitti_fc_released"
     facts = DatasetFacts(
         title="KITTI-FC, released files",
         description="KITTI 2015 as released with every corruption applied: 80 pairs in val, 120 in training.",

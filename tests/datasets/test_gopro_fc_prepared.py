@@ -16,7 +16,7 @@ from robustflow.benchmarks import load_benchmark
 from robustflow.corruptions import CLIP, PAPER_ORDER, load_corruption
 from robustflow.datasets import FromClips, PreCorrupted, load_dataset
 from robustflow.datasets.base import CorruptedClips
-from robustflow.datasets.gopro_fc import GoProFC
+from robustflow.datasets.gopro_fc_prepared import GoProFCPrepared
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import read_image, write_image
 from robustflow.video.clip import read_pictures
@@ -38,12 +38,12 @@ def prepared(tmp_path_factory) -> Path:
     return folder / "out"
 
 
-def master_frames(dataset: GoProFC) -> list[np.ndarray]:
+def master_frames(dataset: GoProFCPrepared) -> list[np.ndarray]:
     return [i420_to_rgb(picture, HEIGHT, WIDTH) for _, picture in read_pictures(dataset.clips[0].master)]
 
 
 def test_clean_pairs_are_the_masters_key_frames(prepared):
-    dataset = load_dataset("gopro_fc", prepared)
+    dataset = load_dataset("gopro_fc_prepared", prepared)
     assert isinstance(dataset, PreCorrupted)
     assert isinstance(dataset, FromClips)
     assert dataset.keys() == ["scene/000032", "scene/000064"]
@@ -58,7 +58,7 @@ def test_clean_pairs_are_the_masters_key_frames(prepared):
 
 
 def test_object_motion_blur_is_the_mean_of_master_frames(prepared):
-    dataset = GoProFC(prepared)
+    dataset = GoProFCPrepared(prepared)
     frames = np.stack(master_frames(dataset)).astype(np.float64)
     for severity, reach in enumerate((3, 6, 9, 12, 15), start=1):
         blurred = dataset.corrupted("scene/000064", "object_motion_blur", severity)
@@ -67,7 +67,7 @@ def test_object_motion_blur_is_the_mean_of_master_frames(prepared):
 
 
 def test_frames_around_a_pair_come_from_the_same_stream(prepared, tmp_path):
-    dataset = GoProFC(prepared, cache=tmp_path)
+    dataset = GoProFCPrepared(prepared, cache=tmp_path)
     assert isinstance(dataset, CorruptedClips)
     first, second = dataset.keys()
     assert (dataset.around(first, 5), dataset.around(second, 5)) == (range(3), range(-1, 2))
@@ -99,7 +99,7 @@ def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path, monkeypatch):
     same = ["sample", "corruption", "severity", "frames_digest"]
     assert one.rows.select(same).equals(pairs.rows.select(same))
     assert one.rows.equals(other.rows)
-    dataset = GoProFC(prepared)
+    dataset = GoProFCPrepared(prepared)
     frames = [dataset.corrupted_frame("scene/000064", offset, "object_motion_blur", 5) for offset in (-1, -1, 0, 1, 1)]
     frames = [frame.astype(np.int64) for frame in frames]
     clean = [dataset.frame("scene/000064", offset).astype(np.int64) for offset in (-1, -1, 0, 1, 1)]
@@ -110,8 +110,8 @@ def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path, monkeypatch):
 
 
 def test_order_of_access_and_process_do_not_matter(prepared, tmp_path):
-    first = GoProFC(prepared, cache=tmp_path / "a")
-    second = pickle.loads(pickle.dumps(GoProFC(prepared, cache=tmp_path / "b")))
+    first = GoProFCPrepared(prepared, cache=tmp_path / "a")
+    second = pickle.loads(pickle.dumps(GoProFCPrepared(prepared, cache=tmp_path / "b")))
     keys = first.keys()
     cells = [(key, name, severity) for key in keys for name in CLIP for severity in (1, 5)]
     with warnings.catch_warnings():
@@ -123,7 +123,7 @@ def test_order_of_access_and_process_do_not_matter(prepared, tmp_path):
 
 
 def test_damage_that_changes_nothing_is_said_aloud(prepared, tmp_path):
-    dataset = GoProFC(prepared, cache=tmp_path)
+    dataset = GoProFCPrepared(prepared, cache=tmp_path)
     with pytest.warns(UserWarning, match="not one of [0-9]+ bytes was changed"):
         shown = dataset.corrupted("scene/000032", "bit_error", 1)
     assert all((a == b).all() for a, b in zip(shown, dataset.load("scene/000032").frames, strict=True))
@@ -133,8 +133,8 @@ def test_damage_that_changes_nothing_is_said_aloud(prepared, tmp_path):
 
 
 def test_cache_keeps_its_limit_and_evicted_variants_come_back(prepared, tmp_path):
-    whole = GoProFC(prepared, cache=tmp_path / "whole")
-    small = GoProFC(prepared, cache=tmp_path / "small")
+    whole = GoProFCPrepared(prepared, cache=tmp_path / "whole")
+    small = GoProFCPrepared(prepared, cache=tmp_path / "small")
     small.cache.limit = 0
     for severity in (1, 3, 5, 1):
         key, name = "scene/000032", "h264_crf"
@@ -146,7 +146,7 @@ def test_cache_keeps_its_limit_and_evicted_variants_come_back(prepared, tmp_path
 
 
 def test_the_reference_variant_damages_with_5_m(prepared):
-    default = GoProFC(prepared)
+    default = GoProFCPrepared(prepared)
     assert load_corruption("bit_error", "reference").severities[4] == 5_000_000
     assert default.with_variant("default") is default
     assert default.with_variant("reference").variant == "reference"

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UsageError
+from .errors import UsageError
 
 _SELF = __name__.partition(".")[0]
 
@@ -28,7 +28,7 @@ def source_digest(made: Any) -> str:
     An object that overrides `source` (see `Corruption`) is asked for it instead of its attributes.
 
     Raises:
-        UsageError: an attribute whose value cannot be told apart from another.
+        UsageError: an attribute whose value cannot be distinguished from another.
     """
     kind = made if inspect.isclass(made) else type(made)
     digest = hashlib.blake2b(digest_size=8)
@@ -57,7 +57,7 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
 
 
 def _root(module: ModuleType) -> Path:
-    """The folder of the package that a module is in, or its own folder: what lies there is the user's too."""
+    """The folder of the package that a module is in, or its own folder: what is there is the user's too."""
     assert module.__file__ is not None
     levels = module.__name__.count(".") + (1 if hasattr(module, "__path__") else 0)
     folder = Path(module.__file__).resolve().parent

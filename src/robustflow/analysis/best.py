@@ -1,0 +1,51 @@
+"""Which printed numbers are the best of their column: one rule for the tables and the leaderboard."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+Key = TypeVar("Key", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class Compared(Generic[Key]):
+    """A line of printed numbers, lower being better.
+
+    Attributes:
+        group: lines of one group are compared.
+        texts: printed number by column.
+        doubted: whether something speaks against its model (`robustflow.analysis.doubts`): then it is the best of
+            nothing, and no other is better for being compared with it.
+    """
+
+    group: Hashable
+    texts: Mapping[Key, str]
+    doubted: bool = False
+
+
+def best_of_columns(lines: Sequence[Compared[Key]]) -> list[set[Key]]:
+    """For each line the columns of which it has the smallest printed number. As in the paper, equal printed numbers
+    share the mark; a line that has nothing to be compared with has none.
+
+    >>> lines = [Compared("OOD", {"epe": "4.20"}), Compared("OOD", {"epe": "4.2"}), Compared("ID", {"epe": "1.00"})]
+    >>> best_of_columns(lines)
+    [{'epe'}, {'epe'}, set()]
+    """
+    groups: dict[Hashable, list[Compared[Key]]] = {}
+    for line in lines:
+        if not line.doubted:
+            groups.setdefault(line.group, []).append(line)
+    least: dict[tuple[Hashable, Key], float] = {}
+    for group, members in groups.items():
+        if len(members) > 1:
+            for line in members:
+                for key, text in line.texts.items():
+                    least[group, key] = min(float(text), least.get((group, key), float("inf")))
+    return [
+        set()
+        if line.doubted
+        else {key for key, text in line.texts.items() if least.get((line.group, key)) == float(text)}
+        for line in lines
+    ]

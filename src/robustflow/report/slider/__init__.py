@@ -1,0 +1,8 @@
+"""The picture slider of every page: a clean picture beside corrupted ones, by corruption, severity and frame."""
+
+from __future__ import annotations
+
+from .markup import script, slider_markup, style
+from .pictures import Shot, Slider, make_slider
+
+__all__ = ["Shot", "Slider", "make_slider", "script", "slider_markup", "style"]

@@ -1,0 +1,94 @@
+"use strict";
+// The picture slider: a corruption (or all) at a severity, and of a clip at a frame, beside the clean one.
+const FRAMES_PER_SECOND = 6;
+
+function start(root) {
+  const data = JSON.parse(root.querySelector('script[type="application/json"]').textContent);
+  const which = root.querySelector("#slider-corruption");
+  const severity = root.querySelector("#slider-severity");
+  const frame = root.querySelector("#slider-frame");
+  const play = root.querySelector("#slider-play");
+  const frameShown = root.querySelector("#slider-frame-shown");
+  const pictures = root.querySelector(".slider-pictures");
+  const clean = pictures.querySelector("figure:not([data-corruption]) img");
+  const figures = [...pictures.querySelectorAll("[data-corruption]")];
+  const words = (figure) => data.corruptions[figure.dataset.corruption];
+
+  // Pictures that the markup holds are not in the data a second time.
+  data.clean[0] = clean.src;
+  for (const figure of figures) {
+    const { first, shots } = words(figure);
+    if (first !== null) shots[first].pictures[0] = figure.querySelector("img").src;
+  }
+
+  function put(image, address, alt) {
+    if (image.src !== address) image.src = address;
+    image.alt = alt;
+  }
+
+  function show() {
+    const at = frame === null ? 0 : Number(frame.value);
+    const number = String(at + data.firstFrame);
+    const ofFrame = frame === null ? "" : `, frame ${number}`;
+    put(clean, data.clean[at], `The clean frame${frame === null ? "" : ` ${number}`}`);
+    pictures.classList.toggle("together", which.value === "all");
+    for (const figure of figures) {
+      figure.hidden = which.value !== "all" && which.value !== figure.dataset.corruption;
+      if (figure.hidden) continue;
+      const { name, shots } = words(figure);
+      const shot = shots[severity.value];
+      const image = figure.querySelector("img");
+      image.hidden = shot === undefined;
+      figure.querySelector(".absent").hidden = shot !== undefined;
+      figure.querySelector("figcaption span").textContent = shot === undefined ? "" : shot.caption;
+      if (shot !== undefined) put(image, shot.pictures[at], `${name} at severity ${severity.value}${ofFrame}`);
+    }
+    root.querySelector("#slider-shown").textContent = severity.value;
+    severity.setAttribute("aria-valuetext", `${which.selectedOptions[0].textContent}, severity ${severity.value}`);
+    if (frame !== null) {
+      frameShown.textContent = number;
+      frame.setAttribute("aria-valuetext", `frame ${number}`);
+    }
+  }
+
+  // A corruption is first shown at a severity that it has: the one nearest to where the slider stands.
+  function choose() {
+    if (which.value !== "all") {
+      const levels = Object.keys(data.corruptions[which.value].shots).map(Number);
+      const away = (level) => Math.abs(level - Number(severity.value));
+      if (levels.length) severity.value = levels.reduce((best, level) => (away(level) < away(best) ? level : best));
+    }
+    show();
+  }
+
+  let timer = null;
+  function stop() {
+    clearInterval(timer);
+    timer = null;
+    play.textContent = "Play";
+    frameShown.setAttribute("aria-live", "polite");
+  }
+  function toggle() {
+    if (timer !== null) return stop();
+    play.textContent = "Pause";
+    frameShown.setAttribute("aria-live", "off"); // six numbers a second are not to be read out
+    timer = setInterval(() => {
+      frame.value = (Number(frame.value) + 1) % data.clean.length;
+      show();
+    }, 1000 / FRAMES_PER_SECOND);
+  }
+
+  which.addEventListener("input", choose);
+  severity.addEventListener("input", show);
+  if (frame !== null) {
+    frame.addEventListener("input", () => {
+      stop();
+      show();
+    });
+    play.addEventListener("click", toggle);
+  }
+  root.querySelector(".slider-controls").hidden = false;
+  choose();
+}
+
+document.querySelectorAll("[data-slider]").forEach(start);

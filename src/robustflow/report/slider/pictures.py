@@ -1,0 +1,101 @@
+"""What a picture slider shows: frames as `data:` addresses, small enough that hundreds of them fit in one page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from ...analysis.labels import long_label
+from ...images.io import jpeg_address, shrunk
+from ...sample import Frame
+from ...severity import SEVERITIES
+from ...text import plain
+
+
+@dataclass(frozen=True)
+class Shot:
+    """A corruption at one severity: a `data:` address for each frame, and a few words about it."""
+
+    severity: int
+    pictures: tuple[str, ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """Frames as they are and under corruptions.
+
+    Attributes:
+        title: what the frames are.
+        width, height: of every picture, pixels.
+        clean: a `data:` address for each frame; with more than one the page has a frame control.
+        corruptions: (label, shots by ascending severity); a severity without a shot says `absent`.
+        severities: what the severity control reaches.
+        start: the severity shown at first, or the one nearest to it.
+        together: whether all corruptions are shown at first, rather than the first of them.
+        absent: why a severity may have no picture.
+        first_frame: the number of the first frame in its clip.
+    """
+
+    title: str
+    width: int
+    height: int
+    clean: tuple[str, ...]
+    corruptions: tuple[tuple[str, tuple[Shot, ...]], ...]
+    severities: tuple[int, ...] = SEVERITIES
+    start: int = 3
+    together: bool = False
+    absent: str = "This severity was not run."
+    first_frame: int = 0
+
+
+def make_slider(
+    title: str,
+    clean: Sequence[Frame],
+    pictures: Iterable[tuple[str, int, Sequence[Frame], str]],
+    *,
+    widest: int,
+    quality: int,
+    severities: Sequence[int] = SEVERITIES,
+    start: int = 3,
+    together: bool = False,
+    absent: str = "This severity was not run.",
+    first_frame: int = 0,
+) -> Slider:
+    """A slider from frames; holds one corrupted clip at a time where `pictures` is a generator.
+
+    Args:
+        title, severities, start, together, absent, first_frame: as `Slider` has them.
+        clean: RGB uint8 (H, W, 3), one or more frames of one size.
+        pictures: (corruption, severity, as many frames as `clean`, caption) in the order of the choice of corruptions.
+            Without frames the corruption is listed and its severity says `absent`.
+        widest: pixels that pictures are shrunk to.
+        quality: of the JPEG encoding, 1 to 95.
+
+    >>> import numpy as np
+    >>> grey = np.full((32, 48, 3), 128, np.uint8)
+    >>> slider = make_slider("grey", [grey], [("fog", 2, [grey], ""), ("fog", 1, [grey], "")], widest=24, quality=60)
+    >>> slider.width, slider.height, [(name, [s.severity for s in shots]) for name, shots in slider.corruptions]
+    (24, 16, [('Fog', [1, 2])])
+    """
+    by_name: dict[str, list[Shot]] = {}
+    for corruption, severity, frames, caption in pictures:
+        shots = by_name.setdefault(corruption, [])
+        if frames:
+            shots.append(Shot(severity, tuple(jpeg_address(frame, widest, quality) for frame in frames), caption))
+    height, width = shrunk(clean[0], widest).shape[:2]
+    return Slider(
+        title,
+        width,
+        height,
+        tuple(jpeg_address(frame, widest, quality) for frame in clean),
+        tuple(
+            (plain(long_label(name)), tuple(sorted(shots, key=lambda shot: shot.severity)))
+            for name, shots in by_name.items()
+        ),
+        tuple(severities),
+        start,
+        together,
+        absent,
+        first_frame,
+    )

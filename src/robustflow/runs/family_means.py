@@ -1,0 +1,31 @@
+"""The paper's families of corruptions: what was measured of each, and its mean."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TypeVar
+
+from ..corruptions.registry import FAMILIES
+
+T = TypeVar("T")
+
+
+def by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
+    """What there is of each family's corruptions, in the paper's order; families of which there is nothing are left
+    out, as are corruptions of no family.
+
+    >>> by_family({"snow": 2, "fog": 1, "elastic_transform": 3})
+    {'weather': [1, 2]}
+    """
+    found = {family: [values[name] for name in names if name in values] for family, names in FAMILIES.items()}
+    return {family: members for family, members in found.items() if members}
+
+
+def family_means(values: Mapping[str, float]) -> dict[str, float]:
+    """Mean over the corruptions of each family that were measured.
+
+    >>> family_means({"snow": 2.0, "fog": 1.0})
+    {'weather': 1.5}
+    """
+    return {family: math.fsum(members) / len(members) for family, members in by_family(values).items()}

@@ -1,0 +1,88 @@
+"""One prepared clip, open: its key frames as the four corruptions that need the whole clip leave them.
+
+Object motion blur averages master frames decoded on demand. A video corruption transcodes the master once per severity;
+its key frames are kept in a cache of limited size.
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import partial
+from pathlib import Path
+
+from ..atomic import make_folder, write_json
+from ..sample import Frame
+from .cache import FolderCache
+from .clip import ClipFile, ClipReader
+from .colour import i420_to_rgb
+from .object_motion import ObjectMotion
+from .prepared import PreparedClip
+from .variants import FRAMES_FILE, make_variant
+
+RECORDS = ".records"
+
+
+class OpenClip:
+    """Readers of one clip: of its master, and of each variant's key frames.
+
+    Args:
+        clip: from `prepared.read_folder`.
+        cache: where transcoded variants are kept.
+        reaches: of object motion blur, at its five severities: it averages over this many frames to either side.
+    """
+
+    def __init__(self, clip: PreparedClip, cache: FolderCache, reaches: tuple[int, ...]) -> None:
+        self.clip = clip
+        self._cache = cache
+        self._master = ClipReader(clip.master)
+        self._motion = ObjectMotion(self._master_frame, reaches)
+        self._variants: dict[tuple[str, int], ClipReader] = {}
+
+    def blurred(self, index: int, reach: int) -> Frame:
+        """A key frame under object motion blur, RGB uint8 (H, W, 3)."""
+        return self._motion.blurred(index, reach)
+
+    def transcoded(self, index: int, corruption: str, parameter: int) -> Frame:
+        """A key frame after a video corruption, RGB uint8 (H, W, 3); transcodes the clip on first use.
+
+        Warns (`UserWarning`) when it does, where a damage changed nothing or cost frames.
+        """
+        position = self.clip.record.key_frames.index(index)
+        reader = self._variants.get((corruption, parameter))
+        if reader is None:
+            name = _variant_name(self.clip, corruption, parameter)
+            make = partial(self._make, corruption, parameter)
+            reader = self._cache.use(name, make, partial(self._reader, position))
+            self._variants[corruption, parameter] = reader
+        return self._rgb(reader, position)
+
+    def _make(self, corruption: str, parameter: int, folder: Path) -> None:
+        record = make_variant(self.clip, corruption, parameter, folder)
+        path = record_of_variant(self.clip, self._cache, corruption, parameter)
+        make_folder(path.parent)
+        write_json(path, record)
+        for warning in record["warnings"]:
+            warnings.warn(warning, stacklevel=2)
+
+    def _reader(self, position: int, folder: Path) -> ClipReader:
+        master = self.clip.master
+        count = len(self.clip.record.key_frames)
+        reader = ClipReader(ClipFile(folder / FRAMES_FILE, count, master.fps, master.height, master.width), keep=2)
+        reader.picture(position)  # opens the file, which may then be evicted without harm
+        return reader
+
+    def _master_frame(self, index: int) -> Frame:
+        return self._rgb(self._master, index)
+
+    def _rgb(self, reader: ClipReader, index: int) -> Frame:
+        return i420_to_rgb(reader.picture(index), reader.clip.height, reader.clip.width)
+
+
+def record_of_variant(clip: PreparedClip, cache: FolderCache, corruption: str, parameter: int) -> Path:
+    """The file that says how a variant was made. It outlives the frames, which may be evicted."""
+    return cache.root / RECORDS / f"{_variant_name(clip, corruption, parameter)}.json"
+
+
+def _variant_name(clip: PreparedClip, corruption: str, parameter: int) -> str:
+    """The cache's name for a transcoded clip; another master is another name."""
+    return f"{clip.name}-{clip.record.master_sha256[:12]}-{corruption}-{parameter}"

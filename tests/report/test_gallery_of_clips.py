@@ -1,0 +1,188 @@
+"""The gallery of a clip: its frames are those of `corrupt_clip` and of the real codec, its page plays from disk."""
+
+from __future__ import annotations
+
+import json
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from skimage import data
+
+import robustflow as rf
+from robustflow.cli.main import main
+from robustflow.corruptions import CLIP, corrupt_clip
+from robustflow.errors import DataError, UsageError
+from robustflow.images.io import write_image
+from robustflow.report.gallery.clip import LONGEST_PART, ClipPart, chosen_corruptions, clip_cells
+from robustflow.video.clip import write_clip
+from robustflow.video.codec import crf
+from robustflow.video.colour import rgb_to_i420
+
+from .elements import Elements
+
+HEIGHT, WIDTH, COUNT = 96, 128, 21
+
+
+def _frame(index: int) -> np.ndarray:
+    """A picture that moves by two pixels a frame."""
+    return data.astronaut()[60 : 60 + HEIGHT, 100 + 2 * index : 100 + 2 * index + WIDTH].copy()
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory) -> Path:
+    """A real H.264 file of 21 frames, 25 a second."""
+    path = tmp_path_factory.mktemp("clip") / "walk.mp4"
+    pictures = (rgb_to_i420(_frame(index)) for index in range(COUNT))
+    return write_clip(path, pictures, (HEIGHT, WIDTH), Fraction(25), crf(10)).path
+
+
+@pytest.fixture
+def gallery(tmp_path, monkeypatch, capsys):
+    """Call the command in an empty folder: exit code, output, errors."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["robustflow", "gallery", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        shown = capsys.readouterr()
+        return int(stop.value.code or 0), shown.out, shown.err
+
+    return call
+
+
+def test_the_frames_shown_are_the_middle_of_the_part(video):
+    part = ClipPart(video, shown=4)
+    assert (part.count, list(part.shown), part.first_number, part.rate) == (COUNT, [8, 9, 10, 11], 8, Fraction(25))
+    for shown, index in zip(part.frames(part.shown), part.shown, strict=True):
+        # Of a lossy file, so nearly the frame that was written, and nearer to it than to its neighbours.
+        away = [np.abs(shown.astype(int) - _frame(other)).mean() for other in (index - 1, index, index + 1)]
+        assert away[1] == min(away)
+    later = ClipPart(video, start="10", stop="14", shown=10)
+    assert (later.count, list(later.shown), later.first_number) == (4, [0, 1, 2, 3], 10)
+
+
+def test_a_folder_of_frames_is_a_clip_in_natural_order(tmp_path):
+    for index in range(12):
+        write_image(tmp_path / f"f{index}.png", _frame(index))
+    part = ClipPart(tmp_path, shown=3)
+    for shown, index in zip(part.frames(part.shown), part.shown, strict=True):
+        np.testing.assert_array_equal(shown, _frame(index))
+    np.testing.assert_array_equal(list(part.frames())[-1], _frame(11))
+
+
+def test_a_long_clip_is_read_in_part(tmp_path):
+    for index in range(LONGEST_PART + 20):
+        write_image(tmp_path / f"{index}.png", np.full((16, 16, 3), index, np.uint8))
+    part = ClipPart(tmp_path, shown=2)
+    assert part.count == LONGEST_PART
+    assert [int(frame[0, 0, 0]) for frame in part.frames(part.shown)] == [LONGEST_PART // 2 - 1, LONGEST_PART // 2]
+
+
+def test_what_is_shared_in_time_stays_and_what_changes_changes(video, tmp_path):
+    part = ClipPart(video, shown=3)
+    shown = list(part.frames(part.shown))
+    for cell in clip_cells(part, shown, [3], ["snow", "spatter", "gaussian_noise"], tmp_path, seed=5, key="walk"):
+        made = list(corrupt_clip(shown, cell.name, 3, 5, "walk"))
+        np.testing.assert_array_equal(cell.frames, made)
+        pair = rf.corrupt(shown[0], shown[1], cell.name, 3, 5, "walk")
+        np.testing.assert_array_equal(cell.frames[:2], pair)
+
+
+def test_the_codec_really_ran(video, tmp_path):
+    """Coarser with the severity; frames in their places; and of bit errors none where the stream is too short."""
+    part = ClipPart(video, shown=3)
+    shown = list(part.frames(part.shown))
+    cells = {(cell.name, cell.severity): cell for cell in clip_cells(part, shown, [1, 5], list(CLIP[-3:]), tmp_path)}
+    for name in ("h264_crf", "h264_abr"):
+        assert name in CLIP
+        mild, severe = cells[name, 1], cells[name, 5]
+        assert len(mild.frames) == len(severe.frames) == 3
+        assert severe.ssim < mild.ssim or name == "h264_abr"  # a bit rate may be plenty for a small clip
+        for frame, clean in zip(mild.frames, shown, strict=True):
+            assert np.abs(frame.astype(int) - clean).mean() < 12
+    assert cells["h264_crf", 5].ssim < 0.8
+    assert cells["bit_error", 1].caption.endswith("no byte hit")
+    assert cells["bit_error", 1].ssim > 0.9
+
+
+def test_bit_errors_hit_a_stream_that_is_long_enough(tmp_path):
+    """Noise cannot be compressed: 24 frames of it are more than a million bytes."""
+    rng = np.random.default_rng(0)
+    for index in range(24):
+        write_image(tmp_path / f"{index}.png", rng.integers(0, 256, (192, 256, 3)).astype(np.uint8))
+    part = ClipPart(tmp_path, shown=2)
+    shown = list(part.frames(part.shown))
+    folder = tmp_path / "encoded"
+    folder.mkdir()
+    (mild, severe) = clip_cells(part, shown, [1, 5], ["bit_error"], folder)
+    assert mild.caption.endswith("no byte hit")
+    assert not severe.caption.endswith("no byte hit")
+
+
+def test_what_cannot_be_made_is_said():
+    chosen, (sentence,) = chosen_corruptions(None, "paper")
+    assert set(CLIP) - set(chosen) == {"object_motion_blur"}
+    assert "prepare gopro-fc" in sentence
+    calibrated, (sentence,) = chosen_corruptions(None, "calibrated")
+    assert not set(CLIP) & set(calibrated)
+    assert all(name in sentence for name in CLIP)
+    for name, scale in (
+        ("object_motion_blur", "paper"),
+        ("fog+object_motion_blur:2", "paper"),
+        ("fog+h264_crf", "paper"),
+        ("h264_crf", "calibrated"),
+    ):
+        with pytest.raises(UsageError, match=name.partition("+")[2].partition(":")[0] or name):
+            chosen_corruptions([name], scale)
+
+
+def test_the_command_plays_a_video(gallery, video):
+    code, out, error = gallery("--clip", video, "-c", "snow,h264_crf", "--length", 4, "-s", 4, "-o", "out")
+    assert (code, error) == (0, "")
+    assert out.split() == ["out/gallery.png", "out/gallery.pdf", "out/gallery.html"]
+    text = Path("out/gallery.html").read_text()
+    page = Elements(text)
+    assert "frames 8 to 11" in text
+    (block,) = (json.loads(t) for a, t in page.scripts if a.get("type") == "application/json")
+    assert [one["name"] for one in block["corruptions"]] == ["Snow", "H.264 CRF"]
+    assert len(block["clean"]) == 4
+    for one in block["corruptions"]:
+        assert [len(shot["pictures"]) for shot in one["shots"].values()] == [4] * 5
+        assert len({shot["pictures"][1] for shot in one["shots"].values()}) == 5
+    ids = {attrs["id"]: attrs for attrs in page.all("input")}
+    assert (ids["slider-frame"]["type"], ids["slider-frame"]["max"]) == ("range", "3")
+    assert [attrs["id"] for attrs in page.all("button")] == ["slider-play"]
+    assert "http" not in text.replace("http-equiv", "")
+
+
+def test_what_is_left_out_stands_on_the_page_and_in_the_terminal(gallery, video, monkeypatch):
+    from robustflow.report.gallery import clip
+
+    monkeypatch.setattr(clip, "IMAGE_PAIR", ("contrast",))
+    monkeypatch.setattr(clip, "MADE_FROM_CLIP", ("h264_crf",))
+    code, _, error = gallery("--clip", video, "--length", 2)
+    assert code == 0
+    assert "object_motion_blur is left out" in error
+    assert "object_motion_blur is left out" in Path("gallery/gallery.html").read_text()
+
+
+def test_wrong_requests_are_a_sentence(gallery, video, tmp_path):
+    for arguments, code, words in (
+        (("--clip", video, "--frames", "a.png", "b.png"), 2, "choose one"),
+        (("--length", 4), 2, "give --clip"),
+        (("--clip", video, "--length", 1), 2, "2 to 24"),
+        (("--clip", video, "--length", 100), 2, "2 to 24"),
+        (("--clip", video, "-c", "object_motion_blur"), 2, "interpolated"),
+        (("--clip", video, "--start", "20"), 1, "1 frame"),
+        (("--clip", tmp_path / "none.mp4"), 1, "no such"),
+    ):
+        got, _, error = gallery(*arguments)
+        assert (got, error.count("\n")) == (code, 1), error
+        assert words in error
+        assert not Path("gallery").exists()
+    with pytest.raises(DataError):
+        ClipPart(Path(__file__))

@@ -1,0 +1,47 @@
+"""The small data set is one: it keeps the rules, its flow is exact, and a benchmark runs on it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.benchmarks import Benchmark, load_benchmark
+from robustflow.errors import UsageError
+from robustflow.testing import ShiftedTruth, TexturePairs, check_dataset
+
+
+@pytest.mark.parametrize("size", [(64, 96), (33, 61)])
+def test_it_keeps_the_rules(size):
+    pairs = TexturePairs(4, size)
+    assert check_dataset(pairs, samples=4) == "texture_pairs"
+    assert {sample.shape for sample in pairs} == {size}
+    assert len({sample.frames[0].tobytes() for sample in pairs}) == 4
+
+
+@pytest.mark.parametrize("key", ["0", "1", "2"])
+def test_the_flow_leads_each_pixel_to_itself(key):
+    sample = TexturePairs(3, (40, 56), reach=6, seed=5).load(key)
+    assert sample.occluded is not None
+    y, x = np.nonzero(~sample.occluded)
+    u, v = sample.flow[y, x].astype(int).T
+    assert np.array_equal(sample.frames[0][y, x], sample.frames[1][y + v, x + u])
+    assert sample.occluded.sum() == 40 * 56 - (40 - abs(v[0])) * (56 - abs(u[0]))
+
+
+def test_the_error_of_a_model_on_it_is_known(tmp_path):
+    pairs = TexturePairs(1)
+    benchmark = Benchmark("textures", pairs, ("0",), ("contrast",), (1,))
+    run = rf.evaluate(ShiftedTruth(pairs.load("0").flow, u=3, v=4), benchmark, output=tmp_path)
+    assert run.epe_clean == 5.0
+    assert run.cre == 0.0
+
+
+def test_it_is_a_data_set_by_name():
+    assert load_benchmark("demo", "robustflow.testing:TexturePairs").keys == ("0", "1", "2")
+
+
+@pytest.mark.parametrize("wrong", [{"count": 0}, {"size": (4, 40)}, {"reach": -1}])
+def test_what_cannot_be_made_is_refused(wrong):
+    with pytest.raises(UsageError, match="cannot be made"):
+        TexturePairs(**wrong)
