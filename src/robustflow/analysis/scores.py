@@ -136,10 +136,16 @@ def _sample_set(run: Run) -> str:
 
 def note_of(run: Run, beside_published: bool = False) -> str:
     """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities;
-    `beside_published` as for `run_results`."""
+    `beside_published` as for `run_results`. Of frames that the paper has no results on and that have no ground truth,
+    only what was measured."""
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples
-    remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
+    apart = not benchmark_facts(benchmark).published and run.summary.epe_clean is None
+    if apart:
+        title = benchmark_facts(benchmark).title.replace("Your own", "your own", 1)
+        remarks = [f"{counted(pairs, 'pair')} of {title}"]
+    else:
+        remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
     if beside_published and not _only_of_paper(run):
@@ -150,11 +156,12 @@ def note_of(run: Run, beside_published: bool = False) -> str:
             else f"no average: {len(of_paper)} of the paper's {len(wanted)} corruptions, and others"
         )
     elif set(averaged) != set(wanted):
-        remarks.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
+        average = f"average over {counted(len(averaged), 'corruption')}"
+        remarks.append(average if apart else f"{average}, not the paper's {len(wanted)}")
     if set(selection["severities"]) != set(SEVERITIES):
         remarks.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
-        remarks.append("calibrated severities, not the paper's")
+        remarks.append("calibrated severities" + ("" if apart else ", not the paper's"))
     if not run.summary.complete:
         remarks.append("not complete")
     return "; ".join(part for part in remarks if part)

@@ -35,7 +35,7 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
     ]
     assert [group.published for group in boards["kitti-fc"].groups] == [False, False, True]
     assert "1 pair of demo" in boards["demo"].groups[0].title
-    assert boards["demo"].settings == (("knowledge", "Knowledge-driven"),)
+    assert boards["demo"].settings == (("knowledge", "knowledge-driven", "learns nothing from data"),)
 
 
 def test_a_value_given_twice_is_refused():
