@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -16,7 +17,7 @@ from robustflow.analysis.uncertainty.of_runs import interval_ends
 from robustflow.errors import DataError, RunError
 from robustflow.report.site import write as site_write
 from robustflow.runs import run as run_module
-from robustflow.runs.made_from import FACTS, RECORD, note_made
+from robustflow.runs.made_from import FACTS, RECORD, code_digest, note_made
 from robustflow.runs.shards import list_shards, read_shard, write_shard
 from robustflow.runs.store import RunFolder
 
@@ -187,3 +188,13 @@ def test_the_digest_of_a_folder_is_of_its_shards(folder):
     assert RunFolder(folder).digest() != whole
     with pytest.raises(RunError, match="damaged"):
         _ = rf.load_run(folder).summary
+
+
+def test_a_file_of_the_package_that_goes_while_it_is_listed_is_left_out(monkeypatch):
+    code_digest.cache_clear()
+    before = code_digest()
+    listed = Path.rglob
+    monkeypatch.setattr(Path, "rglob", lambda path, pattern: [*listed(path, pattern), path / "renamed_meanwhile.py"])
+    monkeypatch.setattr(Path, "is_file", lambda path: True)  # it is there when it is listed
+    code_digest.cache_clear()
+    assert code_digest() == before

@@ -9,9 +9,11 @@ decoding a single row.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
 
 from ..atomic import write_json
@@ -76,8 +78,7 @@ def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
     for path in sorted(folder.rglob("*")):
         inside = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in inside.parts)
-        if not hidden and inside.parts[0] not in _NOT_BESIDE and path.is_file():
-            stat = path.stat()
+        if not hidden and inside.parts[0] not in _NOT_BESIDE and (stat := _stat(path)) is not None:
             yield str(inside), stat.st_size, stat.st_mtime_ns
 
 
@@ -85,6 +86,18 @@ def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
 def code_digest() -> str:
     """A hash of this package as it is installed: name, size and time of change of its files."""
     package = Path(__file__).parents[1]
-    files = [path for path in sorted(package.rglob("*")) if "__pycache__" not in path.parts and path.is_file()]
-    stats = [(str(path.relative_to(package)), path.stat()) for path in files]
+    stats = [
+        (str(path.relative_to(package)), stat)
+        for path in sorted(package.rglob("*"))
+        if "__pycache__" not in path.parts and (stat := _stat(path)) is not None
+    ]
     return digest_of_value([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats], size=16)
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    """Of a file; None of anything else, and of a file that goes meanwhile (an upgrade, an editor)."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat if S_ISREG(stat.st_mode) else None
