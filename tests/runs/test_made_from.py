@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import polars as pl
 import pytest
 
 import robustflow as rf
+from robustflow.analysis.doubts import doubts
+from robustflow.analysis.scores import sample_set
+from robustflow.analysis.uncertainty.of_runs import interval_ends
+from robustflow.errors import DataError, RunError
 from robustflow.report.site import write as site_write
 from robustflow.runs import run as run_module
-from robustflow.runs.made_from import RECORD, rows_digest
+from robustflow.runs.made_from import FACTS, RECORD, note_made
 from robustflow.runs.shards import list_shards, read_shard, write_shard
 from robustflow.runs.store import RunFolder
 
@@ -105,13 +110,95 @@ def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatc
     assert written
 
 
-def test_the_digest_of_rows_is_of_their_content(folder):
-    rows = RunFolder(folder).rows()
-    assert rows_digest(rows) == rows_digest(pl.concat([rows[:1], rows[1:]]))
-    for changed in (
-        rows[:-1],
-        rows.with_columns(epe_sum=pl.col("epe_sum") * (1 + 2**-52)),
-        rows.with_columns(n_valid=pl.lit(None, pl.Int64)),
-        rows.with_columns(sample=pl.col("sample") + "x"),
-    ):
-        assert rows_digest(changed) != rows_digest(rows)
+def _edit_summary(folder):
+    path = folder / "summary.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "epe_clean": 0.001}))
+
+
+def _edit_rows(folder):
+    (shard,) = list_shards(folder / "rows")
+    rows = read_shard(shard)
+    shard.unlink()
+    write_shard(folder / "rows", "changed", rows.with_columns(magnitude_sum=pl.lit(0.0), frames_digest=pl.lit("0")))
+
+
+def _edit_facts(folder):
+    path = folder / FACTS
+    path.write_text(json.dumps({**json.loads(path.read_text()), "sample_set": "0", "doubts": ["a lie"]}))
+
+
+def _edit_manifest(folder):
+    path = folder / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "selection": {"corruptions": [], "severities": []}}))
+
+
+def _asked(run):
+    """What pages ask of a run."""
+    return sample_set(run), doubts(run), interval_ends(run, beside_published=True), run.summary
+
+
+def _computed(folder, tmp_path):
+    """The same, of a copy without anything kept."""
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    for name in (RECORD, FACTS, "summary.json"):
+        (copy / name).unlink(missing_ok=True)
+    return _asked(rf.load_run(copy))
+
+
+@pytest.mark.parametrize("edit", [lambda folder: None, _edit_summary, _edit_rows, _edit_facts, _edit_manifest])
+def test_what_is_kept_is_what_would_be_computed(folder, tmp_path, edit):
+    assert (folder / FACTS).is_file(), "kept by the run's own report"
+    edit(folder)
+    assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
+
+
+def test_a_run_that_is_kept_is_read_without_a_row(folder, monkeypatch):
+    whole = _asked(rf.load_run(folder))
+    monkeypatch.setattr(RunFolder, "rows", lambda *_: pytest.fail("rows were read"))
+    assert _asked(rf.load_run(folder)) == whole
+
+
+def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder):
+    run = rf.load_run(folder)
+    assert run.rows.height
+    _edit_rows(folder)
+    (folder / FACTS).unlink()
+    before = doubts(run)
+    run.keep()
+    later = rf.load_run(folder)
+    assert not later.has_fact("doubts")
+    assert doubts(later) != before
+
+
+@pytest.mark.parametrize(
+    "facts", ["[]", "{", '{"doubts": 3, "sample_set": [], "paper intervals": [["cre", "fog", "x", 1]]}']
+)
+def test_facts_of_another_shape_are_made_again(folder, tmp_path, facts):
+    (folder / FACTS).write_text(facts)
+    note_made(folder, FACTS, rf.load_run(folder)._made_from)
+    assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
+
+
+def test_a_folder_that_cannot_be_written_keeps_nothing(folder, monkeypatch):
+    (folder / RECORD).unlink()
+    run = rf.load_run(folder)
+    whole = _asked(run)
+
+    def refuse(*_):
+        raise DataError("read-only")
+
+    monkeypatch.setattr("robustflow.runs.run.write_json", refuse)
+    run.keep()
+    assert _asked(rf.load_run(folder)) == whole
+
+
+def test_the_digest_of_a_folder_is_of_its_shards(folder):
+    whole = RunFolder(folder).digest()
+    assert RunFolder(folder).digest() == whole
+    (shard,) = list_shards(folder / "rows")
+    data = bytearray(shard.read_bytes())
+    data[len(data) // 2] ^= 1
+    shard.write_bytes(data)
+    assert RunFolder(folder).digest() != whole
+    with pytest.raises(RunError, match="damaged"):
+        _ = rf.load_run(folder).summary

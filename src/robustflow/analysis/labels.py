@@ -16,6 +16,14 @@ SETTING_LABELS = {
     "own": "Training not stated",
     "untrained": "Random weights",
 }
+SETTING_EXPLANATIONS = {
+    "knowledge": "learns nothing from data",
+    "OOD": "has seen nothing of the benchmark's domain",
+    "ID": "has seen the domain and none of the evaluated frames",
+    "LEAKED": "was trained on the evaluated frames",
+    "own": "the run does not state what its model was trained on",
+    "untrained": "its weights are random, and it is never ranked",
+}
 FAMILY_LABELS = {name: name.capitalize() for name in FAMILIES}
 FAMILY_OF = {name: family for family, names in FAMILIES.items() for name in names}
 

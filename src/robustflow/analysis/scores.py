@@ -7,7 +7,6 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 import polars as pl
 
@@ -27,10 +26,6 @@ OWN = "own"
 
 _OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
 """What of a run's identity decides which frames its model saw."""
-
-
-_SAMPLE_SETS: WeakKeyDictionary[Run, str] = WeakKeyDictionary()
-"""What `sample_set` gave: it reads all rows, and a page asks for it many times."""
 
 
 def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataFrame:
@@ -124,8 +119,10 @@ def sample_set(run: Run) -> str:
     Samples of other data may have the same names; the digests of the clean frames tell them apart. A run of which
     settings are missing is averaged over the others, and comparable with those that lack the same.
     """
-    if run in _SAMPLE_SETS:
-        return _SAMPLE_SETS[run]
+    return run.fact("sample_set", str, lambda: _sample_set(run))
+
+
+def _sample_set(run: Run) -> str:
     identity = run.manifest["identity"]
     parts = {key: identity.get(key) for key in _OF_FRAMES}
     parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
@@ -134,15 +131,21 @@ def sample_set(run: Run) -> str:
     if not run.summary.complete:
         parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
     spelled = json.dumps(parts, sort_keys=True, default=str)
-    return _SAMPLE_SETS.setdefault(run, hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest())
+    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
 
 
 def note_of(run: Run, beside_published: bool = False) -> str:
     """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities;
-    `beside_published` as for `run_results`."""
+    `beside_published` as for `run_results`. Of frames that the paper has no results on and that have no ground truth,
+    only what was measured."""
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples
-    remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
+    apart = not benchmark_facts(benchmark).published and run.summary.epe_clean is None
+    if apart:
+        title = benchmark_facts(benchmark).title.replace("Your own", "your own", 1)
+        remarks = [f"{counted(pairs, 'pair')} of {title}"]
+    else:
+        remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
     if beside_published and not _only_of_paper(run):
@@ -153,11 +156,12 @@ def note_of(run: Run, beside_published: bool = False) -> str:
             else f"no average: {len(of_paper)} of the paper's {len(wanted)} corruptions, and others"
         )
     elif set(averaged) != set(wanted):
-        remarks.append(f"average over {counted(len(averaged), 'corruption')}, not the paper's {len(wanted)}")
+        average = f"average over {counted(len(averaged), 'corruption')}"
+        remarks.append(average if apart else f"{average}, not the paper's {len(wanted)}")
     if set(selection["severities"]) != set(SEVERITIES):
         remarks.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
-        remarks.append("calibrated severities, not the paper's")
+        remarks.append("calibrated severities" + ("" if apart else ", not the paper's"))
     if not run.summary.complete:
         remarks.append("not complete")
     return "; ".join(part for part in remarks if part)

@@ -44,6 +44,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
         line = f"the paper's mean, over its {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
         console.print(line, highlight=False, soft_wrap=True)
     missing, unmeasured = (sum(len(unit.samples) for unit in units) for units in (summary.missing, summary.unmeasured))
+    _print_conclusions(console, [result])
     if missing:
         are = "is" if missing == 1 else "are"
         console.print(f"Incomplete: {missing} of the planned settings {are} missing; the means are over the rest.")
@@ -73,8 +74,16 @@ def print_results(results: Sequence[Run]) -> None:
     for result in results:
         table.add_row(plain(result.name), *(cell(getattr(result, name)) for name in names))
     console.print(table)
+    _print_conclusions(console, results)
     folders = " ".join(shlex.quote(str(result.path)) for result in results)
     console.print(f"Is the difference real? robustflow compare {folders}", highlight=False, soft_wrap=True)
+
+
+def _print_conclusions(console: Console, runs: Sequence[Run]) -> None:
+    from ..analysis.conclusion import conclusions
+
+    for conclusion in conclusions(runs):
+        console.print(conclusion, highlight=False, soft_wrap=True)
 
 
 def for_stdout(table: report_table.Table) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
+from ..analysis.conclusion import conclusions
 from ..analysis.cost_ranks import run_costs
 from ..analysis.displacements import displacements_of
 from ..analysis.doubts import doubted_runs, sound_results
@@ -89,7 +90,7 @@ def tables_of(
         "observations": lambda: _by_sample_set(sound, all_observations),
     }
     if wanted is not None:
-        return [table for name in wanted for table in makers[name]()]
+        return _concluded([table for name in wanted for table in makers[name]()], runs)
     makers["observations"] = lambda: _by_sample_set(sound, computable_observations)
     tables: list[Table] = []
     for name in ALL_TABLES:
@@ -98,6 +99,14 @@ def tables_of(
         except UsageError:
             # Not everything can be made of every run; what was not asked for by name is left out.
             continue
+    return _concluded(tables, runs)
+
+
+def _concluded(tables: list[Table], runs: Sequence[Run]) -> list[Table]:
+    """The last table of RCRE ends with what runs without ground truth allow to conclude."""
+    last = next((index for index in reversed(range(len(tables))) if tables[index].name in ("rcre", "means")), None)
+    if last is not None:
+        tables[last] = replace(tables[last], remarks=(*tables[last].remarks, *conclusions(runs)))
     return tables
 
 

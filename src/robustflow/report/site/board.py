@@ -5,7 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...analysis.labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, benchmark_label, long_label, short_label
+from ...analysis.labels import (
+    FAMILY_LABELS,
+    METRIC_LABELS,
+    SETTING_EXPLANATIONS,
+    SETTING_LABELS,
+    benchmark_label,
+    long_label,
+    setting_words,
+    short_label,
+)
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.registry import FAMILIES
@@ -44,7 +53,7 @@ class Board:
 
     Attributes:
         benchmark: its name; `label` as it is written.
-        views, metrics, settings: what can be chosen, (value, label).
+        views, metrics, settings: what can be chosen, (value, label), of a setting also what it means.
         start: the column that the lines are sorted by at first, an index.
     """
 
@@ -54,7 +63,7 @@ class Board:
     groups: tuple[Group, ...]
     views: tuple[tuple[str, str], ...]
     metrics: tuple[tuple[str, str], ...]
-    settings: tuple[tuple[str, str], ...]
+    settings: tuple[tuple[str, str, str], ...]
     start: int
 
     @property
@@ -111,15 +120,12 @@ def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -
         views=(*views, *((family, FAMILY_LABELS[family]) for family in families)),
         metrics=tuple((metric, METRIC_LABELS[metric]) for metric in metrics),
         settings=tuple(
-            (name, setting_label(name)) for name in dict.fromkeys([*SETTING_LABELS, *settings]) if name in settings
+            (name, setting_words(name), SETTING_EXPLANATIONS.get(name, ""))
+            for name in dict.fromkeys([*SETTING_LABELS, *settings])
+            if name in settings
         ),
         start=start,
     )
-
-
-def setting_label(setting: str) -> str:
-    """A setting in words; one that a file names is text."""
-    return SETTING_LABELS.get(setting, plain(setting, 40))
 
 
 def _groups(entries: list[Entry], titles: dict[str, str]) -> tuple[Group, ...]:

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ...analysis.labels import SETTING_LABELS, benchmark_label
+from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS, benchmark_label, setting_words
 from ...analysis.results import AVERAGE, CLEAN, METRICS
 from ...corruptions.registry import FAMILIES, PAPER_ORDER
 from ...text import plain
 from ..table import Table
-from .board import Board, setting_label
+from .board import Board
 from .entries import Entry, Key
 from .models import HeatTable, ModelPage, interval_text
 
@@ -23,13 +23,17 @@ def page_data(boards: Sequence[Board], pages: Sequence[ModelPage]) -> dict[str, 
     """The data of a page.
 
     Returns:
-        `boards` in their order, `models` by the id of their page, `settings`: name -> (label, class of its chip).
+        `boards` in their order, `models` by the id of their page, `settings`: name -> (words, class of its chip,
+        what it means).
     """
     settings = {entry.setting for board in boards for group in board.groups for entry in group.entries}
     return {
         "boards": [_board(board) for board in boards],
         "models": {page.id: _model(page) for page in pages},
-        "settings": {name: (setting_label(name), _setting_class(name)) for name in sorted(settings)},
+        "settings": {
+            name: (setting_words(name), _setting_class(name), SETTING_EXPLANATIONS.get(name, ""))
+            for name in sorted(settings)
+        },
     }
 
 

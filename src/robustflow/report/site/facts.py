@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ...analysis.conclusion import without_truth
 from ...analysis.published.tables import method_of
 from ...analysis.scores import note_of
 from ...runs.costs import read_cost
@@ -31,7 +32,7 @@ def run_facts(run: Run) -> Facts:
         ("Note on the training", str(provenance.get("note", ""))),
         ("Benchmark", f"{identity['benchmark']} ({identity.get('dataset', '')})"),
         ("Samples", str(len(manifest["samples"]))),
-        ("Difference from the paper", note_of(run)),
+        ("Measured on" if without_truth(run) else "Difference from the paper", note_of(run)),
         ("Severities", ", ".join(map(str, manifest["selection"]["severities"]))),
         ("Severity scale", str(identity.get("severity_scale", "paper"))),
         ("Left out", left_out_sentence(run.left_out) if run.left_out else ""),

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from ...analysis.audit.rounding import misfits
+from ...analysis.conclusion import conclusion, without_truth
 from ...analysis.labels import METRIC_LABELS, benchmark_label, on_benchmark
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
@@ -14,6 +16,9 @@ from ...errors import RunError
 from ...text import plain
 from .content import Content
 from .entries import Entry, Key
+
+if TYPE_CHECKING:
+    from ...runs.run import Run
 
 MOST_COMPARED = 8
 _RANKED: tuple[Key, ...] = (("cre", AVERAGE), ("rcre", AVERAGE))
@@ -31,6 +36,8 @@ def headline(content: Content) -> list[str]:
         if frames == PAPER:
             best = _best_of_settings(entries)
             published += [f"on {benchmark_label(benchmark)} {' and '.join(best)}"] if best else []
+        elif own := _own_without_truth(entries, content):
+            sentences.append(conclusion(own))
         elif len(entries) == 1:
             sentences += _alone(entries[0]) + _not_ranked(entries, content, "No sign of robustness")
         else:
@@ -41,6 +48,12 @@ def headline(content: Content) -> list[str]:
             "prints means and no values per image, so it is unknown whether a lead is more than chance."
         )
     return sentences
+
+
+def _own_without_truth(entries: Sequence[Entry], content: Content) -> dict[str, Run]:
+    """The runs of a group over frames without ground truth that the paper has no results on; empty for others."""
+    runs = {entry.model: content.runs.get((entry.sample_set, entry.name)) for entry in entries}
+    return {name: run for name, run in runs.items() if run is not None and without_truth(run)}
 
 
 def _best_of_settings(entries: list[Entry]) -> list[str]:

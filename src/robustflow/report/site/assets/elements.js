@@ -14,8 +14,13 @@ function make(tag, attributes = {}, ...children) {
 }
 
 function settingChip(setting) {
-  const [label, kind] = data.settings[setting] ?? [setting, "set-other"];
-  return make("span", { class: `chip ${kind}`, title: label }, setting);
+  const [words, kind] = data.settings[setting] ?? [setting, "set-other"];
+  return make("span", { class: `chip ${kind}` }, words);
 }
 
-window.robustflow = { data, make, settingChip, listeners: [], highlight() {} };
+// What a setting means, "" for one that a file names.
+function settingMeaning(setting) {
+  return data.settings[setting]?.[2] ?? "";
+}
+
+window.robustflow = { data, make, settingChip, settingMeaning, listeners: [], highlight() {} };

@@ -1,6 +1,6 @@
 "use strict";
 // The page of a model: its numbers under every corruption, what ran, and the anatomy of its error.
-const { data, make, settingChip } = window.robustflow;
+const { data, make, settingChip, settingMeaning } = window.robustflow;
 const STEPS = 10;
 
 // A step of the colour scale by a cell's share of its column's top; shades of cold below zero.
@@ -32,10 +32,11 @@ function heatTable(table, name) {
 
 function scoresOf({ benchmark, setting, note, scores }) {
   const head = make("p", {}, `${benchmark} `, settingChip(setting), note ? make("em", {}, ` ${note}`) : null);
+  const meaning = settingMeaning(setting);
   const tiles = scores.map(([label, text, interval]) =>
     make("div", {}, make("dt", {}, label), make("dd", {}, text, interval ? make("small", {}, interval) : null)),
   );
-  return make("div", { class: "scores" }, head, make("dl", {}, ...tiles));
+  return make("div", { class: "scores" }, head, make("dl", {}, ...tiles), meaning ? make("p", { class: "aside" }, `${data.settings[setting][0]}: ${meaning}.`) : null);
 }
 
 function panelOf({ title, numbers, picture, size: [width, height] }) {

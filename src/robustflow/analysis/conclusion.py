@@ -1,0 +1,160 @@
+"""What runs over somebody's own frames, without ground truth, allow to conclude: in words, with the evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from ..benchmarks import benchmark_facts
+from ..errors import RunError
+from ..metrics.rows import CLEAN
+from ..text import counted, plain
+from .doubts import doubts
+from .labels import long_label
+from .results import AVERAGE
+from .scores import run_names, sample_set
+from .uncertainty import compare_all, intervals
+from .uncertainty.bootstrap import enough_clusters
+from .uncertainty.sentences import p_text
+
+if TYPE_CHECKING:
+    from ..runs.run import Run
+
+CAVEAT = (
+    "RCRE says how far the flow moves, not whether it is wrong: a model that hardly reacts to its frames has the "
+    "lowest, and only frames with ground truth tell it from a robust one."
+)
+_MOST_COMPARED = 8
+_MOST_NAMED = 3
+
+
+def without_truth(run: Run) -> bool:
+    """Whether a run is over frames of the user's own, or others that the paper has no results on, without ground
+    truth."""
+    benchmark = str(run.manifest["identity"]["benchmark"])
+    return not benchmark_facts(benchmark).published and run.summary.epe_clean is None and run.summary.rcre is not None
+
+
+def conclusions(runs: Sequence[Run]) -> list[str]:
+    """One conclusion for each set of frames that some of the runs measured without ground truth: which corruption
+    changes a flow most, or which model changes least under what; on how much evidence; what would make it sure."""
+    groups: dict[str, dict[str, Run]] = {}
+    for run, name in zip(runs, run_names(runs), strict=True):
+        if without_truth(run):
+            groups.setdefault(sample_set(run), {})[plain(name)] = run
+    return [conclusion(group) for group in groups.values()]
+
+
+def conclusion(runs: Mapping[str, Run]) -> str:
+    """The conclusion of runs, by name, over the same frames without ground truth."""
+    against = {name: " and ".join(doubts(run)) for name, run in runs.items()}
+    sound = {name: run for name, run in runs.items() if not against[name]}
+    reasons = [f"{name}, because {reason}" for name, reason in against.items() if reason]
+    sentences = []
+    if len(sound) == 1:
+        sentences.append(_of_one(*next(iter(sound.items()))))
+    elif sound:
+        sentences.append(_of_several(sound))
+    if reasons:
+        sentences.append(f"No conclusion about {'; '.join(reasons)}.")
+    return " ".join([*sentences, CAVEAT])
+
+
+def _of_one(name: str, run: Run) -> str:
+    values = _by_corruption(run)
+    order = sorted(values, key=lambda corruption: -values[corruption])
+    moves = f"Over {_evidence(run)}, corruption moves the flow of {name} by {run.summary.rcre:.2f} px on average (RCRE)"
+    if len(order) > 1:
+        most, least = (
+            f"{long_label(corruption)} ({values[corruption]:.2f} px)" for corruption in (order[0], order[-1])
+        )
+        moves += f", most under {plain(most)} and least under {plain(least)}"
+    return f"{moves}; {_surety(run)}."
+
+
+def _surety(run: Run) -> str:
+    """How sure the mean of one run is, and what would make it surer."""
+    rows = intervals(run.rows, corruptions=False, metrics=("rcre",)).filter(corruption=AVERAGE)
+    low, high = rows.select("low", "high").row(0) if rows.height else (None, None)
+    if low is None:
+        return _too_few(run)
+    return f"95 % interval {low:.2f} to {high:.2f} px, which {_others(run)} would narrow"
+
+
+def _of_several(runs: Mapping[str, Run]) -> str:
+    order = sorted(runs, key=lambda name: (runs[name].summary.rcre or 0.0, name))
+    best, second = order[0], order[1]
+    values = {name: _by_corruption(runs[name]) for name in order}
+    least: dict[str, list[str]] = {name: [] for name in order}
+    for corruption in values[best]:
+        lowest = min(values[name].get(corruption, float("inf")) for name in order)
+        holders = [name for name in order if values[name].get(corruption) == lowest]
+        if len(holders) == 1:
+            least[holders[0]].append(corruption)
+    total = len(values[best])
+    first, other = (f"{runs[name].summary.rcre:.2f} px" for name in (best, second))
+    if first == other and runs[best].summary.rcre == runs[second].summary.rcre:
+        head = f"{best} and {second} change equally on average (RCRE {first})"
+    else:
+        head = f"{best} changes least on average (RCRE {first}; {second} {other})"
+    parts = [f"{name} least under {_listed(names, total)}" for name, names in least.items() if names]
+    where = f"Over {_evidence(runs[best])}, {head}"
+    return f"{'; '.join([where, *parts, _lead(runs, order)])}."
+
+
+def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
+    """Whether the lead of the first is more than chance; corrected for every two of the best, as the first two were
+    chosen by looking at all."""
+    best, second = order[0], order[1]
+    try:
+        pairs = compare_all({name: runs[name].rows for name in order[:_MOST_COMPARED]}, "rcre")
+    except RunError:
+        return "whether the lead is more than chance cannot be said, for the runs did not measure the same"
+    p = next(iter(pairs.filter(first=best, second=second)["p_holm"]), None)
+    if p is None:
+        return _too_few(runs[best])
+    if p < 0.05:
+        return f"the lead of {best} over {second} is more than chance (p {p_text(p)}) for scenes like these"
+    return f"that {best} leads {second} may be chance (p {p_text(p)}), which {_others(runs[best])} would settle"
+
+
+def _too_few(run: Run) -> str:
+    _, clusters = _counts(run)
+    needed = next(count for count in range(2, 100) if enough_clusters(count))
+    more = max(1, needed - clusters)
+    return (
+        f"{counted(clusters, _unit(run))} {'is' if clusters == 1 else 'are'} too few to say whether it holds for other "
+        f"frames, which {more} or more further {'ones' if more > 1 else 'one'}, of other scenes, would begin to show"
+    )
+
+
+def _evidence(run: Run) -> str:
+    pairs, clusters = _counts(run)
+    return counted(pairs, "pair") + (f" in {counted(clusters, 'sequence')}" if clusters != pairs else "")
+
+
+def _unit(run: Run) -> str:
+    pairs, clusters = _counts(run)
+    return "pair" if clusters == pairs else "sequence"
+
+
+def _others(run: Run) -> str:
+    return f"more {_unit(run)}s of other scenes"
+
+
+def _counts(run: Run) -> tuple[int, int]:
+    """Pairs, and the groups that are independent of each other."""
+    clean = run.rows.filter(corruption=CLEAN)
+    return clean["sample"].n_unique(), clean["group"].n_unique()
+
+
+def _by_corruption(run: Run) -> dict[str, float]:
+    return {name: scores.rcre for name, scores in run.summary.corruptions.items() if scores.rcre is not None}
+
+
+def _listed(names: Sequence[str], total: int) -> str:
+    if len(names) == total:
+        return "every corruption" if total > 1 else plain(long_label(names[0]))
+    shown = [plain(long_label(name)) for name in names[:_MOST_NAMED]]
+    rest = len(names) - len(shown)
+    return f"{len(names)} of {total} ({', '.join(shown)}{f' and {rest} more' if rest else ''})"

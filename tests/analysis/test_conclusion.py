@@ -1,0 +1,148 @@
+"""What runs over somebody's own frames conclude: with numbers of the run, the evidence, and no praise for the blind."""
+
+from __future__ import annotations
+
+import copy
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from skimage import data
+
+from robustflow.analysis.conclusion import CAVEAT, conclusions, without_truth
+from robustflow.analysis.scores import note_of
+from robustflow.api import Result, evaluate
+from robustflow.cli.main import main
+from robustflow.images.io import write_image
+from robustflow.metrics.rows import ROW_SCHEMA
+from robustflow.report.assemble import tables_of
+from robustflow.report.site.content import run_content, whole_content
+from robustflow.report.site.headline import headline
+from robustflow.report.site.page import render_site
+
+from .simulated import Truth, rows_of
+
+OPTIONS = {"corruptions": ["contrast", "gaussian_noise"], "severities": [1, 3], "examples": False}
+WITHOUT_TRUTH = ("n_all", "n_invalid", "rcre_all_sum", "pred_magnitude_sum", "height", "width", "severity")
+
+
+class Blind:
+    """Answers the same flow whatever it sees."""
+
+    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+        """(H, W, 2) float32."""
+        return np.ones((*frame1.shape[:2], 2), np.float32)
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory) -> Path:
+    """Four frames of a moving picture: three pairs of one sequence."""
+    folder = tmp_path_factory.mktemp("frames")
+    for index in range(4):
+        write_image(folder / f"{index}.png", data.astronaut()[60:156, 60 + 3 * index : 188 + 3 * index].copy())
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs(frames, tmp_path_factory) -> list[Result]:
+    """Two real models and a blind one over the same frames."""
+    folder = tmp_path_factory.mktemp("runs")
+    models = {"dis": "dis", "farneback": "farneback", "blind": Blind()}
+    return [evaluate(model, "folder", frames, folder / name, **OPTIONS) for name, model in models.items()]
+
+
+def _scenes(run: Result, worse: float, scenes: int, seed: int = 0) -> Result:
+    """The run again, as if over many independent scenes, its rows imaginary and without ground truth."""
+    clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(scenes, int))
+    moved = corrupted * worse
+    rows = rows_of(clean, moved, moved)
+    gone = [name for name, dtype in ROW_SCHEMA.items() if dtype in (pl.Int64, pl.Float64) and name not in WITHOUT_TRUTH]
+    result = Result(run.path)
+    result.manifest = copy.deepcopy(run.manifest)
+    result.manifest["samples"] = {key: [] for key in rows["sample"].unique(maintain_order=True)}
+    result.manifest["selection"] = {"corruptions": ["fog", "snow"], "severities": [1, 2, 3]}
+    result.rows = rows.with_columns(pl.lit(None, ROW_SCHEMA[name]).alias(name) for name in gone)
+    return result
+
+
+def test_one_run_says_what_changes_its_flow_most_and_least(runs):
+    dis = runs[0]
+    assert without_truth(dis)
+    (said,) = conclusions([dis])
+    values = {name: scores.rcre for name, scores in dis.summary.corruptions.items()}
+    order = (
+        ["Gaussian noise", "Contrast"] if values["gaussian_noise"] > values["contrast"] else ["Contrast", "Gaussian"]
+    )
+    assert said.startswith(f"Over 3 pairs in 1 sequence, corruption moves the flow of dis by {dis.summary.rcre:.2f} px")
+    assert f"most under {order[0]} ({max(values.values()):.2f} px)" in said
+    assert f"least under {order[1]}" in said
+    assert "1 sequence is too few" in said
+    assert "3 or more further ones, of other scenes" in said
+    assert said.endswith(CAVEAT)
+
+
+def test_several_runs_say_which_changes_least_under_what(runs):
+    dis, farneback, _ = runs
+    (said,) = conclusions([dis, farneback])
+    first, second = sorted((dis, farneback), key=lambda run: run.summary.rcre)
+    assert f"{first.name} changes least on average (RCRE {first.summary.rcre:.2f} px; {second.name}" in said
+    for name in ("contrast", "gaussian_noise"):
+        least = min((dis, farneback), key=lambda run: run.summary.corruptions[name].rcre)
+        part = next(part for part in said.split("; ") if part.startswith(f"{least.name} least under"))
+        assert "every corruption" in part or name.replace("_", " ").capitalize() in part
+
+
+def test_a_blind_model_is_not_the_one_that_changes_least(runs):
+    (said,) = conclusions(runs)
+    assert runs[2].summary.rcre == 0
+    assert "blind changes least" not in said
+    assert "Blind changes least" not in said
+    assert "No conclusion about" in said
+    assert "its flow hardly depends on the frames" in said
+    (alone,) = conclusions([runs[2]])
+    assert alone.startswith("No conclusion about")
+
+
+def test_enough_scenes_give_an_interval_and_a_verdict(runs):
+    calm, shaky = _scenes(runs[0], 1.0, 40), _scenes(runs[1], 1.5, 40)
+    (said,) = conclusions([calm])
+    assert "Over 40 pairs, " in said
+    assert "95 % interval" in said
+    assert "more pairs of other scenes" in said
+    (said,) = conclusions([calm, shaky])
+    assert "the lead of dis over farneback is more than chance (p < 0.001)" in said
+    (said,) = conclusions([_scenes(runs[0], 1.0, 40), _scenes(runs[1], 1.0, 40)])
+    assert "is more than chance" not in said
+
+
+def test_nothing_is_measured_against_the_paper(runs):
+    for run in runs:
+        note = note_of(run)
+        assert note.startswith("3 pairs of your own frames; average over 2 corruptions")
+        assert "paper" not in note
+    for table in tables_of(runs, published=False):
+        assert not any("paper" in line.note for section in table.sections for line in section.lines)
+    assert "the paper's 80" not in render_site(whole_content(runs, published=False))
+
+
+def test_pages_tables_and_the_terminal_conclude(runs, frames, tmp_path, monkeypatch, capsys):
+    (said,) = conclusions(runs[:2])
+    assert headline(whole_content(runs[:2], published=False)) == [said]
+    assert headline(run_content(runs[0])) == conclusions(runs[:1])
+    for wanted in (None, ["rcre"], ["means"]):
+        tables = tables_of(runs[:2], published=False, wanted=wanted)
+        assert [table.remarks[-1:] == (said,) for table in tables].count(True) == 1
+    command = ["run", "-m", "dis", "-b", "folder", "-d", str(frames), "-c", "contrast", "-s", "1", "--no-examples"]
+    monkeypatch.setattr(sys, "argv", ["robustflow", *command, "-o", str(tmp_path / "run")])
+    with pytest.raises(SystemExit):
+        main()
+    assert CAVEAT in capsys.readouterr().out
+
+
+def test_with_ground_truth_nothing_of_this_is_said(tmp_path):
+    run = evaluate("dis", "demo", output=tmp_path, corruptions=["contrast"], severities=[1], examples=False)
+    assert not without_truth(run)
+    assert conclusions([run]) == []
+    assert "not the paper's 80" in note_of(run)
