@@ -170,9 +170,7 @@ def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder)
     assert doubts(later) != before
 
 
-@pytest.mark.parametrize(
-    "facts", ["[]", "{", '{"doubts": 3, "sample_set": [], "paper intervals": [["cre", "fog", "x", 1]]}']
-)
+@pytest.mark.parametrize("facts", ["[]", "{", '{"doubts": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}'])
 def test_facts_of_another_shape_are_made_again(folder, tmp_path, facts):
     (folder / FACTS).write_text(facts)
     note_made(folder, FACTS, rf.load_run(folder)._made_from)

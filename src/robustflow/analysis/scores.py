@@ -58,17 +58,18 @@ def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataF
 def paper_means(run: Run) -> Scores:
     """The averages of a run that may stand beside published ones; see `run_results`."""
     summary = run.summary
-    if _only_of_paper(run):
+    if only_of_paper(run):
         return summary
     return summary.paper or Scores()
 
 
 def paper_rows(run: Run) -> pl.DataFrame:
     """The rows that `paper_means` are over."""
-    return run.rows if _only_of_paper(run) else run.rows.filter(pl.col("corruption").is_in([CLEAN, *_wanted(run)]))
+    return run.rows if only_of_paper(run) else run.rows.filter(pl.col("corruption").is_in([CLEAN, *_wanted(run)]))
 
 
-def _only_of_paper(run: Run) -> bool:
+def only_of_paper(run: Run) -> bool:
+    """Whether a run's averages are over none but the paper's corruptions."""
     return set(run.summary.averaged_over) <= set(_wanted(run))
 
 
@@ -148,7 +149,7 @@ def note_of(run: Run, beside_published: bool = False) -> str:
         remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
-    if beside_published and not _only_of_paper(run):
+    if beside_published and not only_of_paper(run):
         of_paper = [name for name in wanted if name in averaged]
         remarks.append(
             f"average over the paper's {len(wanted)} of {counted(len(averaged), 'corruption')}"

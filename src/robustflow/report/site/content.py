@@ -99,7 +99,6 @@ def _content(
 ) -> Content:
     # A page about its runs says of each what was asked for; the paper's lines only stand below.
     beside = published and not alone
-    doubted = doubted_runs(runs)
     by_name = {}
     known = {}
     for run, name in zip(runs, run_names(runs), strict=True):
@@ -111,6 +110,7 @@ def _content(
         if len(runs) > MOST_DETAILED:
             _ = run.summary, doubts(run)
             run.release_rows()
+    doubted = doubted_runs(runs)
     own, paper = run_results(runs, beside), results_of([], published=published)
     parts, titles = [own], {PAPER: "Published values"}
     for run in runs:
