@@ -51,6 +51,19 @@ def test_nothing_is_made_again_while_nothing_changed(folder, summaries):
     assert files[folder / "manifest.json"][0] == (folder / "manifest.json").read_bytes()
 
 
+def test_kept_means_are_in_the_order_of_computed_ones(folder, summaries):
+    """JSON sorts keys; tables and figures follow the order of a summary, which is the paper's."""
+    rf.evaluate(_still, output=folder, corruptions=["snow", "fog", "contrast", "elastic_transform"], severities=[1])
+    summaries.clear()
+    run = rf.load_run(folder)
+    kept, computed = run.summary, run.summarize()
+    assert len(summaries) == 1, "the first was kept"
+    for part in ("corruptions", "families", "regions"):
+        assert list(getattr(kept, part)) == list(getattr(computed, part)), part
+    assert list(kept.corruptions) == ["contrast", "high_light", "fog", "snow", "elastic_transform"]
+    assert kept == computed
+
+
 def test_means_of_other_rows_are_not_believed(folder):
     (shard,) = list_shards(folder / "rows")
     rows = read_shard(shard)

@@ -18,7 +18,7 @@ from ..errors import RobustFlowError, RunError
 from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
 from ..text import plain
-from .aggregate import summarize
+from .aggregate import in_order, summarize
 from .facts import Facts
 from .made_from import is_current, made_from, note_made
 from .plan import Cell, planned_cells
@@ -193,7 +193,7 @@ class Run:
             return None
         try:
             document = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
-            return Summary.model_validate({name: document[name] for name in Summary.model_fields})
+            return in_order(Summary.model_validate({name: document[name] for name in Summary.model_fields}))
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
 
