@@ -13,7 +13,7 @@ from robustflow.api import evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.runs.plan import Unit
-from robustflow.runs.run import Result
+from robustflow.runs.run import Run
 from robustflow.runs.store import RunFolder
 from robustflow.severity import SEVERITIES
 
@@ -73,5 +73,5 @@ def _write(path: Path, manifest: dict, rows: pl.DataFrame, index: int, key: str)
     folder.write_manifest(own)
     folder.write_rows(Unit(key, "all", SEVERITIES), rows.to_dicts())
     folder.unlock()
-    Result(path).write_means()
+    Run(path).write_means()
     return path

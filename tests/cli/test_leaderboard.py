@@ -20,9 +20,11 @@ def run(tmp_path_factory):
 
 
 def test_the_published_results_alone(robustflow, monkeypatch):
-    import robustflow.cli.leaderboard as command
+    import robustflow.report.site.embedded as embedded
 
-    monkeypatch.setattr(command, "_gallery", lambda: None)  # twenty corruptions of the embedded pair take seconds
+    monkeypatch.setattr(
+        embedded, "embedded_slider", lambda: None
+    )  # twenty corruptions of the embedded pair take seconds
     code, out, _ = robustflow("leaderboard", "-o", "site")
     assert code == 0
     assert out.split() == ["site/index.html"]

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
 import robustflow as rf
+from robustflow.analysis.doubts import doubts
+from robustflow.analysis.scores import sample_set
+from robustflow.analysis.uncertainty.of_runs import interval_ends
+from robustflow.errors import DataError, RunError
 from robustflow.report.site import write as site_write
 from robustflow.runs import run as run_module
-from robustflow.runs.made_from import RECORD, rows_digest
+from robustflow.runs.made_from import FACTS, RECORD, code_digest, note_made
 from robustflow.runs.shards import list_shards, read_shard, write_shard
 from robustflow.runs.store import RunFolder
 
@@ -43,6 +49,19 @@ def test_nothing_is_made_again_while_nothing_changed(folder, summaries):
     for name in ("report.html", "summary.json"):
         assert files[folder / name] == ((folder / name).read_bytes(), (folder / name).stat().st_mtime_ns)
     assert files[folder / "manifest.json"][0] == (folder / "manifest.json").read_bytes()
+
+
+def test_kept_means_are_in_the_order_of_computed_ones(folder, summaries):
+    """JSON sorts keys; tables and figures follow the order of a summary, which is the paper's."""
+    rf.evaluate(_still, output=folder, corruptions=["snow", "fog", "contrast", "elastic_transform"], severities=[1])
+    summaries.clear()
+    run = rf.load_run(folder)
+    kept, computed = run.summary, run.summarize()
+    assert len(summaries) == 1, "the first was kept"
+    for part in ("corruptions", "families", "regions"):
+        assert list(getattr(kept, part)) == list(getattr(computed, part)), part
+    assert list(kept.corruptions) == ["contrast", "high_light", "fog", "snow", "elastic_transform"]
+    assert kept == computed
 
 
 def test_means_of_other_rows_are_not_believed(folder):
@@ -92,13 +111,103 @@ def test_a_report_is_written_again_when_what_it_shows_changed(folder, monkeypatc
     assert written
 
 
-def test_the_digest_of_rows_is_of_their_content(folder):
-    rows = RunFolder(folder).rows()
-    assert rows_digest(rows) == rows_digest(pl.concat([rows[:1], rows[1:]]))
-    for changed in (
-        rows[:-1],
-        rows.with_columns(epe_sum=pl.col("epe_sum") * (1 + 2**-52)),
-        rows.with_columns(n_valid=pl.lit(None, pl.Int64)),
-        rows.with_columns(sample=pl.col("sample") + "x"),
-    ):
-        assert rows_digest(changed) != rows_digest(rows)
+def _edit_summary(folder):
+    path = folder / "summary.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "epe_clean": 0.001}))
+
+
+def _edit_rows(folder):
+    (shard,) = list_shards(folder / "rows")
+    rows = read_shard(shard)
+    shard.unlink()
+    write_shard(folder / "rows", "changed", rows.with_columns(magnitude_sum=pl.lit(0.0), frames_digest=pl.lit("0")))
+
+
+def _edit_facts(folder):
+    path = folder / FACTS
+    path.write_text(json.dumps({**json.loads(path.read_text()), "sample_set": "0", "doubts": ["a lie"]}))
+
+
+def _edit_manifest(folder):
+    path = folder / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "selection": {"corruptions": [], "severities": []}}))
+
+
+def _asked(run):
+    """What pages ask of a run."""
+    return sample_set(run), doubts(run), interval_ends(run, beside_published=True), run.summary
+
+
+def _computed(folder, tmp_path):
+    """The same, of a copy without anything kept."""
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    for name in (RECORD, FACTS, "summary.json"):
+        (copy / name).unlink(missing_ok=True)
+    return _asked(rf.load_run(copy))
+
+
+@pytest.mark.parametrize("edit", [lambda folder: None, _edit_summary, _edit_rows, _edit_facts, _edit_manifest])
+def test_what_is_kept_is_what_would_be_computed(folder, tmp_path, edit):
+    assert (folder / FACTS).is_file(), "kept by the run's own report"
+    edit(folder)
+    assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
+
+
+def test_a_run_that_is_kept_is_read_without_a_row(folder, monkeypatch):
+    whole = _asked(rf.load_run(folder))
+    monkeypatch.setattr(RunFolder, "rows", lambda *_: pytest.fail("rows were read"))
+    assert _asked(rf.load_run(folder)) == whole
+
+
+def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder):
+    run = rf.load_run(folder)
+    assert run.rows.height
+    _edit_rows(folder)
+    (folder / FACTS).unlink()
+    before = doubts(run)
+    run.keep()
+    later = rf.load_run(folder)
+    assert not later.has_fact("doubts")
+    assert doubts(later) != before
+
+
+@pytest.mark.parametrize("facts", ["[]", "{", '{"doubts": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}'])
+def test_facts_of_another_shape_are_made_again(folder, tmp_path, facts):
+    (folder / FACTS).write_text(facts)
+    note_made(folder, FACTS, rf.load_run(folder)._made_from)
+    assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
+
+
+def test_a_folder_that_cannot_be_written_keeps_nothing(folder, monkeypatch):
+    (folder / RECORD).unlink()
+    run = rf.load_run(folder)
+    whole = _asked(run)
+
+    def refuse(*_):
+        raise DataError("read-only")
+
+    monkeypatch.setattr("robustflow.runs.run.write_json", refuse)
+    run.keep()
+    assert _asked(rf.load_run(folder)) == whole
+
+
+def test_the_digest_of_a_folder_is_of_its_shards(folder):
+    whole = RunFolder(folder).digest()
+    assert RunFolder(folder).digest() == whole
+    (shard,) = list_shards(folder / "rows")
+    data = bytearray(shard.read_bytes())
+    data[len(data) // 2] ^= 1
+    shard.write_bytes(data)
+    assert RunFolder(folder).digest() != whole
+    with pytest.raises(RunError, match="damaged"):
+        _ = rf.load_run(folder).summary
+
+
+def test_a_file_of_the_package_that_goes_while_it_is_listed_is_left_out(monkeypatch):
+    code_digest.cache_clear()
+    before = code_digest()
+    listed = Path.rglob
+    monkeypatch.setattr(Path, "rglob", lambda path, pattern: [*listed(path, pattern), path / "renamed_meanwhile.py"])
+    monkeypatch.setattr(Path, "is_file", lambda path: True)  # it is there when it is listed
+    code_digest.cache_clear()
+    assert code_digest() == before

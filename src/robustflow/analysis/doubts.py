@@ -22,7 +22,7 @@ def doubts(run: Run) -> list[str]:
     A model can change little under corruption because it does not look: random weights, zero flow, a constant.
     """
     reasons = ["its weights are random"] if run.setting == "untrained" else []
-    return reasons + doubts_from_rows(run.rows)
+    return reasons + run.fact("doubts", list[str], lambda: doubts_from_rows(run.rows))
 
 
 def doubted_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:

@@ -7,7 +7,6 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 import polars as pl
 
@@ -27,10 +26,6 @@ OWN = "own"
 
 _OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
 """What of a run's identity decides which frames its model saw."""
-
-
-_SAMPLE_SETS: WeakKeyDictionary[Run, str] = WeakKeyDictionary()
-"""What `sample_set` gave: it reads all rows, and a page asks for it many times."""
 
 
 def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataFrame:
@@ -63,17 +58,18 @@ def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataF
 def paper_means(run: Run) -> Scores:
     """The averages of a run that may stand beside published ones; see `run_results`."""
     summary = run.summary
-    if _only_of_paper(run):
+    if only_of_paper(run):
         return summary
     return summary.paper or Scores()
 
 
 def paper_rows(run: Run) -> pl.DataFrame:
     """The rows that `paper_means` are over."""
-    return run.rows if _only_of_paper(run) else run.rows.filter(pl.col("corruption").is_in([CLEAN, *_wanted(run)]))
+    return run.rows if only_of_paper(run) else run.rows.filter(pl.col("corruption").is_in([CLEAN, *_wanted(run)]))
 
 
-def _only_of_paper(run: Run) -> bool:
+def only_of_paper(run: Run) -> bool:
+    """Whether a run's averages are over none but the paper's corruptions."""
     return set(run.summary.averaged_over) <= set(_wanted(run))
 
 
@@ -124,8 +120,10 @@ def sample_set(run: Run) -> str:
     Samples of other data may have the same names; the digests of the clean frames tell them apart. A run of which
     settings are missing is averaged over the others, and comparable with those that lack the same.
     """
-    if run in _SAMPLE_SETS:
-        return _SAMPLE_SETS[run]
+    return run.fact("sample_set", str, lambda: _sample_set(run))
+
+
+def _sample_set(run: Run) -> str:
     identity = run.manifest["identity"]
     parts = {key: identity.get(key) for key in _OF_FRAMES}
     parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
@@ -134,7 +132,7 @@ def sample_set(run: Run) -> str:
     if not run.summary.complete:
         parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
     spelled = json.dumps(parts, sort_keys=True, default=str)
-    return _SAMPLE_SETS.setdefault(run, hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest())
+    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
 
 
 def note_of(run: Run, beside_published: bool = False) -> str:
@@ -151,7 +149,7 @@ def note_of(run: Run, beside_published: bool = False) -> str:
         remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
     averaged = run.summary.averaged_over
-    if beside_published and not _only_of_paper(run):
+    if beside_published and not only_of_paper(run):
         of_paper = [name for name in wanted if name in averaged]
         remarks.append(
             f"average over the paper's {len(wanted)} of {counted(len(averaged), 'corruption')}"

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from ..report.slider import Slider
 
 
 def leaderboard(
@@ -28,7 +24,7 @@ def leaderboard(
     """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
 
     Without a source it shows the paper's results. Results measured on other frames form groups of their own and
-    are not ranked against each other.
+    are not ranked against each other. What is worked out of a run is kept in its folder, for the next time.
 
     \b
     Examples:
@@ -41,6 +37,7 @@ def leaderboard(
     from ..errors import UsageError
     from ..records.load import load_run
     from ..report.site import render_site, whole_content
+    from ..report.site.embedded import embedded_slider
     from ..runs.example_record import FOLDER as EXAMPLES
 
     if not sources and not published:
@@ -52,26 +49,10 @@ def leaderboard(
     results = [(path.name, read_results(path)) for path in files]
     content = whole_content(runs, results, published=published, only_own=only_own)
     pictured = any((run.path / EXAMPLES).is_dir() for run in runs)
-    page = render_site(content, None if pictured else _gallery()).encode()
+    page = render_site(content, None if pictured else embedded_slider()).encode()
     make_folder(output)
     write_bytes(output / "index.html", page)
     write_bytes(output / "results.csv", results_csv(content.results).encode())
+    for run in runs:
+        run.keep()
     typer.echo(str(output / "index.html"))
-
-
-def _gallery() -> Slider | None:
-    """The embedded pair under every corruption of image pairs; None where scikit-image comes without it."""
-    from ..datasets import load_dataset
-    from ..errors import AssetError
-    from ..report.gallery.page import example_slider
-    from ..report.gallery.pictures import gallery
-    from ..severity import SEVERITIES
-
-    key = "motorcycle"
-    try:
-        frames = load_dataset(key, None).load(key).frames
-    except AssetError as error:
-        warnings.warn(f"no example pictures: {error}", stacklevel=2)
-        return None
-    cells = gallery(frames[0], frames[1], SEVERITIES, key=key)
-    return example_slider(frames[0], cells, "Middlebury 2014, Motorcycle")

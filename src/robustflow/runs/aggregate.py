@@ -211,7 +211,6 @@ def _corruptions(
     for (corruption, severity), scores in sorted(by_setting.items(), key=lambda item: item[0]):
         by_corruption[corruption][severity] = scores
     family_of = {name: family for family, names in FAMILIES.items() for name in names}
-    order = [name for name in PAPER_ORDER if name in by_corruption]
     return {
         name: CorruptionScores(
             **_mean_scores(list(by_corruption[name].values()), clean).model_dump(),
@@ -220,7 +219,7 @@ def _corruptions(
             severities=list(by_corruption[name]),
             by_severity={m: [getattr(scores, m) for scores in by_corruption[name].values()] for m in METRICS},
         )
-        for name in order + sorted(set(by_corruption) - set(order))
+        for name in _corruption_order(by_corruption)
     }
 
 
@@ -247,3 +246,19 @@ def _regions(rows: pl.DataFrame, averaging: Averaging, over: Literal["all", "pap
             fl_clean=clean.fl,
         )
     return out
+
+
+def in_order(summary: Summary) -> Summary:
+    """A summary that was read from a file, whose keys may be in any order, in the order of one that is computed."""
+    return summary.model_copy(
+        update={
+            "corruptions": {name: summary.corruptions[name] for name in _corruption_order(summary.corruptions)},
+            "families": {name: summary.families[name] for name in FAMILIES if name in summary.families},
+            "regions": {name: summary.regions[name] for name in REGIONS if name in summary.regions},
+        }
+    )
+
+
+def _corruption_order(names: Collection[str]) -> list[str]:
+    """The paper's order, then the others by name."""
+    return [name for name in PAPER_ORDER if name in names] + sorted(set(names) - set(PAPER_ORDER))

@@ -1,46 +1,42 @@
-"""What a run's `summary.json` and `report.html` were made from, so that neither is made again while that is the same.
+"""What was made from a run's rows is kept while it holds: `summary.json`, `report.html`, and what pages ask of the run.
 
-Kept in a hidden file of the folder: for each file its own digest, and one of everything that decides it: the rows as
-they are read now, the manifest, what is beside them, and the code that makes it. Where any of it differs, or the
-hidden file is damaged, the file is made again. A file that was changed by hand is made again too.
+A hidden file of the folder has for each its own digest, and one of everything that decides it: the bytes of the shards,
+the manifest, what lies beside them, and the code that makes it. Where any of it differs, or the hidden file is damaged,
+the file is made again. A file that was changed by hand is made again too. So a run that is kept is trusted without
+decoding a single row.
 """
 
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any
-
-import numpy as np
-import polars as pl
 
 from ..atomic import write_json
 from ..digest import digest_of_bytes, digest_of_value
 
 RECORD = ".made_from.json"
-_MADE = ("summary.json", "report.html")
+FACTS = ".facts.json"
+_MADE = ("summary.json", "report.html", FACTS)
 _NOT_BESIDE = ("rows", "clean", "manifest.json", "source.json", *_MADE)
 _LARGEST = 2**28
 
 
-def rows_digest(rows: pl.DataFrame) -> str:
-    """A hash of rows, of every column in the order given; the same for the same rows however they are stored."""
-    return digest_of_bytes(*(part for name in rows.columns for part in _bytes_of(rows[name])))
-
-
-def made_from(folder: Path, rows: pl.DataFrame, *, beside: bool) -> str:
+def made_from(folder: Path, rows: str, manifest: dict[str, Any], *, beside: bool) -> str:
     """The hash of what a file of a run is made from.
 
     Args:
         folder: of the run.
-        rows: of the run.
-        beside: whether it also shows what is kept beside the rows: pictures, costs, displacements.
+        rows: the hash of its shards, `RunFolder.digest`.
+        manifest: of the run, as it is used.
+        beside: whether it also shows what lies beside the rows: pictures, costs, displacements.
     """
-    manifest = _read(folder / "manifest.json") or b""
     files = list(_files(folder)) if beside else []
-    return digest_of_value([rows_digest(rows), digest_of_bytes(manifest), files, _code()], size=16)
+    return digest_of_value([rows, digest_of_value(manifest, size=16), files, code_digest()], size=16)
 
 
 def is_current(folder: Path, name: str, source: str) -> bool:
@@ -58,18 +54,6 @@ def note_made(folder: Path, name: str, source: str) -> None:
     if data is not None:
         entry = {"made_from": source, "digest": digest_of_bytes(data)}
         write_json(folder / RECORD, {**_entries(folder), name: entry})
-
-
-def _bytes_of(column: pl.Series) -> Iterator[bytes]:
-    yield f"{column.name} {column.dtype} {len(column)}".encode()
-    yield column.is_null().to_numpy().tobytes()
-    if column.dtype == pl.String:
-        filled = column.fill_null("")
-        yield filled.str.len_bytes().to_numpy().astype("<u4").tobytes()
-        yield "".join(filled.to_list()).encode()
-    else:
-        values = column.fill_null(0).to_numpy()
-        yield np.ascontiguousarray(values, values.dtype.newbyteorder("<")).tobytes()
 
 
 def _entries(folder: Path) -> dict[str, Any]:
@@ -94,15 +78,26 @@ def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
     for path in sorted(folder.rglob("*")):
         inside = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in inside.parts)
-        if not hidden and inside.parts[0] not in _NOT_BESIDE and path.is_file():
-            stat = path.stat()
+        if not hidden and inside.parts[0] not in _NOT_BESIDE and (stat := _stat(path)) is not None:
             yield str(inside), stat.st_size, stat.st_mtime_ns
 
 
 @cache
-def _code() -> str:
-    """This package as it is installed: name, size and time of change of its files."""
+def code_digest() -> str:
+    """A hash of this package as it is installed: name, size and time of change of its files."""
     package = Path(__file__).parents[1]
-    files = [path for path in sorted(package.rglob("*")) if "__pycache__" not in path.parts and path.is_file()]
-    stats = [(str(path.relative_to(package)), path.stat()) for path in files]
+    stats = [
+        (str(path.relative_to(package)), stat)
+        for path in sorted(package.rglob("*"))
+        if "__pycache__" not in path.parts and (stat := _stat(path)) is not None
+    ]
     return digest_of_value([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats], size=16)
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    """Of a file; None of anything else, and of a file that goes meanwhile (an upgrade, an editor)."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat if S_ISREG(stat.st_mode) else None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import polars as pl
 
@@ -13,16 +14,19 @@ from ..atomic import write_json
 from ..benchmarks import benchmark_facts
 from ..benchmarks.setting import manifest_provenance
 from ..datasets.kitti_drives import with_groups
-from ..errors import RunError
+from ..errors import RobustFlowError, RunError
 from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
 from ..text import plain
-from .aggregate import summarize
+from .aggregate import in_order, summarize
+from .facts import Facts
 from .made_from import is_current, made_from, note_made
 from .plan import Cell, planned_cells
 from .store import RunFolder
 
 SUMMARY = "summary.json"
+
+Fact = TypeVar("Fact")
 
 
 class Run:
@@ -48,7 +52,13 @@ class Run:
     @cached_property
     def rows(self) -> pl.DataFrame:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
+        _ = self.rows_digest  # before they are read: rows that come meanwhile must not pass for those of the digest
         return with_groups(complete_rows(self._folder.rows()), str(self.manifest["identity"]["dataset"]))
+
+    @cached_property
+    def rows_digest(self) -> str:
+        """A hash of the rows as they were on disk when they were first asked for."""
+        return self._folder.digest()
 
     def release_rows(self) -> None:
         """Let go of the rows in memory; they are read again when they are asked for."""
@@ -143,20 +153,47 @@ class Run:
             write_json(self.path / SUMMARY, self.document())
             note_made(self.path, SUMMARY, self._made_from)
 
+    def fact(self, name: str, kind: type[Fact], make: Callable[[], Fact]) -> Fact:
+        """Something that follows from the rows and is dear to compute: as kept with these very rows, else made now.
+
+        Args:
+            name: of the fact.
+            kind: its type, one that JSON holds.
+            make: computes it.
+        """
+        return self._facts.get(name, kind, make)
+
+    def has_fact(self, name: str) -> bool:
+        """Whether a fact is known already."""
+        return name in self._facts
+
+    def keep(self) -> None:
+        """Keep the means and the facts found so far with the run, where its folder can be written; a page of many runs
+        then reads no rows."""
+        try:
+            self.write_means()
+            self._facts.write()
+        except RobustFlowError:
+            pass  # Read alone: the next page computes them again.
+
+    @cached_property
+    def _facts(self) -> Facts:
+        return Facts(self.path, self._made_from)
+
     @cached_property
     def _means(self) -> Summary:
         return self.summarize("image")
 
     @cached_property
     def _made_from(self) -> str:
-        return made_from(self.path, self.rows, beside=False)
+        return made_from(self.path, self.rows_digest, self.manifest, beside=False)
 
     def _kept_means(self) -> Summary | None:
         if not is_current(self.path, SUMMARY, self._made_from):
             return None
         try:
             document = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
-            return Summary.model_validate({name: document[name] for name in Summary.model_fields})
+            return in_order(Summary.model_validate({name: document[name] for name in Summary.model_fields}))
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import polars as pl
 
 from ..atomic import write_bytes
-from ..digest import digest_of_bytes
+from ..digest import digest_of_bytes, digest_of_value
 from ..errors import RunError
 from ..metrics.rows import LATER_COLUMNS, ROW_KEY, ROW_SCHEMA, rows_frame
 from .plan import Cell
@@ -72,12 +72,7 @@ def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame
         RunError: damaged, or of other columns than this version writes.
         FileNotFoundError: gone, because it was merged.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        raise RunError(f"cannot read {path}: {error.strerror}") from error
+    data = _bytes(path)
     digest = _DIGEST.search(path.name.removesuffix(_SUFFIX))
     if digest and digest[1] != digest_of_bytes(data):
         raise _damaged(path, "its bytes are not those that were written")
@@ -114,6 +109,25 @@ def read_shards(paths: Iterable[Path], columns: Sequence[str] | None = None) -> 
         rows = rows.unique(maintain_order=True)
         _refuse_contradictions(rows, paths, parts)
     return rows
+
+
+def shards_digest(paths: Iterable[Path]) -> str:
+    """A hash of the bytes of some shards, in the order given.
+
+    Raises:
+        RunError: a shard cannot be read.
+        FileNotFoundError: a shard was merged meanwhile.
+    """
+    return digest_of_value([digest_of_bytes(_bytes(path)) for path in paths], size=16)
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise RunError(f"cannot read {path}: {error.strerror}") from error
 
 
 def merge_shards(paths: Sequence[Path], name: str) -> Path:

@@ -25,7 +25,7 @@ from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY, rows_frame
 from .manifest_file import MANIFEST_SCHEMA, read_manifest
 from .plan import Cell, Unit
-from .shards import PACK, cells_of, list_shards, merge_shards, name_of, read_shards, write_shard
+from .shards import PACK, cells_of, list_shards, merge_shards, name_of, read_shards, shards_digest, write_shard
 
 _MANY_SHARDS = 64
 """As many small shards become one."""
@@ -169,6 +169,19 @@ class RunFolder:
         for _ in range(_RETRIES):
             try:
                 return read_shards(list_shards(self.rows_folder), columns)
+            except FileNotFoundError as error:  # merged between listing and reading: list again
+                gone = error.filename
+        raise RunError(f"{gone} is listed but not there; is it a link to a file that was removed? Delete it")
+
+    def digest(self) -> str:
+        """A hash of the shards as they are on disk: the same digest, the same rows. No row is decoded.
+
+        Raises:
+            RunError: a shard cannot be read.
+        """
+        for _ in range(_RETRIES):
+            try:
+                return shards_digest(list_shards(self.rows_folder))
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
         raise RunError(f"{gone} is listed but not there; is it a link to a file that was removed? Delete it")

@@ -7,12 +7,15 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.results import parse_results
+from robustflow.analysis.uncertainty import intervals
 from robustflow.api import evaluate
 from robustflow.errors import DataError, UsageError
 from robustflow.report.site.board import boards_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.models import model_pages
+from robustflow.runs.made_from import FACTS
+from robustflow.runs.run import Run
 
 _HEAD = "setting,model,metric,corruption,value,sample_set\n"
 
@@ -151,3 +154,54 @@ def test_the_mildest_corruption_is_none_of_the_worst(metric, values, says):
     results = parse_results(f"setting,model,metric,corruption,value\n{lines}", "mine.csv", "mine")
     (page,) = model_pages(whole_content([], [("mine.csv", results)], published=False), {})
     assert page.says[0].endswith(says)
+
+
+def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp_path, monkeypatch):
+    folders = [
+        evaluate(
+            "dis", "demo", output=tmp_path / f"run-{seed}", corruptions=["contrast"], severities=[1], seed=seed
+        ).path
+        for seed in (0, 1)
+    ]
+    for folder in folders:
+        (folder / FACTS).unlink()
+    asked = []
+
+    def counted(rows, *, corruptions):
+        asked.append(corruptions)
+        return intervals(rows, corruptions=corruptions)
+
+    monkeypatch.setattr("robustflow.analysis.uncertainty.of_runs.intervals", counted)
+    monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 1)
+    runs = [Run(folder) for folder in folders]
+    whole_content(runs, published=False)
+    assert asked == [False, False]
+    assert all("rows" not in vars(run) for run in runs)
+    monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 2)
+    whole_content([Run(folder) for folder in folders], published=False)
+    assert asked == [False, False, True, True]
+
+
+def test_intervals_of_averages_are_those_among_all(structured_rows):
+    whole = intervals(structured_rows)
+    few = intervals(structured_rows, corruptions=False)
+    kept = whole.filter(pl.col("corruption").is_in(["average", "clean"]))
+    assert few.height == 5
+    assert few.drop("standard_error", "low", "high").equals(kept.drop("standard_error", "low", "high"))
+    for name in ("standard_error", "low", "high"):
+        assert few[name].to_list() == pytest.approx(kept[name].to_list(), rel=1e-12)
+
+
+@pytest.fixture
+def structured_rows(tmp_path):
+    """Ten pairs whose errors differ."""
+    rows = evaluate("dis", "demo", output=tmp_path / "one", corruptions=["contrast", "fog"], severities=[1]).rows
+    totals = [name for name in rows.columns if "epe_sum" in name or ("rcre" in name and "sum" in name)]
+    return pl.concat(
+        rows.with_columns(
+            pl.lit(f"pair {index}").alias("sample"),
+            pl.lit(f"pair {index}").alias("group"),
+            *(pl.col(name) * (1 + 0.1 * index) for name in totals),
+        )
+        for index in range(10)
+    )

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from ...analysis.cost_ranks import run_costs
-from ...analysis.doubts import doubted_runs
+from ...analysis.doubts import doubted_runs, doubts
 from ...analysis.labels import benchmark_label
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
-from ...analysis.scores import coverage_of, note_of, paper_rows, run_names, run_results, sample_set, setting_of
-from ...analysis.uncertainty import intervals
+from ...analysis.scores import coverage_of, note_of, run_names, run_results, sample_set, setting_of
+from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import DataError, UsageError
 from ...text import plain
 from ..assemble import results_of
-from .entries import Entry, Interval, Key, entries_of
+from .entries import Entry, entries_of
 
 if TYPE_CHECKING:
     from ...runs.run import Run
@@ -99,15 +99,18 @@ def _content(
 ) -> Content:
     # A page about its runs says of each what was asked for; the paper's lines only stand below.
     beside = published and not alone
-    doubted = doubted_runs(runs)
     by_name = {}
     known = {}
     for run, name in zip(runs, run_names(runs), strict=True):
         key = (sample_set(run), name)
-        by_name[key], known[key] = run, _intervals(run, beside, detailed=len(runs) <= MOST_DETAILED)
+        by_name[key], known[key] = (
+            run,
+            interval_ends(run, corruptions=len(runs) <= MOST_DETAILED, beside_published=beside),
+        )
         if len(runs) > MOST_DETAILED:
-            _ = run.summary
+            _ = run.summary, doubts(run)
             run.release_rows()
+    doubted = doubted_runs(runs)
     own, paper = run_results(runs, beside), results_of([], published=published)
     parts, titles = [own], {PAPER: "Published values"}
     for run in runs:
@@ -142,12 +145,3 @@ def _content(
             "nothing to show: there are no results; name runs or results files, or show the published ones"
         )
     return Content(title, by_name, results, costs, entries, titles, alone, doubted, beside)
-
-
-def _intervals(run: Run, beside: bool, detailed: bool) -> dict[Key, Interval]:
-    """Of what the page shows: beside published results an average may be over fewer corruptions than the run's."""
-    known = intervals(paper_rows(run) if beside else run.rows, corruptions=detailed).drop_nulls(["low", "high"])
-    return {
-        (metric, corruption): (low, high)
-        for metric, corruption, low, high in known.select("metric", "corruption", "low", "high").iter_rows()
-    }

@@ -15,7 +15,7 @@ def write_report(run: Run) -> None:
     Raises:
         DataError: the folder cannot be written.
     """
-    source = made_from(run.path, run.rows, beside=True)
+    source = made_from(run.path, run.rows_digest, run.manifest, beside=True)
     if is_current(run.path, REPORT, source):
         return
     from .content import run_content
@@ -23,3 +23,4 @@ def write_report(run: Run) -> None:
 
     write_bytes(run.path / REPORT, render_site(run_content(run)).encode())
     note_made(run.path, REPORT, source)
+    run.keep()

@@ -1,0 +1,33 @@
+"""The intervals of a run that pages show, made once and kept with it."""
+
+from __future__ import annotations
+
+from ...runs.run import Run
+from ..scores import only_of_paper, paper_rows
+from .intervals import intervals
+from .sums import AVERAGE, CLEAN
+
+Ends = tuple[float, float]
+_Line = tuple[str, str, float, float]
+
+
+def interval_ends(run: Run, corruptions: bool = True, beside_published: bool = False) -> dict[tuple[str, str], Ends]:
+    """(metric, corruption) -> the ends of the 95 % interval, where there is one.
+
+    Args:
+        run: of which.
+        corruptions: of each corruption too; without, of the clean EPE and the averages alone.
+        beside_published: as for `run_results`: an average may be over fewer corruptions than the run's.
+    """
+    fewer = beside_published and not only_of_paper(run)
+    kind = "paper " if fewer else ""
+    whole = corruptions or run.has_fact(f"{kind}intervals")
+    name = f"{kind}{'' if whole else 'average '}intervals"
+    lines = run.fact(name, list[_Line], lambda: _lines(run, whole, fewer))
+    return {(metric, of): (low, high) for metric, of, low, high in lines if corruptions or of in (AVERAGE, CLEAN)}
+
+
+def _lines(run: Run, corruptions: bool, fewer: bool) -> list[_Line]:
+    rows = paper_rows(run) if fewer else run.rows
+    found = intervals(rows, corruptions=corruptions).drop_nulls(["low", "high"])
+    return list(found.select("metric", "corruption", "low", "high").iter_rows())

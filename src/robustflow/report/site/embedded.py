@@ -1,0 +1,73 @@
+"""The slider of the embedded pair, for a page whose runs have no pictures: drawn once and kept in the user's cache."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import asdict
+
+from pydantic import TypeAdapter, ValidationError
+
+from ...atomic import make_folder, write_json
+from ...cache import cache_folder
+from ...datasets import load_dataset
+from ...digest import digest_of_bytes, digest_of_value
+from ...errors import AssetError, DataError
+from ...runs.made_from import code_digest
+from ...sample import Frame
+from ...severity import SEVERITIES
+from ..gallery.page import example_slider
+from ..gallery.pictures import gallery
+from ..slider import Slider
+
+_KEY = "motorcycle"
+_TITLE = "Middlebury 2014, Motorcycle"
+_PICTURE = "data:image/jpeg;base64,"
+_LARGEST = 2**24
+
+
+def embedded_slider() -> Slider | None:
+    """The embedded pair under every corruption of image pairs; None, with a warning, where scikit-image comes without
+    it. The pictures of another version of this package, or of other frames, are drawn again."""
+    try:
+        frames = load_dataset(_KEY, None).load(_KEY).frames
+    except AssetError as error:
+        warnings.warn(f"no example pictures: {error}", stacklevel=3)
+        return None
+    source = _source(frames)
+    kept = _read(source)
+    if kept is None:
+        kept = example_slider(frames[0], gallery(frames[0], frames[1], SEVERITIES, key=_KEY), _TITLE)
+        _write(kept, source)
+    return kept
+
+
+def _source(frames: tuple[Frame, ...]) -> str:
+    return digest_of_value([code_digest(), *(digest_of_bytes(frame.tobytes()) for frame in frames)], size=16)
+
+
+def _read(source: str) -> Slider | None:
+    path = cache_folder("gallery") / f"{_KEY}.json"
+    try:
+        if not path.is_file() or path.stat().st_size > _LARGEST:
+            return None
+        document = json.loads(path.read_bytes())
+        if document["source"] != source or document["digest"] != digest_of_value(document["slider"], size=16):
+            return None
+        slider = TypeAdapter(Slider).validate_python(document["slider"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, ValidationError):
+        return None
+    shots = (shot for _, shots in slider.corruptions for shot in shots)
+    pictures = [*slider.clean, *(picture for shot in shots for picture in shot.pictures)]
+    return slider if all(picture.startswith(_PICTURE) for picture in pictures) else None
+
+
+def _write(slider: Slider, source: str) -> None:
+    folder, kept = cache_folder("gallery"), asdict(slider)
+    try:
+        make_folder(folder)
+        write_json(
+            folder / f"{_KEY}.json", {"source": source, "digest": digest_of_value(kept, size=16), "slider": kept}
+        )
+    except DataError:
+        pass  # Nothing can be kept here: drawn again next time.

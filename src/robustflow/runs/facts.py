@@ -1,0 +1,66 @@
+"""What pages ask of a run beside its means, kept in a hidden file of its folder and believed of these rows alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from ..atomic import write_json
+from .made_from import FACTS, is_current, note_made
+
+Fact = TypeVar("Fact")
+_LARGEST = 2**24
+
+
+class Facts:
+    """Facts by name: read once, and made where they are missing.
+
+    Args:
+        folder: of the run.
+        source: what they are made from (`made_from.made_from`); facts of anything else are not read.
+    """
+
+    def __init__(self, folder: Path, source: str) -> None:
+        self._folder, self._source = folder, source
+        self._known = _read(folder, source)
+        self._new = False
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._known
+
+    def get(self, name: str, kind: type[Fact], make: Callable[[], Fact]) -> Fact:
+        """A fact, made if it is not there or is not of its kind."""
+        if name in self._known:
+            try:
+                return TypeAdapter(kind).validate_python(self._known[name])
+            except ValidationError:
+                pass
+        value = make()
+        self._known[name], self._new = value, True
+        return value
+
+    def write(self) -> None:
+        """Keep what was made since they were read.
+
+        Raises:
+            DataError: the folder cannot be written.
+        """
+        if self._new:
+            write_json(self._folder / FACTS, self._known)
+            note_made(self._folder, FACTS, self._source)
+            self._new = False
+
+
+def _read(folder: Path, source: str) -> dict[str, Any]:
+    path = folder / FACTS
+    try:
+        if not is_current(folder, FACTS, source) or path.stat().st_size > _LARGEST:
+            return {}
+        facts = json.loads(path.read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return facts if isinstance(facts, dict) else {}
