@@ -120,7 +120,7 @@ def test_ctrl_c_while_workers_start_is_one_line(tmp_path, delay):
     options = ["--workers", "3", "--output", str(tmp_path / "run")]
     run = subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True, start_new_session=True)
     first = run.stderr.readline()
-    assert "units" in first
+    assert "steps" in first
     time.sleep(delay)
     os.killpg(run.pid, signal.SIGINT)
     _, said = run.communicate(timeout=60)
