@@ -15,6 +15,7 @@ import traceback
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
@@ -162,6 +163,7 @@ def _one_thread() -> Iterator[None]:
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
     """Ctrl-C waits here until a process has started, which inherits being deaf to it."""
+    resource_tracker.ensure_running()  # started with the first process, it would let Ctrl-C through again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
