@@ -14,6 +14,7 @@ import typer
 import robustflow
 import robustflow.testing
 from robustflow.cli.main import app
+from robustflow.errors import ModelError
 
 
 def surface() -> list[str]:
@@ -25,7 +26,10 @@ def surface() -> list[str]:
 def _python(module: object) -> Iterator[str]:
     home = module.__name__  # type: ignore[attr-defined]
     for name in module.__all__:  # type: ignore[attr-defined]
-        thing = getattr(module, name)
+        try:
+            thing = getattr(module, name)
+        except ModelError:  # it needs an extra that is not installed
+            continue
         yield f"{home}.{name}{_parameters(thing)}"
         if inspect.isclass(thing):
             for part, value in inspect.getmembers(thing):

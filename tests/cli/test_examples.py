@@ -67,13 +67,13 @@ def test_data_that_moved_and_data_that_changed(robustflow, tmp_path):
     run = ("run", "-m", "mine_for_examples:flow", "-b", "folder", "-d", frames, "-c", "contrast", "-s", 1, "-o", "run")
     assert robustflow(*run, "--no-examples")[0] == 0
     frames.rename(tmp_path / "moved")
-    code, _, error = robustflow("examples", "run")
+    code, _, error = robustflow("examples", "run", "-m", "mine_for_examples:flow")
     assert code == 1
     assert "no such folder or video" in error
-    assert robustflow("examples", "run", "--data", "moved")[0] == 0
+    assert robustflow("examples", "run", "-m", "mine_for_examples:flow", "--data", "moved")[0] == 0
     shutil.rmtree("run/examples")
     write_image(tmp_path / "moved" / "0.png", np.roll(picture, 7, axis=1))
-    code, _, error = robustflow("examples", "run", "--data", "moved")
+    code, _, error = robustflow("examples", "run", "-m", "mine_for_examples:flow", "--data", "moved")
     assert code == 1
     assert "are not those that the run measured" in error
     assert not Path("run/examples").exists()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 pytest.importorskip("onnx", reason="needs the onnx extra")
@@ -25,6 +27,7 @@ def test_an_onnx_file_as_model_or_as_checkpoint(robustflow, tmp_path):
 
 
 def test_the_network_given_twice(robustflow, tmp_path):
+    Path("net.onnx").write_bytes(b"a network")
     code, _, said = robustflow("run", "--model", "net.onnx", "--checkpoint", "net.onnx")
     assert code == 2
     assert "'net.onnx' is the network itself; leave out the checkpoint" in said

@@ -149,7 +149,7 @@ frost_assets.subprocess.run = download
 for _ in range(20):
     for slot in range(5):
         frost_assets.read_texture(slot)
-    frost_assets._fetch(cache_folder("frost"))
+    frost_assets._fetch(frost_assets.cache_folder("frost"))
 """
 
 

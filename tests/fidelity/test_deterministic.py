@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -22,7 +20,7 @@ def test_pictures(name, key, record_property):
     level, _, exposed = key.partition("_idx")
 
     def expose(state):
-        return replace(state, exposed=int(exposed)) if exposed else state
+        return state._replace(exposed=int(exposed)) if exposed else state
 
     pair = reference.corrupted(reference.ours(name), Rng.of(0), int(level[1:]), expose)
     y, x, height, width = reference.table()["input"]["crop_y0_x0_h_w"]
@@ -43,7 +41,7 @@ def test_whole_frames(name, key):
     level, _, exposed = key.partition("_idx")
 
     def expose(state):
-        return replace(state, exposed=int(exposed)) if exposed else state
+        return state._replace(exposed=int(exposed)) if exposed else state
 
     pair = reference.corrupted(reference.ours(name), Rng.of(0), int(level[1:]), expose)
     expected = reference.table()["deterministic"][name][key]

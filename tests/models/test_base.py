@@ -40,9 +40,9 @@ class _OnAGpu:
 @pytest.mark.parametrize(
     ("answer", "says"),
     [
-        (_OnAGpu(), r"returned a _OnAGpu on sample 'a', clean that is no array \(can't convert cuda.*detach"),
+        (_OnAGpu(), r"returned a _OnAGpu on sample 'a', clean that is not an array \(can't convert cuda.*detach"),
         (None, r"returned NoneType on sample 'a', clean; expected a float array of shape \(4, 5, 2\)"),
-        ([[1.0], [1.0, 2.0]], "returned a list on sample 'a', clean that is no array"),
+        ([[1.0], [1.0, 2.0]], "returned a list on sample 'a', clean that is not an array"),
         (np.zeros((2, 4, 5), np.float32), r"returned float32 \(2, 4, 5\) on sample"),
         (np.zeros((4, 5, 2), np.int16), r"returned int16 \(4, 5, 2\) on sample"),
     ],

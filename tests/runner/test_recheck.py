@@ -38,7 +38,7 @@ def test_the_draw_follows_from_its_seed_and_is_new_without(run):
         ({"magnitude_sum": pl.col("magnitude_sum") * 0.999}, "another ground truth"),
         ({"n_valid": pl.col("n_valid") - 1}, "another ground truth"),
         ({"group": pl.lit("all the same")}, "another group"),
-        ({"sample": pl.lit("../../etc/passwd")}, "have no sample '../../etc/passwd'"),
+        ({"sample": pl.lit("../../etc/passwd")}, "has no sample '../../etc/passwd'"),
     ],
 )
 def test_changed_rows(run, change, says):

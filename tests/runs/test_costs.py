@@ -48,6 +48,13 @@ def measured(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(autouse=True)
+def no_doubts(monkeypatch):
+    """Models that move every pixel alike hardly depend on the frames; their ranks are what is tested here."""
+    for module in ("assemble", "site.content"):
+        monkeypatch.setattr(f"robustflow.report.{module}.doubted_runs", lambda runs: {})
+
+
 @pytest.fixture
 def runs(measured, tmp_path):
     """Copies, for costs are written into them."""

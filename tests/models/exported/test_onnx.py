@@ -180,7 +180,7 @@ def test_integers_are_no_frames(tmp_path):
         ({"layout": "both"}, UsageError, "unknown layout 'both'"),
         ({"multiple": 0}, UsageError, "multiple must be a whole number from 1"),
         ({"threads": 0}, UsageError, "threads must be a whole number from 1"),
-        ({"device": "gpu"}, UsageError, "'gpu' is no device of onnxruntime"),
+        ({"device": "gpu"}, UsageError, "unknown device 'gpu' for onnxruntime"),
         ({"sha256": "0" * 64}, ModelError, "expected 0000"),
         ({"order_": "rgb"}, UsageError, "unknown option of model 'onnx' 'order_': did you mean 'order'"),
         ({"checkpoint": "net.onnx"}, UsageError, "is the network itself; leave out the checkpoint"),
