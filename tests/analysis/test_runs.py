@@ -17,6 +17,8 @@ from robustflow.images.io import write_image
 from robustflow.report.assemble import ALL_TABLES, figures_of, results_of, tables_of
 from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import whole_content
+from robustflow.runs.shards import list_shards, write_shard
+from robustflow.runs.store import RunFolder
 from robustflow.testing import ZeroFlow
 
 
@@ -173,8 +175,13 @@ def test_runs_over_the_same_frames_are_one_sample_set(runs, tmp_path):
 
 def test_what_is_averaged_over_less_is_no_rival(runs, tmp_path):
     """The same plan, but the hardest settings are missing: its average is not that of the others."""
-    part = Result(shutil.copytree(runs[0].path, tmp_path / "part"))
-    part.rows = runs[0].rows.filter(~((pl.col("corruption") == "contrast") & (pl.col("severity") == 3)))
+    folder = RunFolder(shutil.copytree(runs[0].path, tmp_path / "part"))
+    rows = folder.rows()
+    for shard in list_shards(folder.rows_folder):
+        shard.unlink()
+    hardest = (pl.col("corruption") == "contrast") & (pl.col("severity") == 3)
+    write_shard(folder.rows_folder, "pack", rows.filter(~hardest))
+    part = Result(folder.path)
     assert part.rows.height < runs[0].rows.height
     assert sample_set(part) != sample_set(runs[0])
     assert "not complete" in note_of(part)

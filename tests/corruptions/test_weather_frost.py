@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.cache import cache_folder
+from robustflow.cache import CACHE_VARIABLE, cache_folder
 from robustflow.corruptions.weather import frost_assets, frost_textures
 from robustflow.corruptions.weather.frost import Frost
 from robustflow.corruptions.weather.frost_textures import enlarged_shape, enlarged_texture, resize_cubic
@@ -32,6 +32,8 @@ def invented(monkeypatch, tmp_path):
     monkeypatch.setattr(frost_assets, "TEXTURES", hashes)
     monkeypatch.setattr(frost_assets, "find_spec", lambda name: None)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))  # earlier versions kept the real ones there
+    monkeypatch.delenv(CACHE_VARIABLE, raising=False)
     monkeypatch.delenv(frost_assets.FOLDER_VARIABLE, raising=False)
     forget()
     yield folder

@@ -120,7 +120,7 @@ def test_an_object_that_answers_otherwise_does_not_continue_a_run(tmp_path):
 
     folder = tmp_path / "run"
     first = rf.evaluate(constant(1.0), output=folder, corruptions=["contrast"], severities=[1])
-    with pytest.raises(RunError, match="predicts another flow on sample 'motorcycle'"):
+    with pytest.raises(RunError, match="predicts a different flow on sample 'motorcycle'"):
         rf.evaluate(constant(2.0), output=folder, corruptions=["contrast"], severities=[2])
     assert rf.Result(folder).rows.equals(first.rows)
     more = rf.evaluate(constant(1.0), output=folder, corruptions=["contrast"], severities=[2])
