@@ -21,7 +21,7 @@ from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
 from ..metrics.robustness import cre, crer
 from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
-from ..metrics.summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
+from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
 from .family_means import by_family
 from .plan import Cell
 
@@ -140,12 +140,12 @@ def _checked(rows: pl.DataFrame) -> pl.DataFrame:
     return rows
 
 
-def _units(units: Iterable[Any]) -> list[Units]:
+def _units(units: Iterable[Any]) -> list[MissingCells]:
     by_setting: dict[tuple[str, int], list[str]] = defaultdict(list)
     for sample, corruption, severity in units:
         by_setting[corruption, severity].append(sample)
     return [
-        Units(corruption=corruption, severity=severity, samples=sorted(by_setting[corruption, severity]))
+        MissingCells(corruption=corruption, severity=severity, samples=sorted(by_setting[corruption, severity]))
         for corruption, severity in sorted(by_setting)
     ]
 

@@ -14,7 +14,7 @@ from ..results import AVERAGE
 from .estimates import Array
 from .statistic import Mean, Statistic, Term
 
-METRICS = ("epe", "cre", "crer", "rcre")
+INTERVAL_METRICS = ("epe", "cre", "crer", "rcre")
 Column = tuple[str, int]
 """(corruption, severity)."""
 
@@ -75,8 +75,8 @@ class ClusterSums:
         Raises:
             UsageError: a metric or setting that does not exist.
         """
-        if metric not in METRICS:
-            raise unknown_name("metric", metric, METRICS)
+        if metric not in INTERVAL_METRICS:
+            raise unknown_name("metric", metric, INTERVAL_METRICS)
         clean = Mean(self.clean_sum, self.clean_count, np.ones(1))
         if corruption == CLEAN:
             if metric != "epe":

@@ -32,7 +32,7 @@ VARIANCE_SCHEMA: dict[str, Any] = {
 """`deviation`: the standard deviation that a source causes in the score of one image, pixels. `share`: of the sum of
 the variances, percent. `error_of_mean`: what it adds to the standard error of the mean, pixels; null for severity."""
 
-METRICS = ("epe", "cre", "rcre")
+VARIANCE_METRICS = ("epe", "cre", "rcre")
 
 
 def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.DataFrame:
@@ -49,8 +49,8 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
         RunError: fewer than two seeds, or no two images at the same settings.
         UsageError: another metric.
     """
-    if metric not in METRICS:
-        raise unknown_name("metric", metric, METRICS)
+    if metric not in VARIANCE_METRICS:
+        raise unknown_name("metric", metric, VARIANCE_METRICS)
     if len(runs) < 2:
         raise RunError("one seed says nothing about the others; run the same model with --seeds 2 or more")
     y = _cells(runs, metric)
