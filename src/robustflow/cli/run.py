@@ -64,11 +64,18 @@ def run(
     severity_scale: SeverityScale = "paper",
     common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
-    workers: Annotated[int, typer.Option("--workers", "-w", help="Processes.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            "--workers", "-w", help="Processes; for a model on GPUs those that feed it, one per processor by default."
+        ),
+    ] = None,
     batch_size: Annotated[
-        int, typer.Option("--batch-size", help="Severities predicted in one call, where the model can.")
+        int, typer.Option("--batch-size", help="Cells of a sample predicted in one call, where the model can.")
     ] = 1,
-    engine: Annotated[str | None, typer.Option(help="serial or processes; chosen from --workers by default.")] = None,
+    engine: Annotated[
+        str | None, typer.Option(help="serial or processes; chosen from --device and --workers by default.")
+    ] = None,
     timeout: Annotated[float | None, typer.Option(help="Seconds a single prediction may take.")] = None,
     allow_invalid: Annotated[
         bool, typer.Option("--allow-invalid", help="Leave out and count NaN or infinite predictions.")

@@ -12,6 +12,7 @@ from ...models import ModelSpec
 from ...models.base import AnyModel
 from ...runs.plan import RunOptions, Unit
 from ...runs.store import RunFolder
+from ..seconds import taken
 from ..worker import Worker
 
 
@@ -56,6 +57,4 @@ class FinishedUnit:
 
 def take_seconds(worker: Worker) -> dict[str, float]:
     """The seconds since the last call."""
-    seconds = dict(worker.seconds)
-    worker.seconds = dict.fromkeys(seconds, 0.0)
-    return seconds
+    return taken(worker.seconds)
