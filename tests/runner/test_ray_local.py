@@ -64,9 +64,8 @@ def test_an_object_of_the_caller_travels(tmp_path):
     """A function of a closure cannot be pickled, but Ray's way of pickling takes it."""
     value = 0.25
     model = lambda frame1, frame2: np.full((*frame1.shape[:2], 2), value, np.float32)  # noqa: E731
-    result = rf.evaluate(
-        model, output=tmp_path / "run", engine="ray", workers=1, corruptions=["contrast"], severities=[1]
-    )
+    one = {"corruptions": ["contrast"], "severities": [1]}
+    result = rf.evaluate(model, output=tmp_path / "run", engine="ray", workers=1, **one)
     assert result.rcre == 0.0
 
 
@@ -121,17 +120,9 @@ def test_an_address_is_for_ray(tmp_path):
 
 def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[str]:
     model = ["--model", "models_for_tests:Faulty", "-O", "pause=0.2", "--corruptions", ",".join(FAST)]
+    command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", *model]
     return subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            "from robustflow.cli.main import main; main()",
-            "run",
-            *model,
-            "-o",
-            str(folder),
-            *options,
-        ],
+        [*command, "--engine", "ray", "--workers", "2", "-o", str(folder), *options],
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]), **variables},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -13,14 +13,13 @@ import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from ...errors import RunError, UsageError
-from ...models import ModelSpec
-from ...models.base import model_identity
+from ...errors import RunError
 from ...runs.plan import Unit
 from .base import FinishedUnit, Job
-from .processes import _ONE_THREAD, _rebuild
+from .processes import _rebuild
 from .ray_actor import Answer, installed
-from .ray_cluster import connected, ray_module
+from .ray_cluster import connected
+from .ray_job import files_of, model_identity_of, needs_gpu, pickled, variables
 from .ray_member import Member
 from .schedule import Schedule
 
@@ -54,10 +53,10 @@ def on_ray(
         UsageError, RunError: Ray, the cluster, or a node of it lacks something; a unit was lost `ATTEMPTS` times.
         DataError, ModelError: as with the other engines.
     """
-    gpu = _on_gpu(job)
-    pickled = _pickled(job)
-    with connected(address, workers, len(pickled)) as ray:
-        crew = _Crew(ray, job, pickled, units, workers, timeout, gpu, address is None)
+    gpu = needs_gpu(job)
+    sent = pickled(job)
+    with connected(address, workers, len(sent)) as ray:
+        crew = _Crew(ray, job, sent, units, workers, timeout, gpu, address is None)
         try:
             yield from crew.compute()
         finally:
@@ -71,7 +70,7 @@ class _Crew:
         self,
         ray: Any,
         job: Job,
-        pickled: bytes,
+        sent: bytes,
         units: Sequence[Unit],
         workers: int | None,
         timeout: float | None,
@@ -87,9 +86,9 @@ class _Crew:
             local,
         )
         self._schedule, self._left = Schedule(units), len(units)
-        self._first_files = _files(job, units[0].key) if units else ()
-        self._pickled = ray.put(pickled)
-        self._identity = _identity(job)
+        self._first_files = files_of(job, units[0].key) if units else ()
+        self._sent = ray.put(sent)
+        self._identity = model_identity_of(job)
         self._installed = installed()
         self._members: list[Member] = []
         self._losses: dict[Unit, list[str]] = {}
@@ -138,7 +137,7 @@ class _Crew:
             raise RunError(f"{where} has no {kind} that Ray knows of; give --workers N to wait for N of them to join")
         while len(self._members) < min(wanted, self._left):
             self._members.append(Member(self._ray, self._gpu, self._timeout is not None))
-            self._members[-1].greet(_variables(), os.getcwd(), sys.path if self._local else [])
+            self._members[-1].greet(variables(), os.getcwd(), sys.path if self._local else [])
         if any(member.host for member in self._members):
             self._heard = now
         elif now - self._heard > _PATIENCE_S and not self._warned:
@@ -160,7 +159,7 @@ class _Crew:
             return None
         if member.host is None:
             self._check_installed(*answer)
-            member.begin(answer[0], self._pickled, self._identity, self._first_files)
+            member.begin(answer[0], self._sent, self._identity, self._first_files)
             return None
         value = self._value(member, answer)
         if member.device is None:
@@ -177,7 +176,7 @@ class _Crew:
                 unit = self._schedule.take(member.last_key)
                 if unit is None:
                     return
-                member.give(unit, _files(self._job, unit.key))
+                member.give(unit, files_of(self._job, unit.key))
 
     def _value(self, member: Member, answer: Answer) -> Any:
         kind, value = answer
@@ -218,43 +217,6 @@ class _Crew:
                 "the model are the usual causes: try fewer --workers"
             )
         self._schedule.give_back(member.unit)
-
-
-def _pickled(job: Job) -> bytes:
-    cloudpickle = ray_module().cloudpickle
-    try:
-        pickled: bytes = cloudpickle.dumps(job)
-    except Exception as error:
-        raise UsageError(
-            f"this model object cannot be sent to Ray's workers ({type(error).__name__}: {error}); use engine='serial' "
-            "without a timeout, or name the model as 'module:attribute'"
-        ) from error
-    return pickled
-
-
-def _on_gpu(job: Job) -> bool:
-    """Whether every actor needs a GPU of its own."""
-    options = dict(job.model.options) if isinstance(job.model, ModelSpec) else {}
-    asked = str(options.get("device", _identity(job).get("device", "cpu")))
-    if asked.startswith("cuda:"):
-        raise UsageError(f"--device {asked} with the ray engine: give --device cuda; Ray gives every worker a GPU")
-    return asked == "cuda" or (asked == "auto" and _identity(job).get("device") == "cuda")
-
-
-def _identity(job: Job) -> dict[str, Any]:
-    model = job.load_model()
-    return job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
-
-
-def _files(job: Job, key: str) -> tuple[tuple[str, int], ...]:
-    """What a node needs for a sample."""
-    return tuple((str(path), path.stat().st_size) for path in job.dataset.files(key))
-
-
-def _variables() -> dict[str, str]:
-    """Of the environment, for every actor: where the user's files are, and one thread a library."""
-    mine = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")}
-    return mine | dict.fromkeys(_ONE_THREAD, "1")
 
 
 def _last_line(error: Exception) -> str:

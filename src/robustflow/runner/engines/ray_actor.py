@@ -20,8 +20,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ... import __version__
 from ...errors import DataError, RunError, UsageError
+from ...version import VERSION
 
 if TYPE_CHECKING:
     from ...runs.plan import Unit
@@ -45,7 +45,7 @@ def installed() -> dict[str, str]:
         *(b"%b\0%b" % (str(path.relative_to(package)).encode(), path.read_bytes()) for path in paths)
     )
     here = environment()
-    return {"robustflow": f"{__version__} (code {code[:8]})", "python": here["python"]} | {
+    return {"robustflow": f"{VERSION} (code {code[:8]})", "python": here["python"]} | {
         name: version for name, version in here["packages"].items() if name != "robustflow"
     }
 
