@@ -111,6 +111,7 @@ def evaluate(
     workers: int | None = None,
     batch_size: int = 1,
     engine: str | None = None,
+    address: str | None = None,
     timeout: float | None = None,
     allow_invalid: bool = False,
     examples: bool = False,
@@ -139,12 +140,13 @@ def evaluate(
         common_draws: one draw for the five severities of a pair, so that they differ in strength alone.
         severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that
             a corruption does not have on it are left out, and named in `Result.left_out`.
-        workers: processes; 1 stays in this process unless `timeout` is given. For a model on a GPU (attribute
-            `device`): those that corrupt and measure beside the one per GPU that predicts, by default as many as
-            there are processors.
+        workers: processes, by default one, which is this process unless `timeout` is given. For a model on a GPU
+            (attribute `device`) those that corrupt and measure beside the one per GPU that predicts, by default as many
+            as there are processors; with Ray one per GPU or processor of the cluster.
         batch_size: cells of one sample that a model with `predict_batch` gets in one call. It is no part of a run's
             identity: a flow may change by 1e-4 px.
-        engine: "serial" or "processes"; chosen from the model's device, `workers` and `timeout` by default.
+        engine: "serial", "processes" or "ray"; chosen from the model's device, `workers` and `timeout` by default.
+        address: of a Ray cluster: "auto", "host:port" or "ray://host:port"; None for one on this machine.
         timeout: seconds a single prediction, or batch of them, may take.
         allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
         examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
@@ -187,7 +189,7 @@ def evaluate(
         name=name,
     )
     setup.model.check_batch_size(batch_size)
-    compute = choose_engine(engine, workers, timeout, setup.model)
+    compute = choose_engine(engine, workers, timeout, address, setup.model)
     if output is None:
         output = default_folder(setup.plan, setup.model.spec)
         warn_of_edited_corruptions(output, setup.plan)

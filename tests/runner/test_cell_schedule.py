@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.metrics.rows import CLEAN
@@ -19,6 +19,7 @@ def _units(samples, corruptions, without_clean=()):
     return units
 
 
+@settings(max_examples=30)
 @given(
     samples=st.integers(1, 4),
     corruptions=st.integers(1, 3),

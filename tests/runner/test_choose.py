@@ -28,7 +28,7 @@ def _named(device="cpu", devices=None):
 
 
 def _describe(model, name=None, workers=None, timeout=None):
-    return choose_engine(name, workers, timeout, model).describe(UNITS)
+    return choose_engine(name, workers, timeout, None, model).describe(UNITS)
 
 
 @pytest.fixture(autouse=True)

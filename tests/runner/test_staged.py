@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -107,7 +106,7 @@ def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
     cells = iter([("0", "clean", 0), *(("0", "contrast", 1 + number % 5) for number in range(300))])
     for _ in range(cells_ahead(1)):
         driver.send(("cell", next(cells)))
-    asked = made = 0
+    questions, made = [], 0
     while driver.poll(3) or device.poll():
         if driver.poll():
             kind, _ = driver.recv()
@@ -115,12 +114,15 @@ def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
             made += 1
             driver.send(("cell", next(cells)))
         while device.poll():
-            asked += len(device.recv())
-    assert made == asked == slots.count == 128 * 2**20 // slots.slot_bytes
+            questions += device.recv()
+    assert made == len(questions) == slots.count == 128 * 2**20 // slots.slot_bytes
     assert slots.free == 0
-    device.send(0.01)  # the clean flow
-    time.sleep(1)
+    assert questions[0].cell == ("0", "clean", 0)
+    slots.flow(questions[0].slot, questions[0].slot_bytes, (*size, 2))[:] = 0
+    device.send(0.01)
+    assert driver.poll(60)
     assert driver.recv()[0] == "row"
+    assert driver.poll(60)
     assert driver.recv()[0] == "made", "a slot that is free again is used again"
     driver.close()
     assert ended.wait(20)

@@ -67,14 +67,21 @@ def run(
     workers: Annotated[
         int | None,
         typer.Option(
-            "--workers", "-w", help="Processes; for a model on GPUs those that feed it, one per processor by default."
+            "--workers",
+            "-w",
+            help="Processes, 1 by default; for a model on GPUs those that feed it, one per processor by default; with "
+            "Ray one per GPU or CPU of the cluster.",
         ),
     ] = None,
     batch_size: Annotated[
         int, typer.Option("--batch-size", help="Cells of a sample predicted in one call, where the model can.")
     ] = 1,
     engine: Annotated[
-        str | None, typer.Option(help="serial or processes; chosen from --device and --workers by default.")
+        str | None, typer.Option(help="serial, processes or ray; by --device and --workers by default.")
+    ] = None,
+    address: Annotated[
+        str | None,
+        typer.Option(help="Of a Ray cluster: auto, host:port or ray://host:port; by default one on this machine."),
     ] = None,
     timeout: Annotated[float | None, typer.Option(help="Seconds a single prediction may take.")] = None,
     allow_invalid: Annotated[
@@ -94,6 +101,7 @@ def run(
       robustflow run --model farneback --benchmark kitti-fc --data ~/kitti --workers 4
       robustflow run --model dis --model farneback --benchmark kitti-fc --data ~/kitti
       robustflow run --model raft --checkpoint things --device cuda --batch-size 5 --benchmark kitti-fc --data ~/kitti
+      robustflow run --model raft --device cuda --engine ray --address auto --benchmark kitti-fc --data /shared/kitti
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis --seeds 3 --output runs/dis && robustflow compare runs/dis/seed*
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
@@ -143,6 +151,7 @@ def run(
                         workers=workers,
                         batch_size=batch_size,
                         engine=engine,
+                        address=address,
                         timeout=timeout,
                         allow_invalid=allow_invalid,
                         examples=examples,

@@ -85,7 +85,7 @@ class RegionScores(Scores):
 
 
 class MissingCells(_Frozen):
-    """Samples of one setting."""
+    """Samples under one corruption at one severity."""
 
     corruption: str
     severity: int

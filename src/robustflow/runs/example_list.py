@@ -43,11 +43,11 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
     ]
     shown = next(cell.key for cell in cells if cell.kind == "median")
     of_sample = rows.filter((pl.col("sample") == shown) & (pl.col("corruption") != CLEAN))
-    settings = sorted(of_sample.select("corruption", "severity").iter_rows(), key=_paper_order)
-    names = list(dict.fromkeys(name for name, _ in settings))
+    conditions = sorted(of_sample.select("corruption", "severity").iter_rows(), key=_paper_order)
+    names = list(dict.fromkeys(name for name, _ in conditions))
     pictures = [
         {"corruption": name, "severity": severity, "file": f"{_plain_name(name, names.index(name))}_{severity}.jpg"}
-        for name, severity in settings
+        for name, severity in conditions
     ]
     return {
         "version": VERSION,
@@ -56,8 +56,8 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
     }
 
 
-def _paper_order(setting: tuple[str, int]) -> tuple[int, str, int]:
-    name, severity = setting
+def _paper_order(condition: tuple[str, int]) -> tuple[int, str, int]:
+    name, severity = condition
     return (PAPER_ORDER.index(name) if name in PAPER_ORDER else len(PAPER_ORDER)), name, severity
 
 

@@ -78,7 +78,7 @@ def statistics_of(sums: ClusterSums, severities: bool = False, corruptions: bool
     for metric in INTERVAL_METRICS:
         keys += [(metric, name, None) for name in (AVERAGE, *(sums.corruptions() if corruptions else ()))]
         if severities:
-            keys += [(metric, name, level) for name, level in sums.settings]
+            keys += [(metric, name, level) for name, level in sums.conditions]
     return [key for key in keys if sums.measured(*key)]
 
 

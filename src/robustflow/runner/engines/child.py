@@ -24,7 +24,7 @@ from ... import errors
 from ...errors import RobustFlowError, RunError, UsageError
 from ...models import ModelSpec
 
-_ONE_THREAD = (
+ONE_THREAD = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
@@ -136,8 +136,8 @@ def check_picklable(model: Any) -> None:
 @contextmanager
 def one_thread() -> Iterator[None]:
     """The environment in which a process begins whose libraries compute in one thread each."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
         yield
     finally:

@@ -14,10 +14,11 @@ from ..named_model import NamedModel
 from .base import FinishedUnit, Job
 from .child import check_picklable, may_have_children
 from .processes import processes
+from .ray import on_ray
 from .serial import serial
 from .staged import staged
 
-ENGINES = ("serial", "processes")
+ENGINES = ("serial", "processes", "ray")
 
 _FEEDERS_PER_DEVICE = 8
 """At most, unless more are asked for: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
@@ -36,7 +37,9 @@ class Engine:
     compute: Callable[[Job, Sequence[Unit]], Iterator[FinishedUnit]]
 
 
-def choose_engine(name: str | None, workers: int | None, timeout: float | None, model: NamedModel) -> Engine:
+def choose_engine(
+    name: str | None, workers: int | None, timeout: float | None, address: str | None, model: NamedModel
+) -> Engine:
     """The engine of a name, or the one that suits the model, the number of workers and the timeout.
 
     A model on accelerators gets one process each that only predicts, and feeders beside it, as many as there are
@@ -59,6 +62,10 @@ def choose_engine(name: str | None, workers: int | None, timeout: float | None, 
             name = "serial"
     if name not in ENGINES:
         raise unknown_name("engine", name, ENGINES)
+    if address is not None and name != "ray":
+        raise UsageError(f"--address is for the ray engine, not for {name}; give --engine ray with it, or leave it out")
+    if name == "ray":
+        return _ray(workers, timeout, address)
     if name == "processes" and devices:
         return _staged(devices, workers, timeout)
     if name == "processes":
@@ -75,6 +82,14 @@ def _processes(workers: int, timeout: float | None) -> Engine:
     return Engine(
         lambda units: f"processes, {counted(count(units), 'worker')}",
         lambda job, units: processes(job, units, count(units), timeout),
+    )
+
+
+def _ray(workers: int | None, timeout: float | None, address: str | None) -> Engine:
+    actors = "" if workers is None else f", {counted(workers, 'actor')}"
+    return Engine(
+        lambda units: f"ray{actors}, {'on this machine' if address is None else address}",
+        lambda job, units: on_ray(job, units, workers, timeout, address),
     )
 
 

@@ -66,13 +66,15 @@ def staged(
             feeder.deal(schedule)
         while not schedule.finished:
             ready = wait(list(children), timeout=0.2 if timeout else None)
-            done = [unit for pipe in ready if (unit := children[pipe].hear(schedule)) is not None]
-            for feeder in pool:
-                feeder.deal(schedule)
             for predictor in predictors:
                 if predictor.child.pipe not in ready:
                     predictor.watch.check()
-            yield from done
+            for pipe in ready:
+                done = children[pipe].hear(schedule)
+                for feeder in pool:
+                    feeder.deal(schedule)
+                if done is not None:
+                    yield done
     finally:
         for child in [one.child for one in predictors] + [one.child for one in pool]:
             child.end()
