@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch import Tensor, nn
 
 from ..errors import UsageError
@@ -58,8 +57,16 @@ class TrainedNetwork(nn.Module):
 
     def weights(self) -> dict[str, Tensor]:
         """The network's state under the names of its authors' files, which `run --checkpoint` reads."""
+        return {name: value.detach().cpu() for name, value in self._inner.state_dict().items()}
+
+    def load_weights(self, weights: dict[str, Tensor]) -> None:
+        """Put back what `weights` gave."""
+        self._inner.load_state_dict(weights)
+
+    @property
+    def _inner(self) -> nn.Module:
         inner: Any = getattr(self.net, "model", self.net)
-        return {name: value.detach().cpu() for name, value in inner.state_dict().items()}
+        return inner  # type: ignore[no-any-return]
 
 
 def load_network(recipe: Recipe, start: str | Path, device: str = "cpu") -> tuple[NetworkModel, TrainedNetwork]:
@@ -86,9 +93,3 @@ def load_network(recipe: Recipe, start: str | Path, device: str = "cpu") -> tupl
 def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
     """The parameters that learn."""
     return [value for value in network.parameters() if value.requires_grad]
-
-
-def gradient_norm(network: nn.Module) -> Tensor:
-    """The norm of all gradients, before clipping."""
-    gradients = [value.grad for value in learning_parameters(network) if value.grad is not None]
-    return torch.linalg.vector_norm(torch.stack([torch.linalg.vector_norm(gradient) for gradient in gradients]))

@@ -67,7 +67,6 @@ class Recipe(_Table):
         method: the model's registered name.
         stage: "chairs", "things", "sintel", "kitti" of the originals, "ood" or "id" of the paper.
         start: which weights it begins with: "random", or a stage.
-        trained_on: what the weights have seen after it, as in `--trained-on`.
         mix: of `recipes/mixes.toml`.
         steps: as the source counts them: batches.
         one_more: whether the original makes one update more than `steps`.
@@ -88,7 +87,6 @@ class Recipe(_Table):
     method: str
     stage: str
     start: str
-    trained_on: str
     mix: str
     steps: int = Field(ge=1)
     one_more: bool = False

@@ -41,7 +41,9 @@ class PtlflowNet(nn.Module):
         images = torch.stack([image1, image2], dim=1).contiguous() / 255
         outputs = self.model({"images": images})
         if "flow_preds" not in outputs:
-            raise ModelError("this network of ptlflow does not return the flow of every iteration; it cannot be trained here")
+            raise ModelError(
+                "this network of ptlflow does not return the flow of every iteration; it cannot be trained here"
+            )
         flows: list[Tensor] = list(outputs["flow_preds"])
         return flows
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from ...threads import one_opencv_thread
 from .pairs import TrainingPair, TrainingPairs
 
 
@@ -114,5 +114,5 @@ def _collated(pairs: Sequence[TrainingPair]) -> Batch:
 
 
 def _quiet_worker(number: int) -> None:
-    one_opencv_thread()
+    cv2.setNumThreads(1)
     torch.set_num_threads(1)
