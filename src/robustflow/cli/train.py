@@ -14,9 +14,7 @@ from .options import Device, Seed, names
 
 def train(
     method: Annotated[str, typer.Argument(help="What is trained (robustflow list recipes).")],
-    recipe: Annotated[
-        str, typer.Option(help="Its stage: ood or id of the paper, chairs, things, ... of the originals.")
-    ],
+    recipe: Annotated[str, typer.Option(help="Stage: ood or id of the paper; chairs, things, ... of the authors.")],
     data: Annotated[
         list[str] | None,
         typer.Option("--data", "-d", help="A folder that holds data sets, or NAME=FOLDER; may be given several times."),
@@ -29,7 +27,7 @@ def train(
     ] = None,
     init_trained_on: Annotated[
         str | None,
-        typer.Option("--init-trained-on", help="What they have seen, e.g. C+T, where the file does not say."),
+        typer.Option("--init-trained-on", help="What they have seen, e.g. C+T, if the file does not say."),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint, to the bit.")] = False,
     plan: Annotated[bool, typer.Option("--plan", help="Say what would be done and what is missing, and stop.")] = False,
@@ -125,13 +123,10 @@ def train(
     interrupted = _Interrupted()
     checkpoint = run_training(request, interrupted)
     if interrupted():
-        typer.echo(
-            f"robustflow: stopped; {checkpoint} is kept. Give the same command with --resume to continue.", err=True
-        )
+        kept = f"robustflow: stopped; {checkpoint} is kept. Give the same command with --resume to continue."
+        typer.echo(kept, err=True)
         raise typer.Exit(130)
-    typer.echo(
-        f"{checkpoint}: the trained network; measure it with 'robustflow run --model {method} --checkpoint {checkpoint}'"
-    )
+    typer.echo(f"trained; measure it with: robustflow run --model {method} --checkpoint {checkpoint}")
 
 
 class _Interrupted:

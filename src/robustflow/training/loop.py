@@ -83,9 +83,7 @@ def train(training: Training, state: State, process: Process, progress: Training
     recipe, network = training.recipe, state.network
     called: nn.Module = network
     if process.world > 1:
-        called = DistributedDataParallel(
-            network, device_ids=[process.device] if process.device.type == "cuda" else None
-        )
+        called = DistributedDataParallel(network)
     first, last = state.done.updates, recipe.updates
     share = Share(recipe.batch, process.rank, process.world)
     steps = range(first * recipe.accumulate, last * recipe.accumulate)
@@ -129,7 +127,7 @@ def _update(
         batch = noisy(batch, recipe, training.seed, step, share.positions(step))
         torch.manual_seed(key_of(training.seed, "network", step, share.rank) % 2**63)
         last = part == recipe.accumulate - 1
-        with nullcontext() if last or share.world == 1 else called.no_sync():  # type: ignore[operator]
+        with nullcontext() if last or share.world == 1 else called.no_sync():
             loss, numbers = loss_of_batch(called, batch, recipe)
             _check_finite("loss", loss.item(), update, batch)
             state.scaler.scale(loss / recipe.accumulate).backward()

@@ -66,7 +66,7 @@ class TrainedNetwork(nn.Module):
     @property
     def _inner(self) -> nn.Module:
         inner: Any = getattr(self.net, "model", self.net)
-        return inner  # type: ignore[no-any-return]
+        return inner
 
 
 def load_network(recipe: Recipe, start: str | Path, device: str = "cpu") -> tuple[NetworkModel, TrainedNetwork]:
@@ -84,7 +84,7 @@ def load_network(recipe: Recipe, start: str | Path, device: str = "cpu") -> tupl
     options = {"iterations": recipe.iterations} if recipe.iterations is not None else {}
     model = load_model(recipe.method, checkpoint=str(start), device=device, **options)
     while isinstance(model, TiledModel):
-        model = model.model  # type: ignore[assignment]
+        model = model.model
     if not isinstance(model, NetworkModel):
         raise UsageError(f"model '{recipe.method}' is not a PyTorch network of this package, so it cannot be trained")
     return model, TrainedNetwork(model, recipe)

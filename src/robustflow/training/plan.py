@@ -21,19 +21,19 @@ def plan_text(recipe: Recipe, data: Sequence[str | Path]) -> str:
     """
     lines = [f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})", *_settings(recipe), "data:"]
     found: list[OpenPart] = []
-    missing = []
+    missing: list[tuple[Part, str]] = []
     for part in mix_parts(recipe.mix):
         try:
             found.append(open_part(part, data))
         except RobustFlowError as error:
-            missing.append((part, error))
+            missing.append((part, str(error)))
     places = sum(map(len, found))
     for one in found:
         share = f", {100 * len(one) / places:.1f} % of an epoch" if not missing else ""
         pairs = f"{counted(len(one.keys), 'pair')} x {one.part.times}"
         lines.append(f"  found    {_title(one.part)}: {pairs}{share}; {_augmented(one.part)}")
-    for part, error in missing:
-        lines.append(f"  missing  {_title(part)}: {error}")
+    for part, why in missing:
+        lines.append(f"  missing  {_title(part)}: {why}")
     if not missing:
         epochs = recipe.updates * recipe.accumulate * recipe.batch / places
         lines.append(f"{places} pairs an epoch; {counted(recipe.updates, 'update')} are {epochs:.2f} epochs")
@@ -56,8 +56,8 @@ def _settings(recipe: Recipe) -> list[str]:
         f"begins with: {recipe.start}",
         f"{counted(recipe.updates, 'update')} of {counted(recipe.batch, 'pair')}{steps}, crop "
         f"{recipe.crop[0]}x{recipe.crop[1]}, {recipe.precision}{iterations}",
-        f"{optimizer.name}, rate {recipe.learning_rate:g} ({recipe.schedule}), weight decay {optimizer.weight_decay:g}, "
-        f"{clip}",
+        f"{optimizer.name}, rate {recipe.learning_rate:g} ({recipe.schedule}), weight decay "
+        f"{optimizer.weight_decay:g}, {clip}",
         f"{recipe.loss} loss, gamma {recipe.gamma:g}; {norms}{noise}",
     ]
 

@@ -42,7 +42,7 @@ class PtlflowNet(nn.Module):
         outputs = self.model({"images": images})
         if "flow_preds" not in outputs:
             raise ModelError(
-                "this network of ptlflow does not return the flow of every iteration; it cannot be trained here"
+                "this network of ptlflow keeps the flows of its iterations to itself; it cannot be trained here"
             )
         flows: list[Tensor] = list(outputs["flow_preds"])
         return flows

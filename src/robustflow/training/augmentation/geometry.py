@@ -68,11 +68,10 @@ def draw_geometry(
     if not sparse and rng.uniform() < _STRETCHED:
         x *= 2.0 ** rng.uniform(-_STRETCH, _STRETCH)
         y *= 2.0 ** rng.uniform(-_STRETCH, _STRETCH)
-    scale = (max(x, least), max(y, least))
+    scale = None
     if rng.uniform() < _SCALED or height <= crop[0] or width <= crop[1]:
+        scale = (max(x, least), max(y, least))
         width, height = scaled_size(shape, scale)
-    else:
-        scale = None
     mirrored = flip and rng.uniform() < _FLIPPED[0]
     upside_down = flip and not sparse and rng.uniform() < _FLIPPED[1]
     free = (height - crop[0], width - crop[1])
@@ -94,7 +93,7 @@ def warp_frame(frame: Frame, geometry: Geometry, crop: tuple[int, int]) -> Frame
     """A frame scaled (bilinear, half-pixel centres), flipped and cropped; a new array, RGB uint8 (*crop, 3)."""
     if geometry.scale is not None:
         x, y = geometry.scale
-        frame = cv2.resize(frame, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)  # type: ignore[assignment]
+        frame = cv2.resize(frame, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)
     return np.ascontiguousarray(_placed(frame, geometry, crop))
 
 
@@ -103,7 +102,7 @@ def warp_dense(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int
     interpolated from are."""
     if geometry.scale is not None:
         x, y = geometry.scale
-        flow = cv2.resize(flow, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)  # type: ignore[assignment]
+        flow = cv2.resize(flow, None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)
         flow = flow * np.array([x, y], np.float32)
         if not valid.all():
             share = cv2.resize(valid.astype(np.float32), None, fx=x, fy=y, interpolation=cv2.INTER_LINEAR)

@@ -46,13 +46,13 @@ def draw_jitter(rng: Rng, strength: Strength) -> Jitter:
     >>> draw_jitter(Rng.of("example"), DENSE)._fields
     ('brightness', 'contrast', 'saturation', 'hue', 'order')
     """
-    factors = [rng.uniform(1 - most, 1 + most) for most in strength[:3]]
+    brightness, contrast, saturation = (rng.uniform(1 - most, 1 + most) for most in strength[:3])
     hue = rng.uniform(-strength.hue, strength.hue)
     order = list(OPERATIONS)
     for last in range(len(order) - 1, 0, -1):
         other = rng.integer(0, last + 1)
         order[last], order[other] = order[other], order[last]
-    return Jitter(*factors, hue, tuple(order))
+    return Jitter(brightness, contrast, saturation, hue, tuple(order))
 
 
 def apply_jitter(image: Frame, jitter: Jitter) -> Frame:
@@ -75,7 +75,7 @@ def _mixed_with(image: Frame, grey: int, factor: float) -> Frame:
     values = np.arange(256, dtype=np.float32)
     mixed = np.float32(grey) + np.float32(factor) * (values - np.float32(grey))
     table: npt.NDArray[np.uint8] = np.clip(mixed, 0, 255).astype(np.uint8)  # truncates, as Pillow
-    return cv2.LUT(image, table)  # type: ignore[return-value]
+    return cv2.LUT(image, table)
 
 
 @njit(cache=True, nogil=True)

@@ -56,10 +56,8 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
         UsageError: "NAME=FOLDER" with a name that no data set has.
     """
     named, roots = _parted(data)
-    if part.data in named:
-        dataset = load_dataset(part.data, named[part.data], **part.options)
-    else:
-        dataset = _search(part, roots)
+    folder = named.get(part.data)
+    dataset = _search(part, roots) if folder is None else load_dataset(part.data, folder, **part.options)
     keys = dataset.keys()
     if part.keys == "training":
         keys = kitti_split(keys).training

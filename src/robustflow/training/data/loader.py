@@ -33,8 +33,10 @@ class Batch:
 
     def to(self, device: torch.device) -> Batch:
         """On another device."""
-        tensors = (self.image1, self.image2, self.flow, self.valid)
-        return Batch(*(value.to(device, non_blocking=True) for value in tensors), self.names)
+        image1, image2, flow, valid = (
+            value.to(device, non_blocking=True) for value in (self.image1, self.image2, self.flow, self.valid)
+        )
+        return Batch(image1, image2, flow, valid, self.names)
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,11 @@ class _Steps:
 
 
 def _collated(pairs: Sequence[TrainingPair]) -> Batch:
-    stacked = (
+    image1, image2, flow, valid = (
         torch.from_numpy(np.stack(arrays))
         for arrays in zip(*((pair.frame1, pair.frame2, pair.flow, pair.valid) for pair in pairs), strict=True)
     )
-    return Batch(*stacked, tuple(pair.name for pair in pairs))
+    return Batch(image1, image2, flow, valid, tuple(pair.name for pair in pairs))
 
 
 def _quiet_worker(number: int) -> None:
