@@ -9,6 +9,10 @@ from pathlib import Path
 import numpy as np
 
 
+BIAS, FREE = 0.03, 0.2
+"""Of rule v2, where a keys file leaves them out."""
+
+
 def weights(keys: Path) -> dict[str, np.ndarray]:
     """The value of every entry of a keys file, in its order, except those a network makes itself (kind "keep")."""
     header = json.loads(keys.read_text())
@@ -19,7 +23,7 @@ def weights(keys: Path) -> dict[str, np.ndarray]:
         shape = tuple(entry["shape"])
         if entry["dtype"].startswith("float"):
             source = entry.get("alias_of", entry["key"])
-            values[entry["key"]] = _value(source, shape, header["gain"], header["bias"], header["free"])
+            values[entry["key"]] = _value(source, shape, header["gain"], header.get("bias", BIAS), header.get("free", FREE))
         else:
             values[entry["key"]] = np.zeros(shape, entry["dtype"])
     return values

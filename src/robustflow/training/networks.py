@@ -34,7 +34,9 @@ class TrainedNetwork(nn.Module):
                 f"model '{model.name}' cannot be trained: its network has no method predictions(image1, image2) that "
                 "returns the flow of every iteration"
             )
-        self.net = model.net.requires_grad_(True)
+        self.net = model.net
+        for name, value in self.net.named_parameters():
+            value.requires_grad_(not name.startswith(recipe.frozen))
         group_batchnorm(self.net, recipe.devices)
         self._convention = model.convention
         self._norms = recipe.frozen_norms

@@ -78,6 +78,7 @@ class Recipe(_Table):
         gamma: of the sequence loss.
         noise: the largest standard deviation, in grey levels, of the noise added to both frames; 0 for none.
         frozen_norms: "none", "batchnorm" (running statistics stay) or "all".
+        frozen: parts of the network, by the beginning of their parameters' names, that do not learn.
         precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
         source: where this comes from.
         unverified: what of it could not be checked.
@@ -102,6 +103,7 @@ class Recipe(_Table):
     gamma: float = Field(0.8, gt=0, le=1)
     noise: float = Field(0.0, ge=0)
     frozen_norms: Literal["none", "batchnorm", "all"] = "none"
+    frozen: tuple[str, ...] = ()
     precision: Literal["fp32", "fp16", "bf16"] = "fp32"
     source: str
     unverified: str = ""
