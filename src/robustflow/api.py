@@ -206,7 +206,7 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     """The example pictures, when the numbers are safe: nothing that happens here costs a run its rows."""
     from .runner.displacement import keep_displacement
     from .runner.examples import write_examples
-    from .runs.example_record import are_current, drop_examples
+    from .runs.example_list import are_current, drop_examples
 
     result.write_means()
     try:

@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 
-def digest_of_bytes(*parts: bytes, size: int = 16) -> str:
+def digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
     """The BLAKE2b hash of some bytes, one part after the other, as 2 x `size` hexadecimal digits.
 
     >>> digest_of_bytes(b"ab", b"c") == digest_of_bytes(b"abc")

@@ -20,7 +20,7 @@ _SETTINGS = (("fog", 1), ("fog", 3), ("snow", 2))
 
 
 def _rows(seed: int, images: int) -> pl.DataFrame:
-    """Hard images are hard everywhere; motion and Fl differ by image and setting."""
+    """Hard images are hard everywhere; motion and Fl differ by image and condition."""
     rng = np.random.default_rng(seed)
     hard = rng.gamma(2, 1, images) + 0.2
     corrupted = hard[:, None] * rng.gamma(3, 1, (images, 3))
@@ -61,7 +61,7 @@ def test_scores_are_those_of_a_loop_over_images(seed, images):
         table = found.table(name)
         assert table.columns == ["corruption", "1", "2", "3", "mean"]
         assert fmean(table["mean"]) == pytest.approx(getattr(expected, name), rel=1e-12, abs=1e-12)
-        assert table.row(0)[1:4:2] == tuple(getattr(found.by_setting[table.row(0)[0], s], name, None) for s in (1, 3))
+        assert table.row(0)[1:4:2] == tuple(getattr(found.by_condition[table.row(0)[0], s], name, None) for s in (1, 3))
     with pytest.raises(UsageError, match="unknown metric 'epe'"):
         found.table("epe")
 

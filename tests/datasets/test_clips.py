@@ -50,8 +50,8 @@ def test_spring_in_both_directions(tmp_path, direction):
     frames = [tmp_path / f"train/0001/frame_left/frame_left_{number:04d}.png" for number in range(1, 5)]
     for path in frames:
         picture(path)
-    truths = range(1, 4) if direction == "FW" else range(2, 5)
-    for number in truths:
+    flows = range(1, 4) if direction == "FW" else range(2, 5)
+    for number in flows:
         flow(
             tmp_path / f"train/0001/flow_{direction}_left/flow_{direction}_left_{number:04d}.flo5",
             None,

@@ -21,7 +21,7 @@ from robustflow.errors import DataError, UsageError
 from robustflow.images.io import read_image, write_image
 from robustflow.video.clip import read_pictures
 from robustflow.video.colour import i420_to_rgb
-from robustflow.video.prepare import Settings
+from robustflow.video.prepare import Preparation
 from robustflow.video.prepare_folder import find_sources, prepare_folder
 from tests.video import clips
 
@@ -33,7 +33,7 @@ def prepared(tmp_path_factory) -> Path:
     """Two pairs of one rendered clip at 960 frames per second."""
     folder = tmp_path_factory.mktemp("gopro")
     source = clips.folder(folder / "frames" / "scene", COUNT, HEIGHT, WIDTH)
-    settings = Settings(fps=Fraction(240), interpolator="flow", preset="ultrafast")
+    settings = Preparation(fps=Fraction(240), interpolator="flow", preset="ultrafast")
     prepare_folder(find_sources(source), folder / "out", settings)
     return folder / "out"
 

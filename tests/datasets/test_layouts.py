@@ -127,8 +127,8 @@ def test_middlebury(tmp_path: Path) -> None:
     for scene in ("Venus", "Urban2", "Walking"):
         for number in range(7, 15):
             picture(tmp_path / "other-data" / scene / f"frame{number:02d}.png")
-    truths = [flow(tmp_path / "other-gt-flow" / scene / "flow10.flo") for scene in ("Venus", "Urban2")]
-    assert not np.array_equal(*truths)
+    flows = [flow(tmp_path / "other-gt-flow" / scene / "flow10.flo") for scene in ("Venus", "Urban2")]
+    assert not np.array_equal(*flows)
     dataset = load_dataset("middlebury", tmp_path)
     assert dataset.keys() == ["Urban2", "Venus"]
     shots = [tmp_path / "other-data" / "Venus" / f"frame{number}.png" for number in (10, 11)]
@@ -196,19 +196,19 @@ def test_sintel_missing_files(tmp_path: Path, lost: str) -> None:
 
 
 def test_hd1k(tmp_path: Path) -> None:
-    images, truths = tmp_path / "hd1k_input" / "image_2", tmp_path / "hd1k_flow_gt" / "flow_occ"
+    images, flows = tmp_path / "hd1k_input" / "image_2", tmp_path / "hd1k_flow_gt" / "flow_occ"
     for sequence, count in (("000000", 3), ("000001", 2)):
         for number in range(count):
             picture(images / f"{sequence}_{number:04d}.png")
-            flow(truths / f"{sequence}_{number:04d}.png")
+            flow(flows / f"{sequence}_{number:04d}.png")
     dataset = load_dataset("hd1k", tmp_path)
     assert dataset.keys() == ["000000_0000", "000000_0001", "000001_0000"]
     shots = [images / f"000000_000{n}.png" for n in (1, 2)]
-    check(dataset, "000000_0001", *shots, truths / "000000_0001.png")
+    check(dataset, "000000_0001", *shots, flows / "000000_0001.png")
     assert dataset.load("000000_0001").group == "000000"
-    (truths / "000000_0000.png").unlink()
+    (flows / "000000_0000.png").unlink()
     refused("hd1k", tmp_path, r"flow_occ/000000_0000\.png: missing")
-    flow(truths / "000000_0000.png")
+    flow(flows / "000000_0000.png")
     (images / "000000_0001.png").unlink()
     refused("hd1k", tmp_path, r"image_2/000000_0001\.png: missing")
 
@@ -283,14 +283,14 @@ def test_flyingthings3d(tmp_path: Path) -> None:
                     flow(folder / f"OpticalFlowInto{time}_{number:04d}_{side[0].upper()}.pfm")
     dataset = load_dataset("flyingthings3d", tmp_path)
     assert dataset.keys() == [f"TRAIN/{scene}/{n:04d}" for scene in ("A/0000", "C/0012") for n in (6, 7)]
-    images, truths = tmp_path / "frames_cleanpass/TRAIN/A/0000/left", tmp_path / "optical_flow/TRAIN/A/0000"
-    truth = truths / "into_future/left/OpticalFlowIntoFuture_0006_L.pfm"
+    images, flows = tmp_path / "frames_cleanpass/TRAIN/A/0000/left", tmp_path / "optical_flow/TRAIN/A/0000"
+    truth = flows / "into_future/left/OpticalFlowIntoFuture_0006_L.pfm"
     check(dataset, "TRAIN/A/0000/0006", images / "0006.png", images / "0007.png", truth)
     options = {"render_pass": "final", "split": "TEST", "side": "right", "direction": "past"}
     dataset = load_dataset("flyingthings3d", tmp_path, **options)
     assert dataset.keys() == ["TEST/B/0001/0007", "TEST/B/0001/0008"]
-    images, truths = tmp_path / "frames_finalpass/TEST/B/0001/right", tmp_path / "optical_flow/TEST/B/0001"
-    truth = truths / "into_past/right/OpticalFlowIntoPast_0008_R.pfm"
+    images, flows = tmp_path / "frames_finalpass/TEST/B/0001/right", tmp_path / "optical_flow/TEST/B/0001"
+    truth = flows / "into_past/right/OpticalFlowIntoPast_0008_R.pfm"
     check(dataset, "TEST/B/0001/0008", images / "0008.png", images / "0007.png", truth)
     truth.unlink()
     refused("flyingthings3d", tmp_path, r"OpticalFlowIntoPast_0008_R\.pfm: missing", **options)

@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 
 from robustflow.errors import DataError, UsageError
-from robustflow.metrics.epe import epe_map
 from robustflow.metrics.regions import REGIONS, Regions
 from robustflow.sample import Sample
 
@@ -77,9 +76,3 @@ def test_unknown_or_absent_regions_are_named():
         Regions.of(_sample()).mask("s10_4")
     with pytest.raises(UsageError, match="unknown region of this sample 'occ'"):
         Regions.of(_sample()).mask("occ")
-
-
-def test_errors_of_another_size_are_refused():
-    small = np.zeros((4, 4, 2), np.float32)
-    with pytest.raises(DataError, match="differ in size"):
-        Regions.of(_sample()).sums(epe_map(small, small), epe_map(small, small))

@@ -7,7 +7,7 @@ import pytest
 
 from robustflow.errors import ModelError
 from robustflow.models.base import predict_checked
-from robustflow.models.loading import FunctionModel
+from robustflow.models.construct import FunctionModel
 
 FRAMES = (np.zeros((4, 5, 3), np.uint8),) * 2
 

@@ -9,7 +9,7 @@ from robustflow import load_model, write_flow
 from robustflow.errors import ModelError, UsageError
 from robustflow.models import FlowLookup, FlowModel, FunctionModel, ModelSpec
 from robustflow.models.base import model_identity
-from robustflow.models.loading import as_model
+from robustflow.models.construct import as_model
 
 FRAME = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
 

@@ -16,8 +16,8 @@ from robustflow.datasets.split import drive_disjoint_split, kitti_split
 from robustflow.errors import UsageError
 from robustflow.models import MODELS, ModelSpec
 from robustflow.models.catalog import checkpoints, methods
-from robustflow.models.loading import EXPORTED
 from robustflow.models.provenance import TRAINING_SETS, parse_training_sets, training_of, training_of_entry
+from robustflow.models.registry import EXPORTED
 
 
 def test_the_catalog_knows_every_model_by_name_and_no_other():

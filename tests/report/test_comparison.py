@@ -109,7 +109,7 @@ def test_of_runs(runs, tmp_path):
     assert "is the same, but 1 image is too few" in first.compare(first).sentence
     assert not found.remark
     part = evaluate("farneback", "demo", output=tmp_path / "p", corruptions=["fog"], severities=[5])
-    remark = "Compared is what both measured: 2 rows (a pair under one setting or clean) of the 5 of dis"
+    remark = "Only what both measured is compared: 2 rows (a pair, clean or corrupted) of the 5 of dis"
     assert remark in " ".join(repr(first.compare(part)).split())
     other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1], seed=5)
     with pytest.raises(RunError, match="other frames"):

@@ -20,7 +20,7 @@ from robustflow.errors import DataError, UsageError
 from robustflow.images.io import write_image
 from robustflow.report.gallery.figure import draw_figure
 from robustflow.report.gallery.page import WIDEST, render_page
-from robustflow.report.gallery.pictures import Cell, gallery
+from robustflow.report.gallery.pictures import CorruptedPicture, gallery
 
 from .elements import Elements
 
@@ -66,7 +66,7 @@ def test_a_severity_that_does_not_exist_is_an_empty_place(pair):
     page = Elements(render_page(pair[0], cells, lacking, "t"))
     assert [attrs.get("alt") for attrs in page.all("img")] == ["The clean frame", ""]
     assert len(_shots(page)[0]) == len(calibrated_levels(name))
-    assert draw_figure(pair[0], [Cell(name, lacking)], "t", "png")[:4] == b"\x89PNG"
+    assert draw_figure(pair[0], [CorruptedPicture(name, lacking)], "t", "png")[:4] == b"\x89PNG"
 
 
 def test_what_is_no_pair_or_needs_a_clip_is_refused(pair):
@@ -80,7 +80,7 @@ def test_what_is_no_pair_or_needs_a_clip_is_refused(pair):
 
 def test_the_figure_holds_every_picture_in_its_place(pair):
     red, green, blue = (np.full((60, 90, 3), colour, np.uint8) for colour in ((250, 0, 0), (0, 250, 0), (0, 0, 250)))
-    data = draw_figure(red, [Cell("a", 1, green), Cell("b", 1, blue)], "title", "png")
+    data = draw_figure(red, [CorruptedPicture("a", 1, green), CorruptedPicture("b", 1, blue)], "title", "png")
     image = np.array(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)
     centres = [
         np.argwhere(np.abs(image - np.array(c)).max(axis=2) < 5) for c in ((250, 0, 0), (0, 250, 0), (0, 0, 250))
@@ -88,15 +88,17 @@ def test_the_figure_holds_every_picture_in_its_place(pair):
     assert all(len(found) > 0.2 * image.shape[0] * image.shape[1] / 3 for found in centres)
     columns = [found[:, 1].mean() for found in centres]
     assert columns == sorted(columns)
-    assert draw_figure(red, [Cell("a", 1, green)], "title", "pdf").startswith(b"%PDF")
-    assert draw_figure(red, [Cell("a", 1, green)], "t", "pdf") == draw_figure(red, [Cell("a", 1, green)], "t", "pdf")
+    assert draw_figure(red, [CorruptedPicture("a", 1, green)], "title", "pdf").startswith(b"%PDF")
+    assert draw_figure(red, [CorruptedPicture("a", 1, green)], "t", "pdf") == draw_figure(
+        red, [CorruptedPicture("a", 1, green)], "t", "pdf"
+    )
 
 
 @pytest.mark.parametrize(("width", "height"), [(1242, 100), (64, 200), (300, 300)])
 @pytest.mark.parametrize("count", [1, 2, 20])
 def test_figures_of_any_shape_and_number(width, height, count):
     frame = np.zeros((height, width, 3), np.uint8)
-    cells = [Cell(f"c{index}", 1, frame) for index in range(count)]
+    cells = [CorruptedPicture(f"c{index}", 1, frame) for index in range(count)]
     size = Image.open(io.BytesIO(draw_figure(frame, cells, "t", "png"))).size
     assert size[0] == 1920
     assert size[1] > 100
@@ -121,7 +123,7 @@ def test_the_page_asks_nobody_for_anything_and_can_be_used_by_keyboard(pair):
 
 def test_pictures_are_bounded_and_keep_their_shape():
     frame = np.random.default_rng(0).integers(0, 256, (375, 1242, 3)).astype(np.uint8)
-    page = Elements(render_page(frame, [Cell("a", 3, frame)], 3, "t"))
+    page = Elements(render_page(frame, [CorruptedPicture("a", 3, frame)], 3, "t"))
     for attrs in page.all("img"):
         assert decoded(attrs["src"]).size == (WIDEST, 145)
         assert (attrs["width"], attrs["height"]) == ("480", "145")
@@ -129,7 +131,7 @@ def test_pictures_are_bounded_and_keep_their_shape():
 
 
 def test_titles_and_names_are_text(pair):
-    text = render_page(pair[0], [Cell("<b>x</b>", 3, pair[0])], 3, "<script>alert(1)</script>")
+    text = render_page(pair[0], [CorruptedPicture("<b>x</b>", 3, pair[0])], 3, "<script>alert(1)</script>")
     assert "<b>x</b>" not in text
     assert "alert(1)</script>" not in text
 

@@ -17,7 +17,7 @@ from robustflow.report.analysis_tables import observations_table
 from robustflow.report.render import FORMATS, render
 from robustflow.report.render.latex import escape
 from robustflow.report.render.terminal import render as render_terminal
-from robustflow.report.table import Cell, Column, Line, Section, Table
+from robustflow.report.table import Column, Line, Section, Table, TableCell
 from robustflow.report.tables import TABLES, build_table
 
 from .elements import Elements
@@ -25,7 +25,7 @@ from .hostile import HOSTILE
 
 
 def _table(name: str, note: str = "") -> Table:
-    line = Line(name, (Cell("1.00", True), Cell("-0.50")), note)
+    line = Line(name, (TableCell("1.00", True), TableCell("-0.50")), note)
     return Table("x", f"Errors of {name}", (Column("Clean"), Column("Fog", name)), (Section(name, (line,)),), (name,))
 
 
@@ -162,7 +162,9 @@ def test_latex_of_sentences_longer_than_a_page_goes_on_in_another_table():
 
 
 def test_latex_of_many_lines_goes_on_in_another_table():
-    runs = [Section(f"run {index}", tuple(Line(f"part {n}", (Cell("1.00"),)) for n in range(36))) for index in range(3)]
+    runs = [
+        Section(f"run {index}", tuple(Line(f"part {n}", (TableCell("1.00"),)) for n in range(36))) for index in range(3)
+    ]
     text = render(Table("anatomy", "Anatomy", (Column("CRE"),), tuple(runs), ("The end.",)), "latex")
     floats = text.split(r"\end{table*}")[:-1]
     assert [re.findall(r"run \d", part) for part in floats] == [["run 0"], ["run 1"], ["run 2"]]

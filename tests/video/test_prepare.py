@@ -18,15 +18,15 @@ from robustflow.video.colour import i420_to_rgb, rgb_to_i420
 from robustflow.video.disk import check_room, estimate_disk
 from robustflow.video.flow_interpolator import FlowInterpolator
 from robustflow.video.interpolation import interpolate
-from robustflow.video.prepare import Settings, geometry, prepare_clip
+from robustflow.video.prepare import Preparation, geometry, prepare_clip
 from robustflow.video.prepare_folder import SEQUENCES, find_sources, prepare_folder
 from robustflow.video.prepared import choose_key_frames, read_folder
 from robustflow.video.source import PictureFolder
 
 from . import clips
 
-FLOW = Settings(fps=Fraction(240), interpolator="flow", preset="ultrafast")
-PLAIN = Settings(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
+FLOW = Preparation(fps=Fraction(240), interpolator="flow", preset="ultrafast")
+PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -38,14 +38,14 @@ def contents(folder: Path) -> dict[str, str]:
 def test_the_master_holds_the_interpolated_frames_and_the_key_frames_are_its(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "seq", 36))
     clip = prepare_clip(source, tmp_path / "out", FLOW)
-    assert (clip.record.fps, clip.record.step, clip.record.count) == ("960", 32, 133)
-    assert clip.record.key_frames == [32, 64, 96]
+    assert (clip.manifest.fps, clip.manifest.step, clip.manifest.count) == ("960", 32, 133)
+    assert clip.manifest.key_frames == [32, 64, 96]
     assert clip.pairs == [(32, 64), (64, 96)]
     expected = [rgb_to_i420(frame) for frame in interpolate(source.frames(), FlowInterpolator(), 4)]
     master = [picture for _, picture in read_pictures(clip.master)]
     assert len(master) == len(expected) == 133
     assert all((a == b).all() for a, b in zip(master, expected, strict=True))
-    for index in clip.record.key_frames:
+    for index in clip.manifest.key_frames:
         assert (read_image(clip.key_frame_path(index)) == i420_to_rgb(master[index], 48, 64)).all()
     left = {path.name for path in (tmp_path / "out").iterdir()}
     assert left == {"clip.json", "master.mp4", "keyframes"}
@@ -53,7 +53,7 @@ def test_the_master_holds_the_interpolated_frames_and_the_key_frames_are_its(tmp
 
 def test_odd_sizes_are_padded_and_cropped_back(tmp_path):
     clip = prepare_clip(PictureFolder(clips.folder(tmp_path / "seq", 70, 37, 51)), tmp_path / "out", PLAIN)
-    assert clip.record.padded_to_even
+    assert clip.manifest.padded_to_even
     assert read_image(clip.key_frame_path(16)).shape == (37, 51, 3)
 
 
@@ -105,7 +105,7 @@ def test_other_settings_are_another_folder(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "seq", 70))
     prepare_clip(source, tmp_path / "out", PLAIN)
     with pytest.raises(DataError, match="other settings"):
-        prepare_clip(source, tmp_path / "out", Settings(fps=Fraction(240), factor=1, step=17, preset="ultrafast"))
+        prepare_clip(source, tmp_path / "out", Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast"))
     prepare_folder([source], tmp_path / "folder", PLAIN)
     other = PictureFolder(clips.folder(tmp_path / "other", 70))
     with pytest.raises(DataError, match="other prepared clips"):
@@ -124,7 +124,7 @@ def test_key_frames_by_the_papers_words(step, count):
 
 def test_ten_pairs_per_second(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "seq", 110))
-    plan = geometry(source, Settings(fps=Fraction(240), step=96, interpolator="flow"))
+    plan = geometry(source, Preparation(fps=Fraction(240), step=96, interpolator="flow"))
     assert plan.key_frames == (96, 192, 288)
 
 
@@ -138,7 +138,7 @@ def test_too_short_says_how_long_it_must_be(tmp_path):
 
 def test_pictures_need_a_frame_rate(tmp_path):
     with pytest.raises(UsageError, match="--fps"):
-        geometry(PictureFolder(clips.folder(tmp_path / "seq", 30)), Settings(interpolator="flow"))
+        geometry(PictureFolder(clips.folder(tmp_path / "seq", 30)), Preparation(interpolator="flow"))
 
 
 def test_finding_the_five_sequences(tmp_path):
@@ -204,14 +204,14 @@ def test_a_record_cannot_lead_out_of_its_folder(tmp_path):
 
 def test_nothing_is_written_where_nothing_can_come_of_it(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "seq", 20))
-    for settings, error in ((FLOW, DataError), (Settings(fps=Fraction(240)), UsageError)):
+    for settings, error in ((FLOW, DataError), (Preparation(fps=Fraction(240)), UsageError)):
         with pytest.raises(error):
             prepare_folder([source], tmp_path / "out", settings)
     with pytest.raises(UsageError, match="did you mean 'veryfast'"):
         prepare_clip(
             PictureFolder(clips.folder(tmp_path / "long", 70)),
             tmp_path / "out" / "x",
-            Settings(fps=Fraction(240), factor=1, step=16, preset="veryfst"),
+            Preparation(fps=Fraction(240), factor=1, step=16, preset="veryfst"),
         )
     assert not (tmp_path / "out" / "gopro_fc.json").exists()
 

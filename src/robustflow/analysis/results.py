@@ -23,7 +23,7 @@ from ..metrics.rows import CLEAN
 from ..text import text_cell
 
 AVERAGE = "average"
-METRICS = ("epe", "cre", "rcre", "crer")
+RESULT_METRICS = ("epe", "cre", "rcre", "crer")
 SETTINGS = ("knowledge", "OOD", "ID")
 """Of the paper: knowledge-driven methods; models that have not seen the benchmark's domain; models that have."""
 
@@ -114,8 +114,8 @@ def _record(line: dict[Any, Any], where: str, sample_set: str) -> tuple[Any, ...
     for column in ("setting", "model", "metric", "corruption"):
         if not cells[column] or len(cells[column]) > _LONGEST_TEXT:
             raise DataError(f"{where}: '{column}' must be 1 to {_LONGEST_TEXT} characters long")
-    if cells["metric"] not in METRICS:
-        raise DataError(f"{where}: unknown metric '{cells['metric'][:40]}'; choose from {', '.join(METRICS)}")
+    if cells["metric"] not in RESULT_METRICS:
+        raise DataError(f"{where}: unknown metric '{cells['metric'][:40]}'; choose from {', '.join(RESULT_METRICS)}")
     marked = cells.get("marked", "")
     if marked not in ("", "yes", "no"):
         raise DataError(f"{where}: 'marked' must be yes, no or empty, not '{marked[:40]}'")

@@ -16,7 +16,7 @@ from ..severity import SEVERITIES
 from ..text import counted
 from .labels import benchmark_label
 from .published.tables import PAPER_PAIRS
-from .results import AVERAGE, CLEAN, METRICS, RESULT_SCHEMA
+from .results import AVERAGE, CLEAN, RESULT_METRICS, RESULT_SCHEMA
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -45,7 +45,7 @@ def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataF
         shared = (sample_set(run), note_of(run, beside_published))
         means = paper_means(run) if beside_published else summary
         values = {("epe", CLEAN): summary.epe_clean}
-        for metric in METRICS:
+        for metric in RESULT_METRICS:
             values |= {(metric, name_): getattr(scores, metric) for name_, scores in summary.corruptions.items()}
             values[metric, AVERAGE] = getattr(means, metric)
         for (metric, corruption), value in values.items():

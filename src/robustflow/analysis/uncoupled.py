@@ -26,7 +26,7 @@ LEAST_IMAGES = 5
 
 @dataclass(frozen=True)
 class UncoupledScores:
-    """Of one setting, or the mean over settings; None where it cannot be computed.
+    """Of one condition, or the mean over conditions; None where it cannot be computed.
 
     Attributes:
         log_ratio: mean over images of ln(EPE / clean EPE); 0 for no change, ln 2 = 0.69 where errors double.
@@ -67,14 +67,14 @@ class Uncoupled:
     Attributes:
         overall: mean over corruptions.
         corruptions: mean over severities, by corruption, in the paper's order.
-        by_setting: by (corruption, severity).
+        by_condition: by (corruption, severity).
         correlation: by corruption, and "average" over all of them; none below `LEAST_IMAGES` images.
-        left_out: image settings in no ratio, because one of the two errors is exactly 0.
+        left_out: image conditions in no ratio, because one of the two errors is exactly 0.
     """
 
     overall: UncoupledScores
     corruptions: dict[str, UncoupledScores]
-    by_setting: dict[tuple[str, int], UncoupledScores]
+    by_condition: dict[tuple[str, int], UncoupledScores]
     correlation: dict[str, Correlation]
     left_out: int
 
@@ -89,11 +89,11 @@ class Uncoupled:
         """
         if metric not in UNCOUPLED:
             raise unknown_name("metric", metric, UNCOUPLED)
-        severities = sorted({severity for _, severity in self.by_setting})
+        severities = sorted({severity for _, severity in self.by_condition})
         records = [
             (
                 name,
-                *(getattr(self.by_setting.get((name, severity)), metric, None) for severity in severities),
+                *(getattr(self.by_condition.get((name, severity)), metric, None) for severity in severities),
                 getattr(scores, metric),
             )
             for name, scores in self.corruptions.items()
@@ -122,19 +122,19 @@ def uncoupled(rows: pl.DataFrame) -> Uncoupled:
     positive = (pl.col("epe") > 0) & (pl.col("before") > 0)
     ratio = (pl.col("epe") / pl.col("before")).log()
     images = images.with_columns(ratio=pl.when(positive).then(ratio))
-    by_setting: dict[tuple[str, int], UncoupledScores] = {}
+    by_condition: dict[tuple[str, int], UncoupledScores] = {}
     for key, group in images.partition_by("corruption", "severity", as_dict=True, maintain_order=True).items():
         corruption, severity = key
-        by_setting[corruption, severity] = _scores(group)
-    found = list(dict.fromkeys(corruption for corruption, _ in sorted(by_setting)))
+        by_condition[corruption, severity] = _scores(group)
+    found = list(dict.fromkeys(corruption for corruption, _ in sorted(by_condition)))
     order = [name for name in PAPER_ORDER if name in found] + [name for name in found if name not in PAPER_ORDER]
     corruptions = {
-        name: _mean_scores([scores for (of, _), scores in by_setting.items() if of == name]) for name in order
+        name: _mean_scores([scores for (of, _), scores in by_condition.items() if of == name]) for name in order
     }
     return Uncoupled(
         _mean_scores(list(corruptions.values())),
         corruptions,
-        by_setting,
+        by_condition,
         _correlations(images, order),
         int(images["ratio"].null_count()),
     )

@@ -8,7 +8,8 @@ from typing import Any
 from ..errors import ModelError, UsageError, unknown_name
 from ..models import MODELS, FlowModel, ModelSpec
 from ..models.catalog import MethodEntry, checkpoints, is_installed, methods
-from ..models.loading import EXPORTED, needed_options
+from ..models.construct import needed_options
+from ..models.registry import EXPORTED
 from ..models.torch.network import RANDOM
 
 

@@ -23,7 +23,7 @@ class OutdatedError(Exception):
 
 
 @dataclass(eq=False)
-class Job:
+class QueuedPrediction:
     """Work that a page waits for.
 
     Attributes:
@@ -48,12 +48,12 @@ class PredictionQueue:
     """Runs jobs in the order they come, in a thread that does not keep the process alive."""
 
     def __init__(self) -> None:
-        self._waiting: deque[Job] = deque()
-        self._current: Job | None = None
+        self._waiting: deque[QueuedPrediction] = deque()
+        self._current: QueuedPrediction | None = None
         self._change = threading.Condition()
         threading.Thread(target=self._work, name="predictions", daemon=True).start()
 
-    def submit(self, job: Job) -> None:
+    def submit(self, job: QueuedPrediction) -> None:
         """Take a job; those of the same page before it are outdated.
 
         Raises:
@@ -88,14 +88,14 @@ class PredictionQueue:
                 self._current = None
 
 
-def _let_go(job: Job) -> bool:
+def _let_go(job: QueuedPrediction) -> bool:
     """Tell the page of an outdated job at once, before its turn comes."""
     if job.outdated.is_set():
         job.tell({"outdated": True})
     return job.outdated.is_set()
 
 
-def _outcome(job: Job) -> Message:
+def _outcome(job: QueuedPrediction) -> Message:
     try:
         job.stage("starting")
         return {"result": job.work(job.stage)}

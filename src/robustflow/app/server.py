@@ -26,7 +26,7 @@ from ..images.flow_colours import flow_colours
 from ..images.io import png_address
 from .choices import Models
 from .pairs import DEMO, SourceStore
-from .prediction_queue import Job, Message, PredictionQueue
+from .prediction_queue import Message, PredictionQueue, QueuedPrediction
 from .preview import WIDEST, Previewer, PreviewRequest
 from .upload_folder import UploadFolder
 from .uploads import MAX_BYTES, limited, source_of
@@ -64,7 +64,7 @@ def build(models: Models, sources: SourceStore, queue: PredictionQueue, uploads:
             if not loop.is_closed():
                 loop.call_soon_threadsafe(messages.put_nowait, message)
 
-        job = Job(wanted.page, partial(previewer.preview, wanted), tell)
+        job = QueuedPrediction(wanted.page, partial(previewer.preview, wanted), tell)
         queue.submit(job)
         return StreamingResponse(_lines(job, messages), media_type="application/x-ndjson")
 
@@ -88,7 +88,7 @@ async def _file(name: str, kind: str, request: Request) -> Response:
     return Response((files("robustflow.app") / "assets" / name).read_bytes(), media_type=f"{kind}; charset=utf-8")
 
 
-async def _lines(job: Job, messages: asyncio.Queue[Message]) -> AsyncIterator[bytes]:
+async def _lines(job: QueuedPrediction, messages: asyncio.Queue[Message]) -> AsyncIterator[bytes]:
     """Every message of a job as a line of JSON; a page that goes away makes the job outdated."""
     try:
         while True:

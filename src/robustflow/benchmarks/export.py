@@ -30,10 +30,10 @@ RECORD = "export.json"
 
 @dataclass(frozen=True)
 class Written:
-    """One setting of one sample is on disk; `fresh` is False where an earlier call had already written it."""
+    """One sample under one condition is on disk; `fresh` is False where an earlier call had already written it."""
 
     key: str
-    setting: str
+    condition: str
     fresh: bool
 
 
@@ -65,10 +65,10 @@ def export(
         yield Written(key, "clean", fresh)
         for corruption in corruptions:
             for severity in levels_of(corruption.name, benchmark.severities, severity_scale):
-                setting = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
+                condition = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
                 make = partial(_corrupted, sample, corruption, severity, seed)
-                fresh = _write_frames(output / setting / "val", key, make)
-                yield Written(key, setting, fresh)
+                fresh = _write_frames(output / condition / "val", key, make)
+                yield Written(key, condition, fresh)
 
 
 def _frames(sample: Sample) -> tuple[Frame, ...]:
@@ -108,11 +108,11 @@ def _claim(output: Path, settings: dict[str, object]) -> None:
     record = output / RECORD
     if record.exists():
         try:
-            found = json.loads(record.read_text(encoding="utf-8"))
+            on_disk = json.loads(record.read_text(encoding="utf-8"))
         except ValueError:
-            found = None
-        if found != settings:
+            on_disk = None
+        if on_disk != settings:
             raise RunError(
-                f"{output} holds another export ({record.name}: {found}); choose another folder with --output"
+                f"{output} holds another export ({record.name}: {on_disk}); choose another folder with --output"
             )
     write_json(record, settings)

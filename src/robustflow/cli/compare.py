@@ -47,7 +47,7 @@ def compare(
     from ..analysis.scores import run_names
     from ..analysis.uncertainty import compare_all, standings
     from ..analysis.uncertainty.paired import common_remark
-    from ..analysis.uncertainty.sums import METRICS
+    from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from ..atomic import write_bytes
     from ..errors import RunError, UsageError, unknown_name
     from ..records.load import load_run
@@ -58,8 +58,8 @@ def compare(
     from ..text import plain
     from .tables import for_stdout
 
-    if metric is not None and metric not in METRICS:
-        raise unknown_name("metric", metric, METRICS)
+    if metric is not None and metric not in INTERVAL_METRICS:
+        raise unknown_name("metric", metric, INTERVAL_METRICS)
     renderer(format)  # an unknown one is refused before anything is read
     if as_json and format != "terminal":
         raise UsageError(f"--json and --format {format} are two formats; leave out one of them")

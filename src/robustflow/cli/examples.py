@@ -59,7 +59,7 @@ def examples(
     from ..report.site.write import write_report
     from ..runner.examples import draw_example, write_examples
     from ..runner.setup import set_up_again
-    from ..runs.example_record import FOLDER
+    from ..runs.example_list import FOLDER
     from ..runs.run import Run
     from ..runs.source import RunSource
     from ..runs.store import RunFolder

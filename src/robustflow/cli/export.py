@@ -62,4 +62,6 @@ def export(
     fewer = [name for name, n in zip(chosen.corruptions, levels, strict=True) if n < len(chosen.severities)]
     if severity_scale == "calibrated" and fewer:
         typer.echo(f"not at every severity, because the calibrated scale lacks some: {', '.join(fewer)}", err=True)
-    typer.echo(f"{output}: {len(chosen.keys)} pairs, {fresh} settings written, {total - fresh} were already there")
+    typer.echo(
+        f"{output}: {len(chosen.keys)} pairs; clean and corrupted, {fresh} written and {total - fresh} already there"
+    )

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from ..report.gallery.clip import ClipCell
-    from ..report.gallery.pictures import Cell
+    from ..report.gallery.pictures import CorruptedPicture
     from ..sample import Frame
 
 
@@ -103,7 +103,7 @@ def _of_clip(
 
     from ..report.gallery.clip import SHOWN, ClipPart, chosen_corruptions, clip_cells
     from ..report.gallery.page import clip_slider, page_of
-    from ..report.gallery.pictures import Cell
+    from ..report.gallery.pictures import CorruptedPicture
     from ..severity import SEVERITIES
 
     chosen, remarks = chosen_corruptions(wanted, scale)
@@ -112,7 +112,7 @@ def _of_clip(
     key = clip.resolve().stem
     first, last = part.first_number, part.first_number + len(shown) - 1
     title = f"Corruptions of {clip.name}, frames {first} to {last}, {scale} scale"
-    at: list[Cell] = []
+    at: list[CorruptedPicture] = []
 
     def kept(folder: str) -> Iterator[ClipCell]:
         cells = clip_cells(part, shown, SEVERITIES, chosen, Path(folder), seed, key, scale)
@@ -120,7 +120,7 @@ def _of_clip(
         console = Console(stderr=True)
         for cell in track(cells, "corrupting", total, console=console, disable=not console.is_terminal, transient=True):
             if cell.severity == severity:
-                at.append(Cell(cell.name, severity, cell.frames[0] if cell.frames else None, 0, cell.ssim))
+                at.append(CorruptedPicture(cell.name, severity, cell.frames[0] if cell.frames else None, 0, cell.ssim))
             yield cell
 
     with TemporaryDirectory(prefix="robustflow-gallery-") as folder:
@@ -135,7 +135,7 @@ def _of_clip(
         typer.echo(remark, err=True)
 
 
-def _write(output: Path, clean: Frame, at: Sequence[Cell], title: str, page: str) -> None:
+def _write(output: Path, clean: Frame, at: Sequence[CorruptedPicture], title: str, page: str) -> None:
     from ..atomic import make_folder, write_bytes
     from ..report.gallery.figure import draw_figure
 

@@ -38,7 +38,7 @@ def leaderboard(
     from ..records.load import load_run
     from ..report.site import render_site, whole_content
     from ..report.site.embedded import embedded_slider
-    from ..runs.example_record import FOLDER as EXAMPLES
+    from ..runs.example_list import FOLDER as EXAMPLES
 
     if not sources and not published:
         raise UsageError("nothing to show: name a run's folder or a results file, or leave out --no-published")

@@ -54,23 +54,23 @@ def gopro_fc(
       robustflow prepare gopro-fc -d frames/ -o mine --fps 120 --factor 1 --step 4
     """
     from ..video.disk import check_room, estimate_disk
-    from ..video.prepare import Settings
+    from ..video.prepare import Preparation
     from ..video.prepare_folder import find_sources, prepare_folder
     from .video_progress import VideoProgress
 
     rate = _rate(fps)
-    settings = Settings(rate, factor, step, interpolator, checkpoint, device, preset)
+    preparation = Preparation(rate, factor, step, interpolator, checkpoint, device, preset)
     limit = round(cache_gb * 1e9)
     if limit < 0:
         raise UsageError(f"a cache of {cache_gb:g} GB is not possible: give 0 or more")
     sources = find_sources(data, evenly=rate is not None)
-    estimate = estimate_disk(sources, output, settings, limit, workers)
+    estimate = estimate_disk(sources, output, preparation, limit, workers)
     typer.echo(str(estimate), err=True)
     if estimate_only:
         return
     check_room(estimate, output)
     with VideoProgress() as progress:
-        clips = prepare_folder(sources, output, settings, workers, limit, progress)
+        clips = prepare_folder(sources, output, preparation, workers, limit, progress)
     pairs = sum(len(clip.pairs) for clip in clips)
     made = f"{counted(len(clips), 'clip')}, {counted(pairs, 'pair')}"
     typer.echo(f"{output}: {made}; now: robustflow run --benchmark gopro-fc --data {output}")

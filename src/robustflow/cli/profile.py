@@ -85,7 +85,7 @@ def _print_model(
     from ..models import ModelSpec
     from ..models.catalog import methods
     from ..models.input_convention import parse_size
-    from ..models.loading import PTLFLOW
+    from ..models.registry import PTLFLOW
     from ..models.torch.find_checkpoint import RANDOM
     from ..profiling.counts import count
     from ..profiling.measure import measure

@@ -46,10 +46,10 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
     missing, unmeasured = (sum(len(unit.samples) for unit in units) for units in (summary.missing, summary.unmeasured))
     _print_conclusions(console, [result])
     if missing:
-        are = "is" if missing == 1 else "are"
-        console.print(f"Incomplete: {missing} of the planned settings {are} missing; the means are over the rest.")
+        cells = "row is" if missing == 1 else "rows are"
+        console.print(f"Incomplete: {missing} planned {cells} missing; the means are over the rest.")
     if unmeasured:
-        have = "setting has" if unmeasured == 1 else "settings have"
+        have = "row has" if unmeasured == 1 else "rows have"
         console.print(f"Incomplete: {unmeasured} {have} no pixel to measure; the means are over the rest.")
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")

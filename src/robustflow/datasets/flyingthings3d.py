@@ -59,12 +59,12 @@ class FlyingThings3D(PairDataset):
         for letter in folders(folder / images):
             for scene in folders(letter):
                 group = f"{split}/{letter.name}/{scene.name}"
-                truths = folder / "optical_flow" / group / f"into_{direction}" / side
-                pairs.update(_scene(scene / side, truths, group, side, direction))
+                flows = folder / "optical_flow" / group / f"into_{direction}" / side
+                pairs.update(_scene(scene / side, flows, group, side, direction))
         super().__init__(pairs, folder)
 
 
-def _scene(images: Path, truths: Path, group: str, side: str, direction: str) -> dict[str, Pair]:
+def _scene(images: Path, flows: Path, group: str, side: str, direction: str) -> dict[str, Pair]:
     if not images.is_dir():
         return {}
     frames = numbered(images, r"(\d{4})\.(?:png|webp)")
@@ -72,6 +72,6 @@ def _scene(images: Path, truths: Path, group: str, side: str, direction: str) ->
     for before, after in consecutive(frames):
         first, second = (before, after) if direction == "future" else (after, before)
         name = f"OpticalFlowInto{direction.capitalize()}_{first:04d}_{side[0].upper()}.pfm"
-        flow = partner(truths / name, frames[first])
+        flow = partner(flows / name, frames[first])
         pairs[f"{group}/{first:04d}"] = Pair((frames[first], frames[second]), flow, group=group)
     return pairs

@@ -57,11 +57,11 @@ class GoProFCPrepared(Samples):
 
     def __init__(self, root: str | Path, variant: str = "default", cache: Path | None = None) -> None:
         self.root = Path(root).expanduser()
-        record, self.clips = read_folder(self.root)
+        manifest, self.clips = read_folder(self.root)
         self.variant = variant
         writable = os.access(self.root, os.W_OK)
         where = cache or (self.root / VARIANTS if writable else cache_folder(VARIANTS))
-        self.cache = FolderCache(where, record.cache_limit)
+        self.cache = FolderCache(where, manifest.cache_limit)
         self._pairs = {
             f"{clip.name}/{first:06d}": (clip, first, second) for clip in self.clips for first, second in clip.pairs
         }
@@ -89,7 +89,7 @@ class GoProFCPrepared(Samples):
     def around(self, key: str, reach: int) -> range:
         """See `Clips.around`."""
         clip, first, _ = self._pair(key)
-        frames = clip.record.key_frames
+        frames = clip.manifest.key_frames
         place = frames.index(first)
         return range(-min(reach, place), min(reach + 2, len(frames) - place))
 
@@ -136,7 +136,7 @@ class GoProFCPrepared(Samples):
     def identity(self) -> dict[str, Any]:
         """What decides the frames: masters, key frames and how they were made. For a run's manifest and identity."""
         return {
-            clip.name: clip.record.model_dump(include={"master_sha256", "fps", "step", "factor", "interpolator"})
+            clip.name: clip.manifest.model_dump(include={"master_sha256", "fps", "step", "factor", "interpolator"})
             for clip in self.clips
         }
 
@@ -149,7 +149,7 @@ class GoProFCPrepared(Samples):
     def _key_frame(self, key: str, offset: int) -> tuple[PreparedClip, int]:
         """The clip of a sample and the master index of the key frame at an offset from the pair's first."""
         clip, first, _ = self._pair(key)
-        frames = clip.record.key_frames
+        frames = clip.manifest.key_frames
         return clip, frames[frames.index(first) + offset]
 
     def _pair(self, key: str) -> tuple[PreparedClip, int, int]:

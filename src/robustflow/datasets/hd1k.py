@@ -40,14 +40,14 @@ class HD1K(PairDataset):
     def __init__(self, root: str | Path) -> None:
         expected = "hd1k_input/image_2/ and hd1k_flow_gt/flow_occ/"
         folder = locate("HD1K", root, ["hd1k_flow_gt/flow_occ"], expected=expected)
-        images, truths = folder / "hd1k_input" / "image_2", folder / "hd1k_flow_gt" / "flow_occ"
+        images, flows = folder / "hd1k_input" / "image_2", folder / "hd1k_flow_gt" / "flow_occ"
         locate("HD1K", folder, ["hd1k_input/image_2"], expected=expected)
-        for path in truths.glob("*_*.png"):
+        for path in flows.glob("*_*.png"):
             partner(images / path.name, path)
         pairs = {}
         for sequence, frames in _sequences(images).items():
             for first, second in consecutive(frames, stride=None):
-                flow = partner(truths / frames[first].name, frames[first])
+                flow = partner(flows / frames[first].name, frames[first])
                 pairs[frames[first].stem] = Pair((frames[first], frames[second]), flow, group=sequence)
         super().__init__(pairs, folder)
 

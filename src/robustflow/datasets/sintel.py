@@ -72,10 +72,10 @@ def _scene(folder: Path, render_pass: str, scene: str) -> dict[str, Pair]:
     frames = {}
     if (folder / render_pass / scene).is_dir():
         frames = numbered(folder / render_pass / scene, r"frame_(\d{4})\.png")
-    truths = {}
+    flows = {}
     if (folder / "flow" / scene).is_dir():
-        truths = numbered(folder / "flow" / scene, r"frame_(\d{4})\.flo")
-    for number, flow in truths.items():
+        flows = numbered(folder / "flow" / scene, r"frame_(\d{4})\.flo")
+    for number, flow in flows.items():
         for needed in (number, number + 1):
             partner(folder / render_pass / scene / f"frame_{needed:04d}.png", flow)
     pairs = {}

@@ -71,9 +71,9 @@ def _train(root: Path, expected: str) -> Path:
 
 
 def _sequence(sequence: Path, side: str, direction: str) -> dict[str, Pair]:
-    images, truths = sequence / f"frame_{side}", sequence / f"flow_{direction}_{side}"
+    images, flows = sequence / f"frame_{side}", sequence / f"flow_{direction}_{side}"
     ahead = 1 if direction == "FW" else -1
-    known = numbered(truths, rf"flow_{direction}_{side}_(\d{{4}})\.flo5") if truths.is_dir() else {}
+    known = numbered(flows, rf"flow_{direction}_{side}_(\d{{4}})\.flo5") if flows.is_dir() else {}
     for number, flow in known.items():
         for needed in (number, number + ahead):
             partner(images / f"frame_{side}_{needed:04d}.png", flow)
@@ -81,6 +81,6 @@ def _sequence(sequence: Path, side: str, direction: str) -> dict[str, Pair]:
     pairs = {}
     for before, after in consecutive(frames):
         first, second = (before, after) if ahead == 1 else (after, before)
-        flow = partner(truths / f"flow_{direction}_{side}_{first:04d}.flo5", frames[first])
+        flow = partner(flows / f"flow_{direction}_{side}_{first:04d}.flo5", frames[first])
         pairs[f"{sequence.name}/{first:04d}"] = Pair((frames[first], frames[second]), flow, group=sequence.name)
     return pairs

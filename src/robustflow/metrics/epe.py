@@ -60,12 +60,7 @@ def epe_map(flow: Flow, reference: Flow) -> Errors:
     >>> epe_map(moved, still).tolist()
     [[5.0, nan]]
     """
-    a, b = flow_array(flow), flow_array(reference)
-    if a.shape != b.shape:
-        raise DataError(
-            f"the flow is {a.shape[1]}x{a.shape[0]}, its reference {b.shape[1]}x{b.shape[0]}; "
-            "both must have the size of the frames"
-        )
+    a, b = flow_pair(flow, reference)
     out = np.empty(a.shape[:2])
     _distances(a, b, out)
     return out
@@ -115,6 +110,17 @@ def flow_array(flow: Flow) -> Flow:
         got = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
         raise DataError(f"a flow is a float32 array of shape (H, W, 2), this is {got}; convert it first")
     return np.require(flow, requirements=["C", "A"])
+
+
+def flow_pair(flow: Flow, reference: Flow) -> tuple[Flow, Flow]:
+    """Two flows of one size in C order, or the reason why they are not."""
+    a, b = flow_array(flow), flow_array(reference)
+    if a.shape != b.shape:
+        raise DataError(
+            f"the flow is {a.shape[1]}x{a.shape[0]}, its reference {b.shape[1]}x{b.shape[0]}; "
+            "both must have the size of the frames"
+        )
+    return a, b
 
 
 def dense(*maps: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:

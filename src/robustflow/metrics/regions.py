@@ -5,46 +5,34 @@
     d0_10, d10_60, d60      distance to the nearest motion edge: [0, 10), [10, 60), [60, inf) px (see `edges`)
 
 Each of the three lines splits the valid pixels without rest. A pixel carries one label for all three, so an
-image is summed in one pass, in at most 18 sums, of which every region adds up its own in a fixed order.
+image is summed in one pass (`row_sums`), in at most 18 sums, of which every region adds up its own in a fixed order.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, types
+from numba import types
 
 from ..errors import DataError, unknown_name
 from ..sample import Mask, Sample
 from .edges import edge_distance, motion_edges
-from .epe import ERRORS_TYPE, Errors, dense, magnitude_map
-from .outliers import is_fl_outlier
+from .epe import Errors, magnitude_map
 
 REGIONS = ("noc", "occ", "s0_10", "s10_40", "s40", "d0_10", "d10_60", "d60")
 MAGNITUDE_BOUNDS = (10.0, 40.0)
 DISTANCE_BOUNDS = (10.0, 60.0)
 
-_LABELS = 2 * 3 * 3
-_OUTSIDE = 255
-_GRID = np.arange(_LABELS).reshape(2, 3, 3)
-_MEMBERS: dict[str, npt.NDArray[np.int64]] = {
+LABELS = 2 * 3 * 3
+OUTSIDE = 255
+_GRID = np.arange(LABELS).reshape(2, 3, 3)
+MEMBERS: dict[str, npt.NDArray[np.int64]] = {
     name: part.ravel()
     for name, part in zip(REGIONS, (*_GRID, *_GRID.transpose(1, 0, 2), *_GRID.transpose(2, 0, 1)), strict=True)
 }
-_LABELS_TYPE = types.Array(types.uint8, 2, "C", readonly=True)
-
-
-class RegionSums(NamedTuple):
-    """Over the `n` pixels of one region: sums of end-point error and RCRE in pixels, and Fl outliers."""
-
-    n: int
-    epe_sum: float
-    rcre_sum: float
-    fl_count: int
+LABELS_TYPE = types.Array(types.uint8, 2, "C", readonly=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +77,7 @@ class Regions:
         label = 3 * _bin(magnitude, MAGNITUDE_BOUNDS) + _bin(distance, DISTANCE_BOUNDS)
         if sample.occluded is not None:
             label[np.asarray(sample.occluded, np.bool_)] += 9
-        label[~valid] = _OUTSIDE
+        label[~valid] = OUTSIDE
         names = REGIONS if sample.occluded is not None else REGIONS[2:]
         return cls(names, valid, magnitude, label)
 
@@ -97,47 +85,9 @@ class Regions:
         """The pixels of one region: bool (H, W), a part of `valid`."""
         if name not in self.names:
             raise unknown_name("region of this sample", name, self.names)
-        return np.isin(self.labels, _MEMBERS[name])
-
-    def sums(self, errors: Errors, rcre: Errors) -> dict[str, RegionSums]:
-        """Sums of every region over the pixels where neither map is NaN.
-
-        Args:
-            errors: float64 (H, W), end-point errors in pixels.
-            rcre: float64 (H, W), distances between the flow on corrupted and on clean frames in pixels.
-        """
-        count, total = _label_sums(*dense(errors, rcre, self.magnitude, self.labels))
-        out = {}
-        for name in self.names:
-            labels = _MEMBERS[name]
-            out[name] = RegionSums(
-                int(count[0, labels].sum()),
-                math.fsum(total[0, labels]),
-                math.fsum(total[1, labels]),
-                int(count[1, labels].sum()),
-            )
-        return out
+        return np.isin(self.labels, MEMBERS[name])
 
 
 def _bin(values: Errors, bounds: tuple[float, float]) -> npt.NDArray[np.uint8]:
     """0, 1 or 2: how many bounds each value reaches."""
     return (values >= bounds[0]).astype(np.uint8) + (values >= bounds[1]).astype(np.uint8)
-
-
-@njit(
-    types.Tuple((types.int64[:, ::1], types.float64[:, ::1]))(ERRORS_TYPE, ERRORS_TYPE, ERRORS_TYPE, _LABELS_TYPE),
-    cache=True,
-)
-def _label_sums(errors: Any, rcre: Any, magnitude: Any, labels: Any) -> Any:
-    count = np.zeros((2, _LABELS), np.int64)
-    total = np.zeros((2, _LABELS), np.float64)
-    for y in range(labels.shape[0]):
-        for x in range(labels.shape[1]):
-            label = labels[y, x]
-            if label == _OUTSIDE or math.isnan(errors[y, x]) or math.isnan(rcre[y, x]):
-                continue
-            count[0, label] += 1
-            total[0, label] += errors[y, x]
-            total[1, label] += rcre[y, x]
-            count[1, label] += is_fl_outlier(errors[y, x], magnitude[y, x])
-    return count, total

@@ -28,9 +28,9 @@ import polars as pl
 
 from ..errors import DataError
 from ..sample import Flow, Sample
-from .epe import epe_map, error_sum, flow_array, magnitude_map
-from .outliers import outlier_sums
+from .epe import flow_array
 from .regions import REGIONS, Regions
+from .row_sums import row_sums
 
 ROW_SCHEMA_VERSION = 2
 """Raised when a column is added, dropped, or means something else. Version 1 lacked `LATER_COLUMNS`."""
@@ -91,6 +91,9 @@ FIRST_SCHEMA = dict(ROW_SCHEMA)
 
 ROW_SCHEMA |= LATER_COLUMNS
 
+_WITHOUT_TRUTH = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum")
+"""The sums of a sample that has no ground truth."""
+
 
 def measure(
     pred: Flow,
@@ -133,10 +136,7 @@ def measure(
         )
     if (regions is None) != (sample.flow is None):
         raise DataError(f"sample '{sample.key}': these are not its regions; pass Regions.of(sample)")
-    moved = epe_map(pred, clean_pred)
-    usable = ~np.isnan(moved)
-    length = magnitude_map(pred)
-    everywhere = error_sum(moved)
+    sums = row_sums(pred, clean_pred, sample.flow, regions)
     row: dict[str, Any] = dict.fromkeys(ROW_SCHEMA)
     row |= {
         "sample": sample.key,
@@ -146,33 +146,13 @@ def measure(
         "frames_digest": frames_digest,
         "height": sample.shape[0],
         "width": sample.shape[1],
-        "n_invalid": int(np.count_nonzero(np.isnan(length))),
-        "n_all": everywhere.n,
-        "rcre_all_sum": everywhere.total,
-        "pred_magnitude_sum": error_sum(length, usable).total,
     }
-    if sample.flow is None or regions is None:
-        return row
-    error, before = epe_map(pred, sample.flow), epe_map(clean_pred, sample.flow)
-    counted = regions.valid & usable
-    outliers = outlier_sums(error, regions.magnitude, counted)
-    row |= {
-        "n_valid": outliers.n,
-        "epe_sum": error_sum(error, counted).total,
-        "rcre_sum": error_sum(moved, counted).total,
-        "magnitude_sum": error_sum(regions.magnitude, counted).total,
-        "fl_count": outliers.fl_count,
-        "px1_count": outliers.px1_count,
-        "px3_count": outliers.px3_count,
-        "px5_count": outliers.px5_count,
-        "wauc_sum": outliers.wauc_sum,
-        "n_truth": int(np.count_nonzero(regions.valid)),
-        "clean_epe_sum": error_sum(before, counted).total,
-    }
-    for name, sums in regions.sums(error, moved).items():
-        row |= {f"{field}_{name}": value for field, value in sums._asdict().items()}
-    for name, sums in regions.sums(before, moved).items():
-        row[f"clean_epe_sum_{name}"] = sums.epe_sum
+    if regions is None:
+        return row | {name: sums.whole[name] for name in _WITHOUT_TRUTH}
+    row |= sums.whole
+    row["n_truth"] = int(np.count_nonzero(regions.valid))
+    for name in regions.names:
+        row |= {f"{column}_{name}": value for column, value in sums.region(name).items()}
     return row
 
 

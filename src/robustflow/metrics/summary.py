@@ -84,8 +84,8 @@ class RegionScores(Scores):
     fl_clean: float | None = None
 
 
-class Units(_Frozen):
-    """Samples of one setting."""
+class MissingCells(_Frozen):
+    """Samples under one corruption at one severity."""
 
     corruption: str
     severity: int
@@ -120,8 +120,8 @@ class Summary(Scores):
     row_schema: int = ROW_SCHEMA_VERSION
     averaging: Averaging
     complete: bool
-    missing: list[Units]
-    unmeasured: list[Units]
+    missing: list[MissingCells]
+    unmeasured: list[MissingCells]
     samples: int
     n_invalid: int
     epe_clean: float | None

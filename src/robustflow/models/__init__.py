@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from .base import ClipModel, FlowLookup, FlowModel
-from .loading import MODELS, FunctionModel, ModelSpec, load_model
+from .construct import FunctionModel
+from .loading import ModelSpec, load_model
+from .registry import MODELS
 from .window import Window
 
 __all__ = ["MODELS", "ClipModel", "FlowLookup", "FlowModel", "FunctionModel", "ModelSpec", "Window", "load_model"]

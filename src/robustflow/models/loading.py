@@ -3,61 +3,25 @@
 from __future__ import annotations
 
 import inspect
-import sys
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..digest import digest_of_bytes
-from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
-from ..registry import Registry
-from ..sample import Flow, Frame
+from ..errors import ModelError, UsageError, unknown_name
 from ..target import import_target, source_of_target
 from .base import AnyModel, model_identity
+from .construct import as_model, construct, is_module, parameters_of, takes_two_frames
 from .early import refuse_early
-from .own.networks import OWN
 from .provenance import DECLARED
+from .registry import EXPORTED, MODELS, PTLFLOW, TORCHSCRIPT
 from .tiling import tiled
-
-MODELS: Registry[Callable[..., AnyModel]] = Registry("model", entry_point_group="robustflow.models")
-MODELS.add("farneback", "robustflow.models.opencv:Farneback")
-MODELS.add("dis", "robustflow.models.opencv:Dis")
-MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")
-MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
-for _name in OWN:
-    MODELS.add(_name, f"robustflow.models.own.networks:{_name}")
-for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
-    MODELS.add(_name, f"robustflow.models.ptlflow.pairs:{_name}")
-for _name in ("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamflow", "memfof"):
-    MODELS.add(_name, f"robustflow.models.ptlflow.clips:{_name}")
-MODELS.add("raft_large", "robustflow.models.torch.torchvision:raft_large")
-MODELS.add("raft_small", "robustflow.models.torch.torchvision:raft_small")
-MODELS.add("onnx", "robustflow.models.exported.onnx:OnnxModel")
-MODELS.add("torch_export", "robustflow.models.exported.pt2:torch_export")
-
-PTLFLOW = "ptlflow:"
-"""Before the name of any model of ptlflow."""
-
-EXPORTED = {".onnx": "onnx", ".pt2": "torch_export"}
-"""Endings of files that are a model by themselves, and the model that reads them."""
 
 TORCH_OPTIONS = (
     *("scaling", "order", "multiple", "layout", "output", "checkpoint", "sha256", "batched"),
     *("device", "precision", "compile", "threads"),
 )
 """Options of `TorchModel` that a `module:factory` of a bare PyTorch module takes from the command line."""
-
-_NOT_FOR_ALL = {
-    "device": "runs on the CPU only",
-    "precision": "has no precision to choose",
-    "checkpoint": "has no weights to load",
-}
-"""Options that the command line offers for every model, and why some models do not take them."""
-
-TORCHSCRIPT = (".ts", ".torchscript")
-"""Endings of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods of the file while it
-reads, before anything could be checked, and TorchScript's operators can write files."""
 
 
 def load_model(name: str, **options: Any) -> AnyModel:
@@ -90,17 +54,17 @@ def load_model(name: str, **options: Any) -> AnyModel:
                 f"'{name}' is the network itself; leave out the checkpoint, or give it to model '{exported}'"
             )
         return load_model(exported, checkpoint=name, **options)
-    if "tile" in options and not (registered and "tile" in _parameters(MODELS.get(name))):
+    if "tile" in options and not (registered and "tile" in parameters_of(MODELS.get(name))):
         tile = options.pop("tile")
         return tiled(load_model(name, **options), tile)
     if name.startswith(PTLFLOW):
         from .ptlflow.clips import ptlflow_factory
 
-        return _construct(ptlflow_factory(name, name.removeprefix(PTLFLOW)), name, options)
+        return construct(ptlflow_factory(name, name.removeprefix(PTLFLOW)), name, options)
     if ":" in name and not Path(name).exists():
         return _load_attribute(name, options)
     if not registered and Path(name).expanduser().is_dir():
-        return _construct(MODELS.get("precomputed"), name, {"folder": name, **options})
+        return construct(MODELS.get("precomputed"), name, {"folder": name, **options})
     if not registered and ("/" in name or Path(name).suffix):
         raise _no_such_path(name)
     if not registered and name.isidentifier():
@@ -108,7 +72,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
 
         if is_of_ptlflow(name):
             raise UsageError(f"unknown model '{name}': the library ptlflow has one of this name, {PTLFLOW}{name}")
-    return _construct(MODELS.get(name), name, options)
+    return construct(MODELS.get(name), name, options)
 
 
 @dataclass(frozen=True)
@@ -148,49 +112,6 @@ class ModelSpec:
         return identity
 
 
-class FunctionModel:
-    """A plain function of two frames, as a model."""
-
-    def __init__(self, function: Callable[[Frame, Frame], Flow], identity: dict[str, Any] | None = None) -> None:
-        self._function = function
-        self._identity = identity or model_identity(function)
-
-    def identity(self) -> dict[str, Any]:
-        """See `FlowModel`: where the function is defined, unless stated otherwise."""
-        return self._identity
-
-    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`."""
-        return self._function(frame1, frame2)
-
-
-def as_model(found: Any, what: str) -> AnyModel:
-    """Anything with `predict`, `predict_clip` or `lookup` as it is; a class built, a module or function wrapped.
-
-    Args:
-        found: what should be a model.
-        what: to call it in messages.
-
-    Raises:
-        ModelError: none of these, or a class that cannot be built.
-        UsageError: a class that needs an option.
-    """
-    if inspect.isclass(found):
-        found = _construct(found, what, {})
-    if isinstance(found, AnyModel):
-        return found
-    if is_module(found):
-        from .torch.user_model import TorchModel
-
-        return TorchModel(found)
-    if callable(found):
-        return FunctionModel(found)
-    raise ModelError(
-        f"{what} has no method predict(frame1, frame2), nor a window with predict_clip(frames, index), and is not "
-        "callable; see the guide 'add your model'"
-    )
-
-
 def _no_such_path(name: str) -> UsageError:
     if Path(name).expanduser().exists():
         return UsageError(
@@ -202,41 +123,31 @@ def _no_such_path(name: str) -> UsageError:
     )
 
 
-def is_module(thing: Any) -> bool:
-    """Whether something is a PyTorch module, without importing PyTorch to find out.
-
-    >>> is_module(print)
-    False
-    """
-    torch = sys.modules.get("torch")
-    return torch is not None and isinstance(thing, torch.nn.Module)
-
-
 def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     module_name, _, attribute = name.partition(":")
     if module_name.endswith(".py"):
         meant = f"{module_name.removesuffix('.py').replace('/', '.')}:{attribute}"
         raise UsageError(f"model '{name}' names a file; name its module, from the folder it is in: {meant}")
-    found = import_target(name, "model", ModelError)
-    if is_module(found) and not isinstance(found, AnyModel):
-        return _as_torch_model(found, name, options)
-    if inspect.isclass(found) or (callable(found) and not _takes_two_frames(found)):
-        parameters = _parameters(found)
+    target = import_target(name, "model", ModelError)
+    if is_module(target) and not isinstance(target, AnyModel):
+        return _as_torch_model(target, name, options)
+    if inspect.isclass(target) or (callable(target) and not takes_two_frames(target)):
+        parameters = parameters_of(target)
         takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
         # Where the factory makes a bare module, what it does not take itself says how the module is to be used.
         rest = {} if takes_any else {key: options[key] for key in options if key not in parameters}
         factory_options = {key: options[key] for key in options if key not in rest}
         if rest and not any(key in TORCH_OPTIONS for key in rest):
             factory_options, rest = options, {}
-        built = _construct(found, name, factory_options)
+        built = construct(target, name, factory_options)
         if is_module(built) and not isinstance(built, AnyModel):
             return _as_torch_model(built, name, rest)
         if rest:
             raise unknown_name(f"option of model '{name}'", next(iter(rest)), parameters or ["(it takes none)"])
-        found = built
+        target = built
     elif options:
         raise UsageError(f"model '{name}' is already built, so it takes no options: {', '.join(options)}")
-    return as_model(found, f"model '{name}'")
+    return as_model(target, f"model '{name}'")
 
 
 def _as_torch_model(module: Any, name: str, options: dict[str, Any]) -> AnyModel:
@@ -246,49 +157,3 @@ def _as_torch_model(module: Any, name: str, options: dict[str, Any]) -> AnyModel
         if option not in TORCH_OPTIONS:
             raise unknown_name(f"option of model '{name}'", option, TORCH_OPTIONS)
     return TorchModel(module, **options)
-
-
-def _construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -> Any:
-    parameters = _parameters(factory)
-    takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
-    for option in options:
-        if takes_any or option in parameters:
-            continue
-        if option in _NOT_FOR_ALL and name in MODELS.names():
-            raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; leave out --{option}")
-        raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
-    needed = [key for key in needed_options(factory) if key not in options]
-    if needed:
-        raise UsageError(f"model '{name}' needs the option {needed[0]}: give -O {needed[0]}=VALUE")
-    try:
-        return factory(**options)
-    except RobustFlowError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise ModelError(f"model '{name}' cannot be built: {type(error).__name__}: {error}") from error
-
-
-def needed_options(factory: Callable[..., Any]) -> list[str]:
-    """The options without which a model cannot be built.
-
-    >>> needed_options(lambda file, threads=1: None)
-    ['file']
-    """
-    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    return [key for key, one in _parameters(factory).items() if one.kind in by_name and one.default is one.empty]
-
-
-def _takes_two_frames(function: Callable[..., Any]) -> bool:
-    if isinstance(function, AnyModel):
-        return True
-    positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    parameters = _parameters(function).values()
-    return len([p for p in parameters if p.default is p.empty and p.kind in positional]) == 2
-
-
-def _parameters(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    """A callable's parameters; none where Python cannot tell (some built-in types)."""
-    try:
-        return inspect.signature(function).parameters
-    except (TypeError, ValueError):
-        return {}

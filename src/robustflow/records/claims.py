@@ -18,7 +18,7 @@ from ..text import plain
 from .contents import Manifest
 
 _MOST_SHARED = 0.5
-"""Share of one sample's rows whose digest may occur at another of its settings too."""
+"""Share of one sample's rows whose digest may occur under another of its conditions too."""
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -58,8 +58,8 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
 def _digest_problems(rows: pl.DataFrame) -> list[str]:
     """Digests that cannot belong to the frames they are given for.
 
-    Different settings of one sample are different frames, but for a flat frame, which no filter changes, and streams in
-    which no bit was hit; so most digests of most samples differ.
+    Under different conditions a sample has different frames, except for a flat frame, which no filter changes, and
+    streams in which no bit was hit; so most digests of most samples differ.
     """
     if (rows["frames_digest"].str.strip_chars("0") == "").any():
         return ["a frames_digest of zeros alone, which no frames have"]

@@ -81,13 +81,11 @@ class Verification(BaseModel):
         return next((f"{check.name}: {check.says}" for check in self.checks if check.status == "failed"), "")
 
 
-Comparison = Callable[[Reader], str]
+DataCheck = Callable[[Reader], str]
 """Compares a record with data, or with data and a model: what it did in a sentence; raises where something differs."""
 
 
-def verify(
-    path: str | Path, *, frames: Comparison | None = None, predictions: Comparison | None = None
-) -> Verification:
+def verify(path: str | Path, *, frames: DataCheck | None = None, predictions: DataCheck | None = None) -> Verification:
     """Check a record file. Nothing in it is run, written under its own name, or believed before it is checked.
 
     Args:
@@ -108,7 +106,7 @@ def verify(
 
 
 def verify_read(
-    reader: Reader, *, frames: Comparison | None = None, predictions: Comparison | None = None
+    reader: Reader, *, frames: DataCheck | None = None, predictions: DataCheck | None = None
 ) -> Verification:
     """As `verify`, of a file in memory; a reader whose record is verified holds what it read."""
     outcomes: dict[str, _Outcome] = {}
@@ -168,13 +166,13 @@ def _outcome(problems: list[str], says: str) -> _Outcome:
     return ("failed", listed) if problems else ("ok", says)
 
 
-def _later(frames: Comparison | None, predictions: Comparison | None) -> dict[str, Comparison]:
+def _later(frames: DataCheck | None, predictions: DataCheck | None) -> dict[str, DataCheck]:
     """The comparisons that were asked for."""
     wanted = {"frames": frames, "predictions": predictions}
     return {name: compare for name, compare in wanted.items() if compare is not None}
 
 
-def _checks(outcomes: dict[str, _Outcome], later: dict[str, Comparison]) -> tuple[Check, ...]:
+def _checks(outcomes: dict[str, _Outcome], later: dict[str, DataCheck]) -> tuple[Check, ...]:
     return tuple(
         Check(name=check, status=outcomes[check][0], says=plain(outcomes[check][1], 600))
         if check in outcomes

@@ -16,7 +16,7 @@ from ..analysis.results import AVERAGE, CLEAN
 from ..analysis.scores import note_of, run_names
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL
-from .table import Cell, Column, Line, Section, Table
+from .table import Column, Line, Section, Table, TableCell
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -33,7 +33,7 @@ def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0) -> 
         estimates = {
             (row["metric"], row["corruption"]): row for row in intervals(run.rows, level=level, seed=seed).to_dicts()
         }
-        lines.append(Line(name, tuple(Cell(_estimate(estimates.get(key))) for key in keys), note_of(run)))
+        lines.append(Line(name, tuple(TableCell(_estimate(estimates.get(key))) for key in keys), note_of(run)))
     remark = (
         f"[{100 * level:g} % confidence interval] by a bootstrap over images, or over sequences where pairs share one."
     )
@@ -52,7 +52,7 @@ def effective_table(results: pl.DataFrame) -> Table:
     for setting in dict.fromkeys(effective["setting"]):
         rows = effective.filter(setting=setting).iter_rows(named=True)
         lines = [
-            Line(r["model"], tuple(Cell(f"{r[c]:.2f}") for c in ("epe_clean", "epe", "expected", "factor")))
+            Line(r["model"], tuple(TableCell(f"{r[c]:.2f}") for c in ("epe_clean", "epe", "expected", "factor")))
             for r in rows
         ]
         sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
@@ -90,7 +90,9 @@ def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost], pairs: 
     sections = []
     for observation in observations(results, costs, pairs=pairs):
         lines = [
-            Line("main" if part.main else "also", (Cell(part.verdict), Cell(part.claim), Cell(part.says)))
+            Line(
+                "main" if part.main else "also", (TableCell(part.verdict), TableCell(part.claim), TableCell(part.says))
+            )
             for part in observation.parts
         ]
         sections.append(Section(f"{observation.number}. {observation.title}: {observation.verdict}", tuple(lines)))
@@ -105,4 +107,4 @@ def _estimate(row: dict[str, float | None] | None) -> str:
 
 
 def _line(label: str, values: Sequence[float | None]) -> Line:
-    return Line(label, tuple(Cell("-" if value is None else f"{value:.2f}") for value in values))
+    return Line(label, tuple(TableCell("-" if value is None else f"{value:.2f}") for value in values))

@@ -13,11 +13,11 @@ from ..analysis.uncertainty import compare as compare_rows
 from ..analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
 from ..analysis.uncertainty.paired import common_remark
 from ..analysis.uncertainty.sentences import p_text
-from ..analysis.uncertainty.sums import AVERAGE, CLEAN, METRICS
+from ..analysis.uncertainty.sums import AVERAGE, CLEAN, INTERVAL_METRICS
 from ..errors import unknown_name
 from ..text import plain
 from .render import render
-from .table import Cell, Column, Line, Section, Table
+from .table import Column, Line, Section, Table, TableCell
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -65,8 +65,8 @@ class Comparison:
             UsageError: unknown metric.
         """
         metric = metric or self.metric
-        if metric not in METRICS:
-            raise unknown_name("metric", metric, METRICS)
+        if metric not in INTERVAL_METRICS:
+            raise unknown_name("metric", metric, INTERVAL_METRICS)
         lines = self.frame.filter(~pl.col("corruption").is_in([CLEAN, AVERAGE]), metric=metric)
         return lines.select(_COLUMNS)
 
@@ -142,14 +142,14 @@ def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
     )
 
 
-def _cells(row: dict[str, Any], level: float) -> tuple[Cell, ...]:
+def _cells(row: dict[str, Any], level: float) -> tuple[TableCell, ...]:
     sure = row["p_holm"] is not None and row["p_holm"] < 1 - level
     return (
-        Cell(f"{row['value_first']:.2f}", sure and row["difference"] < 0),
-        Cell(f"{row['value_second']:.2f}", sure and row["difference"] > 0),
-        Cell(f"{row['difference']:+.2f}"),
-        Cell("-" if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"),
-        *(Cell("-" if row[p] is None else p_text(row[p]).removeprefix("= ")) for p in ("p", "p_holm")),
+        TableCell(f"{row['value_first']:.2f}", sure and row["difference"] < 0),
+        TableCell(f"{row['value_second']:.2f}", sure and row["difference"] > 0),
+        TableCell(f"{row['difference']:+.2f}"),
+        TableCell("-" if row["low"] is None else f"[{row['low']:+.2f}, {row['high']:+.2f}]"),
+        *(TableCell("-" if row[p] is None else p_text(row[p]).removeprefix("= ")) for p in ("p", "p_holm")),
     )
 
 

@@ -11,7 +11,7 @@ from ..analysis.cost_ranks import Measured, cost_ranks, counted_size, measured_c
 from ..analysis.published.tables import COUNTED_ITERATIONS, COUNTED_SIZE, PAPER, Cost
 from ..errors import UsageError
 from ..runs.costs import RunCost
-from .table import Cell, Column, Line, Section, Table, number_text, with_doubt
+from .table import Column, Line, Section, Table, TableCell, number_text, with_doubt
 
 _COLUMNS = (
     Column("Param. (M)"),
@@ -84,14 +84,15 @@ def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
     lines = []
     for name, cost in costs.items():
         crer = [
-            Cell("-" if value is None else f"{value:.2f} ({ranks[key][name]})")
+            TableCell("-" if value is None else f"{value:.2f} ({ranks[key][name]})")
             for key, value in (("crer_ood", cost.crer_ood), ("crer_id", cost.crer_id))
         ]
         average = [
-            Cell(str(ranks[key].get(name, "-")), ranks[key].get(name) == 1) for key in ("average_ood", "average_id")
+            TableCell(str(ranks[key].get(name, "-")), ranks[key].get(name) == 1)
+            for key in ("average_ood", "average_id")
         ]
-        size = Cell(f"{cost.parameters_m:.2f}"), Cell(f"{cost.flops_g:.1f} ({ranks['flops'][name]})")
-        cells = (*size, *crer, Cell("-"), *average, Cell("-"))
+        size = TableCell(f"{cost.parameters_m:.2f}"), TableCell(f"{cost.flops_g:.1f} ({ranks['flops'][name]})")
+        cells = (*size, *crer, TableCell("-"), *average, TableCell("-"))
         lines.append(Line(name, cells, best=any(cell.best for cell in average)))
     return tuple(lines)
 
@@ -105,14 +106,14 @@ def _measured_lines(
     for key, (value, note) in measured.items():
         frames, setting, model = key
         rank, cost = ranks[key], run_costs.get((frames, model))
-        cells = [Cell("-")] * len(_COLUMNS)
+        cells = [TableCell("-")] * len(_COLUMNS)
         crer_at, average_at = _PLACE.get(setting, _OTHER)
-        cells[crer_at] = Cell(number_text(value, None) + _shown(rank.crer), rank.crer == 1)
+        cells[crer_at] = TableCell(number_text(value, None) + _shown(rank.crer), rank.crer == 1)
         if cost is not None:
-            cells[0] = Cell(f"{cost.parameters_m:.2f}")
-            cells[1] = Cell(f"{cost.flops_g:.1f}{_shown(rank.flops)}")
+            cells[0] = TableCell(f"{cost.parameters_m:.2f}")
+            cells[1] = TableCell(f"{cost.flops_g:.1f}{_shown(rank.flops)}")
             if rank.average is not None:
-                cells[average_at] = Cell(str(rank.average), rank.average == 1)
+                cells[average_at] = TableCell(str(rank.average), rank.average == 1)
             note = "; ".join(part for part in (note, _counted_note(cost)) if part)
         note = with_doubt(note, doubted.get((frames, model)))
         lines.append(Line(model, tuple(cells), note, best=rank.average == 1))

@@ -11,7 +11,7 @@ from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_label, met
 from ..analysis.scores import note_of, run_names, run_results, sample_set, setting_of
 from ..errors import UsageError, unknown_name
 from .render import render
-from .table import Cell, Column, Line, Section, Table, number_text
+from .table import Column, Line, Section, Table, TableCell, number_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -65,7 +65,7 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
     Raises:
         UsageError: an unknown kind or metric, runs over other frames, or nothing to draw.
     """
-    from ..analysis.uncertainty.sums import METRICS
+    from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from . import figures
 
     of_results: dict[str, Callable[..., Figure]] = {
@@ -75,8 +75,8 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
     }
     if kind not in (kinds := ("severity", "displacement", *of_results)):
         raise unknown_name("plot", kind, kinds)
-    if metric not in METRICS:
-        raise unknown_name("metric", metric, METRICS)
+    if metric not in INTERVAL_METRICS:
+        raise unknown_name("metric", metric, INTERVAL_METRICS)
     names = run_names(runs)
     if kind == "displacement":
         return figures.displacement_figure(displacements_of(runs))
@@ -91,4 +91,4 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
 
 
 def _line(label: str, scores: Scores, shown: Sequence[str]) -> Line:
-    return Line(label, tuple(Cell(number_text(getattr(scores, metric), None)) for metric in shown))
+    return Line(label, tuple(TableCell(number_text(getattr(scores, metric), None)) for metric in shown))

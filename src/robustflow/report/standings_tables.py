@@ -6,7 +6,7 @@ import polars as pl
 
 from ..analysis.labels import METRIC_LABELS, metric_label
 from ..text import plain
-from .table import Cell, Column, Line, Section, Table
+from .table import Column, Line, Section, Table, TableCell
 
 
 def standings_table(standings: pl.DataFrame, metric: str) -> Table:
@@ -14,7 +14,11 @@ def standings_table(standings: pl.DataFrame, metric: str) -> Table:
     lines = tuple(
         Line(
             plain(row["model"]),
-            (Cell(f"{row['value']:.2f}"), Cell(str(row["rank"])), Cell(_range(row["best"], row["worst"]))),
+            (
+                TableCell(f"{row['value']:.2f}"),
+                TableCell(str(row["rank"])),
+                TableCell(_range(row["best"], row["worst"])),
+            ),
         )
         for row in standings.iter_rows(named=True)
     )
@@ -33,10 +37,10 @@ def variance_table(split: pl.DataFrame, metric: str, name: str) -> Table:
         Line(
             row["source"],
             (
-                Cell(str(row["levels"])),
-                Cell(f"{row['deviation']:.3f}"),
-                Cell(f"{row['share']:.1f}"),
-                Cell("-" if row["error_of_mean"] is None else f"{row['error_of_mean']:.3f}"),
+                TableCell(str(row["levels"])),
+                TableCell(f"{row['deviation']:.3f}"),
+                TableCell(f"{row['share']:.1f}"),
+                TableCell("-" if row["error_of_mean"] is None else f"{row['error_of_mean']:.3f}"),
             ),
         )
         for row in split.iter_rows(named=True)
@@ -56,7 +60,10 @@ def stability_table(stability: pl.DataFrame, metric: str) -> Table:
     for condition in stability["condition"].unique(maintain_order=True):
         rows = stability.filter(condition=condition)
         lines = tuple(
-            Line(plain(row["model"]), (Cell(f"{row['value']:.2f}"), Cell(str(row["rank"])), Cell(f"{row['moved']:+d}")))
+            Line(
+                plain(row["model"]),
+                (TableCell(f"{row['value']:.2f}"), TableCell(str(row["rank"])), TableCell(f"{row['moved']:+d}")),
+            )
             for row in rows.iter_rows(named=True)
         )
         sections.append(Section(f"{plain(condition)} (tau {rows['tau'][0]:.2f})", lines))

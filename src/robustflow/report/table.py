@@ -16,7 +16,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Cell:
+class TableCell:
     """What a cell says; `best` where it is the smallest of its column among the lines it can be compared with."""
 
     text: str
@@ -29,7 +29,7 @@ class Line:
     reader should choose, as the paper shades the lines of the best average rank."""
 
     label: str
-    cells: tuple[Cell, ...]
+    cells: tuple[TableCell, ...]
     note: str = ""
     best: bool = False
 

@@ -25,7 +25,7 @@ from ..corruptions.registry import PAPER_ORDER
 from ..errors import UsageError, unknown_name
 from ..runs.costs import RunCost
 from .cost_table import cost_table
-from .table import Cell, Column, Line, Section, Table, number_text, with_doubt
+from .table import Column, Line, Section, Table, TableCell, number_text, with_doubt
 
 TABLES = ("epe", "cre", "rcre", "gopro-rcre", "cost")
 
@@ -58,7 +58,7 @@ def build_table(
     ['Knowledge-driven', 'Out-of-domain (OOD)', 'In-domain (ID)']
     >>> line = next(line for line in table.sections[1].lines if line.label == "SAMFlow-H")
     >>> line.cells[0]
-    Cell(text='3.78', best=True)
+    TableCell(text='3.78', best=True)
     """
     if name not in TABLES:
         raise unknown_name("table", name, TABLES)
@@ -146,6 +146,6 @@ def _lines(
     out = []
     for (key, (note, texts)), columns in zip(lines.items(), best, strict=True):
         shown = texts | ({_COVERAGE: number_text(gaps[key], None)} if key in gaps else {})
-        line = tuple(Cell(shown.get(column, "-"), column in columns) for column in keys)
+        line = tuple(TableCell(shown.get(column, "-"), column in columns) for column in keys)
         out.append(Line(key[1], line, with_doubt(note, doubted.get(key))))
     return tuple(out)

@@ -9,7 +9,7 @@ from ..analysis.results import AVERAGE
 from ..analysis.scores import note_of, run_names, sample_set
 from ..analysis.uncoupled import Coupling, Uncoupled, coupling, uncoupled
 from ..errors import UsageError
-from .table import Cell, Column, Line, Section, Table
+from .table import Column, Line, Section, Table, TableCell
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -43,7 +43,7 @@ def uncoupled_table(runs: Sequence[Run]) -> Table:
         found = uncoupled(run.rows)
         if found.overall.log_ratio is None and found.overall.median_cre is None:
             continue
-        lines.append(Line(name, tuple(map(Cell, _texts(run, found))), note_of(run)))
+        lines.append(Line(name, tuple(map(TableCell, _texts(run, found))), note_of(run)))
         clean, cre, ratio = run.epe_clean, run.cre, found.overall.log_ratio
         if clean is not None and cre is not None and ratio is not None:
             same_frames.setdefault(sample_set(run), []).append((clean, cre, ratio))

@@ -20,7 +20,7 @@ from ..metrics.rows import CLEAN
 from ..models.base import place
 from ..random.rng import key_of
 from ..runs.example_cells import CellScores, cell_scores
-from ..runs.example_record import FOLDER, RECORD, are_current, drop_examples, examples_record
+from ..runs.example_list import EXAMPLES_FILE, FOLDER, are_current, drop_examples, example_list
 from ..runs.plan import Cell
 from ..runs.run import Run
 from ..sample import Frame
@@ -51,8 +51,8 @@ def write_examples(run: Run, setup: Setup) -> bool:
     """
     if run.summary.missing:
         raise RunError(f"{run.path} is not complete, so its worst sample is not known; give its command again first")
-    record = examples_record(run.rows)
-    if record is None:
+    listed = example_list(run.rows)
+    if listed is None:
         raise RunError(f"{run.path} has no pixel to measure, so there is no worst sample")
     if are_current(run):
         return False
@@ -61,11 +61,11 @@ def write_examples(run: Run, setup: Setup) -> bool:
     make_folder(making)
     try:
         with _worker(setup) as worker:
-            for panel in record["panels"]:
+            for panel in listed["panels"]:
                 cell = (panel["key"], panel["corruption"], panel["severity"])
                 write_bytes(making / panel["file"], _picture(run.rows, worker, cell, panel["kind"], "jpeg"))
-            _write_slider(making, record["slider"], worker)
-        write_json(making / RECORD, record)
+            _write_slider(making, listed["slider"], worker)
+        write_json(making / EXAMPLES_FILE, listed)
         drop_examples(run.path)
         try:
             making.rename(home)

@@ -10,7 +10,7 @@ from typing import Any
 from ..errors import UsageError
 from ..models import ModelSpec
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity, name_of
-from ..models.loading import as_model
+from ..models.construct import as_model
 from ..models.provenance import DECLARED
 
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
 from ..corruptions.own import adopt
@@ -234,4 +236,8 @@ class Worker:
 
 def frames_digest(frames: tuple[Frame, ...]) -> str:
     """32 hexadecimal digits that name the exact bytes of some frames."""
-    return digest_of_bytes(*(part for frame in frames for part in (str(frame.shape).encode(), frame.tobytes())))
+    return digest_of_bytes(*(part for frame in frames for part in (str(frame.shape).encode(), _in_order(frame))))
+
+
+def _in_order(frame: Frame) -> memoryview:
+    return np.ascontiguousarray(frame).data.cast("B") if frame.size else memoryview(b"")

@@ -9,9 +9,8 @@ however they were computed or stored.
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from typing import Any, Literal, get_args
 
 import polars as pl
@@ -19,26 +18,14 @@ import polars as pl
 from ..corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
 from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
-from ..metrics.robustness import cre, crer
 from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
-from ..metrics.summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary, Units
+from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
 from .family_means import by_family
+from .means import WHOLE, mean_scores, scores_by_condition
 from .plan import Cell
 
-_WHOLE = {
-    "epe": ("epe_sum", "n_valid", 1.0),
-    "rcre_all": ("rcre_all_sum", "n_all", 1.0),
-    "fl": ("fl_count", "n_valid", 100.0),
-    "px1": ("px1_count", "n_valid", 100.0),
-    "px3": ("px3_count", "n_valid", 100.0),
-    "px5": ("px5_count", "n_valid", 100.0),
-    "wauc": ("wauc_sum", "n_valid", 100.0),
-    "coverage": ("n_covered", "n_wanted", 1.0),
-}
-"""Metric: (column of its sum, column of its count, factor)."""
-
 _NEEDS: tuple[tuple[str, str], ...] = (
-    *((count, total) for total, count, _ in _WHOLE.values() if count in FIRST_SCHEMA),
+    *((count, total) for total, count, _ in WHOLE.values() if count in FIRST_SCHEMA),
     ("n_valid", "rcre_sum"),
     *((f"n_{region}", f"{total}_{region}") for region in REGIONS for total in ("epe_sum", "rcre_sum", "fl_count")),
     *((f"n_{region}", "n_valid") for region in REGIONS),
@@ -66,7 +53,7 @@ def summarize(
             version 1 were made.
 
     Returns:
-        A `Summary`. CRE compares the same pixels of the same samples: those found both at the setting and clean, where
+        A `Summary`. CRE compares the same pixels of the same samples: those found both corrupted and clean, where
         both flows are predicted. Overall means are over every corruption found, elastic_transform, a user's own and
         stacks "a+b" among them; `Summary.paper` holds the paper's mean.
 
@@ -79,8 +66,8 @@ def summarize(
     rows = complete_rows(_checked(rows))
     cells = list(rows.select(ROW_KEY).iter_rows())
     samples = {sample for sample, _, _ in cells}
-    settings = {(corruption, severity) for _, corruption, severity in cells} | {(CLEAN, 0)}
-    expected = {(s, *setting) for s in samples for setting in settings} if planned is None else set(planned)
+    conditions = {(corruption, severity) for _, corruption, severity in cells} | {(CLEAN, 0)}
+    expected = {(s, *condition) for s in samples for condition in conditions} if planned is None else set(planned)
     missing = _units(expected - set(cells))
     with_truth = pl.coalesce("n_valid", "n_all")
     unmeasured = _units(rows.filter(with_truth == 0).select(ROW_KEY).iter_rows())
@@ -91,12 +78,12 @@ def summarize(
         n_covered=with_truth,
         n_wanted=pl.when(pl.col("n_valid").is_null()).then(pl.col("height") * pl.col("width")).otherwise("n_truth"),
     )
-    clean, by_setting = _scores(whole, _WHOLE | {"rcre": ("rcre_sum", "rcre_n", 1.0)}, averaging)
-    corruptions = _corruptions(by_setting, clean, over)
+    clean, by_condition = scores_by_condition(whole, WHOLE | {"rcre": ("rcre_sum", "rcre_n", 1.0)}, averaging)
+    corruptions = _corruptions(by_condition, clean, over)
     averaged_over = [name for name, scores in corruptions.items() if scores.averaged]
-    overall = _mean_scores([corruptions[name] for name in averaged_over], clean)
+    overall = mean_scores([corruptions[name] for name in averaged_over], clean)
     in_paper = [name for name in corruptions if name in paper]
-    families = {family: _mean_scores(parts, clean) for family, parts in by_family(corruptions).items()}
+    families = {family: mean_scores(parts, clean) for family, parts in by_family(corruptions).items()}
     return Summary(
         **overall.model_dump(),
         averaging=averaging,
@@ -111,7 +98,7 @@ def summarize(
         corruptions=corruptions,
         families=families,
         regions=_regions(rows, averaging, over),
-        paper=_mean_scores([corruptions[name] for name in in_paper], clean) if set(in_paper) == set(paper) else None,
+        paper=mean_scores([corruptions[name] for name in in_paper], clean) if set(in_paper) == set(paper) else None,
         paper_over=in_paper if set(in_paper) == set(paper) else [],
     )
 
@@ -140,80 +127,26 @@ def _checked(rows: pl.DataFrame) -> pl.DataFrame:
     return rows
 
 
-def _units(units: Iterable[Any]) -> list[Units]:
-    by_setting: dict[tuple[str, int], list[str]] = defaultdict(list)
+def _units(units: Iterable[Any]) -> list[MissingCells]:
+    by_condition: dict[tuple[str, int], list[str]] = defaultdict(list)
     for sample, corruption, severity in units:
-        by_setting[corruption, severity].append(sample)
+        by_condition[corruption, severity].append(sample)
     return [
-        Units(corruption=corruption, severity=severity, samples=sorted(by_setting[corruption, severity]))
-        for corruption, severity in sorted(by_setting)
+        MissingCells(corruption=corruption, severity=severity, samples=sorted(by_condition[corruption, severity]))
+        for corruption, severity in sorted(by_condition)
     ]
 
 
-_Columns = dict[str, tuple[str, str, float]]
-
-
-def _scores(
-    rows: pl.DataFrame, columns: _Columns, averaging: Averaging
-) -> tuple[Scores, dict[tuple[str, int], Scores]]:
-    """Scores on the clean frames, and at each (corruption, severity).
-
-    CRE is None throughout where rows of an earlier version do not say what the clean error is over their pixels.
-    """
-    total, count, _ = columns["epe"]
-    before = f"clean_{total}"
-    clean_rows = rows.filter(pl.col("corruption") == CLEAN)
-    clean = Scores(**_means(clean_rows, columns, averaging))
-    partner = clean_rows.select("sample", _clean_n=count)
-    settings = rows.filter(pl.col("corruption") != CLEAN).join(partner, on="sample", how="left", maintain_order="left")
-    comparable = settings.filter((pl.col(count) > 0) & (pl.col("_clean_n") > 0))[before].null_count() == 0
-    by_setting = {}
-    for key, group in settings.partition_by("corruption", "severity", as_dict=True, maintain_order=True).items():
-        corruption, severity = key
-        both = group.filter((pl.col(count) > 0) & (pl.col("_clean_n") > 0))
-        scores = Scores(**_means(group, columns, averaging))
-        moved = None
-        if comparable:
-            paired = _means(both, {"epe": columns["epe"], "before": (before, count, 1.0)}, averaging)
-            moved = cre(paired["epe"], paired["before"])
-        by_setting[corruption, severity] = scores.model_copy(update={"cre": moved, "crer": crer(moved, clean.epe)})
-    return clean, by_setting
-
-
-def _means(rows: pl.DataFrame, columns: _Columns, averaging: Averaging) -> dict[str, float | None]:
-    """The mean of each metric over images; images without a pixel to measure are left out."""
-    out: dict[str, float | None] = {}
-    for metric, (total, count, factor) in columns.items():
-        images = [(s, n) for s, n in zip(rows[total].to_list(), rows[count].to_list(), strict=True) if n]
-        if averaging == "image":
-            out[metric] = _mean([factor * s / n for s, n in images])
-        else:
-            pixels = sum(n for _, n in images)
-            out[metric] = factor * math.fsum(s for s, _ in images) / pixels if pixels else None
-    return out
-
-
-def _mean(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return math.fsum(known) / len(known) if known else None
-
-
-def _mean_scores(parts: Sequence[Scores], clean: Scores) -> Scores:
-    """Mean of each metric over severities or corruptions; CREr is the ratio of the means."""
-    means = {metric: _mean([getattr(part, metric) for part in parts]) for metric in METRICS}
-    return Scores(**means | {"crer": crer(means["cre"], clean.epe)})
-
-
 def _corruptions(
-    by_setting: dict[tuple[str, int], Scores], clean: Scores, over: Literal["all", "paper"]
+    by_condition: dict[tuple[str, int], Scores], clean: Scores, over: Literal["all", "paper"]
 ) -> dict[str, CorruptionScores]:
     by_corruption: dict[str, dict[int, Scores]] = defaultdict(dict)
-    for (corruption, severity), scores in sorted(by_setting.items(), key=lambda item: item[0]):
+    for (corruption, severity), scores in sorted(by_condition.items(), key=lambda item: item[0]):
         by_corruption[corruption][severity] = scores
     family_of = {name: family for family, names in FAMILIES.items() for name in names}
     return {
         name: CorruptionScores(
-            **_mean_scores(list(by_corruption[name].values()), clean).model_dump(),
+            **mean_scores(list(by_corruption[name].values()), clean).model_dump(),
             family=family_of.get(name),
             averaged=over == "all" or name in PAPER_ORDER,
             severities=list(by_corruption[name]),
@@ -234,9 +167,9 @@ def _regions(rows: pl.DataFrame, averaging: Averaging, over: Literal["all", "pap
             "rcre": (f"rcre_sum_{region}", count, 1.0),
             "fl": (f"fl_count_{region}", count, 100.0),
         }
-        clean, by_setting = _scores(rows, columns, averaging)
-        corruptions = _corruptions(by_setting, clean, over)
-        overall = _mean_scores([c for c in corruptions.values() if c.averaged], clean)
+        clean, by_condition = scores_by_condition(rows, columns, averaging)
+        corruptions = _corruptions(by_condition, clean, over)
+        overall = mean_scores([c for c in corruptions.values() if c.averaged], clean)
         clean_rows = rows.filter((pl.col("corruption") == CLEAN) & pl.col(count).is_not_null())
         inside, n_valid = sum(clean_rows[count].to_list()), sum(clean_rows["n_valid"].to_list())
         out[region] = RegionScores(

@@ -12,7 +12,7 @@ from pydantic import Field
 from ..atomic import write_json
 from ..errors import UsageError
 from ..text import plain
-from .kept_file import KeptFile, parse_kept, read_kept
+from .attachment import RunAttachment, parse_attachment, read_attachment
 
 if TYPE_CHECKING:
     from .run import Run
@@ -24,11 +24,11 @@ _COMMAND = "profile MODEL --into RUN"
 _Count = Annotated[int, Field(ge=0, le=10**18)]
 
 
-class RunCost(KeptFile):
+class RunCost(RunAttachment):
     """The cost of one prediction of a run's model.
 
     Attributes:
-        version, run: see `KeptFile`.
+        version, run: see `RunAttachment`.
         height, width: of the frames it was counted for; the paper's are 432 x 720.
         iterations: of the model, None where it has none.
         parameters: all that are learned.
@@ -67,7 +67,7 @@ def parse_cost(data: bytes, name: str) -> RunCost:
     Raises:
         RunError: not in this shape.
     """
-    return parse_kept(RunCost, data, name, _COMMAND)
+    return parse_attachment(RunCost, data, name, _COMMAND)
 
 
 def read_cost(run: Run) -> RunCost | None:
@@ -76,7 +76,7 @@ def read_cost(run: Run) -> RunCost | None:
     Raises:
         RunError: the file is damaged, or was counted for another run.
     """
-    return read_kept(RunCost, run, PROFILE, _LARGEST, _COMMAND)
+    return read_attachment(RunCost, run, PROFILE, _LARGEST, _COMMAND)
 
 
 def check_model(run: Run, model: Mapping[str, Any]) -> None:

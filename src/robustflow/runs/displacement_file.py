@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from ..atomic import write_json
 from ..metrics.rows import CLEAN
-from .kept_file import KeptFile, read_kept
+from .attachment import RunAttachment, read_attachment
 
 if TYPE_CHECKING:
     from .run import Run
@@ -23,11 +23,11 @@ _LARGEST = 1 << 20
 _MOST_BINS = 10_000
 
 
-class DisplacementFile(KeptFile):
+class DisplacementFile(RunAttachment):
     """`RUN/displacement.json`.
 
     Attributes:
-        version, run: see `KeptFile`.
+        version, run: see `RunAttachment`.
         samples: how many were measured.
         source: "ground truth", or the model whose flow it was.
         low: lower edges of the bins in pixels, from 0; the last bin has no end.
@@ -59,7 +59,7 @@ def read_displacement(run: Run) -> DisplacementFile | None:
     Raises:
         RunError: the file is damaged, or was counted for another run.
     """
-    displacement = read_kept(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
+    displacement = read_attachment(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
     return displacement if displacement and displacement.samples == len(run.manifest["samples"]) else None
 
 

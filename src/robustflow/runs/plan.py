@@ -129,11 +129,11 @@ class Plan:
 def planned_cells(manifest: dict[str, Any]) -> list[Cell]:
     """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
     selection, left_out = manifest["selection"], manifest.get("left_out", {})
-    settings = [(CLEAN, 0)]
+    conditions = [(CLEAN, 0)]
     for name in selection["corruptions"]:
         levels = levels_of(name, tuple(selection["severities"]))
-        settings += [(name, level) for level in levels if level not in left_out.get(name, [])]
-    return [(key, name, level) for key in manifest["samples"] for name, level in settings]
+        conditions += [(name, level) for level in levels if level not in left_out.get(name, [])]
+    return [(key, name, level) for key in manifest["samples"] for name, level in conditions]
 
 
 def unfinished_samples(manifest: dict[str, Any], cells: set[Cell]) -> set[str]:

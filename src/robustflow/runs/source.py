@@ -19,7 +19,8 @@ from typing import Any
 
 from ..atomic import write_json
 from ..errors import RunError
-from ..models.loading import MODELS, PTLFLOW, ModelSpec
+from ..models.loading import ModelSpec
+from ..models.registry import MODELS, PTLFLOW
 from ..text import plain
 
 FILE = "source.json"

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowModel, name_of
-from ..models.loading import as_model
+from ..models.construct import as_model
 from ..models.window import window_of
 from ..sample import Flow, Frame
 

@@ -47,7 +47,7 @@ class OpenClip:
 
         Warns (`UserWarning`) when it does, where a damage changed nothing or cost frames.
         """
-        position = self.clip.record.key_frames.index(index)
+        position = self.clip.manifest.key_frames.index(index)
         reader = self._variants.get((corruption, parameter))
         if reader is None:
             name = _variant_name(self.clip, corruption, parameter)
@@ -66,7 +66,7 @@ class OpenClip:
 
     def _reader(self, position: int, folder: Path) -> ClipReader:
         master = self.clip.master
-        count = len(self.clip.record.key_frames)
+        count = len(self.clip.manifest.key_frames)
         reader = ClipReader(ClipFile(folder / FRAMES_FILE, count, master.fps, master.height, master.width), keep=2)
         reader.picture(position)  # opens the file, which may then be evicted without harm
         return reader
@@ -85,4 +85,4 @@ def record_of_variant(clip: PreparedClip, cache: FolderCache, corruption: str, p
 
 def _variant_name(clip: PreparedClip, corruption: str, parameter: int) -> str:
     """The cache's name for a transcoded clip; another master is another name."""
-    return f"{clip.name}-{clip.record.master_sha256[:12]}-{corruption}-{parameter}"
+    return f"{clip.name}-{clip.manifest.master_sha256[:12]}-{corruption}-{parameter}"

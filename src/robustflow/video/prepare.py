@@ -25,12 +25,12 @@ from .codec import encoder_versions, lossless
 from .colour import I420, even_size, i420_to_rgb, rgb_to_i420
 from .interpolation import WINDOW, Interpolator, fill_gaps, interpolated_count, load_interpolator, windows
 from .prepared import (
-    CLIP_RECORD,
+    CLIP_MANIFEST,
     KEY_FRAMES,
     MASTER,
     REACH,
     VERSION,
-    ClipRecord,
+    ClipManifest,
     PreparedClip,
     choose_key_frames,
     sha256_of,
@@ -48,7 +48,7 @@ Progress = Callable[[str, str, int, int], None]
 
 
 @dataclass(frozen=True)
-class Settings:
+class Preparation:
     """How clips are prepared.
 
     Attributes:
@@ -71,7 +71,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the settings make of one source: rate and length of the master, and its key frames."""
+    """What the preparation makes of one source: rate and length of the master, and its key frames."""
 
     fps: Fraction
     count: int
@@ -79,27 +79,27 @@ class Geometry:
     key_frames: tuple[int, ...]
 
 
-def geometry(source: Source, settings: Settings) -> Geometry:
+def geometry(source: Source, preparation: Preparation) -> Geometry:
     """Plan one clip.
 
     Raises:
         UsageError: no frame rate known, or a factor or step below 1.
         DataError: too short for a single pair.
     """
-    rate = settings.fps or source.fps
+    rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
         raise UsageError(f"{source.name}: pictures do not say how many there are per second; give --fps")
-    if settings.factor < 1:
-        raise UsageError(f"a factor of {settings.factor} is not possible: give 1 or more")
-    fps = rate * settings.factor
-    step = max(1, round(fps / PAIR_FPS)) if settings.step is None else settings.step
+    if preparation.factor < 1:
+        raise UsageError(f"a factor of {preparation.factor} is not possible: give 1 or more")
+    fps = rate * preparation.factor
+    step = max(1, round(fps / PAIR_FPS)) if preparation.step is None else preparation.step
     if step < 1:
         raise UsageError(f"a step of {step} is not possible: give 1 or more")
-    count = interpolated_count(source.count, settings.factor)
+    count = interpolated_count(source.count, preparation.factor)
     keys = choose_key_frames(count, step)
     if len(keys) < 2:
         needed = next(n for n in range(count, count + 4 * step + 4 * REACH) if len(choose_key_frames(n, step)) > 1)
-        frames = -(-needed // settings.factor) + (WINDOW if settings.factor > 1 else 0)
+        frames = -(-needed // preparation.factor) + (WINDOW if preparation.factor > 1 else 0)
         raise DataError(
             f"{source.name}: {source.count} frames are too few for one pair of key frames {step} apart with "
             f"{REACH} more on each side; give a clip of {frames} frames, or a smaller --step"
@@ -108,27 +108,29 @@ def geometry(source: Source, settings: Settings) -> Geometry:
 
 
 def prepare_clip(
-    source: Source, folder: Path, settings: Settings, progress: Progress = lambda clip, what, done, total: None
+    source: Source, folder: Path, preparation: Preparation, progress: Progress = lambda clip, what, done, total: None
 ) -> PreparedClip:
     """Prepare one clip in `folder`; what an earlier call finished is not done again.
 
     Raises:
         DataError: a source that cannot be read to its end, or a folder that holds the clip prepared otherwise.
     """
-    plan = geometry(source, settings)
-    interpolator = load_interpolator(settings.interpolator, settings.factor, settings.checkpoint, settings.device)
-    wanted = ClipRecord(
+    plan = geometry(source, preparation)
+    interpolator = load_interpolator(
+        preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device
+    )
+    wanted = ClipManifest(
         version=VERSION,
         name=source.name,
         count=plan.count,
         fps=str(plan.fps),
         height=source.size[0],
         width=source.size[1],
-        factor=settings.factor,
+        factor=preparation.factor,
         step=plan.step,
         key_frames=list(plan.key_frames),
         padded_to_even=source.size != even_size(*source.size),
-        preset=settings.preset,
+        preset=preparation.preset,
         source=source.describe() | {"frames": source.count},
         interpolator=interpolator.describe() if interpolator else None,
         encoder=encoder_versions(),
@@ -142,29 +144,29 @@ def prepare_clip(
     pictures = _converted(source) if interpolator is None else _segments(source, work, wanted, interpolator, progress)
     written = _with_key_frames(pictures, folder, wanted, progress)
     size = (wanted.height, wanted.width)
-    master = write_clip(folder / MASTER, written, size, plan.fps, lossless(settings.preset))
+    master = write_clip(folder / MASTER, written, size, plan.fps, lossless(preparation.preset))
     if master.count != plan.count:
         raise DataError(f"{source.name}: {master.count} frames came out where {plan.count} were expected; check it")
-    record = wanted.model_copy(update={"master_sha256": sha256_of(folder / MASTER)})
-    write_json(folder / CLIP_RECORD, record.model_dump())
+    manifest = wanted.model_copy(update={"master_sha256": sha256_of(folder / MASTER)})
+    write_json(folder / CLIP_MANIFEST, manifest.model_dump())
     for leftover in folder.glob(".segments-*"):
         shutil.rmtree(leftover, ignore_errors=True)
-    return PreparedClip(folder, record)
+    return PreparedClip(folder, manifest)
 
 
-def _finished(folder: Path, wanted: ClipRecord) -> PreparedClip | None:
+def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
     """The clip if it is there, made the same way; encoder versions may differ, no pixel depends on them."""
-    path = folder / CLIP_RECORD
+    path = folder / CLIP_MANIFEST
     if not path.is_file():
         return None
     try:
-        found = ClipRecord.model_validate_json(path.read_bytes())
+        manifest = ClipManifest.model_validate_json(path.read_bytes())
     except ValueError:
-        found = None
+        manifest = None
     same = {"master_sha256": "", "encoder": {}}
-    if found is None or found.model_copy(update=same) != wanted.model_copy(update=same):
+    if manifest is None or manifest.model_copy(update=same) != wanted.model_copy(update=same):
         raise DataError(f"{folder} holds this clip prepared with other settings; choose another --output or delete it")
-    return PreparedClip(folder, found)
+    return PreparedClip(folder, manifest)
 
 
 def _converted(source: Source) -> Iterator[I420]:
@@ -172,7 +174,7 @@ def _converted(source: Source) -> Iterator[I420]:
 
 
 def _segments(
-    source: Source, work: Path, wanted: ClipRecord, interpolator: Interpolator, progress: Progress
+    source: Source, work: Path, wanted: ClipManifest, interpolator: Interpolator, progress: Progress
 ) -> Iterator[I420]:
     """The interpolated clip, from segments on disk; those that are missing are made first."""
     make_folder(work)
@@ -197,7 +199,9 @@ def _segments(
             yield picture
 
 
-def _with_key_frames(pictures: Iterator[I420], folder: Path, wanted: ClipRecord, progress: Progress) -> Iterator[I420]:
+def _with_key_frames(
+    pictures: Iterator[I420], folder: Path, wanted: ClipManifest, progress: Progress
+) -> Iterator[I420]:
     """Pass pictures on, writing key frames as PNG: what a lossless yuv420p master decodes to."""
     keys = set(wanted.key_frames)
     for index, picture in enumerate(pictures):
@@ -207,6 +211,6 @@ def _with_key_frames(pictures: Iterator[I420], folder: Path, wanted: ClipRecord,
         progress(wanted.name, "encode", index + 1, wanted.count)
 
 
-def _digest(wanted: ClipRecord) -> str:
+def _digest(wanted: ClipManifest) -> str:
     spelled = json.dumps(wanted.model_dump(), sort_keys=True)
     return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()

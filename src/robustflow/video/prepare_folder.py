@@ -1,4 +1,4 @@
-"""All clips of a prepared folder: which ones, in how many processes, and the folder's record."""
+"""All clips of a prepared folder: which ones, in how many processes, and the folder's manifest."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..cache import cache_folder, cache_folders
 from ..errors import DataError, UsageError
 from ..layout import folders
 from .interpolation import load_interpolator
-from .prepare import Progress, Settings, geometry, prepare_clip
+from .prepare import Preparation, Progress, geometry, prepare_clip
 from .prepared import (
     CACHE_LIMIT,
-    FOLDER_RECORD,
+    FOLDER_MANIFEST,
     VERSION,
-    FolderRecord,
+    FolderManifest,
     PreparedClip,
     is_prepared,
     read_folder,
@@ -65,7 +65,7 @@ def find_sources(data: Path, evenly: bool = False) -> list[Source]:
 def prepare_folder(
     sources: Sequence[Source],
     output: Path,
-    settings: Settings,
+    preparation: Preparation,
     workers: int = 1,
     cache_limit: int = CACHE_LIMIT,
     progress: Progress = lambda clip, what, done, total: None,
@@ -77,18 +77,18 @@ def prepare_folder(
     """
     if workers < 1:
         raise UsageError(f"{workers} workers are not possible: give 1 or more")
-    load_interpolator(settings.interpolator, settings.factor, settings.checkpoint, settings.device)
+    load_interpolator(preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device)
     for source in sources:  # whatever cannot work is reported before anything is written
-        geometry(source, settings)
-    record = FolderRecord(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
-    if len(set(record.clips)) != len(record.clips):
-        raise DataError(f"two clips have the same name: {', '.join(record.clips)}; rename one")
-    _claim(output, record)
+        geometry(source, preparation)
+    manifest = FolderManifest(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
+    if len(set(manifest.clips)) != len(manifest.clips):
+        raise DataError(f"two clips have the same name: {', '.join(manifest.clips)}; rename one")
+    _claim(output, manifest)
     if workers == 1 or len(sources) == 1:
         for source in sources:
-            prepare_clip(source, output / source.name, settings, progress)
+            prepare_clip(source, output / source.name, preparation, progress)
     else:
-        _in_processes(sources, output, settings, workers, progress)
+        _in_processes(sources, output, preparation, workers, progress)
     return read_folder(output)[1]
 
 
@@ -101,16 +101,16 @@ def prepare_video(path: Path) -> Path:
     name = f"{path.stem}-{sha256_of(path)[:12]}"
     kept = (folder / name for folder in cache_folders("clips"))
     output = next((folder for folder in kept if is_prepared(folder)), cache_folder("clips") / name)
-    prepare_folder(sources, output, Settings(factor=1))
+    prepare_folder(sources, output, Preparation(factor=1))
     return output
 
 
 def _in_processes(
-    sources: Sequence[Source], output: Path, settings: Settings, workers: int, progress: Progress
+    sources: Sequence[Source], output: Path, preparation: Preparation, workers: int, progress: Progress
 ) -> None:
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        tasks = {pool.submit(prepare_clip, s, output / s.name, settings): s for s in sources}
+        tasks = {pool.submit(prepare_clip, s, output / s.name, preparation): s for s in sources}
         try:
             for finished, task in enumerate(as_completed(tasks), start=1):
                 task.result()
@@ -120,17 +120,17 @@ def _in_processes(
             raise
 
 
-def _claim(output: Path, record: FolderRecord) -> None:
+def _claim(output: Path, manifest: FolderManifest) -> None:
     make_folder(output)
-    path = output / FOLDER_RECORD
+    path = output / FOLDER_MANIFEST
     if path.is_file():
         try:
-            found = FolderRecord.model_validate_json(path.read_bytes())
+            on_disk = FolderManifest.model_validate_json(path.read_bytes())
         except ValueError:
-            found = None
-        if found is None or found.clips != record.clips:
+            on_disk = None
+        if on_disk is None or on_disk.clips != manifest.clips:
             raise DataError(f"{output} holds other prepared clips; choose another --output")
-    write_json(path, record.model_dump())
+    write_json(path, manifest.model_dump())
 
 
 def _sequence(data: Path, name: str) -> Path | None:

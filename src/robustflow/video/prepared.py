@@ -19,8 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ..errors import DataError
 from .clip import ClipFile
 
-FOLDER_RECORD = "gopro_fc.json"
-CLIP_RECORD = "clip.json"
+FOLDER_MANIFEST = "gopro_fc.json"
+CLIP_MANIFEST = "clip.json"
 MASTER = "master.mp4"
 KEY_FRAMES = "keyframes"
 VERSION = 1
@@ -32,10 +32,10 @@ CACHE_LIMIT = 20 * 10**9
 
 
 ClipName = Annotated[str, Field(pattern=r"^[^/\\.][^/\\]*$")]
-"""Also a folder's name, so that a record cannot lead out of its own folder."""
+"""Also a folder's name, so that a manifest cannot lead out of its own folder."""
 
 
-class ClipRecord(BaseModel):
+class ClipManifest(BaseModel):
     """`clip.json`. Frame numbers count the master's frames from 0; `fps` is the master's, as a fraction."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -57,7 +57,7 @@ class ClipRecord(BaseModel):
     master_sha256: str
 
 
-class FolderRecord(BaseModel):
+class FolderManifest(BaseModel):
     """`gopro_fc.json`: the clips, and how many bytes of transcoded variants may be kept."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -67,25 +67,25 @@ class FolderRecord(BaseModel):
     cache_limit: int = CACHE_LIMIT
 
 
-R = TypeVar("R", ClipRecord, FolderRecord)
+R = TypeVar("R", ClipManifest, FolderManifest)
 
 
 class PreparedClip:
     """One finished clip of a prepared folder."""
 
-    def __init__(self, folder: Path, record: ClipRecord) -> None:
+    def __init__(self, folder: Path, manifest: ClipManifest) -> None:
         self.folder = folder
-        self.record = record
+        self.manifest = manifest
 
     @property
     def name(self) -> str:
         """The clip's (sequence's) name."""
-        return self.record.name
+        return self.manifest.name
 
     @property
     def master(self) -> ClipFile:
         """The lossless master."""
-        r = self.record
+        r = self.manifest
         return ClipFile(self.folder / MASTER, r.count, Fraction(r.fps), r.height, r.width)
 
     def key_frame_path(self, index: int) -> Path:
@@ -95,7 +95,7 @@ class PreparedClip:
     @property
     def pairs(self) -> list[tuple[int, int]]:
         """Master indices of adjacent key frames."""
-        return list(zip(self.record.key_frames, self.record.key_frames[1:], strict=False))
+        return list(zip(self.manifest.key_frames, self.manifest.key_frames[1:], strict=False))
 
 
 def choose_key_frames(count: int, step: int) -> list[int]:
@@ -110,19 +110,19 @@ def choose_key_frames(count: int, step: int) -> list[int]:
     return [index for index in inner if REACH <= index < count - REACH]
 
 
-def read_folder(root: Path) -> tuple[FolderRecord, list[PreparedClip]]:
+def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
     """The clips of a prepared folder.
 
     Raises:
         DataError: no such folder, not one of ours, or a clip that was not finished.
     """
-    record = _read(root / FOLDER_RECORD, FolderRecord)
+    manifest = _read(root / FOLDER_MANIFEST, FolderManifest)
     clips = []
-    for name in record.clips:
-        if not (root / name / CLIP_RECORD).is_file():
+    for name in manifest.clips:
+        if not (root / name / CLIP_MANIFEST).is_file():
             raise DataError(f"{root}: {name} is not finished; give the same robustflow prepare command again")
-        clips.append(PreparedClip(root / name, _read(root / name / CLIP_RECORD, ClipRecord)))
-    return record, clips
+        clips.append(PreparedClip(root / name, _read(root / name / CLIP_MANIFEST, ClipManifest)))
+    return manifest, clips
 
 
 def sha256_of(path: Path) -> str:
@@ -133,19 +133,19 @@ def sha256_of(path: Path) -> str:
 
 def _read(path: Path, kind: type[R]) -> R:
     try:
-        record = kind.model_validate_json(path.read_bytes())
+        manifest = kind.model_validate_json(path.read_bytes())
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); is this a folder made by prepare?") from error
     except ValidationError as error:
         raise DataError(f"{path}: not what prepare writes, or damaged; prepare the clips again") from error
-    if record.version != VERSION:
+    if manifest.version != VERSION:
         raise DataError(f"{path}: of another version of RobustFlow; prepare the clips again")
-    return record
+    return manifest
 
 
 def is_prepared(data: Path) -> bool:
     """Whether a folder was made by `robustflow prepare gopro-fc`."""
-    return (data / FOLDER_RECORD).is_file()
+    return (data / FOLDER_MANIFEST).is_file()
 
 
 def slow_blur(clip: PreparedClip) -> Fraction | None:

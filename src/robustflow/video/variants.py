@@ -68,7 +68,7 @@ def corrupted_stream(master: ClipFile, corruption: str, parameter: int) -> Strea
 def make_variant(clip: PreparedClip, corruption: str, parameter: int, folder: Path) -> dict[str, Any]:
     """Write the variant's key frames into `folder`, and return the record of what happened."""
     make_folder(folder)
-    master, keys = clip.master, clip.record.key_frames
+    master, keys = clip.master, clip.manifest.key_frames
     stream = corrupted_stream(master, corruption, parameter)
     wanted, changed = set(keys), 0
 
@@ -104,7 +104,7 @@ def _record(clip: PreparedClip, corruption: str, parameter: int, stream: Stream,
         "clip": clip.name,
         "corruption": corruption,
         "parameter": parameter,
-        "master_sha256": clip.record.master_sha256,
+        "master_sha256": clip.manifest.master_sha256,
         "encoder": encoder_versions(),
         "frames": stream.fill.count,
         "bytes_coded": damage.bytes_total if damage else stream.bytes_coded,
@@ -112,7 +112,7 @@ def _record(clip: PreparedClip, corruption: str, parameter: int, stream: Stream,
         "pictures_dropped": stream.fill.dropped + stream.decoder.log.strange_pictures,
         "frames_lost": stream.fill.frames_lost,
         "lost": [list(run) for run in stream.fill.lost],
-        "key_frames": len(clip.record.key_frames),
+        "key_frames": len(clip.manifest.key_frames),
         "key_frames_changed": changed,
     }
     if damage:

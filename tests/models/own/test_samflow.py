@@ -9,7 +9,7 @@ import pytest
 
 from robustflow import load_model
 from robustflow.errors import ModelError, UsageError
-from robustflow.models.loading import MODELS
+from robustflow.models.registry import MODELS
 from robustflow.models.tiling import TiledModel
 
 from ..textures import noise_pair

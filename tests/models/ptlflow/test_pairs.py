@@ -16,8 +16,8 @@ import pytest
 from robustflow import load_model
 from robustflow.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
-from robustflow.models.loading import MODELS
 from robustflow.models.ptlflow.pairs import BESIDES
+from robustflow.models.registry import MODELS
 
 from ..textures import textured_pair
 

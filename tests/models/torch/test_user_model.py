@@ -15,7 +15,7 @@ from torch import nn
 import robustflow as rf
 from robustflow.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
-from robustflow.models.loading import as_model
+from robustflow.models.construct import as_model
 from robustflow.models.torch.shifted import SHIFTS, shifted_pair
 
 from .matcher import trained_matcher

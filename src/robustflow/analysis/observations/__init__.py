@@ -10,14 +10,13 @@ from ...text import counted
 from ..published.tables import Cost, Method
 from .corruptions import dark_and_overexposed, local_information
 from .evidence import Evidence
+from .fine_tuning import fine_tuning_costs_robustness, weather_is_why
 from .gopro import flowformer_is_best, foundation_model_does_not_help
 from .models import (
     accuracy_and_robustness,
     cost_considered,
-    fine_tuning_costs_robustness,
     samflow_and_csflow,
     unsupervised_are_stable,
-    weather_is_why,
 )
 from .verdict import Observation, Part, Verdict, without_verdict
 

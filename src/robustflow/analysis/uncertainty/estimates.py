@@ -1,8 +1,8 @@
 """Means over images and what each cluster adds to them, for many resamples at once.
 
 A cluster is what is drawn as a whole: a video sequence, or a single image where images are independent. With T_gk
-the sum and N_gk the number of images of cluster g at setting k (a corruption at a severity), w_g how often the
-cluster was drawn, and v_k the weight of a setting (sum 1),
+the sum and N_gk the number of images of cluster g at condition k (a corruption at a severity), w_g how often the
+cluster was drawn, and v_k the weight of a condition (sum 1),
 
     mean_k = sum_g w_g T_gk / sum_g w_g N_gk        theta = sum_k v_k mean_k
 
@@ -59,12 +59,12 @@ class Estimates:
 
 
 def weighted_means(total: Array, count: Array, share: Array, weights: Array) -> Estimates:
-    """The weighted mean over settings of the means over images.
+    """The weighted mean over conditions of the means over images.
 
     Args:
-        total: float64 (G, K), sums over the images of a cluster at a setting, 0 where it has none.
+        total: float64 (G, K), sums over the images of a cluster at a condition, 0 where it has none.
         count: float64 (G, K), how many images those are.
-        share: float64 (K,), the weight of each setting; in a resample without an image at one, the others share it.
+        share: float64 (K,), the weight of each condition; in a resample without an image at one, the others share it.
         weights: float64 (B, G), how often each cluster is drawn in each resample.
 
     >>> import numpy as np

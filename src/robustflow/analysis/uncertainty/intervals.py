@@ -9,7 +9,7 @@ from typing import Any
 import polars as pl
 
 from .bootstrap import LEVEL, RESAMPLES, bootstrap
-from .sums import AVERAGE, CLEAN, METRICS, ClusterSums
+from .sums import AVERAGE, CLEAN, INTERVAL_METRICS, ClusterSums
 
 _SCHEMA: dict[str, Any] = {
     "metric": pl.String,
@@ -35,7 +35,7 @@ def intervals(
     seed: int = 0,
     severities: bool = False,
     corruptions: bool = True,
-    metrics: Sequence[str] = METRICS,
+    metrics: Sequence[str] = INTERVAL_METRICS,
 ) -> pl.DataFrame:
     """Intervals of EPE, CRE, CREr and RCRE: overall, per corruption, and of the clean EPE.
 
@@ -75,10 +75,10 @@ def intervals(
 def statistics_of(sums: ClusterSums, severities: bool = False, corruptions: bool = True) -> list[Key]:
     """(metric, corruption, severity) of every mean that can be made."""
     keys: list[Key] = [("epe", CLEAN, None)]
-    for metric in METRICS:
+    for metric in INTERVAL_METRICS:
         keys += [(metric, name, None) for name in (AVERAGE, *(sums.corruptions() if corruptions else ()))]
         if severities:
-            keys += [(metric, name, level) for name, level in sums.settings]
+            keys += [(metric, name, level) for name, level in sums.conditions]
     return [key for key in keys if sums.measured(*key)]
 
 

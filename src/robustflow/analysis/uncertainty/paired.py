@@ -132,7 +132,7 @@ def common_remark(runs: Mapping[str, pl.DataFrame]) -> str:
     counts = [f"the {rows.height} of {name}" for name, rows in runs.items()]
     listed = f"{', '.join(counts[:-1])} and {counts[-1]}"
     measured = "both" if len(runs) == 2 else "all"
-    return f"Compared is what {measured} measured: {common} rows (a pair under one setting or clean) of {listed}."
+    return f"Only what {measured} measured is compared: {common} rows (a pair, clean or corrupted) of {listed}."
 
 
 def common_rows(first: pl.DataFrame, second: pl.DataFrame, names: tuple[str, str]) -> tuple[pl.DataFrame, pl.DataFrame]:

@@ -1,8 +1,8 @@
 """One statistic of the clusters in many resamples, by matrix products of the weights with a few columns.
 
-A statistic is a sum of terms +-A or +-A/C, with A and C the weighted means over settings of `estimates.weighted_means`.
-Settings at which every cluster has the same number of images (all of them, in a complete run) share one column: with
-x_g = sum_k v_k T_gk over such settings and N_g their images,
+A statistic is a sum of terms +-A or +-A/C; A and C are the weighted means over conditions (a corruption at a severity)
+of `estimates.weighted_means`. Conditions at which every cluster has the same number of images (all of them, in a
+complete run) share one column: with x_g = sum_k v_k T_gk over such conditions and N_g their images,
 
     m = sum_g w_g x_g / sum_g w_g N_g        A = sum of the m of its columns
 
@@ -48,12 +48,12 @@ class _Values(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Mean:
-    """The weighted mean over settings of the means over images.
+    """The weighted mean over conditions of the means over images.
 
     Attributes:
-        total: float64 (G, K), sums over the images of a cluster at a setting.
+        total: float64 (G, K), sums over the images of a cluster at a condition.
         count: float64 (G, K), how many images those are.
-        share: float64 (K,), the weight of each setting, sum 1.
+        share: float64 (K,), the weight of each condition, sum 1.
     """
 
     total: Array
@@ -61,7 +61,7 @@ class Mean:
     share: Array
 
     def columns(self) -> tuple[Array, Array]:
-        """x and N, float64 (G, J): settings that have the same images are one column."""
+        """x and N, float64 (G, J): conditions that have the same images are one column."""
         column_of: dict[bytes, int] = {}
         places = [column_of.setdefault(column.tobytes(), len(column_of)) for column in self.count.T]
         placed = np.zeros((len(places), len(column_of)))

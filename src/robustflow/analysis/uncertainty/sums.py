@@ -1,4 +1,4 @@
-"""Rows of a run as sums per cluster and setting, from which every mean and its resamples are made."""
+"""Rows of a run as sums per cluster and condition, from which every mean and its resamples are made."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..results import AVERAGE
 from .estimates import Array
 from .statistic import Mean, Statistic, Term
 
-METRICS = ("epe", "cre", "crer", "rcre")
+INTERVAL_METRICS = ("epe", "cre", "crer", "rcre")
 Column = tuple[str, int]
 """(corruption, severity)."""
 
@@ -26,7 +26,7 @@ class ClusterSums:
     Attributes:
         clusters: the names of the groups, in order; a group is what `Sample.group` says.
         images: number of samples.
-        settings: (corruption, severity) of each column.
+        conditions: (corruption, severity) of each column.
         sums: metric ("epe", "cre", "rcre") -> sum over images, float64 (G, K), pixels.
         counts: the same metrics -> number of images, float64 (G, K).
         clean_sum, clean_count: of the clean EPE, float64 (G, 1).
@@ -34,7 +34,7 @@ class ClusterSums:
 
     clusters: tuple[str, ...]
     images: int
-    settings: tuple[Column, ...]
+    conditions: tuple[Column, ...]
     sums: dict[str, Array]
     counts: dict[str, Array]
     clean_sum: Array
@@ -47,9 +47,9 @@ class ClusterSums:
         values = image_errors(rows)
         clusters = tuple(values["group"].unique().sort())
         dirty = values.filter(pl.col("corruption") != CLEAN)
-        settings = tuple(dirty.select("corruption", "severity").unique().sort("corruption", "severity").iter_rows())
-        shape = (len(clusters), len(settings))
-        columns = pl.DataFrame(settings, schema={"corruption": pl.String, "severity": pl.Int64}, orient="row")
+        conditions = tuple(dirty.select("corruption", "severity").unique().sort("corruption", "severity").iter_rows())
+        shape = (len(clusters), len(conditions))
+        columns = pl.DataFrame(conditions, schema={"corruption": pl.String, "severity": pl.Int64}, orient="row")
         at = _places(dirty, clusters, columns.with_row_index("_column"))
         sums, counts = {}, {}
         for metric in ("epe", "cre", "rcre"):
@@ -57,11 +57,11 @@ class ClusterSums:
         clean = values.filter(corruption=CLEAN)
         only = pl.DataFrame({"corruption": [CLEAN], "severity": [0], "_column": [0]})
         clean_sum, clean_count = _added(clean["epe"], _places(clean, clusters, only), (len(clusters), 1))
-        return cls(clusters, values["sample"].n_unique(), settings, sums, counts, clean_sum, clean_count)
+        return cls(clusters, values["sample"].n_unique(), conditions, sums, counts, clean_sum, clean_count)
 
     def corruptions(self) -> list[str]:
         """The corruptions found, the paper's first and in its order."""
-        measured = {name for name, _ in self.settings}
+        measured = {name for name, _ in self.conditions}
         return [name for name in PAPER_ORDER if name in measured] + sorted(measured - set(PAPER_ORDER))
 
     def statistic(self, metric: str, corruption: str, severity: int | None = None) -> Statistic:
@@ -73,10 +73,10 @@ class ClusterSums:
             severity: one of the corruption's, or None for the mean over them.
 
         Raises:
-            UsageError: a metric or setting that does not exist.
+            UsageError: a metric or condition that does not exist.
         """
-        if metric not in METRICS:
-            raise unknown_name("metric", metric, METRICS)
+        if metric not in INTERVAL_METRICS:
+            raise unknown_name("metric", metric, INTERVAL_METRICS)
         clean = Mean(self.clean_sum, self.clean_count, np.ones(1))
         if corruption == CLEAN:
             if metric != "epe":
@@ -97,14 +97,14 @@ class ClusterSums:
         return bool(self._share(metric, corruption, severity).any())
 
     def _share(self, metric: str, corruption: str, severity: int | None) -> Array:
-        """float64 (K,): the weight of each setting in the mean over severities, then corruptions."""
-        share = np.zeros(len(self.settings))
+        """float64 (K,): the weight of each condition in the mean over severities, then corruptions."""
+        share = np.zeros(len(self.conditions))
         has_images = self.counts[metric].sum(axis=0) > 0
         names = self.corruptions() if corruption == AVERAGE else [corruption]
         of_name = {
             name: [
                 k
-                for k, (other, level) in enumerate(self.settings)
+                for k, (other, level) in enumerate(self.conditions)
                 if other == name and has_images[k] and severity in (None, level)
             ]
             for name in names
@@ -142,7 +142,7 @@ def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
 
 
 def _places(values: pl.DataFrame, clusters: tuple[str, ...], columns: pl.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Row and column of each value among clusters and settings."""
+    """Row and column of each value among clusters and conditions."""
     groups = pl.DataFrame({"group": clusters}, schema={"group": pl.String}).with_row_index("_row")
     at = values.select("group", "corruption", "severity").join(groups, on="group", how="left", maintain_order="left")
     at = at.join(columns, on=["corruption", "severity"], how="left", maintain_order="left")

@@ -32,7 +32,7 @@ VARIANCE_SCHEMA: dict[str, Any] = {
 """`deviation`: the standard deviation that a source causes in the score of one image, pixels. `share`: of the sum of
 the variances, percent. `error_of_mean`: what it adds to the standard error of the mean, pixels; null for severity."""
 
-METRICS = ("epe", "cre", "rcre")
+VARIANCE_METRICS = ("epe", "cre", "rcre")
 
 
 def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.DataFrame:
@@ -46,11 +46,11 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
         Columns of `VARIANCE_SCHEMA`; sources image, seed, severity, rest.
 
     Raises:
-        RunError: fewer than two seeds, or no two images at the same settings.
+        RunError: fewer than two seeds, or no two images at the same conditions.
         UsageError: another metric.
     """
-    if metric not in METRICS:
-        raise unknown_name("metric", metric, METRICS)
+    if metric not in VARIANCE_METRICS:
+        raise unknown_name("metric", metric, VARIANCE_METRICS)
     if len(runs) < 2:
         raise RunError("one seed says nothing about the others; run the same model with --seeds 2 or more")
     y = _cells(runs, metric)
@@ -91,9 +91,9 @@ def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
         for index, rows in enumerate(runs.values())
     ]
     values = pl.concat(parts).select("sample", "corruption", "severity", "_seed", metric)
-    settings = values.group_by("corruption", "severity").agg(pl.struct("sample", "_seed").n_unique().alias("cells"))
-    most = int(settings["cells"].max() or 0)  # type: ignore[arg-type]
-    full = settings.filter(cells=most)
+    conditions = values.group_by("corruption", "severity").agg(pl.struct("sample", "_seed").n_unique().alias("cells"))
+    most = int(conditions["cells"].max() or 0)  # type: ignore[arg-type]
+    full = conditions.filter(cells=most)
     levels = int(full["severity"].n_unique()) if full.height else 0
     whole = full.group_by("corruption").agg(pl.len()).filter(pl.col("len") == levels)
     values = values.join(whole, on="corruption", how="semi")
@@ -102,5 +102,7 @@ def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
     complete = wanted.group_by("sample").agg(pl.len()).filter(pl.col("len") == levels * len(runs))
     kept = wanted.join(complete, on="sample", how="semi").sort("sample", "_seed", "severity")
     if kept.is_empty():
-        raise RunError("no image was measured at the same settings with every seed; run all seeds alike")
+        raise RunError(
+            "no image was measured with every seed under the same corruptions and severities; run all seeds alike"
+        )
     return kept[metric].to_numpy().reshape(complete.height, len(runs), levels)

@@ -10,14 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...sample import Frame
-from .pictures import Cell
+from .pictures import CorruptedPicture
 
 _WIDTH_IN = 12.0
 _CAPTION_IN = 0.26
 _DPI = 160
 
 
-def draw_figure(clean: Frame, cells: Sequence[Cell], title: str, form: str) -> bytes:
+def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, form: str) -> bytes:
     """The clean frame and one picture per cell, in rows of three (wide frames) to five.
 
     Args:
@@ -52,10 +52,10 @@ def draw_figure(clean: Frame, cells: Sequence[Cell], title: str, form: str) -> b
     return file.getvalue()
 
 
-def caption(cell: Cell) -> str:
+def caption(cell: CorruptedPicture) -> str:
     """The line above a picture.
 
-    >>> caption(Cell("over_exposure", 2, index=1, ssim=0.8231))
+    >>> caption(CorruptedPicture("over_exposure", 2, index=1, ssim=0.8231))
     'over_exposure (frame 2)  SSIM 0.82'
     """
     which = " (frame 2)" if cell.index else ""

@@ -12,7 +12,7 @@ from ...sample import Frame
 from ..embed import policy
 from ..slider import Slider, make_slider, script, slider_markup, style
 from .clip import ClipCell
-from .pictures import Cell
+from .pictures import CorruptedPicture
 
 WIDEST = 480
 """Pixels a picture is shrunk to, so that a hundred of them stay a few megabytes."""
@@ -24,7 +24,7 @@ _QUALITY, _QUALITY_OF_CLIP = 80, 50
 ABSENT = "not on this scale"
 
 
-def render_page(clean: Frame, cells: Sequence[Cell], severity: int, title: str) -> str:
+def render_page(clean: Frame, cells: Sequence[CorruptedPicture], severity: int, title: str) -> str:
     """The page of a pair.
 
     Args:
@@ -105,13 +105,13 @@ def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
     )
 
 
-def example_slider(clean: Frame, cells: Iterable[Cell], title: str) -> Slider:
+def example_slider(clean: Frame, cells: Iterable[CorruptedPicture], title: str) -> Slider:
     """A slider for a page that shows one corruption at a time; severities that do not exist are left out."""
     pictures = ((cell.name, cell.severity, [cell.frame], "") for cell in cells if cell.frame is not None)
     return make_slider(title, [clean], pictures, widest=384, quality=62)
 
 
-def _caption(cell: Cell) -> str:
+def _caption(cell: CorruptedPicture) -> str:
     return "" if cell.frame is None else f"SSIM {cell.ssim:.2f}" + (", frame 2" * cell.index)
 
 

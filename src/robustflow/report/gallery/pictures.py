@@ -14,7 +14,7 @@ from ...sample import Frame, Sample
 
 
 @dataclass(frozen=True)
-class Cell:
+class CorruptedPicture:
     """One picture of the gallery.
 
     Attributes:
@@ -41,7 +41,7 @@ def gallery(
     seed: int = 0,
     key: str = "",
     scale: str = "paper",
-) -> Iterator[Cell]:
+) -> Iterator[CorruptedPicture]:
     """The cells, corruption by corruption.
 
     Args:
@@ -66,9 +66,9 @@ def gallery(
         for severity in severities:
             if severity in levels_of(corruption.name, tuple(severities), scale):
                 frame, index = _changed(pair, corruption, severity, seed, key)
-                yield Cell(corruption.name, severity, frame, index, similarity[index](frame))
+                yield CorruptedPicture(corruption.name, severity, frame, index, similarity[index](frame))
             else:
-                yield Cell(corruption.name, severity)
+                yield CorruptedPicture(corruption.name, severity)
 
 
 def _changed(pair: Sequence[Frame], corruption: Corruption, severity: int, seed: int, key: str) -> tuple[Frame, int]:

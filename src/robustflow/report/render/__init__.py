@@ -31,8 +31,8 @@ def render(table: Table, format: str) -> str:
     Raises:
         UsageError: see `renderer`; or your own function fails, or returns no text.
 
-    >>> from robustflow.report.table import Cell, Column, Line, Section, Table
-    >>> line = Line("A|B", (Cell("1.00", best=True),))
+    >>> from robustflow.report.table import TableCell, Column, Line, Section, Table
+    >>> line = Line("A|B", (TableCell("1.00", best=True),))
     >>> table = Table("x", "Errors", (Column("Clean"),), (Section("OOD", (line,)),))
     >>> print(render(table, "markdown").splitlines()[5])
     | A\\|B | **1.00** |

@@ -6,7 +6,7 @@ from html import escape as escape_html
 from itertools import groupby
 
 from ...text import plain
-from ..table import Cell, Table
+from ..table import Table, TableCell
 from .footnotes import note_text, numbered_notes
 
 
@@ -46,6 +46,6 @@ def escape(text: str, longest: int | None = 80) -> str:
     return escape_html(plain(text, longest), quote=True)
 
 
-def _cell(cell: Cell) -> str:
+def _cell(cell: TableCell) -> str:
     text = escape(cell.text, None)
     return f"<td><b>{text}</b></td>" if cell.best else f"<td>{text}</td>"

@@ -12,7 +12,7 @@ from dataclasses import replace
 from itertools import groupby
 
 from ...text import plain
-from ..table import Cell, Section, Table
+from ..table import Section, Table, TableCell
 from .footnotes import note_text, numbered_notes
 
 _PROSE = r"p{0.5\linewidth}"
@@ -121,7 +121,7 @@ def _letter(c: str) -> str:
     return c if c.isascii() or c in _LETTERS else f"(U+{ord(c):04X})"
 
 
-def _cell(cell: Cell, shaded: bool) -> str:
+def _cell(cell: TableCell, shaded: bool) -> str:
     # The minus of a number is a minus, not the hyphen of a name.
     text = f"${cell.text}$" if cell.text[:1] == "-" and cell.text[1:].replace(".", "").isdigit() else escape(cell.text)
     if not cell.best:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ...text import plain
-from ..table import Cell, Table
+from ..table import Table, TableCell
 from .footnotes import note_text, numbered_notes
 
 _SPECIAL = str.maketrans({c: f"\\{c}" for c in "\\`*_{}[]#|~$!"} | {"<": "&lt;", ">": "&gt;", "&": "&amp;"})
@@ -35,7 +35,7 @@ def escape(text: str) -> str:
     return plain(text, None).translate(_SPECIAL)
 
 
-def _cell(cell: Cell) -> str:
+def _cell(cell: TableCell) -> str:
     text = escape(cell.text)
     return f"**{text}**" if cell.best else text
 

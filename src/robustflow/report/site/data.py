@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS, benchmark_label, setting_words
-from ...analysis.results import AVERAGE, CLEAN, METRICS
+from ...analysis.results import AVERAGE, CLEAN, RESULT_METRICS
 from ...corruptions.registry import FAMILIES, PAPER_ORDER
 from ...text import plain
 from ..table import Table
@@ -56,12 +56,12 @@ def _keys(entries: Sequence[Entry]) -> list[Key]:
     corruptions = {corruption for _, corruption in present}
     known = (CLEAN, AVERAGE, *PAPER_ORDER)
     order = [*known, *sorted(corruptions - {*known, *FAMILIES, ""})]
-    numbers = [(metric, name) for metric in METRICS for name in order if (metric, name) in present]
+    numbers = [(metric, name) for metric in RESULT_METRICS for name in order if (metric, name) in present]
     return [*numbers, *sorted(present - set(numbers))]
 
 
 def _is_number(metric: str, corruption: str) -> bool:
-    return metric in METRICS and corruption not in FAMILIES
+    return metric in RESULT_METRICS and corruption not in FAMILIES
 
 
 def _entry(entry: Entry, place: dict[Key, int], title: str) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ...analysis.labels import long_label
 from ...errors import DataError, first_misfit
 from ...images.io import jpeg_address, read_image, shrunk
-from ...runs.example_record import FOLDER, RECORD
+from ...runs.example_list import EXAMPLES_FILE, FOLDER
 from ...sample import Frame
 from ...text import plain
 from ..slider import Slider, make_slider
@@ -54,7 +54,7 @@ class _Slider(_Strict):
     pictures: Annotated[list[_Picture], Field(max_length=300)]
 
 
-class _Panel(_Picture):
+class _PanelEntry(_Picture):
     kind: Literal["worst", "median"]
     key: _Text
     epe: float | None
@@ -65,7 +65,7 @@ class _Panel(_Picture):
 class _Examples(_Strict):
     version: Literal[1]
     slider: _Slider
-    panels: Annotated[list[_Panel], Field(max_length=8)]
+    panels: Annotated[list[_PanelEntry], Field(max_length=8)]
 
 
 @dataclass(frozen=True)
@@ -73,11 +73,11 @@ class Examples:
     """What a page shows of its pictures: a slider, and panels by (sample set, name) of the run."""
 
     slider: Slider
-    panels: Mapping[tuple[str, str], list[Panel]] = field(default_factory=dict)
+    panels: Mapping[tuple[str, str], list[PanelPicture]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
-class Panel:
+class PanelPicture:
     """A sample, what was predicted on it, and the errors."""
 
     title: str
@@ -87,20 +87,20 @@ class Panel:
     height: int
 
 
-def run_examples(run: Run) -> tuple[Slider, list[Panel]] | None:
+def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
     """The pictures of a run's folder; None where it has none.
 
     Raises:
         DataError: the list or a picture is damaged, too large, or not what it should be.
     """
     folder = run.path / FOLDER
-    if not (folder / RECORD).is_file():
+    if not (folder / EXAMPLES_FILE).is_file():
         return None
-    data = _bytes(folder / RECORD, _LARGEST_LIST)
+    data = _bytes(folder / EXAMPLES_FILE, _LARGEST_LIST)
     try:
         shown = _Examples.model_validate_json(data)
     except ValidationError as error:
-        raise DataError(f"{folder / RECORD}: {first_misfit(error)}; delete the folder, or run again") from error
+        raise DataError(f"{folder / EXAMPLES_FILE}: {first_misfit(error)}; delete the folder, or run again") from error
     clean = _read(folder / shown.slider.clean)
     pictures = ((one.corruption, one.severity, [_read(folder / one.file)], "") for one in shown.slider.pictures)
     slider = make_slider(f"Sample {plain(shown.slider.key)}", [clean], pictures, widest=_SLIDER_WIDTH, quality=_QUALITY)
@@ -110,7 +110,7 @@ def run_examples(run: Run) -> tuple[Slider, list[Panel]] | None:
 def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
     """The slider of the first run with examples, and the panels of the first `MOST_RUNS` of them."""
     slider: Slider | None = None
-    panels: dict[tuple[str, str], list[Panel]] = {}
+    panels: dict[tuple[str, str], list[PanelPicture]] = {}
     for key, run in runs.items():
         pictures = run_examples(run) if len(panels) < (MOST_RUNS if len(runs) <= MOST_RUNS else 1) else None
         if pictures is not None:
@@ -119,14 +119,14 @@ def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
     return None if slider is None else Examples(slider, panels)
 
 
-def _panel(folder: Path, panel: _Panel) -> Panel:
+def _panel(folder: Path, panel: _PanelEntry) -> PanelPicture:
     frame = _read(folder / panel.file)
     height, width = shrunk(frame, _PANEL_WIDTH).shape[:2]
     kind = {"worst": "Worst sample", "median": "Median sample"}[panel.kind]
     title = f"{kind}: {plain(panel.key)}, {plain(long_label(panel.corruption))}, severity {panel.severity}"
     values = (("EPE", panel.epe), ("CRE", panel.cre), ("RCRE", panel.rcre))
     numbers = ", ".join(f"{label} {value:.2f} px" for label, value in values if value is not None)
-    return Panel(title, numbers, jpeg_address(frame, _PANEL_WIDTH, _QUALITY), width, height)
+    return PanelPicture(title, numbers, jpeg_address(frame, _PANEL_WIDTH, _QUALITY), width, height)
 
 
 def _read(path: Path) -> Frame:

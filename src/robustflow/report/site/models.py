@@ -15,7 +15,7 @@ from ..analysis_tables import anatomy_table
 from ..table import Line, Section, Table
 from .content import Content
 from .entries import Entry, Key
-from .examples import Panel
+from .examples import PanelPicture
 from .facts import Facts, published_facts, run_facts
 from .heat import scale_top
 
@@ -65,10 +65,10 @@ class ModelPage:
     tables: tuple[HeatTable, ...]
     facts: Facts
     anatomy: Table | None
-    panels: tuple[Panel, ...] = ()
+    panels: tuple[PanelPicture, ...] = ()
 
 
-def model_pages(content: Content, panels: Mapping[tuple[str, str], Sequence[Panel]]) -> list[ModelPage]:
+def model_pages(content: Content, panels: Mapping[tuple[str, str], Sequence[PanelPicture]]) -> list[ModelPage]:
     """A page for each model of each sample set, in the order of the entries.
 
     Args:
@@ -89,7 +89,7 @@ def model_pages(content: Content, panels: Mapping[tuple[str, str], Sequence[Pane
     return pages
 
 
-def _of_run(page: str, entry: Entry, run: Run, panels: tuple[Panel, ...]) -> ModelPage:
+def _of_run(page: str, entry: Entry, run: Run, panels: tuple[PanelPicture, ...]) -> ModelPage:
     return ModelPage(
         id=page,
         name=entry.model,

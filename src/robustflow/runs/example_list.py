@@ -22,10 +22,10 @@ from ..metrics.rows import CLEAN
 from .example_cells import example_cells
 from .run import Run
 
-FOLDER, RECORD, VERSION = "examples", "examples.json", 1
+FOLDER, EXAMPLES_FILE, VERSION = "examples", "examples.json", 1
 
 
-def examples_record(rows: pl.DataFrame) -> dict[str, Any] | None:
+def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
     """What `examples.json` says, from the rows alone; None where nothing was measured."""
     cells = example_cells(rows)
     if not cells:
@@ -43,11 +43,11 @@ def examples_record(rows: pl.DataFrame) -> dict[str, Any] | None:
     ]
     shown = next(cell.key for cell in cells if cell.kind == "median")
     of_sample = rows.filter((pl.col("sample") == shown) & (pl.col("corruption") != CLEAN))
-    settings = sorted(of_sample.select("corruption", "severity").iter_rows(), key=_paper_order)
-    names = list(dict.fromkeys(name for name, _ in settings))
+    conditions = sorted(of_sample.select("corruption", "severity").iter_rows(), key=_paper_order)
+    names = list(dict.fromkeys(name for name, _ in conditions))
     pictures = [
         {"corruption": name, "severity": severity, "file": f"{_plain_name(name, names.index(name))}_{severity}.jpg"}
-        for name, severity in settings
+        for name, severity in conditions
     ]
     return {
         "version": VERSION,
@@ -56,8 +56,8 @@ def examples_record(rows: pl.DataFrame) -> dict[str, Any] | None:
     }
 
 
-def _paper_order(setting: tuple[str, int]) -> tuple[int, str, int]:
-    name, severity = setting
+def _paper_order(condition: tuple[str, int]) -> tuple[int, str, int]:
+    name, severity = condition
     return (PAPER_ORDER.index(name) if name in PAPER_ORDER else len(PAPER_ORDER)), name, severity
 
 
@@ -66,20 +66,20 @@ def _plain_name(corruption: str, index: int) -> str:
     return corruption if re.fullmatch("[a-z0-9_]{1,40}", corruption) else f"other-{index}"
 
 
-def picture_files(record: dict[str, Any]) -> list[str]:
-    slider = record["slider"]
-    return [slider["clean"], *(picture["file"] for picture in (*slider["pictures"], *record["panels"]))]
+def picture_files(listed: dict[str, Any]) -> list[str]:
+    slider = listed["slider"]
+    return [slider["clean"], *(picture["file"] for picture in (*slider["pictures"], *listed["panels"]))]
 
 
 def are_current(result: Run) -> bool:
     """Whether the pictures of a run's folder are those of its rows."""
-    record = examples_record(result.rows)
+    listed = example_list(result.rows)
     home = result.path / FOLDER
     try:
-        recorded = json.loads((home / RECORD).read_text(encoding="utf-8"))
+        on_disk = json.loads((home / EXAMPLES_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return record is not None and recorded == record and all((home / name).is_file() for name in picture_files(record))
+    return listed is not None and on_disk == listed and all((home / name).is_file() for name in picture_files(listed))
 
 
 def drop_examples(run: Path) -> None:

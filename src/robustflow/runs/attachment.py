@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from .run import Run
 
 
-class KeptFile(BaseModel):
+class RunAttachment(BaseModel):
     """What every such file begins with.
 
     Attributes:
@@ -26,10 +26,10 @@ class KeptFile(BaseModel):
     run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
 
-Kept = TypeVar("Kept", bound=KeptFile)
+Attachment = TypeVar("Attachment", bound=RunAttachment)
 
 
-def parse_kept(kind: type[Kept], data: bytes, name: str, command: str) -> Kept:
+def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: str) -> Attachment:
     """The contents of such a file.
 
     Args:
@@ -49,7 +49,7 @@ def parse_kept(kind: type[Kept], data: bytes, name: str, command: str) -> Kept:
         ) from error
 
 
-def read_kept(kind: type[Kept], run: Run, file: str, largest: int, command: str) -> Kept | None:
+def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, command: str) -> Attachment | None:
     """Such a file of a run; None where there is none.
 
     Args:
@@ -70,7 +70,7 @@ def read_kept(kind: type[Kept], run: Run, file: str, largest: int, command: str)
             data = opened.read(largest)
     except OSError:
         return None
-    contents = parse_kept(kind, data, str(path), command)
+    contents = parse_attachment(kind, data, str(path), command)
     if contents.run != run.manifest["identity_digest"]:
         raise RunError(f"{path} was counted for another run ({contents.run}); delete it, or count it again")
     return contents

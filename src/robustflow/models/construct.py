@@ -1,0 +1,131 @@
+"""Turn anything into a model: build a class with its options, wrap a function or a PyTorch module."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
+from ..sample import Flow, Frame
+from .base import AnyModel, model_identity
+from .registry import MODELS
+
+_NOT_FOR_ALL = {
+    "device": "runs on the CPU only",
+    "precision": "has no precision to choose",
+    "checkpoint": "has no weights to load",
+}
+"""Options that the command line offers for every model, and why some models do not take them."""
+
+
+class FunctionModel:
+    """A plain function of two frames, as a model."""
+
+    def __init__(self, function: Callable[[Frame, Frame], Flow], identity: dict[str, Any] | None = None) -> None:
+        self._function = function
+        self._identity = identity or model_identity(function)
+
+    def identity(self) -> dict[str, Any]:
+        """See `FlowModel`: where the function is defined, unless stated otherwise."""
+        return self._identity
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`."""
+        return self._function(frame1, frame2)
+
+
+def as_model(candidate: Any, what: str) -> AnyModel:
+    """Anything with `predict`, `predict_clip` or `lookup` as it is; a class built, a module or function wrapped.
+
+    Args:
+        candidate: what should be a model.
+        what: to call it in messages.
+
+    Raises:
+        ModelError: none of these, or a class that cannot be built.
+        UsageError: a class that needs an option.
+    """
+    if inspect.isclass(candidate):
+        candidate = construct(candidate, what, {})
+    if isinstance(candidate, AnyModel):
+        return candidate
+    if is_module(candidate):
+        from .torch.user_model import TorchModel
+
+        return TorchModel(candidate)
+    if callable(candidate):
+        return FunctionModel(candidate)
+    raise ModelError(
+        f"{what} has no method predict(frame1, frame2), nor a window with predict_clip(frames, index), and is not "
+        "callable; see the guide 'add your model'"
+    )
+
+
+def is_module(thing: Any) -> bool:
+    """Whether something is a PyTorch module, without importing PyTorch to find out.
+
+    >>> is_module(print)
+    False
+    """
+    torch = sys.modules.get("torch")
+    return torch is not None and isinstance(thing, torch.nn.Module)
+
+
+def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -> Any:
+    """Call a model's class or factory with options that it takes.
+
+    Args:
+        factory: the class or function.
+        name: of the model, for messages.
+        options: its keyword arguments.
+
+    Raises:
+        UsageError: an option that it does not take, or one that it needs is missing.
+        ModelError: it fails.
+    """
+    parameters = parameters_of(factory)
+    takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
+    for option in options:
+        if takes_any or option in parameters:
+            continue
+        if option in _NOT_FOR_ALL and name in MODELS.names():
+            raise UsageError(f"model '{name}' {_NOT_FOR_ALL[option]}; leave out --{option}")
+        raise unknown_name(f"option of model '{name}'", option, parameters or ["(it takes none)"])
+    needed = [key for key in needed_options(factory) if key not in options]
+    if needed:
+        raise UsageError(f"model '{name}' needs the option {needed[0]}: give -O {needed[0]}=VALUE")
+    try:
+        return factory(**options)
+    except RobustFlowError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ModelError(f"model '{name}' cannot be built: {type(error).__name__}: {error}") from error
+
+
+def needed_options(factory: Callable[..., Any]) -> list[str]:
+    """The options without which a model cannot be built.
+
+    >>> needed_options(lambda file, threads=1: None)
+    ['file']
+    """
+    by_name = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return [key for key, one in parameters_of(factory).items() if one.kind in by_name and one.default is one.empty]
+
+
+def takes_two_frames(function: Callable[..., Any]) -> bool:
+    """Whether a callable predicts by itself: a model, or a function that needs exactly two arguments."""
+    if isinstance(function, AnyModel):
+        return True
+    positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    parameters = parameters_of(function).values()
+    return len([p for p in parameters if p.default is p.empty and p.kind in positional]) == 2
+
+
+def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
+    """A callable's parameters; none where Python cannot tell (some built-in types)."""
+    try:
+        return inspect.signature(function).parameters
+    except (TypeError, ValueError):
+        return {}

@@ -1,0 +1,35 @@
+"""The registered models: each a name, and where its class or factory is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..registry import Registry
+from .base import AnyModel
+from .own.networks import OWN
+
+MODELS: Registry[Callable[..., AnyModel]] = Registry("model", entry_point_group="robustflow.models")
+MODELS.add("farneback", "robustflow.models.opencv:Farneback")
+MODELS.add("dis", "robustflow.models.opencv:Dis")
+MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")
+MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
+for _name in OWN:
+    MODELS.add(_name, f"robustflow.models.own.networks:{_name}")
+for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
+    MODELS.add(_name, f"robustflow.models.ptlflow.pairs:{_name}")
+for _name in ("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamflow", "memfof"):
+    MODELS.add(_name, f"robustflow.models.ptlflow.clips:{_name}")
+MODELS.add("raft_large", "robustflow.models.torch.torchvision:raft_large")
+MODELS.add("raft_small", "robustflow.models.torch.torchvision:raft_small")
+MODELS.add("onnx", "robustflow.models.exported.onnx:OnnxModel")
+MODELS.add("torch_export", "robustflow.models.exported.pt2:torch_export")
+
+PTLFLOW = "ptlflow:"
+"""Before the name of any model of ptlflow."""
+
+EXPORTED = {".onnx": "onnx", ".pt2": "torch_export"}
+"""Endings of files that are a model by themselves, and the model that reads them."""
+
+TORCHSCRIPT = (".ts", ".torchscript")
+"""Endings of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods of the file while it
+reads, before anything could be checked, and TorchScript's operators can write files."""
