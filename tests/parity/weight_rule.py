@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-
 BIAS, FREE = 0.03, 0.2
 """Of rule v2, where a keys file leaves them out."""
 
@@ -23,7 +22,8 @@ def weights(keys: Path) -> dict[str, np.ndarray]:
         shape = tuple(entry["shape"])
         if entry["dtype"].startswith("float"):
             source = entry.get("alias_of", entry["key"])
-            values[entry["key"]] = _value(source, shape, header["gain"], header.get("bias", BIAS), header.get("free", FREE))
+            bias, free = header.get("bias", BIAS), header.get("free", FREE)
+            values[entry["key"]] = _value(source, shape, header["gain"], bias, free)
         else:
             values[entry["key"]] = np.zeros(shape, entry["dtype"])
     return values
