@@ -40,7 +40,7 @@ def request_for(chairs, tmp_path):
     def make(output: str = "training", **changes) -> Request:
         recipe = load_recipe(changes.pop("method", "raft_small"), "chairs")
         of_recipe = {"steps": 5, "batch": 2, "crop": (128, 144), "iterations": 2}
-        of_recipe |= {key: changes.pop(key) for key in list(changes) if key in Recipe.model_fields}
+        of_recipe |= {key: changes.pop(key) for key in set(changes) & set(Recipe.model_fields) - {"start"}}
         settings = {"start": "random", "device": "cpu", "loaders": 0, "save_every": 2, **changes}
         return Request(recipe.changed(**of_recipe), [chairs], tmp_path / output, **settings)
 
