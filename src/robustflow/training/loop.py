@@ -83,7 +83,7 @@ def train(training: Training, state: State, process: Process, progress: Training
     recipe, network = training.recipe, state.network
     called: nn.Module = network
     if process.world > 1:
-        called = DistributedDataParallel(network)
+        called = DistributedDataParallel(network, find_unused_parameters=True)  # GMA has some
     first, last = state.done.updates, recipe.updates
     share = Share(recipe.batch, process.rank, process.world)
     steps = range(first * recipe.accumulate, last * recipe.accumulate)

@@ -74,9 +74,7 @@ def unsupervised_loss(
     photometric, smooth = image1.new_zeros(()), image1.new_zeros(())
     seen: tuple[Tensor, Tensor] | None = None
     shorter_side = min(forward[0].shape[2:])
-    for there, back, level, smooth_level in zip(
-        forward, backward, weights.levels, weights.smooth_levels, strict=True
-    ):
+    for there, back, level, smooth_level in zip(forward, backward, weights.levels, weights.smooth_levels, strict=True):
         if level == 0:
             continue
         size = tuple(there.shape[2:])
