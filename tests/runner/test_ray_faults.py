@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import pickle
 import random
+import re
+import socket
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +19,9 @@ import robustflow as rf
 from robustflow.errors import ModelError, RunError
 from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
+from robustflow.runner.engines.base import Job
+from robustflow.runner.engines.ray_actor import UnitActor
+from robustflow.runs.plan import RunOptions
 from robustflow.runs.store import RunFolder
 
 from .conftest import FAST
@@ -181,3 +187,54 @@ def test_a_killed_node_loses_nothing_and_a_new_one_helps(frames, undisturbed, tm
 @pytest.mark.slow
 def test_nodes_killed_at_ten_moments(frames, undisturbed, tmp_path, on_path):
     _kill_nodes(frames, undisturbed, tmp_path, kills=10, seed=1)
+
+
+def test_a_node_with_other_code_is_named(frames, tmp_path, on_path, monkeypatch):
+    """A node whose RobustFlow is missing, or differs, is refused with a sentence, before it computes anything."""
+    for name, files, words in (
+        ("missing", {"robustflow/__init__.py": "raise ImportError('no such package')"}, "cannot start RobustFlow"),
+        ("other", {"sitecustomize.py": OTHER_NUMPY}, r"has numpy 0\.1 where the run was started with"),
+    ):
+        shadow = tmp_path / name
+        for file, content in files.items():
+            (shadow / file).parent.mkdir(parents=True)
+            (shadow / file).write_text(content)
+        with cluster() as nodes, monkeypatch.context() as patch:
+            patch.setenv("PYTHONPATH", os.pathsep.join([str(shadow), os.environ["PYTHONPATH"]]))
+            nodes.add()
+            patch.undo()
+            with pytest.raises(RunError, match=rf"^node \S+ {words}.*install the same version"):
+                _run(tmp_path / f"run-{name}", frames, engine="ray", address=nodes.address)
+
+
+OTHER_NUMPY = """
+import importlib.metadata as metadata
+_version = metadata.version
+metadata.version = lambda name: "0.1" if name == "numpy" else _version(name)
+"""
+
+
+def test_a_node_without_the_data_is_named(frames, tmp_path):
+    """What the node looks at before it loads a sample; here both are one machine, so the actor is asked directly."""
+    actor = UnitActor()
+    size = (frames / "00.png").stat().st_size
+    assert actor.begin(b"", {}, ())[0] == "error", "not a job"
+    job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
+    for file, seen, words in (
+        (
+            frames / "gone.png",
+            size,
+            r"gone\.png cannot be read \(No such file or directory\); give every node",
+        ),
+        (frames / "00.png", size + 1, rf"00\.png has {size} bytes there and {size + 1} here; give every node the same"),
+    ):
+        kind, (error, message, _) = actor.begin(job, {}, [(str(file), seen)])
+        assert (kind, error) == ("error", "DataError")
+        assert re.match(rf"node {re.escape(socket.gethostname())}: .*{words}", message)
+
+
+def test_a_node_with_another_model_is_named(frames, tmp_path):
+    job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
+    kind, (error, message, _) = UnitActor().begin(job, {"name": "farneback", "source": "another"}, ())
+    assert (kind, error) == ("error", "RunError")
+    assert re.search(r"has another model under the same name \(it differs in: .*source.*\)", message)
