@@ -11,8 +11,7 @@ from ..metrics.rows import CLEAN
 from ..runs.manifest import now, open_manifest
 from ..runs.plan import unfinished_samples
 from ..runs.store import RunFolder
-from .engines.base import Job
-from .engines.choose import Engine
+from .engines.base import Engine, Job
 from .kept_rows import kept_clean_rows
 from .progress import NamesEngine, Progress
 from .resume_check import check_before_resuming

@@ -3,38 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 
 from ...errors import RobustFlowError, UsageError, unknown_name
 from ...models.devices import devices_of
 from ...runs.plan import Unit
 from ...text import counted
 from ..named_model import NamedModel
-from .base import FinishedUnit, Job
+from .base import Engine
 from .child import check_picklable, may_have_children
 from .processes import processes
 from .ray import on_ray
-from .serial import serial
+from .serial import SERIAL
 from .staged import staged
 
 ENGINES = ("serial", "processes", "ray")
 
 _FEEDERS_PER_DEVICE = 8
 """At most, unless more are asked for: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
-
-
-@dataclass(frozen=True)
-class Engine:
-    """A way to compute units.
-
-    Attributes:
-        describe: in a few words, for the units that there are.
-        compute: each unit once, in any order that puts a sample's clean unit first.
-    """
-
-    describe: Callable[[Sequence[Unit]], str]
-    compute: Callable[[Job, Sequence[Unit]], Iterator[FinishedUnit]]
 
 
 def choose_engine(
@@ -72,7 +59,7 @@ def choose_engine(
         return _processes(workers or 1, timeout)
     if (workers or 1) > 1 or timeout is not None:
         raise UsageError("the serial engine has one worker and cannot stop a model that hangs; use --engine processes")
-    return Engine(lambda units: f"serial{why}", serial)
+    return replace(SERIAL, describe=lambda units: f"serial{why}")
 
 
 def _processes(workers: int, timeout: float | None) -> Engine:
