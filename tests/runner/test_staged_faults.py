@@ -31,7 +31,7 @@ def _trouble(tmp_path, trouble, **options):
     ("trouble", "says"),
     [
         ("nan", r"1 pixels that are NaN or infinite on sample '0', \w+ severity \d"),
-        ("shape", r"returned float64 \(2, 24, 32\) on sample '0', \w+ severity \d"),
+        ("shape", r"returned float32 \(2, 24, 32\) on sample '0', \w+ severity \d"),
         ("raises", r"raised ValueError on sample '0', \w+ severity \d: no weights"),
     ],
 )

@@ -8,6 +8,7 @@ feeder: one that has none free waits.
 from __future__ import annotations
 
 import multiprocessing
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from multiprocessing.connection import wait
@@ -105,20 +106,20 @@ class _Feeder:
         """Cells that it asked for and was told that there are none."""
         self._last_key: str | None = None
         self._plenty = False
-        self._unfinished: dict[Cell, None] = {}
+        self._unmade: deque[Cell] = deque()
+        """Cells that it was given and whose frames it has not made; at the first of them it is at work, or will be."""
 
     def hear(self, schedule: CellSchedule) -> FinishedUnit | None:
         """Take one message; the unit that it finishes."""
-        first = next(iter(self._unfinished), None)
-        kind, value = self.child.receive(place(*first) if first else "nothing", "try fewer --workers")
+        doing = place(*self._unmade[0]) if self._unmade else "the last rows"
+        kind, value = self.child.receive(doing, "try fewer --workers")
         if kind == "made":
             corruption, seconds, self._plenty = value
+            self._unmade.popleft()
             schedule.learn(corruption, seconds)
             self._asked += 1
             return None
-        cell, row, seconds = value
-        del self._unfinished[cell]
-        return schedule.finish(cell, row, seconds)
+        return schedule.finish(*value)
 
     def deal(self, schedule: CellSchedule) -> None:
         """Give it the cells that it asked for, as far as there are any for now."""
@@ -126,7 +127,7 @@ class _Feeder:
             cell = schedule.take(self._last_key, self._plenty)
             if cell is not None:
                 self._last_key = cell[0]
-                self._unfinished[cell] = None
+                self._unmade.append(cell)
             elif not self._asked:
                 return
             if self._asked:
