@@ -120,4 +120,4 @@ def test_an_interrupted_run_says_what_is_kept(tmp_path):
     run.send_signal(signal.SIGTERM)
     assert run.wait(20) == 130
     assert "Give the same command again" in run.stderr.read().decode()
-    assert not any(Path(f"/proc/{pid}").exists() for pid in children)
+    _wait(lambda: not any(Path(f"/proc/{pid}").exists() for pid in children), 20)
