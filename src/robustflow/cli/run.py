@@ -54,11 +54,16 @@ def run(
     split: Split = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="The run's folder, or that of several runs' folders; in runs/ by default."),
+        typer.Option(
+            "--output",
+            "-o",
+            help="The run's folder, or the folder of several runs' folders; in runs/ by default.",
+        ),
     ] = None,
     seed: Seed = 0,
     seeds: Annotated[
-        int, typer.Option("--seeds", help="Runs, with this seed and those after it, a folder each; see compare.")
+        int,
+        typer.Option("--seeds", help="Number of runs, with this seed and those after it, a folder each; see compare."),
     ] = 1,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
@@ -66,7 +71,7 @@ def run(
     psf_dir: PsfDir = None,
     workers: Annotated[int, typer.Option("--workers", "-w", help="Processes.")] = 1,
     batch_size: Annotated[
-        int, typer.Option("--batch-size", help="Severities predicted in one call, where the model can.")
+        int, typer.Option("--batch-size", help="Severities to predict in one call, for models that can.")
     ] = 1,
     engine: Annotated[str | None, typer.Option(help="serial or processes; chosen from --workers by default.")] = None,
     timeout: Annotated[float | None, typer.Option(help="Seconds a single prediction may take.")] = None,
@@ -77,7 +82,7 @@ def run(
         bool, typer.Option("--examples/--no-examples", help="Draw the worst and the median sample at the end.")
     ] = True,
 ) -> None:
-    """Measure how robust a model is, or one model after the other.
+    """Measure how robust a model is, or several models one after another.
 
     A run can be stopped at any moment; the same command continues where it stopped.
 
@@ -144,7 +149,7 @@ def run(
                 print_result(result)
                 results.append(result)
     except KeyboardInterrupt:
-        typer.echo(f"robustflow: stopped; {progress.kept()} Give the same command again to continue.", err=True)
+        typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)
         raise typer.Exit(130) from None
     if len(results) > 1:
         print_results(results)

@@ -137,7 +137,7 @@ class Worker:
 
     def _load(self, key: str) -> _Loaded:
         if self._loaded is None or self._loaded.sample.key != key:
-            self._loaded = None  # let go of the last sample before the next one is read
+            self._loaded = None  # release the last sample before the next one is read
             start = time.perf_counter()
             sample = self._dataset.load(key)
             if self._context is not None:
@@ -227,7 +227,7 @@ class Worker:
         if row["n_invalid"] and not self._options.allow_invalid:
             where = place(loaded.sample.key, corruption, severity)
             raise ModelError(
-                f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {where}; repair the model, "
+                f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {where}; fix the model, "
                 "or give --allow-invalid to leave such pixels out and count them"
             )
         self.seconds["measure"] += time.perf_counter() - start

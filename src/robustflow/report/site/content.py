@@ -88,7 +88,7 @@ def whole_content(
         only_own: whether the page is about the runs and files: the paper's results are only shown beside them.
 
     Raises:
-        DataError: a value that is there twice, in two files or in a file and the paper's results.
+        DataError: a value that appears twice, in two files or in a file and the paper's results.
         UsageError: no result at all.
     """
     return _content("Robustness of optical flow", runs, files, published, alone=only_own)

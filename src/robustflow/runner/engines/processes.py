@@ -108,7 +108,7 @@ class _Process:
             self._process.join(5)
             code = self._process.exitcode
             if not self._began and code == 1:
-                raise RunError(f"a worker process failed as it started; the usual cause: {_UNGUARDED}") from None
+                raise RunError(f"a worker process failed to start; the usual cause: {_UNGUARDED}") from None
             raise RunError(
                 f"a worker process ended without a message (exit code {code}) while it computed "
                 f"{self._what()}; out of memory or a crash inside the model are the usual causes: try fewer --workers"
@@ -129,7 +129,7 @@ class _Process:
         if self._predicting and time.monotonic() - self._predicting[1] > timeout:
             raise ModelError(
                 f"the model took longer than {timeout:g} s on {self._predicting[0]}; "
-                "repair it, or allow it more time with --timeout"
+                "fix it, or allow it more time with --timeout"
             )
 
     def end(self) -> None:
