@@ -38,7 +38,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
         overall = getattr(uncoupled(result.rows).overall, metric)
         console.print(f"{metric} {cell(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
     if reasons := doubts(result):
-        sentence = f"Read no robustness from this: {' and '.join(reasons)}."
+        sentence = f"This says nothing about robustness: {' and '.join(reasons)}."
         console.print(plain(sentence, None), highlight=False, soft_wrap=True)
     if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):
         line = f"the paper's mean, over its {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
