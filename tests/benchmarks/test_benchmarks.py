@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 import pytest
 from skimage import data
+from typer.testing import CliRunner
 
 import robustflow as rf
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
+from robustflow.cli.main import app
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.runs.plan import Plan, RunOptions
@@ -102,6 +104,17 @@ def test_export_reads_back_to_the_same_rows(kitti, tmp_path):
     direct = rf.evaluate(DIS, benchmark, output=tmp_path / "direct", seed=5)
     assert released.rows.equals(direct.rows)
     assert released.summary.regions["occ"].epe_clean is not None
+
+
+def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):
+    chosen = load_benchmark("kitti-fc", kitti).narrowed(["impulse_noise", "spatter"], [1, 4], 1)
+    direct = rf.evaluate(DIS, chosen, output=tmp_path / "direct", seed=5, common_draws=True)
+    made = ["export", "kitti-fc", "-d", kitti, "-c", "impulse_noise,spatter", "-s", "1,4", "--limit", 1, "--seed", 5]
+    done = CliRunner().invoke(app, [*map(str, made), "--common-draws", "-o", str(tmp_path / "fc")])
+    assert done.exit_code == 0, done.output
+    assert rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "released").rows.equals(direct.rows)
+    with pytest.raises(RunError, match="holds another export"):
+        list(export(chosen, tmp_path / "fc", seed=5))
 
 
 def test_an_export_goes_on_and_never_mixes(kitti, tmp_path):

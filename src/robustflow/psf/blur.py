@@ -4,6 +4,9 @@ The transforms are in float64 on purpose: FFT libraries differ between machines 
 which in float32 would turn about one sample in ten thousand the other way at rounding; in float64 fewer than one in
 10^11. It costs 1.7 times the transforms' time. Kernel spectra alone are kept in single precision, which rounds them
 alike everywhere and lets the five lenses of one image size share the cache.
+
+Patches of neighbouring nodes overlap, so the transforms are taken apart: along the rows once for a whole column of
+nodes, along the columns for each node, and back along the rows for the windowed sum of the column's nodes.
 """
 
 from __future__ import annotations
@@ -23,11 +26,7 @@ from .psf_field import PsfField
 from .threads import allowed_threads
 from .tiles import SUPPORT, Axis, grid_of, kernels_at
 
-CHUNK = 4
-"""Nodes (each with its three mirror images) per batch of transforms: bounds memory at about 20 MB a thread."""
-
 _REACH = SUPPORT // 2
-_MIRRORS = tuple((..., slice(None, None, v), slice(None, None, h)) for v in (1, -1) for h in (1, -1))
 
 
 class KernelCache:
@@ -64,14 +63,12 @@ class KernelCache:
 CACHE = KernelCache(limit=192 * 2**20)
 
 
-def _spectra(
-    field: PsfField, rows: Axis, columns: Axis, transform: int, row: int, first: int, last: int
-) -> npt.NDArray[np.complex64]:
-    """Spectra of the kernels of nodes first .. last - 1 of a row of nodes, (last - first, 3, N, N / 2 + 1)."""
-    dx = columns.offsets[first:last]
-    kernels = np.empty((dx.size, 3, SUPPORT, SUPPORT))
+def _spectra(field: PsfField, rows: Axis, columns: Axis, transform: int, column: int) -> npt.NDArray[np.complex64]:
+    """Spectra of the kernels of a column of nodes, (rows of nodes, 3, N, N / 2 + 1)."""
+    dy = rows.offsets
+    kernels = np.empty((dy.size, 3, SUPPORT, SUPPORT))
     corner = math.hypot(rows.length, columns.length) / 2.0
-    kernels_at(field.stack, dx, np.full(dx.size, rows.offsets[row]), corner, kernels)
+    kernels_at(field.stack, np.full(dy.size, columns.offsets[column]), dy, corner, kernels)
     return np.asarray(scipy.fft.rfft2(kernels, (transform, transform)), np.complex64)
 
 
@@ -103,7 +100,7 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
     margin_y, margin_x = (axis.starts[-1] + transform - _REACH - axis.length for axis in (rows, columns))
     planes = np.ascontiguousarray(frame.transpose(2, 0, 1))
     padded = planes[:, _reflected(height, margin_y)][:, :, _reflected(width, margin_x)]
-    mirrored = [padded[mirror] for mirror in _MIRRORS]
+    mirrored = np.stack([padded, padded[..., ::-1]])
 
     key = (field.digest, height, width)
     cached = CACHE.get(key)
@@ -111,45 +108,44 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
     size = nodes[0] * nodes[1] * 3 * transform * (transform // 2 + 1) * 8
     fill = None
     if cached is None and size <= CACHE.limit:
-        fill = np.empty((*nodes, 3, transform, transform // 2 + 1), np.complex64)
+        fill = np.empty((nodes[1], nodes[0], 3, transform, transform // 2 + 1), np.complex64)
 
-    def strip(row: int) -> npt.NDArray[np.float64]:
-        """The windowed contribution of one row of nodes to the four mirror images, (4, 3, window, padded width)."""
-        top = rows.starts[row] + margin_y
-        out = np.zeros((4, 3, window, padded.shape[2]))
-        for first in range(0, nodes[1], CHUNK):
-            last = min(first + CHUNK, nodes[1])
-            if cached is not None:
-                spectra = cached[row, first:last]
-            else:
-                spectra = _spectra(field, rows, columns, transform, row, first, last)
-                if fill is not None:
-                    fill[row, first:last] = spectra
-            patches = np.empty((4, last - first, 3, transform, transform))
-            for mirror, image in enumerate(mirrored):
-                for node in range(first, last):
-                    left = columns.starts[node] + margin_x - _REACH
-                    here = slice(top - _REACH, top - _REACH + transform), slice(left, left + transform)
-                    patches[mirror, node - first] = image[:, here[0], here[1]]
-            transformed = scipy.fft.rfft2(patches, overwrite_x=True)
-            transformed *= spectra
-            # Back along the columns first: of the rows only those in the window are needed.
-            back = scipy.fft.ifft(transformed, axis=-2, overwrite_x=True)[..., 2 * _REACH :, :]
-            blurred = scipy.fft.irfft(back, transform, axis=-1)[..., 2 * _REACH :]
-            for node in range(first, last):
-                left = columns.starts[node] + margin_x
-                out[..., left : left + window] += blurred[:, node - first] * columns.windows[node]
-        out *= rows.windows[row][:, None]
-        return out
+    def strip(column: int) -> npt.NDArray[np.float64]:
+        """The windowed contribution of a column of nodes to the image and its left-right mirror image."""
+        if cached is not None:
+            spectra = cached[column]
+        else:
+            spectra = _spectra(field, rows, columns, transform, column)
+            if fill is not None:
+                fill[column] = spectra
+        left = columns.starts[column] + margin_x - _REACH
+        along_rows = scipy.fft.rfft(mirrored[..., left : left + transform].astype(np.float64), overwrite_x=True)
+        sums = np.zeros_like(along_rows)
+        patches = np.empty((2, 3, transform, transform // 2 + 1), np.complex128)
+        for row, kernels in enumerate(spectra):
+            top = rows.starts[row] + margin_y
+            kernels = kernels.astype(np.complex128)
+            weights = rows.windows[row][:, None]
+            for upright in (slice(None), slice(None, None, -1)):
+                patches[...] = along_rows[..., upright, :][..., top - _REACH : top - _REACH + transform, :]
+                transformed = scipy.fft.fft(patches, axis=-2, overwrite_x=True)
+                transformed *= kernels
+                back = scipy.fft.ifft(transformed, axis=-2, overwrite_x=True)[..., 2 * _REACH :, :].view(np.float64)
+                back *= weights
+                sums.view(np.float64)[..., upright, :][..., top : top + window, :] += back
+        inside = sums[..., margin_y : margin_y + height, :]
+        blurred = scipy.fft.irfft(inside, transform, overwrite_x=True)[..., 2 * _REACH :]
+        blurred *= columns.windows[column]
+        return np.asarray(blurred, np.float64)
 
-    total = np.zeros(padded.shape)
-    for row, strips in enumerate(_in_order(strip, nodes[0], threads or allowed_threads())):
-        top = rows.starts[row] + margin_y
-        for mirror, part in zip(_MIRRORS, strips, strict=True):
-            total[mirror][:, top : top + window] += part
+    total = np.zeros((3, height, padded.shape[2]))
+    for column, (plain, mirror) in enumerate(_in_order(strip, nodes[1], threads or allowed_threads())):
+        left = columns.starts[column] + margin_x
+        total[..., left : left + window] += plain
+        total[..., ::-1][..., left : left + window] += mirror
     if fill is not None:
         CACHE.put(key, fill)
-    return total[:, margin_y : margin_y + height, margin_x : margin_x + width].transpose(1, 2, 0)
+    return total[..., margin_x : margin_x + width].transpose(1, 2, 0)
 
 
 def _in_order(work, count: int, threads: int) -> Iterator[npt.NDArray[np.float64]]:  # type: ignore[no-untyped-def]

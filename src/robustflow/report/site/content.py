@@ -10,7 +10,7 @@ import polars as pl
 
 from ...analysis.cost_ranks import run_costs
 from ...analysis.doubts import doubted_runs, doubts
-from ...analysis.labels import benchmark_label
+from ...analysis.labels import benchmark_words
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
 from ...analysis.scores import coverage_of, note_of, run_names, run_results, sample_set, setting_of
@@ -68,7 +68,7 @@ class Content:
 
 def run_content(run: Run) -> Content:
     """Of a run's own report: the run first, the paper's lines below."""
-    title = f"{run.name} on {benchmark_label(str(run.manifest['identity']['benchmark']))}"
+    title = f"{run.name} on {benchmark_words(str(run.manifest['identity']['benchmark']))}"
     return _content(plain(title, 160), [run], [], published=True, alone=True)
 
 
