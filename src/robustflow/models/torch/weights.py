@@ -42,13 +42,13 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
         ModelError: missing or unexpected entries, other shapes, values that are not finite.
     """
     own = {bare_name(key): key for key in net.state_dict()}
-    weights = _by_bare_name(checkpoint, _in_scope(checkpoint.weights, scope))
+    by_name = _by_bare_name(checkpoint, _in_scope(checkpoint.weights, scope))
     wanted = dict(net.state_dict())
-    _refuse_other_names(checkpoint, model, weights, wanted, own)
+    _refuse_other_names(checkpoint, model, by_name, wanted, own)
     casts = set()
     weights = {}
     for name, key in own.items():
-        value, target = weights[name], wanted[key]
+        value, target = by_name[name], wanted[key]
         _refuse_bad_value(checkpoint, name, value, target)
         if value.dtype != target.dtype:
             casts.add(str(value.dtype).removeprefix("torch."))

@@ -124,8 +124,8 @@ def _content(
     if twice.height:
         entry = twice.row(0, named=True)
         raise DataError(
-            f"{entry['metric']} of '{plain(entry['model'])}' ({plain(entry['setting'])}) on {entry['corruption']} is "
-            f"there twice for the sample set '{plain(entry['sample_set'])}'; give each result once"
+            f"{entry['metric']} of '{plain(entry['model'])}' ({plain(entry['setting'])}) on {entry['corruption']} "
+            f"appears twice for the sample set '{plain(entry['sample_set'])}'; give each result once"
         )
     costs = published_costs() if published else {}
     entries = entries_of(
