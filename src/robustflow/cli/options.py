@@ -32,7 +32,9 @@ Checkpoint = Annotated[
         help="The model's weights: a file, or a published name (robustflow list models).",
     ),
 ]
-Device = Annotated[str | None, typer.Option(help="auto, cpu, cuda or cuda:0, for models that take it.")]
+Device = Annotated[
+    str | None, typer.Option(help="auto, cpu, cuda (every GPU), cuda:0 or cuda:0,cuda:1; for models that take it.")
+]
 Precision = Annotated[str | None, typer.Option(help="fp32 or bf16, for models that take it.")]
 Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the data set (or a video, for 'folder').")]
 DataOptions = Annotated[

@@ -71,12 +71,19 @@ def run(
     psf_dir: PsfDir = None,
     workers: Annotated[
         int | None,
-        typer.Option("--workers", "-w", help="Processes, 1 by default; with Ray one per GPU or CPU of the cluster."),
+        typer.Option(
+            "--workers",
+            "-w",
+            help="Processes, 1 by default; for a model on GPUs those that feed it, one per processor by default; with "
+            "Ray one per GPU or CPU of the cluster.",
+        ),
     ] = None,
     batch_size: Annotated[
-        int, typer.Option("--batch-size", help="Severities to predict in one call, for models that can.")
+        int, typer.Option("--batch-size", help="Cells of a sample to predict in one call, for models that can.")
     ] = 1,
-    engine: Annotated[str | None, typer.Option(help="serial, processes or ray; by --workers by default.")] = None,
+    engine: Annotated[
+        str | None, typer.Option(help="serial, processes or ray; by --device and --workers by default.")
+    ] = None,
     address: Annotated[
         str | None,
         typer.Option(help="Of a Ray cluster: auto, host:port or ray://host:port; by default one on this machine."),

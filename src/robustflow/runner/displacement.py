@@ -16,7 +16,7 @@ from ..models.base import AnyModel, FlowLookup, FlowModel, place, predict_checke
 from ..runs.displacement_file import GROUND_TRUTH, read_displacement, write_displacement
 from ..runs.run import Run
 from ..sample import Flow, Mask, Sample
-from .worker import frames_digest
+from .frame_stage import frames_digest
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
 """Amplitudes in pixels; the last bin is everything from 100 on."""
