@@ -138,11 +138,11 @@ class ModelSpec:
 def _no_such_path(name: str) -> UsageError:
     if Path(name).expanduser().exists():
         return UsageError(
-            f"model '{name}' is a file, but no exported network ({', '.join(EXPORTED)}); weights are given as "
+            f"model '{name}' is a file but not an exported network ({', '.join(EXPORTED)}); weights are given as "
             "--model NAME --checkpoint FILE"
         )
     return UsageError(
-        f"model '{name}': no such file or folder, nor a model of this name (see 'robustflow list models')"
+        f"model '{name}': no such file or folder, and no model of this name (see 'robustflow list models')"
     )
 
 

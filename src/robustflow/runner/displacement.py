@@ -133,5 +133,5 @@ def _of_model(model: FlowModel | FlowLookup, sample: Sample) -> tuple[Flow, Mask
     flow = predict_checked(model, sample.frames, sample.key, "clean", 0)
     if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
         where = place(sample.key, "clean", 0)
-        raise ModelError(f"the model returned {broken} pixels that are NaN or infinite on {where}; repair the model")
+        raise ModelError(f"the model returned {broken} pixels that are NaN or infinite on {where}; fix the model")
     return flow, np.ones(sample.shape, np.bool_)

@@ -54,7 +54,7 @@ class OnnxModel:
 
     Raises:
         UsageError: an option that cannot be meant.
-        ModelError: no onnxruntime, no such device, a file that is no ONNX network, or one that does not take two
+        ModelError: no onnxruntime, no such device, a file that is not an ONNX network, or one that does not take two
             frames.
     """
 

@@ -33,5 +33,5 @@ class Watch:
         if self._timeout is not None and self.what is not None and time.monotonic() - self._since > self._timeout:
             raise ModelError(
                 f"the model took longer than {self._timeout:g} s on {self.what}; "
-                "repair it, or allow it more time with --timeout"
+                "fix it, or allow it more time with --timeout"
             )
