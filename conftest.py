@@ -28,6 +28,7 @@ if find_spec("torch") is None:  # these import modules that import it
         str(_ROOT / name)
         for name in (
             "tests/parity/samflow_case.py",
+            "src/robustflow/training/validate.py",
             "src/robustflow/profiling/measure.py",
             "src/robustflow/profiling/network_of.py",
         )

@@ -39,7 +39,7 @@ def test_completion_shows_the_public_names():
 def test_print_shows_the_numbers(result):
     text = str(result)
     head, means, over, where = text.splitlines()
-    assert head.startswith("dis (knowledge) on ")
+    assert head.startswith("DIS (knowledge) on ")
     assert head.endswith(", 1 pair")
     numbers = ("epe_clean", "epe", "cre", "crer", "rcre")
     assert [part.split()[-2 if "px" in part else -1] for part in means.split(", ")] == [

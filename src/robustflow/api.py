@@ -108,9 +108,10 @@ def evaluate(
     severity_scale: str = "paper",
     common_draws: bool = False,
     name: str | None = None,
-    workers: int = 1,
+    workers: int | None = None,
     batch_size: int = 1,
     engine: str | None = None,
+    address: str | None = None,
     timeout: float | None = None,
     allow_invalid: bool = False,
     examples: bool = False,
@@ -139,10 +140,12 @@ def evaluate(
         common_draws: one draw for the five severities of a pair, so that they differ in strength alone.
         severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that
             a corruption does not have on it are left out, and named in `Result.left_out`.
-        workers: processes; 1 stays in this process unless `timeout` is given.
+        workers: processes, by default one, which is this process unless `timeout` is given; with Ray one per GPU or
+            processor of the cluster.
         batch_size: severities of one corruption and sample that a model with `predict_batch` gets in one call. It is
             no part of a run's identity: a flow may change by 1e-4 px.
-        engine: "serial" or "processes"; chosen from `workers` and `timeout` by default.
+        engine: "serial", "processes" or "ray"; chosen from `workers` and `timeout` by default.
+        address: of a Ray cluster: "auto", "host:port" or "ray://host:port"; None for one on this machine.
         timeout: seconds a single prediction, or batch of them, may take.
         allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
         examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
@@ -185,7 +188,7 @@ def evaluate(
         name=name,
     )
     setup.model.check_batch_size(batch_size)
-    compute = choose_engine(engine, workers, timeout)
+    compute = choose_engine(engine, workers, timeout, address)
     if output is None:
         output = default_folder(setup.plan, setup.model.spec)
         warn_of_edited_corruptions(output, setup.plan)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 import secrets
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from .errors import DataError
 
@@ -33,10 +34,15 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
     >>> [file.name for file in folder.iterdir()]
     ['a.bin']
     """
+    write_with(path, lambda file: file.write(data), durable=durable)
+
+
+def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool = True) -> None:
+    """As `write_bytes`, for what need not be in memory at once: `write` is given the open hidden file."""
     temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{path.name}")
     try:
         with open(temporary, "xb") as file:
-            file.write(data)
+            write(file)
             if durable:
                 file.flush()
                 os.fsync(file.fileno())

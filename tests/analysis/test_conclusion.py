@@ -75,7 +75,7 @@ def test_one_run_says_what_changes_its_flow_most_and_least(runs):
     order = (
         ["Gaussian noise", "Contrast"] if values["gaussian_noise"] > values["contrast"] else ["Contrast", "Gaussian"]
     )
-    assert said.startswith(f"Over 3 pairs in 1 sequence, corruption moves the flow of dis by {dis.summary.rcre:.2f} px")
+    assert said.startswith(f"Over 3 pairs in 1 sequence, corruption moves the flow of DIS by {dis.summary.rcre:.2f} px")
     assert f"most under {order[0]} ({max(values.values()):.2f} px)" in said
     assert f"least under {order[1]}" in said
     assert "1 sequence is too few" in said
@@ -112,7 +112,7 @@ def test_enough_scenes_give_an_interval_and_a_verdict(runs):
     assert "95 % interval" in said
     assert "more pairs of other scenes" in said
     (said,) = conclusions([calm, shaky])
-    assert "the lead of dis over farneback is more than chance (p < 0.001)" in said
+    assert "the lead of DIS over Farneback is more than chance (p < 0.001)" in said
     (said,) = conclusions([_scenes(runs[0], 1.0, 40), _scenes(runs[1], 1.0, 40)])
     assert "is more than chance" not in said
 

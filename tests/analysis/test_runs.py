@@ -82,7 +82,7 @@ def _with_rows(run, rows, tmp_path):
 
 def _average(run, published):
     (table,) = tables_of([run], published=published, wanted=["epe"])
-    line = next(line for section in table.sections for line in section.lines if line.label == "dis")
+    line = next(line for section in table.sections for line in section.lines if line.label == "DIS" and line.note)
     labels = [column.label for column in table.columns]
     return dict(zip(labels, (cell.text for cell in line.cells), strict=True)), line.note
 
@@ -106,7 +106,7 @@ def test_beside_published_rows_an_average_is_the_papers_or_none(runs, tmp_path):
     assert _average(part, published=True)[0]["AVG EPE"] == "-"
     assert _average(part, published=False)[0]["AVG EPE"] == f"{101 * mean / 2:.2f}"
     content = whole_content([whole])
-    entry = next(entry for entry in content.entries if entry.name == "dis")
+    entry = next(entry for entry in content.entries if entry.name == "DIS" and entry.note)
     assert entry.texts["epe", "average"] == f"{mean:.2f}"
 
 
@@ -198,7 +198,7 @@ def test_one_model_on_several_benchmarks_is_named_by_them(runs, tmp_path):
     other = Result(shutil.copytree(runs[1].path, tmp_path / "other"))
     other.manifest["identity"]["benchmark"] = "kitti-fc"
     name = runs[1].name
-    assert run_names([runs[0], runs[1], other]) == ["dis", f"{name} (demo)", f"{name} (KITTI-FC)"]
+    assert run_names([runs[0], runs[1], other]) == ["DIS", f"{name} (demo)", f"{name} (KITTI-FC)"]
     digest = runs[1].manifest["identity_digest"][:8]
     assert run_names([runs[1], other, runs[1]]) == [f"{name} ({digest})", f"{name} (KITTI-FC)", f"{name} ({digest}) #2"]
 
@@ -221,7 +221,7 @@ def test_published_rows_keep_their_marks_beside_runs(runs):
         lines = {(s.title, line.label): line.cells for s in beside[name].sections for line in s.lines if not line.note}
         assert lines == {(s.title, line.label): line.cells for s in alone[name].sections for line in s.lines}
     noted = [line.label for s in beside["epe"].sections for line in s.lines if line.note]
-    assert noted == ["dis", "Trained", "<img src=x onerror=alert(1)>"]
+    assert noted == ["DIS", "Trained", "<img src=x onerror=alert(1)>"]
 
 
 @pytest.mark.parametrize("format", FORMATS)
@@ -262,6 +262,6 @@ def test_real_pairs_beside_the_published_rows(shared, tmp_path):
     pairs = found[0].summary.samples
     table = tables_of(found, published=True, wanted=["epe"])[0]
     own = [line for section in table.sections for line in section.lines if line.note]
-    assert [line.label for line in own] == ["dis", "farneback", "<img src=x onerror=alert(1)>"]
+    assert [line.label for line in own] == ["DIS", "Farneback", "<img src=x onerror=alert(1)>"]
     assert all(f"{pairs} pair{'s' if pairs > 1 else ''}, not the paper's 80" in line.note for line in own)
     assert sum(len(section.lines) for section in table.sections) == 29 + 3

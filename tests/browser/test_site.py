@@ -227,7 +227,7 @@ def test_the_slider_over_example_pictures(opened):
 
 def test_the_report_shows_its_run_first(opened):
     page = opened("report")
-    assert page.locator("article:visible h2").inner_text() == "dis"
+    assert page.locator("article:visible h2").inner_text() == "DIS"
     assert page.locator("article:visible .panel img").count() == 2
     _kitti(page)
     assert page.locator("#count").inner_text() == "29 of 29 rows"

@@ -53,7 +53,7 @@ def test_several_models_one_after_the_other(robustflow):
     code, out, error = robustflow("run", "-m", "dis", "-m", "farneback", "-o", "both", *few)
     assert code == 0, error
     runs = [load_run(f"both/{name}") for name in ("dis", "farneback")]
-    assert [run.name for run in runs] == ["dis", "farneback"]
+    assert [run.name for run in runs] == ["DIS", "Farneback"]
     table = out[out.index("2 models") :]
     for run in runs:
         line = next(line for line in table.splitlines() if run.name in line and "compare" not in line)
@@ -162,7 +162,7 @@ def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
 
 def test_the_setting_stands_beside_the_name(robustflow):
     command = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1", "-o", "run")
-    assert "dis (knowledge), 1 pair" in robustflow(*command)[1]
+    assert "DIS (knowledge), 1 pair" in robustflow(*command)[1]
 
 
 def _truncated_png(folder: Path) -> None:

@@ -67,5 +67,5 @@ def test_report_as_a_page(robustflow, run):
 
 def test_a_run_writes_its_own_page(run):
     page = (run / "report.html").read_text()
-    assert "dis on demo" in page
+    assert "DIS on demo" in page
     assert '"shots":{"1":' in page

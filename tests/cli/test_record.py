@@ -46,7 +46,7 @@ def test_predictions_are_made_again(robustflow, records):
     assert code == 0
     assert "3 of 3 rows" in out
     assert "predicted again and agree" in out
-    assert "dis on demo" in out
+    assert "DIS on demo" in out
     assert "that this model made the predictions" not in out
     code, out, _ = robustflow("verify", records[1], "--model", "dis")
     assert code == 1

@@ -28,7 +28,7 @@ def test_report_beside_the_published(robustflow, runs):
     assert code == 0
     first, _, second = out.partition("\nsection,")
     lines = list(csv.DictReader(io.StringIO(first)))
-    assert [line["model"] for line in lines if line["note"]] == ["dis", "farneback"]
+    assert [line["model"] for line in lines if line["note"]] == ["DIS", "Farneback"]
     assert len(lines) == 31
     assert second.count("\n") == 3
 
@@ -40,7 +40,7 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
     titles = [line for line in out.splitlines() if line.startswith("###")]
     assert titles == [
         "### The paper's observations: published models",
-        "### The paper's observations: dis, farneback on demo",
+        "### The paper's observations: DIS, Farneback on demo",
         "### Effective robustness: published models",
     ]
     code, out, _ = robustflow("report", *runs, "--published", "-f", "markdown")
@@ -117,7 +117,7 @@ def test_audit_says_where_nothing_can_be_checked(robustflow, tmp_path):
 def test_compare(robustflow, runs):
     code, out, _ = robustflow("compare", *runs, "--metric", "cre")
     assert code == 0
-    assert "average CRE of dis and farneback" in " ".join(out.split())
+    assert "average CRE of DIS and Farneback" in " ".join(out.split())
     assert out.count("per corruption") == 1
     assert "CRE (px) per corruption" in out
     code, text, _ = robustflow("compare", *runs, runs[0], "--json")
@@ -138,7 +138,7 @@ def test_many_are_compared_in_a_line_each(robustflow, runs):
     assert code == 0
     first, same, _ = csv.DictReader(io.StringIO(out))
     dis, farneback = (Result(run).epe for run in runs)
-    assert first["models"].endswith("against farneback")
+    assert first["models"].endswith("against Farneback")
     assert [float(first[column]) for column in ("first", "second", "difference")] == pytest.approx(
         [dis, farneback, dis - farneback], abs=0.005
     )

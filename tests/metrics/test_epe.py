@@ -73,8 +73,14 @@ def test_memory_layout_changes_no_bit(name):
 
 @pytest.mark.parametrize(
     "wrong",
-    [np.zeros((3, 4, 2)), np.zeros((3, 4, 3), np.float32), np.zeros((3, 4), np.float32), [[[0.0, 0.0]]]],
-    ids=["float64", "three channels", "no channels", "a list"],
+    [
+        np.zeros((3, 4, 2)),
+        np.zeros((3, 4, 3), np.float32),
+        np.zeros((3, 4, 1), np.float32),
+        np.zeros((3, 4), np.float32),
+        [[[0.0, 0.0]]],
+    ],
+    ids=["float64", "three channels", "one channel", "no channels", "a list"],
 )
 def test_what_is_no_flow_is_refused(wrong):
     with pytest.raises(DataError, match="float32 array of shape"):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from robustflow.errors import DataError
 from robustflow.metrics.regions import Regions
-from robustflow.metrics.rows import ROW_SCHEMA, measure, rows_frame
+from robustflow.metrics.rows import CLEAN, LATER_COLUMNS, ROW_SCHEMA, complete_rows, measure, rows_frame
 from robustflow.sample import Sample
 
 from . import naive
@@ -83,6 +83,25 @@ def test_invalid_pixels_are_counted_and_leave_the_sums_finite():
     assert row["epe_sum"] == row["rcre_sum"] == pytest.approx(17 * 18**0.5)
     lost = measure(np.full_like(truth, np.nan), clean, sample, Regions.of(sample))
     assert (lost["n_invalid"], lost["n_valid"], lost["n_all"], lost["epe_sum"]) == (20, 0, 0, 0.0)
+
+
+def test_rows_of_version_1_are_completed_where_the_others_decide_it():
+    """The clean error over a row's own pixels is known from the clean row only where both are over all of them."""
+    rng = np.random.default_rng(8)
+    frame = np.zeros((6, 7, 3), np.uint8)
+    truth, clean, pred = rng.normal(0, 20, (3, 6, 7, 2)).astype(np.float32)
+    sample = Sample("a", (frame, frame), truth, np.ones((6, 7), np.bool_))
+    rows = [measure(clean, clean, sample, Regions.of(sample), corruption=CLEAN, severity=0)]
+    rows.append(measure(pred, clean, sample, Regions.of(sample), corruption="fog", severity=1))
+    pred[2, 3] = np.nan
+    rows.append(measure(pred, clean, sample, Regions.of(sample), corruption="fog", severity=2))
+    today = rows_frame(rows)
+    completed = complete_rows(today.drop(LATER_COLUMNS))
+    assert completed.columns == list(ROW_SCHEMA)
+    assert complete_rows(today).equals(today)
+    assert completed[:2].equals(today[:2])
+    assert completed["n_truth"].to_list() == [42] * 3
+    assert completed["clean_epe_sum"].to_list() == [*today["clean_epe_sum"][:2], None]
 
 
 def test_memory_layout_changes_no_bit():

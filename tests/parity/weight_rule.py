@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+BIAS, FREE = 0.03, 0.2
+"""Of rule v2, where a keys file leaves them out."""
+
 
 def weights(keys: Path) -> dict[str, np.ndarray]:
     """The value of every entry of a keys file, in its order, except those a network makes itself (kind "keep")."""
@@ -19,7 +22,8 @@ def weights(keys: Path) -> dict[str, np.ndarray]:
         shape = tuple(entry["shape"])
         if entry["dtype"].startswith("float"):
             source = entry.get("alias_of", entry["key"])
-            values[entry["key"]] = _value(source, shape, header["gain"], header["bias"], header["free"])
+            bias, free = header.get("bias", BIAS), header.get("free", FREE)
+            values[entry["key"]] = _value(source, shape, header["gain"], bias, free)
         else:
             values[entry["key"]] = np.zeros(shape, entry["dtype"])
     return values

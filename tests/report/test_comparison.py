@@ -85,7 +85,7 @@ def test_without_ground_truth_and_outside_the_paper(tmp_path):
     found = runs[0].compare(runs[1])
     assert found.metric == "rcre"
     assert found.overall["metric"].to_list() == ["rcre"]
-    assert "The average RCRE of dis and farneback differs" in found.sentence
+    assert "The average RCRE of DIS and Farneback differs" in found.sentence
     assert found.table("cre").remarks == ("No CRE was measured in both runs.",)
     assert "Elastic transform" in repr(found)
 
@@ -100,7 +100,7 @@ def runs(tmp_path_factory):
 def test_of_runs(runs, tmp_path):
     first, second = runs
     found = rf.compare(first, second, resamples=99)
-    assert found.names == ("dis", "farneback")
+    assert found.names == ("DIS", "Farneback")
     assert found.frame.equals(first.compare(second, resamples=99).frame)
     assert found.frame["difference"].to_list() == [
         -d for d in rf.compare(second, first, resamples=99).frame["difference"]
@@ -109,7 +109,7 @@ def test_of_runs(runs, tmp_path):
     assert "is the same, but 1 image is too few" in first.compare(first).sentence
     assert not found.remark
     part = evaluate("farneback", "demo", output=tmp_path / "p", corruptions=["fog"], severities=[5])
-    remark = "Only what both measured is compared: 2 rows (a pair, clean or corrupted) of the 5 of dis"
+    remark = "Only what both measured is compared: 2 rows (a pair, clean or corrupted) of the 5 of DIS"
     assert remark in " ".join(repr(first.compare(part)).split())
     other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1], seed=5)
     with pytest.raises(RunError, match="other frames"):

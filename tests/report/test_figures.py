@@ -178,6 +178,14 @@ def test_own_models_on_the_same_frames_are_drawn_together():
     assert letter.get_title(loc="left").startswith("(a) r = 1.00")
 
 
+def test_an_own_model_is_drawn_whatever_the_paper_leaves_out():
+    """The paper discusses no FlowDiffuser; whoever measured one wants to see it."""
+    results = _own("OOD", "OOD").with_columns(model=pl.col("model").replace({"M1": "FlowDiffuser"}))
+    for name in ("clean_against_cre", "relations"):
+        marks = figures_by_sample_set(results)["own frames"][name].marks.values()
+        assert "FlowDiffuser" in {mark.model for of_artist in marks for mark in of_artist}
+
+
 def test_a_model_in_two_settings_keeps_a_panel_for_each():
     results = _own("OOD", "ID").with_columns(model=pl.lit("M"))
     assert len(figures_by_sample_set(results)["own frames"]["clean_against_cre"].axes) == 2

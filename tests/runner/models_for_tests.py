@@ -97,3 +97,51 @@ def hangs(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 def dies(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
     """Takes its process down, as a crash in native code would."""
     os._exit(17)
+
+
+class Faulty:
+    """Answers by what it sees, after a pause; and, so often as said, fails in the middle of a run instead.
+
+    Args:
+        pause: seconds.
+        fault: "exit" (its process ends at once), "hang" or "memory" (it takes ever more of it).
+        times: how often in all, counted with files in the folder FAULTS.
+        device: for an engine that gives a model a GPU.
+        log: a file that gets its process and GPU for every prediction.
+    """
+
+    def __init__(self, pause: float = 0.0, fault: str = "", times: int = 1, device: str = "cpu", log: str = "") -> None:
+        self._pause, self._fault, self._times, self._device = pause, fault, times, device
+        self._log = log
+        self._asked = 0
+
+    def identity(self) -> dict[str, str]:
+        return {"name": "faulty", "pause": "", "fault": "", "times": "", "device": "", "log": ""}
+
+    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+        self._asked += 1
+        time.sleep(self._pause)
+        if self._asked == 4 and self._fault and self._has_its_turn():
+            self._fail()
+        if self._log:
+            with open(self._log, "a") as log:
+                log.write(f"{os.getpid()} {os.environ.get('CUDA_VISIBLE_DEVICES')}\n")
+        return np.stack([frame1[..., 0], frame2[..., 1]], axis=2).astype(np.float32) / 16
+
+    def _has_its_turn(self) -> bool:
+        for number in range(self._times):
+            try:
+                open(f"{os.environ['FAULTS']}/{number}", "x").close()
+                return True
+            except FileExistsError:
+                continue
+        return False
+
+    def _fail(self) -> None:
+        if self._fault == "exit":
+            os._exit(17)
+        taken = []
+        while self._fault == "memory":
+            taken.append(np.ones(2**25, np.uint8))
+            time.sleep(0.02)
+        hangs(None, None)

@@ -9,6 +9,7 @@ import pytest
 import robustflow as rf
 from robustflow.cli.main import main
 from robustflow.errors import UsageError
+from robustflow.models.catalog import methods
 from robustflow.records.pack import pack
 from robustflow.testing import ZeroFlow
 
@@ -51,6 +52,27 @@ def test_on_the_command_line(tmp_path, monkeypatch, capsys):
     assert "DIS, ours" in capsys.readouterr().out
     assert run(monkeypatch, *options) in (0, None)
     assert rf.load_run(tmp_path / "run").name == "DIS, ours", "a later call without a name keeps it"
+
+
+def test_one_label_for_one_model_everywhere(tmp_path, monkeypatch, capsys):
+    """What `list models` calls a method is what tables call its runs; no two share a label."""
+    labels = [entry.method for entry in methods().values()]
+    assert len(set(labels)) == len(labels)
+    monkeypatch.setattr(sys, "argv", ["robustflow", "list", "models"])
+    with pytest.raises(SystemExit):
+        main()
+    listed = dict(line.split()[:2] for line in capsys.readouterr().out.splitlines()[1:6])
+    for model, label in (("dis", "DIS"), ("dis_rgb", "DIS-RGB"), ("farneback", "Farneback")):
+        assert run(monkeypatch, "-m", model, "-c", "contrast", "-s", "1", "-o", str(tmp_path / model)) in (0, None)
+        assert f"{label} (knowledge), 1 pair" in capsys.readouterr().out
+        assert rf.load_run(tmp_path / model).name == listed[model] == label
+        assert f"{label} on demo" in (tmp_path / model / "report.html").read_text()
+
+
+def test_a_users_model_keeps_its_own_name(tmp_path):
+    still = Still()
+    still.name = "dis"
+    assert rf.evaluate(still, output=tmp_path / "run", **SETTINGS).name == "dis"
 
 
 def test_training_sets_are_an_option(tmp_path, monkeypatch, capsys):

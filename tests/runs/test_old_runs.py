@@ -75,7 +75,7 @@ def test_an_old_folder_and_record_can_be_shown_and_compared(finished):
         assert "2.64" in shown.output
     run = rf.load_run(finished)
     assert rf.load_run(DATA / "finished.robustflow").rows.equals(run.rows)
-    assert "dis" in str(run.compare(run))
+    assert "DIS" in str(run.compare(run))
 
 
 def test_an_old_record_verifies():

@@ -19,13 +19,15 @@ _OF_FILES = {
     "torch_export": ("a .pt2 file of torch.export", "torch"),
 }
 """Models of any method: what they are read from, and the extra they need, which has the name of what it imports."""
-KINDS = ("models", "corruptions", "benchmarks", "datasets")
+KINDS = ("models", "corruptions", "benchmarks", "datasets", "recipes")
 
 
 def list_things(
-    kind: Annotated[str, typer.Argument(help="models, corruptions, benchmarks or datasets; all by default.")] = "all",
+    kind: Annotated[
+        str, typer.Argument(help="models, corruptions, benchmarks, datasets or recipes; all by default.")
+    ] = "all",
 ) -> None:
-    """List models, corruptions, benchmarks or datasets.
+    """List models, corruptions, benchmarks, datasets or training recipes.
 
     \b
     Example:
@@ -135,4 +137,25 @@ def _stated(facts: DatasetFacts) -> list[tuple[str, str]]:
     return [(what, text) for what, text in stated.items() if text]
 
 
-_LISTERS = {"models": _models, "corruptions": _corruptions, "benchmarks": _benchmarks, "datasets": _datasets}
+def _recipes() -> list[str]:
+    from ..training.recipe import recipes_of, trained_methods
+
+    lines = []
+    for method in trained_methods():
+        lines.append(f"{method}:")
+        for stage, recipe in recipes_of(method).items():
+            crop = f"{recipe.crop[0]}x{recipe.crop[1]}"
+            lines.append(
+                f"    {stage:7s} {recipe.updates:7d} updates of {recipe.batch} pairs at {crop:8s} rate "
+                f"{recipe.learning_rate:g}, begins with {recipe.start}, on {recipe.mix}"
+            )
+    return [*lines, "'robustflow train METHOD --recipe STAGE --plan' says all of one, and which data it needs."]
+
+
+_LISTERS = {
+    "models": _models,
+    "corruptions": _corruptions,
+    "benchmarks": _benchmarks,
+    "datasets": _datasets,
+    "recipes": _recipes,
+}

@@ -29,6 +29,7 @@ from .profile import profile
 from .report import report
 from .run import run
 from .show import show
+from .train import train
 from .verify import verify
 
 app = typer.Typer(
@@ -43,6 +44,7 @@ app.command("run")(run)
 app.command("predict")(predict)
 app.command("show")(show)
 app.command("examples")(examples)
+app.command("train")(train)
 app.command("profile")(profile)
 app.command("report")(report)
 app.command("compare")(compare)

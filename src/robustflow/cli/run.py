@@ -64,11 +64,18 @@ def run(
     severity_scale: SeverityScale = "paper",
     common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
-    workers: Annotated[int, typer.Option("--workers", "-w", help="Processes.")] = 1,
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", "-w", help="Processes, 1 by default; with Ray one per GPU or CPU of the cluster."),
+    ] = None,
     batch_size: Annotated[
         int, typer.Option("--batch-size", help="Severities predicted in one call, where the model can.")
     ] = 1,
-    engine: Annotated[str | None, typer.Option(help="serial or processes; chosen from --workers by default.")] = None,
+    engine: Annotated[str | None, typer.Option(help="serial, processes or ray; by --workers by default.")] = None,
+    address: Annotated[
+        str | None,
+        typer.Option(help="Of a Ray cluster: auto, host:port or ray://host:port; by default one on this machine."),
+    ] = None,
     timeout: Annotated[float | None, typer.Option(help="Seconds a single prediction may take.")] = None,
     allow_invalid: Annotated[
         bool, typer.Option("--allow-invalid", help="Leave out and count NaN or infinite predictions.")
@@ -87,6 +94,7 @@ def run(
       robustflow run --model farneback --benchmark kitti-fc --data ~/kitti --workers 4
       robustflow run --model dis --model farneback --benchmark kitti-fc --data ~/kitti
       robustflow run --model raft --checkpoint things --device cuda --batch-size 5 --benchmark kitti-fc --data ~/kitti
+      robustflow run --model raft --device cuda --engine ray --address auto --benchmark kitti-fc --data /shared/kitti
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis --seeds 3 --output runs/dis && robustflow compare runs/dis/seed*
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
@@ -136,6 +144,7 @@ def run(
                         workers=workers,
                         batch_size=batch_size,
                         engine=engine,
+                        address=address,
                         timeout=timeout,
                         allow_invalid=allow_invalid,
                         examples=examples,

@@ -62,7 +62,7 @@ def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Ite
         published: methods of the catalogue, as their papers call them.
         frames: height and width.
     """
-    names = {entry.method: name for name, entry in reversed(methods().items())}
+    names = {entry.method: name for name, entry in methods().items()}
     for method in published:
         name = names[method]
         try:

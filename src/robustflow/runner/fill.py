@@ -46,6 +46,7 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
     left = Counter(unit.key for unit in units)
     seconds: dict[str, float] = dict(manifest.get("seconds", {}))
+    places: dict[str, int] = dict(manifest.get("places", {}))
     start = time.perf_counter()
     for done in engine(job, units):
         folder.write_rows(done.unit, done.rows)
@@ -54,6 +55,8 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
             folder.finish_sample(done.unit.key)
         for kind, spent in done.seconds.items():
             seconds[kind] = round(seconds.get(kind, 0.0) + spent, 3)
+        if done.place is not None:
+            places[done.place] = places.get(done.place, 0) + 1
         progress.advance(done)
     folder.pack()
     if not units and before is not None and before["finished"] is not None:
@@ -63,4 +66,4 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
     if isinstance(job.dataset, FromClips):
         manifest["clips"] = job.dataset.clip_records()
-    folder.write_manifest({**manifest, "seconds": seconds, "finished": now()})
+    folder.write_manifest({**manifest, "seconds": seconds, "finished": now(), **({"places": places} if places else {})})

@@ -112,7 +112,7 @@ class TerminalProgress:
     def advance(self, done: FinishedUnit) -> None:
         """One more unit is on disk."""
         self._finished += 1
-        what = f"{done.unit.key} {done.unit.corruption}"
+        what = f"{done.unit.key} {done.unit.corruption}" + (f" on {done.place}" if done.place else "")
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], advance=1, description=what)
         elif time.monotonic() - self._last_line >= LINE_EVERY_S or self._finished == self._total:

@@ -73,6 +73,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
             "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
         },
         **({"left_out": left_out} if left_out else {}),
+        **({"places": old["places"]} if "places" in old else {}),
         **({"name": name} if (name := plan.name or old.get("name")) else {}),
         "started": old.get("started", now()),
         "finished": None,

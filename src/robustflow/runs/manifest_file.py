@@ -53,6 +53,7 @@ class _Manifest(_Shape):
     finished: str | None = None
     seconds: dict[str, float] = {}
     environment: dict[str, Any] = {}
+    places: dict[str, int] = {}
     clips: list[dict[str, Any]] = []
 
 

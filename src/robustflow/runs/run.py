@@ -17,6 +17,7 @@ from ..datasets.kitti_drives import with_groups
 from ..errors import RobustFlowError, RunError
 from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
+from ..models.catalog import methods
 from ..text import plain
 from .aggregate import in_order, summarize
 from .facts import Facts
@@ -105,10 +106,13 @@ class Run:
 
     @property
     def name(self) -> str:
-        """The model's name, for headings; never blank."""
+        """The model's name, for headings, tables and figures; never blank: `--name`, else a registered method's as
+        `list models` has it ("DIS" for `dis`), else what the model calls itself."""
         model = self.manifest["identity"]["model"]
+        given = str(self.manifest.get("name") or "").strip()
+        method = None if {"spec", "object"} & model.keys() else methods().get(str(model.get("name")))
         names = (str(model[key]).strip() for key in ("spec", "name", "object") if model.get(key))
-        return str(self.manifest.get("name") or "").strip() or next(filter(None, names), "(no name)")
+        return given or (method.method if method is not None else next(filter(None, names), "(no name)"))
 
     @property
     def setting(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from fractions import Fraction
 from pathlib import Path
@@ -30,6 +30,10 @@ SEQUENCES = ("GOPR0374_11_02", "GOPR0379_11_00", "GOPR0384_11_02", "GOPR0385_11_
 """The five of the paper (appendix, "GoPro-FC")."""
 
 CAMERA_FPS = Fraction(240)
+
+
+PrepareAll = Callable[[Sequence[Source], Path, Preparation, Progress], None]
+"""Prepares every clip in the folder of its name below the given one."""
 
 
 def find_sources(data: Path, evenly: bool = False) -> list[Source]:
@@ -69,8 +73,18 @@ def prepare_folder(
     workers: int = 1,
     cache_limit: int = CACHE_LIMIT,
     progress: Progress = lambda clip, what, done, total: None,
+    prepare_all: PrepareAll | None = None,
 ) -> list[PreparedClip]:
-    """Prepare all clips below `output`. Every number of workers gives the same files.
+    """Prepare all clips below `output`. Every number of workers, and every place, gives the same files.
+
+    Args:
+        sources: from `find_sources`.
+        output: a folder, which is made.
+        preparation: how.
+        workers: processes, where `prepare_all` is not given.
+        cache_limit: bytes of transcoded variants that may be kept later.
+        progress: is told what is done.
+        prepare_all: does the work elsewhere, on a cluster.
 
     Raises:
         DataError: `output` holds other clips already, or a source fails.
@@ -84,7 +98,9 @@ def prepare_folder(
     if len(set(manifest.clips)) != len(manifest.clips):
         raise DataError(f"two clips have the same name: {', '.join(manifest.clips)}; rename one")
     _claim(output, manifest)
-    if workers == 1 or len(sources) == 1:
+    if prepare_all is not None:
+        prepare_all(sources, output, preparation, progress)
+    elif workers == 1 or len(sources) == 1:
         for source in sources:
             prepare_clip(source, output / source.name, preparation, progress)
     else:

@@ -16,7 +16,7 @@ from ...benchmarks import benchmark_facts
 from ...corruptions.registry import PAPER_ORDER
 from ...runs.family_means import family_means
 from ..audit.rounding import misfits
-from ..published.tables import NOT_DISCUSSED, Cost, Method, method_of
+from ..published.tables import Cost, Method, method_of, not_discussed
 from ..results import AVERAGE, CLEAN, values_of
 
 Entry = tuple[str, str]
@@ -38,6 +38,7 @@ class Evidence:
     def __init__(self, results: pl.DataFrame, costs: Mapping[str, Cost], methods: Mapping[str, Method] | None) -> None:
         self.costs = costs
         self._methods = methods
+        self._without = not_discussed(results)
         self._epe: dict[Entry, dict[str, float]] = {}
         self.rcre: dict[Entry, dict[str, float]] = {}
         without_flow = [name for name in results["benchmark"].unique() if not benchmark_facts(name).has_flow]
@@ -57,7 +58,7 @@ class Evidence:
         chosen = []
         for entry in self.entries:
             method = self.method(entry[1])
-            if entry[0] != setting or entry[1] in NOT_DISCUSSED:
+            if entry[0] != setting or entry[1] in self._without:
                 continue
             if kind is not None and (method is None or method.type != kind):
                 continue

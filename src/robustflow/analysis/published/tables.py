@@ -22,8 +22,7 @@ PAPER = "paper"
 PAPER_PAIRS = 80
 """Image pairs of KITTI-FC that the paper evaluates on (Sec. 4.2); it does not say how many GoPro-FC has."""
 
-NOT_DISCUSSED = ("FlowDiffuser",)
-"""Learned models that the paper leaves out of its figures and discussion (Sec. 5.2)."""
+_NOT_DISCUSSED = ("FlowDiffuser",)
 
 COUNTED_SIZE = (432, 720)
 COUNTED_ITERATIONS = 12
@@ -90,6 +89,16 @@ def published_costs() -> dict[str, Cost]:
     lines = csv.DictReader(_text("cost").splitlines())
     costs = (Cost.model_validate({name: cell or None for name, cell in line.items()}) for line in lines)
     return {cost.model: cost for cost in costs}
+
+
+def not_discussed(results: pl.DataFrame) -> tuple[str, ...]:
+    """Models that figures and observations of these results leave out: of the paper's, the learned ones that it leaves
+    out of its own (Sec. 5.2); of anyone else's none, whatever they are called.
+
+    >>> not_discussed(published_results())
+    ('FlowDiffuser',)
+    """
+    return _NOT_DISCUSSED if PAPER in results["sample_set"] else ()
 
 
 @cache

@@ -22,7 +22,8 @@ class MethodEntry(BaseModel):
 
     Attributes:
         model: the name it is loaded by.
-        method: what its paper calls it.
+        method: what tables, figures and pages call it: as its paper does, no two alike. `dis` is DIS as most know it,
+            OpenCV's on grey frames; `dis_rgb` is DIS-RGB, the version that the benchmark's paper calls DIS.
         year: of its publication.
         type: what it was made from: prior knowledge, or training with or without labels.
         source: whose implementation runs: a library's, or the project's own.

@@ -32,6 +32,21 @@ class PtlflowNet(nn.Module):
             return self._flow(images)
         return torch.cat([self._flow(pair) for pair in images.split(1)])
 
+    def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """The flow after every iteration, for the loss; in training mode only.
+
+        Raises:
+            ModelError: a network of ptlflow that keeps its intermediate flows to itself.
+        """
+        images = torch.stack([image1, image2], dim=1).contiguous() / 255
+        outputs = self.model({"images": images})
+        if "flow_preds" not in outputs:
+            raise ModelError(
+                "this network of ptlflow keeps the flows of its iterations to itself; it cannot be trained here"
+            )
+        flows: list[Tensor] = list(outputs["flow_preds"])
+        return flows
+
     def _flow(self, images: Tensor) -> Tensor:
         flows: Tensor = self.model({"images": images})["flows"]
         if flows.ndim != 5 or flows.shape[1] != 1:

@@ -37,6 +37,9 @@ _BESIDE_WEIGHTS = [
 HELD_AS = ("state_dict", "model_state_dict", "model")
 """Where a file keeps its weights beside other things."""
 
+TRAINED_ON = "robustflow_trained_on"
+"""Where a file of `robustflow train` says what its weights have seen."""
+
 
 @dataclass(frozen=True)
 class Checkpoint:
@@ -47,12 +50,14 @@ class Checkpoint:
         sha256: of the file, 64 hexadecimal digits.
         weights: tensors on the CPU.
         hyper_parameters: what Lightning keeps under this name beside them, as untrusted as the rest; empty without.
+        trained_on: training sets as the file itself declares them, which `robustflow train` writes; None without.
     """
 
     path: Path
     sha256: str
     weights: dict[str, Tensor]
     hyper_parameters: dict[str, Any] = field(default_factory=dict)
+    trained_on: str | None = None
 
 
 def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
@@ -74,7 +79,14 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
         _check_archive(path, file)
         content = _load(path, file)
     beside = content.get("hyper_parameters") if isinstance(content, dict) else None
-    return Checkpoint(path, digest, _weights(path, content), beside if isinstance(beside, dict) else {})
+    declared = content.get(TRAINED_ON) if isinstance(content, dict) else None
+    return Checkpoint(
+        path,
+        digest,
+        _weights(path, content),
+        beside if isinstance(beside, dict) else {},
+        declared if isinstance(declared, str) else None,
+    )
 
 
 def _check_archive(path: Path, file: BinaryIO) -> None:

@@ -22,6 +22,11 @@ def fitted_images(frames: Sequence[Frame], convention: InputConvention, device: 
     torch.Size([1, 3, 4, 8])
     """
     values = torch.from_numpy(np.stack(list(frames))).to(device).permute(0, 3, 1, 2).float()
+    return fitted_values(values, convention)
+
+
+def fitted_values(values: Tensor, convention: InputConvention) -> Tensor:
+    """Values 0..255 of RGB images, float32 (N, 3, H, W), as float32 (N, 3, H', W') as the convention asks."""
     if convention.order == "bgr":
         values = values.flip(1)
     mean = values.new_tensor(convention.mean).view(1, 3, 1, 1)

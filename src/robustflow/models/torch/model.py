@@ -42,6 +42,8 @@ class NetworkModel:
         execution: Execution,
     ) -> None:
         self.name = name
+        self.trained_on: str | None = None
+        """Training sets as the checkpoint declares them."""
         self.convention = convention
         self.device = find_device(execution.device)
         self.net = net.to(self.device).eval().requires_grad_(False)

@@ -72,7 +72,9 @@ def network_model(
         settings |= adapt(net, read)
     cast = load_weights(net, read, name, scope)
     identity = {"checkpoint": read.sha256, **({"weights_cast_from": cast} if cast else {}), **settings}
-    return NetworkModel(name, net, convention, identity, execution)
+    model = NetworkModel(name, net, convention, identity, execution)
+    model.trained_on = read.trained_on
+    return model
 
 
 def _seeded(build: Callable[[], Any]) -> Any:

@@ -17,6 +17,10 @@ class TorchvisionRaft(nn.Module):
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
         """Images (N, 3, H, W), RGB, 0..255, to flow (N, 2, H, W) in pixels."""
+        return self.predictions(image1, image2)[-1]
+
+    def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """The flow after every iteration, for the loss."""
         first, second = ((image.contiguous() / 255 - 0.5) / 0.5 for image in (image1, image2))
         flows: list[Tensor] = self.model(first, second, num_flow_updates=self.iterations)
-        return flows[-1]
+        return flows

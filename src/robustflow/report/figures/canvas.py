@@ -99,14 +99,13 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     `_NAMES_AT_ANY_COST` points, those that would overlap another name are not shown.
 
     Args:
-        axes: with its limits set.
+        axes: with its limits set, of a figure whose layout is settled (`files.settle_layout`).
         points: (x, y, name).
         radii: of the points' markers in points (1/72 inch), 3 by default.
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
-    with any_script():
-        figure.draw_without_rendering()
+    axes.get_xlim()  # has the limits follow from what is drawn, of both axes
     per_point = figure.dpi / 72
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
     centres = np.array(dots)

@@ -8,12 +8,13 @@ import polars as pl
 from matplotlib.lines import Line2D
 
 from ...analysis.labels import SETTING_LABELS
-from ...analysis.published.tables import NOT_DISCUSSED
+from ...analysis.published.tables import not_discussed
 from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...errors import UsageError
 from ...text import name_text
 from ..tables import settings_in_order
 from .canvas import KIND_COLOURS, kind_of, panel_figure, set_heading, spread_labels
+from .files import settle_layout
 from .marks import Mark, MarkedFigure
 
 Model = tuple[str, str]
@@ -25,23 +26,20 @@ _AREA = 260.0
 _LARGEST = 1000.0
 
 
-def clean_against_cre(
-    results: pl.DataFrame, without: tuple[str, ...] = NOT_DISCUSSED, *, together: bool = False
-) -> MarkedFigure:
+def clean_against_cre(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
     """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting.
 
-    CRE is made from the EPE. Models in `without` are left out, and knowledge-driven methods where there are others,
-    as in the paper.
+    CRE is made from the EPE. Of the paper's models those of `not_discussed` are left out, and knowledge-driven methods
+    where there are others, as in the paper.
 
     Args:
         results: with clean and average EPE.
-        without: models that are left out.
         together: all models in one panel, knowledge-driven ones too.
 
     Raises:
         UsageError: no model has a clean and an average EPE.
     """
-    epe = values_of(results, "epe")
+    epe, without = values_of(results, "epe"), not_discussed(results)
     panels: dict[str, list[Model]] = {}
     for setting in settings_in_order(results):
         models = [(s, model) for s, model, name in epe if s == setting and name == AVERAGE and model not in without]
@@ -85,6 +83,7 @@ def clean_against_cre(
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
     set_heading(figure, "Accuracy and robustness: area of a bubble = CREr, printed beside the name")
+    settle_layout(figure)
     for panel, models, named in zip(axes, panels.values(), names, strict=True):
         for (setting, model), text in zip(models, spread_labels(panel, *named), strict=True):
             figure.mark(text, [Mark(model, setting)])

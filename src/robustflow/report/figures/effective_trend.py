@@ -10,6 +10,7 @@ from ...analysis.effective import effective_robustness
 from ...analysis.labels import SETTING_LABELS
 from ...text import name_text
 from .canvas import KIND_COLOURS, kind_of, panel_figure, set_heading, spread_labels
+from .files import settle_layout
 from .marks import Mark, MarkedFigure
 
 
@@ -53,6 +54,7 @@ def effective_trend(results: pl.DataFrame, *, together: bool = False) -> MarkedF
             fontsize=10,
         )
     set_heading(figure, "Effective robustness: below the line is more robust than the clean error predicts")
+    settle_layout(figure)
     for panel, title in zip(axes, titles, strict=True):
         models = table.filter(panel=title)
         labels = [

@@ -27,6 +27,14 @@ def any_script() -> Iterator[None]:
         yield
 
 
+def settle_layout(figure: Figure) -> None:
+    """Place the axes of a figure as its layout has them now, without drawing anything."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        with any_script():
+            engine.execute(figure)
+
+
 def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     """A figure as a file: "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
 
@@ -37,12 +45,10 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     """
     if format not in FILE_FORMATS:
         raise unknown_name("figure format", format, FILE_FORMATS)
-    engine = figure.get_layout_engine()
-    if engine is not None:
+    if figure.get_layout_engine() is not None:
         # The layout is settled once: every draw would move it by a little, and the bytes with it.
-        with any_script():
-            engine.execute(figure)
-        figure.set_layout_engine("none")
+        settle_layout(figure)
+        figure.set_layout_engine(None)  # not "none", for which it would all be drawn once more to measure it
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()
     outlines = "none" if live_text else "path"

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 from matplotlib.lines import Line2D
 
-from ...analysis.published.tables import NOT_DISCUSSED
+from ...analysis.published.tables import not_discussed
 from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...errors import UsageError
 from ...text import name_text
@@ -19,7 +19,7 @@ _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "
 def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
     """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model.
 
-    Pearson's r and Spearman's rho are given per setting. `NOT_DISCUSSED` are left out, and knowledge-driven methods
+    Pearson's r and Spearman's rho are given per setting. `not_discussed` are left out, and knowledge-driven methods
     where there are others, as in the paper's discussion; CRE is made from the EPE. With `together` all models are
     drawn, and one correlation is given over all of them.
 
@@ -27,7 +27,8 @@ def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
         UsageError: no model has all four.
     """
     epe, rcre = values_of(results, "epe"), values_of(results, "rcre")
-    models = [(s, m) for s, m, name in epe if name == AVERAGE and m not in NOT_DISCUSSED]
+    without = not_discussed(results)
+    models = [(s, m) for s, m, name in epe if name == AVERAGE and m not in without]
     points: dict[str, list[dict[str, float]]] = {}
     marks: dict[str, list[Mark]] = {}
     for setting, model in models:

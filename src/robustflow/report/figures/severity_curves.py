@@ -45,6 +45,7 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     figure, axes = new_figure(2.3 * columns, 1.9 * rows + 0.5, rows, columns)
+    figure.set_layout_engine(None)  # Equal panels need no measuring, which takes longer than drawing them.
     for extra in axes[len(shown) :]:
         extra.remove()
     for panel, corruption in zip(axes, shown, strict=False):
@@ -62,15 +63,18 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
         panel.set_title(name_text(long_label(corruption)), fontsize=8)
         panel.set_xticks(SEVERITIES)
         panel.tick_params(labelsize=7)
-    figure.supylabel(metric_label(metric), fontsize=9)
-    figure.supxlabel("severity", fontsize=9)
+    width, height = figure.get_size_inches()
+    figure.supylabel(metric_label(metric), fontsize=9, x=0.08 / width, ha="left")
+    figure.supxlabel("severity", fontsize=9, y=0.06 / height, va="bottom")
     handles = [
         Line2D([], [], color=colour, marker="o", markersize=3, label=name_text(name))
         for colour, name in zip(SERIES, curves, strict=False)
     ]
     widest = max(len(str(handle.get_label())) for handle in handles) * 0.6 * _LEGEND_PT + 40  # with its line, points
     columns = max(1, min(4, len(handles), int(72 * figure.get_figwidth() // widest)))
-    figure.legend(handles=handles, loc="outside upper center", ncols=columns, frameon=False, fontsize=_LEGEND_PT)
+    figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False, fontsize=_LEGEND_PT)
+    above = 0.3 + 0.17 * -(-len(handles) // columns)
+    figure.subplots_adjust(0.62 / width, 0.45 / height, 1 - 0.12 / width, 1 - above / height, 0.24, 0.34)
     return figure
 
 

@@ -30,6 +30,7 @@ _COLOURS = {
 """Colours as matplotlib writes them, in lower case, and what the page calls them."""
 
 _FONT = re.compile(r"font:[^;]*?([\d.]+)px[^;]*")
+_FAMILY = re.compile(r"\s*font-family:[^;]*;?")
 _LONG_NUMBER = re.compile(r"\d+\.\d{3,}")
 _GEOMETRY = ("d", "x", "y", "points", "transform", "width", "height")
 
@@ -54,10 +55,12 @@ def inline_svg(
         if gid in by_id:
             _name_marks(by_id[gid], marks, page_of)
     _drop(root, "metadata", "style")
+    _share_shapes(root)
     _rename_ids(root, prefix)
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
         _restyle(element)
+    _share_styles(root)
     px = float(root.attrib.pop("width").removesuffix("pt")) * 96 / 72
     root.attrib.pop("height")
     root.attrib.pop("version", None)
@@ -98,6 +101,41 @@ def _drop(root: ElementTree.Element, *tags: str) -> None:
                 parent.remove(child)
 
 
+def _share_shapes(root: ElementTree.Element) -> None:
+    """Of shapes that are the same, the first is used wherever one is."""
+    first: dict[tuple[str | None, ...], str] = {}
+    same: dict[str, str] = {}
+    for group in list(root.iter()):
+        for shapes in group.findall(f"{{{_SVG}}}defs"):
+            for shape in list(shapes):
+                name = shape.get("id")
+                if name is not None and shape.tag == f"{{{_SVG}}}path":
+                    same[name] = first.setdefault((shape.get("d"), shape.get("style")), name)
+                    if same[name] != name:
+                        shapes.remove(shape)
+            if not len(shapes):
+                group.remove(shapes)
+    for element in root.iter():
+        target = element.get(_XLINK)
+        if target is not None:
+            element.set(_XLINK, f"#{same.get(target[1:], target[1:])}")
+
+
+def _share_styles(root: ElementTree.Element) -> None:
+    """What all points of a group have in common is said once, by the group; and no space between elements."""
+    for group in root.iter():
+        for text in ("text", "tail"):
+            if not (getattr(group, text) or "").strip():
+                setattr(group, text, None)
+        styles = {child.get("style") for child in group}
+        if group.tag == "g" and "style" not in group.attrib and len(styles) == 1 and {c.tag for c in group} == {"use"}:
+            (style,) = styles
+            if style:
+                group.set("style", style)
+                for child in group:
+                    del child.attrib["style"]
+
+
 def _rename_ids(root: ElementTree.Element, prefix: str) -> None:
     """Only ids that something refers to stay."""
     used: set[str] = set()
@@ -119,7 +157,7 @@ def _rename_ids(root: ElementTree.Element, prefix: str) -> None:
 def _restyle(element: ElementTree.Element) -> None:
     style = element.get("style")
     if style is not None:
-        style = _FONT.sub(r"font-size: \1px", style)
+        style = _FAMILY.sub("", _FONT.sub(r"font-size: \1px", style)).strip()
         element.set("style", re.sub("#[0-9a-f]{6}", lambda match: _COLOURS.get(match[0], match[0]), style))
     for name in _GEOMETRY:
         value = element.get(name)

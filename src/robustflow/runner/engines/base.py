@@ -52,6 +52,8 @@ class FinishedUnit:
     unit: Unit
     rows: list[dict[str, Any]]
     seconds: dict[str, float]
+    place: str | None = None
+    """Node and device that computed it, where the engine has several."""
 
 
 def take_seconds(worker: Worker) -> dict[str, float]:

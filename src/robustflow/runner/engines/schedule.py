@@ -49,6 +49,18 @@ class Schedule:
         if unit.corruption == CLEAN:
             self._blocked.discard(unit.key)
 
+    def give_back(self, unit: Unit) -> None:
+        """Take back a unit whose worker is gone: it is handed out again, and before the rest of its sample.
+
+        >>> schedule = Schedule([Unit("a", "clean", (0,)), Unit("a", "fog", (1,))])
+        >>> schedule.give_back(schedule.take(None)); schedule.take(None).corruption, schedule.take(None)
+        ('clean', None)
+        """
+        self._waiting.setdefault(unit.key, deque()).appendleft(unit)
+        if unit.corruption == CLEAN:
+            self._blocked.discard(unit.key)
+            self._fresh.append(unit.key)
+
     def _ready(self, key: str) -> bool:
         return key in self._waiting and key not in self._blocked and key not in self._fresh
 

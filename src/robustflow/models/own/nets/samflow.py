@@ -75,6 +75,10 @@ class SamFlow(nn.Module):
         """The flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
         return self._decode(image1, image2, every=False)[0][-1]
 
+    def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """The flow after every iteration, for the loss; arguments as for `flows`."""
+        return self.flows(image1, image2)[0]
+
     def flows(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
         """The flow after every iteration, for the loss.
 

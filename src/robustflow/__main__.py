@@ -1,0 +1,5 @@
+"""`python -m robustflow`, which `torchrun -m robustflow` needs."""
+
+from .cli.main import main
+
+main()

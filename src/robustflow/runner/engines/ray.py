@@ -1,0 +1,219 @@
+"""Actors on the nodes of a Ray cluster, or on this machine: an actor per GPU, or per processor.
+
+Only this process writes rows, and it knows who computes what, so actors and nodes can be lost at any moment: their
+units are handed out again. Ray's own retries are off; they could run a unit twice whose answer was only late.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from ...errors import RunError
+from ...runs.plan import Unit
+from .base import FinishedUnit, Job
+from .processes import _rebuild
+from .ray_actor import Answer, check_installed, installed
+from .ray_cluster import connected
+from .ray_job import files_of, model_identity_of, needs_gpu, pickled, variables
+from .ray_member import Member
+from .schedule import Schedule
+
+ATTEMPTS = 3
+"""Times that one unit is given to an actor that is lost with it."""
+_LOOK_S = 1.0
+"""Between two looks at what the cluster has."""
+_PATIENCE_S = 30.0
+"""Without any actor, until a warning says so."""
+
+
+def on_ray(
+    job: Job,
+    units: Sequence[Unit],
+    workers: int | None = None,
+    timeout: float | None = None,
+    address: str | None = None,
+) -> Iterator[FinishedUnit]:
+    """Compute the units on a Ray cluster.
+
+    Args:
+        job: named by `module:attribute` or not, its code has to be importable on every node, and its data readable
+            there under the same path; both are checked.
+        units: to compute.
+        workers: actors; by default one per GPU of the cluster for a model on a GPU, else one per processor, and more
+            as nodes join.
+        timeout: the longest a single prediction may take, in seconds.
+        address: of the cluster, see `connected`; None for one on this machine that ends with the run.
+
+    Raises:
+        UsageError, RunError: Ray, the cluster, or a node of it lacks something; a unit was lost `ATTEMPTS` times.
+        DataError, ModelError: as with the other engines.
+    """
+    gpu = needs_gpu(job)
+    sent = pickled(job)
+    with connected(address, workers, len(sent)) as ray:
+        crew = _Crew(ray, job, sent, units, workers, timeout, gpu, address is None)
+        try:
+            yield from crew.compute()
+        finally:
+            crew.end()
+
+
+class _Crew:
+    """The actors of a run, and the units that are left."""
+
+    def __init__(
+        self,
+        ray: Any,
+        job: Job,
+        sent: bytes,
+        units: Sequence[Unit],
+        workers: int | None,
+        timeout: float | None,
+        gpu: bool,
+        local: bool,
+    ) -> None:
+        self._ray, self._job, self._workers, self._timeout, self._gpu, self._local = (
+            ray,
+            job,
+            workers,
+            timeout,
+            gpu,
+            local,
+        )
+        self._schedule, self._left = Schedule(units), len(units)
+        self._first_files = files_of(job, units[0].key) if units else ()
+        self._sent = ray.put(sent)
+        self._identity = model_identity_of(job)
+        self._installed = installed()
+        self._members: list[Member] = []
+        self._losses: dict[Unit, list[str]] = {}
+        self._failed_starts = 0
+        self._most = 0
+        """GPUs or processors that the cluster had at its best; a lost node's may come back."""
+        self._heard = time.monotonic()
+        self._looked = self._heard - _LOOK_S
+        self._warned = False
+
+    def compute(self) -> Iterator[FinishedUnit]:
+        """All units, as they are finished."""
+        tick = _LOOK_S if self._timeout is None else min(_LOOK_S, max(0.05, self._timeout / 4))
+        while self._left:
+            self._fill_up()
+            calls = {member.call: member for member in self._members if member.call is not None}
+            if not calls:
+                continue
+            ready, _ = self._ray.wait(list(calls), timeout=tick)
+            for call in ready:
+                done = self._hear(calls[call])
+                self._hand_out()
+                if done is not None:
+                    self._left -= 1
+                    yield done
+            if self._timeout is not None:
+                for member in self._members:
+                    member.check(self._timeout)
+
+    def end(self) -> None:
+        """Stop every actor now; what they were computing is lost."""
+        for member in self._members:
+            member.kill()
+
+    def _fill_up(self) -> None:
+        """As many actors as the cluster has room for; those that find none wait for a node to join."""
+        now = time.monotonic()
+        if now - self._looked < _LOOK_S:
+            return
+        self._looked = now
+        kind = "GPU" if self._gpu else "CPU"
+        self._most = max(self._most, int(self._ray.cluster_resources().get(kind, 0)))
+        wanted = self._workers or self._most
+        if not wanted:
+            where = "this machine" if self._local else "the Ray cluster"
+            raise RunError(f"{where} has no {kind} that Ray knows of; give --workers N to wait for N of them to join")
+        while len(self._members) < min(wanted, self._left):
+            self._members.append(Member(self._ray, self._gpu, self._timeout is not None))
+            self._members[-1].greet(variables(), os.getcwd(), sys.path if self._local else [])
+        if any(member.host for member in self._members):
+            self._heard = now
+        elif now - self._heard > _PATIENCE_S and not self._warned:
+            self._warned = True
+            warnings.warn(f"no {kind} of the Ray cluster is free; waiting for one", stacklevel=2)
+
+    def _hear(self, member: Member) -> FinishedUnit | None:
+        """Take the answer of an actor's last call, and give it the next one."""
+        exceptions = self._ray.exceptions
+        try:
+            answer = self._ray.get(member.take_call())
+        except exceptions.RayError as error:
+            if isinstance(error, exceptions.RayTaskError) or "creation task" in str(error):
+                raise _cannot_start(error) from error
+            self._lost(member, error)
+            return None
+        if member.host is None:
+            host, theirs = answer
+            check_installed(host, self._installed, theirs)
+            member.begin(host, self._sent, self._identity, self._first_files)
+            return None
+        value = self._value(member, answer)
+        if member.device is None:
+            member.device, self._failed_starts = value, 0
+            return None
+        unit = member.finish()
+        self._schedule.finished(unit)
+        rows, seconds = value
+        return FinishedUnit(unit, rows, seconds, f"{member.host}, {member.device}")
+
+    def _hand_out(self) -> None:
+        for member in self._members:
+            if member.is_idle:
+                unit = self._schedule.take(member.last_key)
+                if unit is None:
+                    return
+                member.give(unit, files_of(self._job, unit.key))
+
+    def _value(self, member: Member, answer: Answer) -> Any:
+        kind, value = answer
+        if kind == "error":
+            name, message, trace = value
+            raise _rebuild(name, message if self._local else f"{message} (on node {member.host})", trace)
+        return value
+
+    def _lost(self, member: Member, error: Exception) -> None:
+        """Do without an actor; what it was computing is computed again."""
+        self._members.remove(member)
+        member.kill()
+        self._looked -= _LOOK_S
+        where, why = f"node {member.host}" if member.host else "a node", type(error).__name__
+        if member.unit is None:
+            self._failed_starts += 1
+            if self._failed_starts >= ATTEMPTS * max(1, self._workers or self._most):
+                raise RunError(
+                    f"no worker comes up on the Ray cluster: {self._failed_starts} were lost as they started, the last "
+                    f"on {where} ({why}); out of memory or a crash as the model is loaded are the usual causes"
+                )
+            return
+        losses = self._losses.setdefault(member.unit, [])
+        losses.append(f"{where} ({why})")
+        if len(losses) == ATTEMPTS:
+            raise RunError(
+                f"a worker ended without a message while it computed sample '{member.unit.key}', "
+                f"{member.unit.corruption}, {ATTEMPTS} times: on {', '.join(losses)}; out of memory or a crash inside "
+                "the model are the usual causes: try fewer --workers"
+            )
+        self._schedule.give_back(member.unit)
+
+
+def _cannot_start(error: Exception) -> RunError:
+    """A node that cannot even load this package; the user's code is loaded later."""
+    address = re.search(r"\bip=([^,\s)]+)", str(error))
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return RunError(
+        f"node {address[1] if address else '(address unknown)'} cannot start RobustFlow ({lines[-1]}); "
+        "install the same version on every node"
+    )

@@ -1,0 +1,164 @@
+"""A Ray cluster to compute on: one that is there, or one of this machine's that lasts as long as the run."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import signal
+import socket
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from ...errors import RunError, UsageError
+
+REACH_S = 10.0
+"""Within which the head of a cluster has to answer."""
+_STORE_BYTES = 200 * 2**20
+"""Of the object store of a cluster of our own, beside what is sent to every actor: rows are small."""
+_LONGEST_TMP = 30
+"""Ray puts sockets below its folder, whose paths may have 107 characters."""
+_SETTINGS = b"\4"
+_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
+"""How a client of HTTP/2 begins, which Ray's ports speak; a server answers with its settings (RFC 9113, 3.4)."""
+_NO_RAY = "the ray engine needs Ray, which is not installed here: pip install 'robustflow[ray]'"
+
+
+def ray_module() -> Any:
+    """The module `ray`.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    try:
+        import ray
+    except ImportError as error:
+        raise UsageError(_NO_RAY) from error
+    return ray
+
+
+@contextmanager
+def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0) -> Iterator[Any]:
+    """The module `ray`, connected; what was connected or started here ends with the block.
+
+    Args:
+        address: of a cluster: "auto" (the one that this machine is part of, or RAY_ADDRESS), "host:port" of its head,
+            on a machine that is part of it, or "ray://host:port" from any machine. None starts a cluster of this
+            machine; where the caller's process is connected already, that cluster serves.
+        cpus: of a cluster that is started here; all of this machine's by default.
+        sent_bytes: size of what every actor is sent.
+
+    Raises:
+        UsageError: Ray is not installed, or an address that is none.
+        RunError: nothing answers there.
+    """
+    ray = ray_module()
+    if ray.is_initialized():
+        if address not in (None, "auto"):
+            raise UsageError(
+                "this process is connected to a Ray cluster already: leave out the address, or ray.shutdown()"
+            )
+        yield ray
+        return
+    handler = signal.getsignal(signal.SIGTERM)
+    folder = None if address else _new_folder()
+    _show_messages(ray, False)
+    try:
+        with _quiet():
+            if address is None:
+                ray.init(
+                    address="local",
+                    num_cpus=cpus,
+                    include_dashboard=False,
+                    object_store_memory=_STORE_BYTES + 2 * sent_bytes,
+                    log_to_driver=False,
+                    logging_level=logging.ERROR,
+                    _temp_dir=folder,
+                )
+            else:
+                _join(ray, address)
+        _restore(handler)  # Ray puts its own in the place of the caller's
+        yield ray
+    finally:
+        with _quiet():
+            ray.shutdown()
+        _restore(handler)
+        _show_messages(ray, True)
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _join(ray: Any, address: str) -> None:
+    spelled = f"the Ray cluster at '{address}'"
+    _check_answers(address if address != "auto" else os.environ.get("RAY_ADDRESS", ""), spelled)
+    try:
+        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+    except ImportError as error:
+        raise UsageError("an address with ray:// needs Ray's client: pip install 'ray[client]'") from error
+    except ValueError as error:
+        raise UsageError(f"--address {address} is not an address: give auto, host:port or ray://host:port") from error
+    except SystemExit as error:  # Ray's own answer to a head that speaks something else
+        raise RunError(f"{spelled} does not answer as Ray does; check the address and its port") from error
+    except Exception as error:
+        raise RunError(f"{spelled} cannot be joined from here: {_first_sentence(error)}") from error
+
+
+def _check_answers(address: str, spelled: str) -> None:
+    """Ray itself would try for two minutes, and then end the process."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not (colon and host and port.isdecimal()):
+        return
+    try:
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=REACH_S) as connection:
+            connection.sendall(_PREFACE)
+            answer = connection.recv(9)
+    except TimeoutError:
+        answer = b""
+    except (OSError, OverflowError) as error:
+        raise RunError(
+            f"{spelled} cannot be reached ({error}); start it (ray start --head), or check host and port"
+        ) from error
+    if answer[3:4] != _SETTINGS and not os.environ.get("RAY_USE_TLS"):
+        raise RunError(f"{spelled} does not answer as Ray does; check host and port")
+
+
+def _new_folder() -> str:
+    """A folder for Ray's sockets and logs."""
+    usual = tempfile.gettempdir()
+    return tempfile.mkdtemp(prefix="rf-ray-", dir=usual if len(usual) <= _LONGEST_TMP else "/tmp")
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Without Ray's words on starting and ending, and without its usage statistics."""
+    logger = logging.getLogger("ray")
+    level, before = logger.level, os.environ.get("RAY_USAGE_STATS_ENABLED")
+    logger.setLevel(logging.ERROR)
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+        if before is None:
+            os.environ.pop("RAY_USAGE_STATS_ENABLED", None)
+        else:
+            os.environ["RAY_USAGE_STATS_ENABLED"] = before
+
+
+def _show_messages(ray: Any, shown: bool) -> None:
+    """Ray prints its words on a lost actor to standard output, where our tables go, and has no option against it."""
+    ray._private.worker._worker_logs_enabled = shown
+
+
+def _restore(handler: Any) -> None:
+    if handler is not None and signal.getsignal(signal.SIGTERM) is not handler:
+        try:
+            signal.signal(signal.SIGTERM, handler)
+        except ValueError:  # not in the main thread, where Ray did not change it either
+            return
+
+
+def _first_sentence(error: Exception) -> str:
+    return " ".join(str(error).split()).partition(". ")[0] or type(error).__name__

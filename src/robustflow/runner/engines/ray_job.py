@@ -1,0 +1,59 @@
+"""What a node needs of a job: itself, a GPU or none, the model that it has to load, the files that it has to have."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from ...errors import UsageError
+from ...models import ModelSpec
+from ...models.base import model_identity
+from .base import Job
+from .processes import _ONE_THREAD
+from .ray_cluster import ray_module
+
+
+def pickled(job: Job) -> bytes:
+    """The job as every node is sent it.
+
+    Raises:
+        UsageError: it cannot be sent, or Ray is not installed.
+    """
+    cloudpickle = ray_module().cloudpickle
+    try:
+        return bytes(cloudpickle.dumps(job))
+    except Exception as error:
+        raise UsageError(
+            f"this model object cannot be sent to Ray's workers ({type(error).__name__}: {error}); use engine='serial' "
+            "without a timeout, or name the model as 'module:attribute'"
+        ) from error
+
+
+def needs_gpu(job: Job) -> bool:
+    """Whether every actor needs a GPU of its own.
+
+    Raises:
+        UsageError: one GPU is named, which only Ray can choose.
+    """
+    options = dict(job.model.options) if isinstance(job.model, ModelSpec) else {}
+    asked = str(options.get("device", model_identity_of(job).get("device", "cpu")))
+    if asked.startswith("cuda:"):
+        raise UsageError(f"--device {asked} with the ray engine: give --device cuda; Ray gives every worker a GPU")
+    return asked == "cuda" or (asked == "auto" and model_identity_of(job).get("device") == "cuda")
+
+
+def model_identity_of(job: Job) -> dict[str, Any]:
+    """What a node's model has to be."""
+    model = job.load_model()
+    return job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
+
+
+def files_of(job: Job, key: str) -> tuple[tuple[str, int], ...]:
+    """Paths and sizes of what a node needs for a sample."""
+    return tuple((str(path), path.stat().st_size) for path in job.dataset.files(key))
+
+
+def variables() -> dict[str, str]:
+    """Of the environment, for every actor: where the user's files are, and one thread a library."""
+    mine = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")}
+    return mine | dict.fromkeys(_ONE_THREAD, "1")

@@ -1,0 +1,114 @@
+"""One actor as this process sees it: where it is, what it was asked last, and what it computes."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from ...errors import ModelError
+from ...models.base import place
+from ...runs.plan import Unit
+from .ray_actor import Files, UnitActor
+
+_UNANSWERED_S = 30.0
+"""How much longer than a prediction may take an actor may be silent; a lost node is noticed within that time."""
+
+
+class Member:
+    """An actor. Each call is answered before the next; `call` is the one that is not answered yet.
+
+    Attributes:
+        host: the node's name; None until the actor has said it.
+        device: what it computes on; None until it has loaded the model.
+        unit: that it computes.
+        last_key: the sample that it has loaded.
+    """
+
+    def __init__(self, ray: Any, gpu: bool, watched: bool) -> None:
+        self._ray = ray
+        self._actor = (
+            ray.remote(UnitActor)
+            .options(
+                num_cpus=1,
+                num_gpus=int(gpu),
+                max_restarts=0,
+                max_task_retries=0,
+                max_concurrency=2 if watched else 1,
+                scheduling_strategy="SPREAD",
+            )
+            .remote()
+        )
+        self.call: Any = None
+        self.host: str | None = None
+        self.device: str | None = None
+        self.unit: Unit | None = None
+        self.last_key: str | None = None
+        self._question: Any = None
+        self._asked = 0.0
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it waits for a unit."""
+        return self.device is not None and self.call is None
+
+    def greet(self, variables: dict[str, str], folder: str, path: list[str]) -> None:
+        """See `UnitActor.hello`."""
+        self.call = self._actor.hello.remote(variables, folder, path)
+
+    def begin(self, host: str, pickled: Any, identity: dict[str, Any], files: Files) -> None:
+        """See `UnitActor.begin`."""
+        self.host = host
+        self.call = self._actor.begin.remote(pickled, identity, files)
+
+    def give(self, unit: Unit, files: Files) -> None:
+        """Let it compute a unit."""
+        self.unit, self.last_key = unit, unit.key
+        self.call = self._actor.run.remote(unit, files)
+
+    def take_call(self) -> Any:
+        """The call that is answered now."""
+        call, self.call = self.call, None
+        return call
+
+    def finish(self) -> Unit:
+        """The unit, which is computed."""
+        unit, self.unit, self._question = self.unit, None, None
+        assert unit is not None
+        return unit
+
+    def check(self, timeout: float) -> None:
+        """End the run when a prediction takes too long; to be called again and again.
+
+        Raises:
+            ModelError: it does, or it keeps the actor from saying so.
+        """
+        if self.unit is None:
+            return
+        now = time.monotonic()
+        if self._question is None:
+            if now - self._asked > min(timeout / 4, 5.0):
+                self._question, self._asked = self._actor.predicting.remote(), now
+            return
+        if self._ray.wait([self._question], timeout=0)[0]:
+            try:
+                predicting = self._ray.get(self._question)
+            except self._ray.exceptions.RayError:  # the unit's own call says so as well
+                predicting = None
+            self._question = None
+            if predicting is not None and predicting[1] > timeout:
+                raise _too_slow(timeout, predicting[0])
+        elif now - self._asked > timeout + _UNANSWERED_S:
+            raise _too_slow(timeout, place(self.unit.key, self.unit.corruption, *self.unit.severities))
+
+    def kill(self) -> None:
+        """End it now."""
+        try:
+            self._ray.kill(self._actor, no_restart=True)
+        except Exception:  # it is dead, or the cluster is
+            return
+
+
+def _too_slow(timeout: float, what: str) -> ModelError:
+    return ModelError(
+        f"the model took longer than {timeout:g} s on {what}; repair it, or allow it more time with --timeout"
+    )

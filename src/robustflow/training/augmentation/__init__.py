@@ -1,0 +1,1 @@
+"""Augmentation of training pairs, dense and sparse, as in RAFT: first drawn, then applied."""

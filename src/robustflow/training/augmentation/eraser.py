@@ -1,0 +1,45 @@
+"""The eraser: rectangles of the second frame filled with its mean colour, which stand for occlusion (RAFT)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...random.rng import Rng
+from ...sample import Frame
+
+_PROBABILITY = 0.5
+_SIDES = (50, 100)
+"""Pixels of a side, from the first to one below the second."""
+
+
+class Rectangle(NamedTuple):
+    """Pixels; it may end outside the frame."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+def draw_eraser(rng: Rng, shape: tuple[int, int]) -> tuple[Rectangle, ...]:
+    """No rectangle, or with probability 1/2 one or two, anywhere in a frame of `shape` (H, W)."""
+    if rng.uniform() >= _PROBABILITY:
+        return ()
+    height, width = shape
+    return tuple(
+        Rectangle(rng.integer(0, width), rng.integer(0, height), rng.integer(*_SIDES), rng.integer(*_SIDES))
+        for _ in range(rng.integer(1, 3))
+    )
+
+
+def erase(frame: Frame, rectangles: tuple[Rectangle, ...]) -> Frame:
+    """The frame with the rectangles filled; the frame itself where there is none."""
+    if not rectangles:
+        return frame
+    colour = frame.reshape(-1, 3).mean(axis=0).astype(np.uint8)  # truncated, as an assignment to uint8 does
+    erased = frame.copy()
+    for left, top, width, height in rectangles:
+        erased[top : top + height, left : left + width] = colour
+    return erased

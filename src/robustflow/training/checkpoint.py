@@ -1,0 +1,93 @@
+"""Checkpoints of a training: all that going on needs, in a file that `run --checkpoint` reads too.
+
+`last.pth` holds weights, optimiser, loss scaling and the number of updates; the state of the random numbers is none,
+because every draw is a function of the seed and the step. Files of weights alone (`best.pth`, `update-N.pth`) hold the
+same entries without the rest. All are read with `weights_only=True`.
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..atomic import write_with
+from ..errors import ModelError, RunError
+from ..models.torch.checkpoint import TRAINED_ON
+
+LAST = "last.pth"
+BEST = "best.pth"
+_ABOUT = "robustflow_training"
+
+
+@dataclass(frozen=True)
+class Progressed:
+    """How far a training is.
+
+    Attributes:
+        updates: made so far.
+        identity: what decides the weights: recipe, seed, data.
+        best: the smallest validation error so far, pixels; None before the first validation.
+    """
+
+    updates: int
+    identity: dict[str, Any]
+    best: float | None = None
+
+
+def save_weights(path: Path, weights: dict[str, Tensor], about: Progressed, trained_on: str | None) -> None:
+    """Write weights and where they come from, whole or not at all.
+
+    Raises:
+        DataError: the folder cannot be written, or the disk is full.
+    """
+    write_with(path, lambda file: torch.save(_content(weights, about, trained_on), file))
+
+
+def save_training(
+    path: Path,
+    weights: dict[str, Tensor],
+    about: Progressed,
+    trained_on: str | None,
+    optimizer: torch.optim.Optimizer,
+    scaler: torch.amp.GradScaler,
+) -> None:
+    """Likewise with what going on needs."""
+    state = {"optimizer": optimizer.state_dict(), "scaler": scaler.state_dict()}
+    write_with(path, lambda file: torch.save({**_content(weights, about, trained_on), **state}, file))
+
+
+def read_progress(path: Path) -> tuple[dict[str, Any], Progressed]:
+    """What `save_training` wrote: the whole content, and how far it is.
+
+    Raises:
+        RunError: no such file, or one that no training wrote.
+        ModelError: it is damaged.
+    """
+    try:
+        content = torch.load(path, weights_only=True, map_location="cpu")
+    except FileNotFoundError:
+        raise RunError(f"{path.parent}: no training to resume (no {path.name}); start one without --resume") from None
+    except (RuntimeError, OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
+        first = next(iter(str(error).splitlines()), type(error).__name__)
+        raise ModelError(f"{path} is damaged ({first}); restore it, or start again from a file of weights") from error
+    try:
+        about = json.loads(content[_ABOUT])
+        return content, Progressed(int(about["updates"]), dict(about["identity"]), about["best"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise RunError(
+            f"{path} holds weights but no training that could go on; start from them with --init {path}"
+        ) from error
+
+
+def _content(weights: dict[str, Tensor], about: Progressed, trained_on: str | None) -> dict[str, Any]:
+    entries: dict[str, Any] = {
+        "model": weights,
+        _ABOUT: json.dumps({"updates": about.updates, "identity": about.identity, "best": about.best}, sort_keys=True),
+    }
+    return entries if trained_on is None else {**entries, TRAINED_ON: trained_on}

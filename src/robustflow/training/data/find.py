@@ -1,0 +1,109 @@
+"""Find the data sets of a mix in the user's folders."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...datasets import DATASETS, load_dataset
+from ...datasets.base import Dataset
+from ...datasets.split import kitti_split
+from ...errors import DataError, UsageError
+from ...layout import user_path
+from ..recipe import Part
+
+_FOLDERS = {
+    "flyingchairs": ("flyingchairs", "flyingchairsrelease", "chairs"),
+    "flyingthings3d": ("flyingthings3d", "flyingthings3dsubset", "flyingthings", "things"),
+    "sintel": ("sintel", "mpisintel", "mpisintelcomplete"),
+    "hd1k": ("hd1k", "hd1kfull"),
+    "kitti2015": ("kitti2015", "kitti", "kittisceneflow", "datasceneflow"),
+    "kitti2012": ("kitti2012", "datastereoflow"),
+}
+"""How folders of data sets are called, in small letters and digits; any other data set is looked for under its name."""
+
+
+@dataclass(frozen=True)
+class OpenPart:
+    """A part of a mix with its data.
+
+    Attributes:
+        part: what the mix says.
+        dataset: opened.
+        keys: of the pairs that are trained on.
+    """
+
+    part: Part
+    dataset: Dataset
+    keys: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Places in an epoch."""
+        return len(self.keys) * self.part.times
+
+
+def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
+    """Open a part's data set where it is.
+
+    Args:
+        part: of a mix.
+        data: folders that hold data sets, or are one; or "NAME=FOLDER" for one data set.
+
+    Raises:
+        DataError: it is nowhere there, or not laid out as it should be; the folders that are looked for are named.
+        UsageError: "NAME=FOLDER" with a name that no data set has.
+    """
+    named, roots = _parted(data)
+    folder = named.get(part.data)
+    dataset = _search(part, roots) if folder is None else load_dataset(part.data, folder, **part.options)
+    keys = dataset.keys()
+    if part.keys == "training":
+        keys = kitti_split(keys).training
+        if not keys:
+            raise DataError(
+                f"{part.data}: with fewer than 200 pairs all are evaluated, and none is left to train on; give the "
+                "whole data set, or take the recipe 'kitti', which trains on every pair"
+            )
+    return OpenPart(part, dataset, tuple(keys))
+
+
+def _parted(data: Sequence[str | Path]) -> tuple[dict[str, Path], list[Path]]:
+    named: dict[str, Path] = {}
+    roots: list[Path] = []
+    for entry in data:
+        name, equals, folder = str(entry).partition("=")
+        if equals and re.fullmatch(r"[a-z0-9_]+", name):
+            if name not in DATASETS:
+                raise UsageError(f"--data {entry}: unknown data set '{name}'; see 'robustflow list datasets'")
+            named[name] = user_path(folder)
+        else:
+            roots.append(user_path(entry))
+    return named, roots
+
+
+def _search(part: Part, roots: list[Path]) -> Dataset:
+    names = _FOLDERS.get(part.data, (_plain(part.data),))
+    reasons = []
+    for root in roots:
+        if not root.is_dir():
+            reasons.append(f"{root}: no such folder")
+            continue
+        candidates = [child for child in sorted(root.iterdir()) if child.is_dir() and _plain(child.name) in names]
+        for folder in [*candidates, root]:
+            try:
+                return load_dataset(part.data, folder, **part.options)
+            except DataError as error:
+                if folder in candidates or _plain(folder.name) in names:
+                    reasons.append(str(error))
+    options = " ".join(f"{key}={value}" for key, value in part.options.items())
+    where = ", ".join(map(str, roots)) or "no --data was given"
+    raise DataError(
+        f"{part.data} {options}".strip() + f" was not found ({'; '.join(reasons) or where}); put it into a folder "
+        f"{' or '.join(names[:2])} there, or give --data {part.data}=FOLDER"
+    )
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())

@@ -1,0 +1,120 @@
+"""Batches of a training, from a given step on, read ahead by worker processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import DataLoader, Dataset
+
+from .pairs import TrainingPair, TrainingPairs
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Pairs that go through the network together.
+
+    Attributes:
+        image1, image2: float32 (B, 3, H, W), RGB 0..255.
+        flow: float32 (B, 2, H, W), pixels.
+        valid: float32 (B, H, W), 0 or 1.
+        names: of the pairs.
+    """
+
+    image1: Tensor
+    image2: Tensor
+    flow: Tensor
+    valid: Tensor
+    names: tuple[str, ...]
+
+    def to(self, device: torch.device) -> Batch:
+        """On another device."""
+        image1, image2, flow, valid = (
+            value.to(device, non_blocking=True) for value in (self.image1, self.image2, self.flow, self.valid)
+        )
+        return Batch(image1, image2, flow, valid, self.names)
+
+
+@dataclass(frozen=True)
+class Share:
+    """Which places of each batch a process computes: every process the same number, in one row.
+
+    Attributes:
+        batch: pairs of a step, over all processes; a multiple of `world`.
+        rank: of this process.
+        world: processes.
+    """
+
+    batch: int
+    rank: int = 0
+    world: int = 1
+
+    def positions(self, step: int) -> list[int]:
+        """The positions of this process's pairs of a step.
+
+        >>> Share(6, rank=1, world=2).positions(10)
+        [63, 64, 65]
+        """
+        each = self.batch // self.world
+        first = step * self.batch + self.rank * each
+        return list(range(first, first + each))
+
+
+def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> Iterator[Batch]:
+    """The batches of some steps, in order.
+
+    Args:
+        pairs: of the training.
+        share: of this process.
+        steps: from the first to the last.
+        workers: processes that read and augment ahead; 0 does so in this one.
+    """
+    loader = DataLoader(
+        _Positions(pairs),
+        batch_sampler=_Steps(share, steps),
+        num_workers=workers,
+        collate_fn=_collated,
+        multiprocessing_context="spawn" if workers else None,
+        worker_init_fn=_quiet_worker,
+        prefetch_factor=4 if workers else None,
+    )
+    yield from loader
+
+
+class _Positions(Dataset[TrainingPair]):
+    def __init__(self, pairs: TrainingPairs) -> None:
+        self._pairs = pairs
+
+    def __getitem__(self, position: int) -> TrainingPair:
+        return self._pairs[position]
+
+
+class _Steps:
+    """What a `DataLoader` asks for batches: the positions of one step after the other."""
+
+    def __init__(self, share: Share, steps: range) -> None:
+        self._share = share
+        self._steps = steps
+
+    def __iter__(self) -> Iterator[list[int]]:
+        return (self._share.positions(step) for step in self._steps)
+
+    def __len__(self) -> int:
+        return len(self._steps)
+
+
+def _collated(pairs: Sequence[TrainingPair]) -> Batch:
+    image1, image2, flow, valid = (
+        torch.from_numpy(np.stack(arrays))
+        for arrays in zip(*((pair.frame1, pair.frame2, pair.flow, pair.valid) for pair in pairs), strict=True)
+    )
+    return Batch(image1, image2, flow, valid, tuple(pair.name for pair in pairs))
+
+
+def _quiet_worker(number: int) -> None:
+    cv2.setNumThreads(1)
+    torch.set_num_threads(1)

@@ -1,0 +1,148 @@
+"""The pairs of a training by position: read, augmented, as arrays."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...corruptions.transforms.transform import CorruptionTransform
+from ...datasets.base import Dataset
+from ...datasets.pairs import PairDataset, read_frames
+from ...errors import DataError
+from ...flowio import read_flow
+from ...random.rng import Rng
+from ...sample import Flow, Frame, Mask
+from ..augmentation.augment import apply_augmentation, draw_augmentation
+from .find import OpenPart
+from .order import Order
+
+_LONGEST = 1000.0
+"""Pixels of one component, from which the truth of a dense pair is not valid (RAFT)."""
+_ATTEMPTS = 20
+"""Unreadable pairs in a row after which the data set is given up."""
+
+
+class TrainingPair(NamedTuple):
+    """A pair as the network gets it.
+
+    Attributes:
+        frame1, frame2: float32 (3, H, W), RGB 0..255.
+        flow: float32 (2, H, W), pixels.
+        valid: float32 (H, W), 1 where the truth is known.
+        name: data set and key.
+    """
+
+    frame1: npt.NDArray[np.float32]
+    frame2: npt.NDArray[np.float32]
+    flow: npt.NDArray[np.float32]
+    valid: npt.NDArray[np.float32]
+    name: str
+
+
+class TrainingPairs:
+    """A mix of data as one sequence of augmented pairs, which a torch `DataLoader` takes as its data set.
+
+    Args:
+        parts: of the mix, opened.
+        order: which pair comes at a position.
+        crop: (H, W) of what the network sees.
+        seed: of the augmentation.
+        corruption: laid over the augmented frames, or None.
+        skip_bad: take another pair, with a warning, in place of one that cannot be read.
+    """
+
+    def __init__(
+        self,
+        parts: Sequence[OpenPart],
+        order: Order,
+        crop: tuple[int, int],
+        seed: int,
+        corruption: CorruptionTransform | None = None,
+        skip_bad: bool = False,
+    ) -> None:
+        self._parts = tuple(parts)
+        self._order = order
+        self._crop = crop
+        self._seed = seed
+        self._corruption = corruption
+        self._skip_bad = skip_bad
+
+    def __len__(self) -> int:
+        """Places in an epoch."""
+        return sum(len(part) for part in self._parts)
+
+    def __getitem__(self, position: int) -> TrainingPair:
+        """The pair of a position.
+
+        Raises:
+            DataError: it cannot be read; its name and files are in the message.
+        """
+        for attempt in range(_ATTEMPTS):
+            part, key = self._at(self._order.place(position, attempt))
+            try:
+                return self._augmented(position, part, key)
+            except DataError as error:
+                if not self._skip_bad:
+                    raise DataError(
+                        f"training pair '{key}' of {part.dataset.name}: {error}; restore it, or give --skip-bad to "
+                        "train on others in place of what cannot be read"
+                    ) from error
+                warnings.warn(f"training pair '{key}' of {part.dataset.name} is skipped: {error}", stacklevel=2)
+        raise DataError(f"{_ATTEMPTS} pairs in a row cannot be read; check the data, the last one was '{key}'")
+
+    def name(self, position: int) -> str:
+        """Data set and key of the pair of a position."""
+        part, key = self._at(self._order.place(position))
+        return f"{part.dataset.name} {key}"
+
+    def _at(self, place: int) -> tuple[OpenPart, str]:
+        for part in self._parts:
+            if place < len(part):
+                return part, part.keys[place % len(part.keys)]
+            place -= len(part)
+        raise IndexError(place)
+
+    def _augmented(self, position: int, part: OpenPart, key: str) -> TrainingPair:
+        frames, flow, valid = _read(part.dataset, key)
+        drawn = draw_augmentation(
+            Rng.of(self._seed, "augmentation", position), part.part, frames[0].shape[:2], self._crop
+        )
+        frames, flow, valid = apply_augmentation(frames, flow, valid, drawn)
+        if part.part.augmentation == "dense":
+            valid = valid & (np.abs(flow) < _LONGEST).all(axis=2)
+        if self._corruption is not None:
+            frames = tuple(self._corruption(list(frames), key=f"training {self._seed} {position}"))
+        return TrainingPair(
+            _channels_first(frames[0]),
+            _channels_first(frames[1]),
+            _channels_first(flow),
+            valid.astype(np.float32),
+            f"{part.dataset.name} {key}",
+        )
+
+
+def _read(dataset: Dataset, key: str) -> tuple[tuple[Frame, Frame], Flow, Mask]:
+    """Frames and truth. Of a data set in files the flow file alone: the originals train on Sintel without its maps of
+    invalid pixels."""
+    if isinstance(dataset, PairDataset):
+        pair = dataset.pair(key)
+        if pair.flow is None:
+            raise DataError("it has no ground truth to train on")
+        first, second = read_frames(pair.frames)
+        flow, valid = read_flow(pair.flow)
+    else:
+        sample = dataset.load(key)
+        if sample.flow is None or sample.valid is None:
+            raise DataError("it has no ground truth to train on")
+        (first, second), flow, valid = sample.frames[:2], sample.flow, sample.valid
+    if flow.shape[:2] != first.shape[:2]:
+        raise DataError(f"its flow is {flow.shape[1]}x{flow.shape[0]}, its frames {first.shape[1]}x{first.shape[0]}")
+    return (first, second), flow, valid
+
+
+def _channels_first(array: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    return np.ascontiguousarray(array.transpose(2, 0, 1), dtype=np.float32)

@@ -1,0 +1,72 @@
+"""What a training writes down: one line of JSON an update, and TensorBoard's files where it is installed."""
+
+from __future__ import annotations
+
+import json
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from ..atomic import write_bytes
+from ..errors import DataError
+
+METRICS = "metrics.jsonl"
+
+
+class MetricsLog:
+    """Appends to `metrics.jsonl`. A context manager.
+
+    Args:
+        folder: of the training.
+        first: the update that comes next; lines of later ones, which a killed training wrote after its last
+            checkpoint, are removed.
+    """
+
+    def __init__(self, folder: Path, first: int) -> None:
+        self._path = folder / METRICS
+        if self._path.exists():
+            lines = [line for line in self._path.read_text(encoding="utf-8").splitlines() if _update(line) < first]
+            write_bytes(self._path, "".join(f"{line}\n" for line in lines).encode())
+        try:
+            self._file = open(self._path, "a", encoding="utf-8")  # noqa: SIM115  # closed by __exit__
+        except OSError as error:
+            raise DataError(f"cannot write {self._path}: {error.strerror}; choose another --output") from error
+        self._board: Any = None
+        if find_spec("tensorboard") is not None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=first)
+
+    def __enter__(self) -> MetricsLog:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        if self._board is not None:
+            self._board.close()
+
+    def write(self, update: int, values: dict[str, float]) -> None:
+        """One line for an update, or for a validation after it.
+
+        Raises:
+            DataError: the disk is full.
+        """
+        try:
+            self._file.write(json.dumps({"update": update, **values}) + "\n")
+            self._file.flush()
+        except OSError as error:
+            raise DataError(f"cannot write {self._path}: {error.strerror}; make room and resume") from error
+        if self._board is not None:
+            for name, value in values.items():
+                self._board.add_scalar(name, value, update)
+
+
+def _update(line: str) -> float:
+    """The update of a line; one that was cut while it was written counts as the last."""
+    try:
+        return int(json.loads(line)["update"])
+    except (ValueError, KeyError, TypeError):
+        return float("inf")

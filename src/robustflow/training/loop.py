@@ -1,0 +1,173 @@
+"""The loop: from the update that comes next to the last, with a checkpoint that going on from is exact.
+
+Plain PyTorch: what a library would take over (launching, precision, clipping) is a few lines here, while the data's
+order, the random numbers and the checkpoint, on which exact resuming rests, would have to be taken from it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import nn
+from torch.nn.parallel import DistributedDataParallel
+
+from ..errors import ModelError
+from ..random.rng import key_of
+from .checkpoint import BEST, LAST, Progressed, save_training, save_weights
+from .data.loader import Batch, Share, batches
+from .data.pairs import TrainingPairs
+from .log import MetricsLog
+from .loss_of_batch import loss_of_batch, noisy
+from .networks import TrainedNetwork, learning_parameters
+from .optimizers import set_rate
+from .processes import Process
+from .progress import TrainingProgress
+from .recipe import Recipe
+from .schedules import SCHEDULES
+
+
+@dataclass(frozen=True)
+class Training:
+    """All that the loop needs.
+
+    Attributes:
+        recipe: with the user's changes.
+        seed: of every draw.
+        trained_on: what the weights will have seen; None where it is not known.
+        folder: where checkpoints and the log go.
+        pairs: the data.
+        loaders: processes that read ahead.
+        save_every: updates between checkpoints.
+        keep_every: updates between files of weights that stay; None for none.
+        validate_every: updates between validations; None for none.
+        validate: the error of the network as it is after so many updates, `epe` in pixels, and more for the log.
+        stop: asked after each update; True ends the training there.
+    """
+
+    recipe: Recipe
+    seed: int
+    trained_on: str | None
+    folder: Path
+    pairs: TrainingPairs
+    loaders: int
+    save_every: int
+    keep_every: int | None = None
+    validate_every: int | None = None
+    validate: Callable[[int], dict[str, float]] | None = None
+    stop: Callable[[], bool] = lambda: False
+
+
+@dataclass
+class State:
+    """What changes while a training goes on."""
+
+    network: TrainedNetwork
+    optimizer: torch.optim.Optimizer
+    scaler: torch.amp.GradScaler
+    done: Progressed
+
+
+def train(training: Training, state: State, process: Process, progress: TrainingProgress) -> None:
+    """Make the updates that are left.
+
+    Raises:
+        ModelError: loss or gradients are not finite; the last checkpoint is kept.
+        DataError: a pair cannot be read, or a file not be written.
+    """
+    recipe, network = training.recipe, state.network
+    called: nn.Module = network
+    if process.world > 1:
+        called = DistributedDataParallel(network, find_unused_parameters=True)  # GMA has some
+    first, last = state.done.updates, recipe.updates
+    share = Share(recipe.batch, process.rank, process.world)
+    steps = range(first * recipe.accumulate, last * recipe.accumulate)
+    stream = batches(training.pairs, share, steps, training.loaders)
+    network.train()
+    leads = process.rank == 0
+    with MetricsLog(training.folder, first) if leads else nullcontext() as log, progress:
+        progress.start(first, last)
+        for update in range(first, last):
+            began = time.perf_counter()
+            rate = SCHEDULES[recipe.schedule](update, recipe.updates - recipe.one_more, recipe.learning_rate)
+            set_rate(state.optimizer, rate)
+            numbers = _update(called, state, stream, training, share, update)
+            state.done = Progressed(update + 1, state.done.identity, state.done.best)
+            numbers |= {"rate": rate, "seconds": round(time.perf_counter() - began, 4)}
+            if log is not None:
+                log.write(update, numbers)
+                progress.advance(update + 1, numbers)
+            if training.validate is not None and _due(update + 1, training.validate_every, last) and leads:
+                _validate(training, state, log)
+            stopped = training.stop()
+            if leads and (stopped or _due(update + 1, training.save_every, last)):
+                _save(training, state)
+            if leads and training.keep_every and (update + 1) % training.keep_every == 0:
+                path = training.folder / f"update-{update + 1}.pth"
+                save_weights(path, network.weights(), state.done, training.trained_on)
+            if stopped:
+                return
+
+
+def _update(
+    called: nn.Module, state: State, stream: Iterator[Batch], training: Training, share: Share, update: int
+) -> dict[str, float]:
+    """One update of the weights, and its numbers for the log."""
+    recipe, device = training.recipe, next(called.parameters()).device
+    state.optimizer.zero_grad(set_to_none=True)
+    total: dict[str, float] = {}
+    for part in range(recipe.accumulate):
+        step = update * recipe.accumulate + part
+        batch = next(stream).to(device)
+        batch = noisy(batch, recipe, training.seed, step, share.positions(step))
+        torch.manual_seed(key_of(training.seed, "network", step, share.rank) % 2**63)
+        last = part == recipe.accumulate - 1
+        with nullcontext() if last or share.world == 1 else called.no_sync():
+            loss, numbers = loss_of_batch(called, batch, recipe)
+            _check_finite("loss", loss.item(), update, batch)
+            state.scaler.scale(loss / recipe.accumulate).backward()
+        for name, value in {"loss": loss.item(), **numbers}.items():
+            total[name] = total.get(name, 0.0) + value / recipe.accumulate
+    state.scaler.unscale_(state.optimizer)
+    clip = recipe.optimizer.clip
+    norm = nn.utils.clip_grad_norm_(learning_parameters(state.network), clip if clip is not None else math.inf)
+    if not state.scaler.is_enabled():  # with loss scaling an overflow is expected, and the update is left out
+        _check_finite("gradient", norm.item(), update, batch)
+    state.scaler.step(state.optimizer)
+    state.scaler.update()
+    return {**total, "gradient_norm": norm.item()}
+
+
+def _check_finite(what: str, value: float, update: int, batch: Batch) -> None:
+    if not math.isfinite(value):
+        raise ModelError(
+            f"the {what} is {value} at update {update}, on {', '.join(batch.names)}; the last checkpoint is kept: "
+            "try a lower --learning-rate or --precision fp32, or look at these pairs"
+        )
+
+
+def _due(update: int, every: int | None, last: int) -> bool:
+    return every is not None and (update % every == 0 or update == last)
+
+
+def _validate(training: Training, state: State, log: MetricsLog | None) -> None:
+    assert training.validate is not None
+    state.network.eval()
+    numbers = training.validate(state.done.updates)
+    state.network.train()
+    if log is not None:
+        log.write(state.done.updates - 1, {f"validation_{name}": value for name, value in numbers.items()})
+    error = numbers["epe"]
+    if state.done.best is None or error < state.done.best:
+        state.done = Progressed(state.done.updates, state.done.identity, error)
+        save_weights(training.folder / BEST, state.network.weights(), state.done, training.trained_on)
+
+
+def _save(training: Training, state: State) -> None:
+    weights = state.network.weights()
+    save_training(training.folder / LAST, weights, state.done, training.trained_on, state.optimizer, state.scaler)

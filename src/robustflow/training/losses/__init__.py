@@ -1,0 +1,1 @@
+"""Losses of the recipes: supervised sequence loss, GMFlowNet's matching loss, and those without labels."""

@@ -1,0 +1,65 @@
+"""RAFT's loss over the predictions of every iteration (Teed and Deng, ECCV 2020, Sec. 3.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from torch import Tensor
+
+from ...errors import UsageError
+
+MAX_FLOW = 400.0
+"""Pixels; longer ground truth does not count, as in the original."""
+
+
+def sequence_loss(
+    flows: Sequence[Tensor], truth: Tensor, valid: Tensor, gamma: float = 0.8, max_flow: float = MAX_FLOW
+) -> Tensor:
+    """sum over i of gamma^(n - 1 - i) * mean(|flow_i - truth|) over the n predictions.
+
+    The mean is over ALL pixels and both components; a pixel that is not valid counts as 0, so a sample with sparse
+    ground truth weighs less. So do the originals of the RAFT family.
+
+    Args:
+        flows: n predictions of float (B, 2, H, W) in pixels, the last one final.
+        truth: (B, 2, H, W) in pixels.
+        valid: (B, H, W); a pixel counts where this is at least 0.5 and the truth is shorter than `max_flow`.
+        gamma: weight of a prediction against the next one, in (0, 1].
+        max_flow: pixels.
+
+    Returns:
+        A scalar.
+
+    Raises:
+        UsageError: no prediction, or shapes that do not fit.
+
+    >>> truth, ones = torch.zeros(1, 2, 4, 4), torch.ones(1, 4, 4)
+    >>> flow = torch.ones(1, 2, 4, 4)
+    >>> round(sequence_loss([flow, flow], truth, ones, gamma=0.8).item(), 4)
+    1.8
+    """
+    if not flows:
+        raise UsageError("the network gave no prediction to compare with the ground truth; return a list of flows")
+    counts = _counts(truth, valid, max_flow)
+    total = truth.new_zeros(())
+    for index, flow in enumerate(flows):
+        if flow.shape != truth.shape:
+            raise UsageError(
+                f"prediction {index + 1} has the shape {tuple(flow.shape)}, the ground truth {tuple(truth.shape)}; "
+                "a network in training returns flows at the frames' own size"
+            )
+        total = total + gamma ** (len(flows) - 1 - index) * (counts * (flow.float() - truth).abs()).mean()
+    return total
+
+
+def end_point_error(flow: Tensor, truth: Tensor, valid: Tensor, max_flow: float = MAX_FLOW) -> Tensor:
+    """Mean end-point error over the pixels that count, in pixels; arguments as for `sequence_loss`. NaN without any."""
+    counts = _counts(truth, valid, max_flow)[:, 0]
+    distances = (flow.float() - truth).square().sum(dim=1).sqrt()
+    return distances[counts > 0].mean()
+
+
+def _counts(truth: Tensor, valid: Tensor, max_flow: float) -> Tensor:
+    """1 where a pixel counts, else 0: (B, 1, H, W)."""
+    length = truth.square().sum(dim=1).sqrt()
+    return ((valid >= 0.5) & (length < max_flow)).to(truth.dtype)[:, None]

@@ -1,0 +1,97 @@
+"""The network of a method, taken from the registry that `run` uses, as something that learns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor, nn
+
+from ..errors import UsageError
+from ..models import load_model
+from ..models.tiling import TiledModel
+from ..models.torch.fit import fitted_values, unfitted_flow
+from ..models.torch.model import NetworkModel
+from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
+from .recipe import Recipe
+
+
+class TrainedNetwork(nn.Module):
+    """A network as the loop calls it: RGB images 0..255 in, the flow after every iteration out.
+
+    Args:
+        model: whose network learns; it predicts with the very weights that are being trained.
+        recipe: says how its normalisation layers behave.
+
+    Raises:
+        UsageError: a network without `predictions(image1, image2) -> list of flows`.
+    """
+
+    def __init__(self, model: NetworkModel, recipe: Recipe) -> None:
+        super().__init__()
+        if not hasattr(model.net, "predictions"):
+            raise UsageError(
+                f"model '{model.name}' cannot be trained: its network has no method predictions(image1, image2) that "
+                "returns the flow of every iteration"
+            )
+        self.net = model.net
+        for name, value in self.net.named_parameters():
+            value.requires_grad_(not name.startswith(recipe.frozen))
+        group_batchnorm(self.net, recipe.devices)
+        self._convention = model.convention
+        self._norms = recipe.frozen_norms
+
+    def train(self, mode: bool = True) -> TrainedNetwork:
+        """Training or evaluation mode; norms that the recipe freezes stay in the latter."""
+        super().train(mode)
+        if self._norms == "batchnorm":
+            freeze_batchnorm(self.net)
+        elif self._norms == "all":
+            freeze_all_norms(self.net)
+        return self
+
+    def forward(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """Flows of float (N, 2, H, W) in pixels, the last one final, from RGB images float (N, 3, H, W) in 0..255."""
+        height, width = image1.shape[2:]
+        first, second = (fitted_values(image, self._convention) for image in (image1, image2))
+        flows = self.net.predictions(first, second)
+        return [unfitted_flow(flow, self._convention, height, width) for flow in flows]
+
+    def weights(self) -> dict[str, Tensor]:
+        """The network's state under the names of its authors' files, which `run --checkpoint` reads."""
+        return {name: value.detach().cpu() for name, value in self._inner.state_dict().items()}
+
+    def load_weights(self, weights: dict[str, Tensor]) -> None:
+        """Put back what `weights` gave."""
+        self._inner.load_state_dict(weights)
+
+    @property
+    def _inner(self) -> nn.Module:
+        inner: Any = getattr(self.net, "model", self.net)
+        return inner
+
+
+def load_network(recipe: Recipe, start: str | Path, device: str = "cpu") -> tuple[NetworkModel, TrainedNetwork]:
+    """The model of a recipe with the weights it starts from, and its network ready to learn.
+
+    Args:
+        recipe: names the method and its iterations.
+        start: a checkpoint as `run --checkpoint` takes it, or "random".
+        device: as `run --device` takes it.
+
+    Raises:
+        ModelError: no such checkpoint, or one of another network.
+        UsageError: a model that cannot be trained.
+    """
+    options = {"iterations": recipe.iterations} if recipe.iterations is not None else {}
+    model = load_model(recipe.method, checkpoint=str(start), device=device, **options)
+    while isinstance(model, TiledModel):
+        model = model.model
+    if not isinstance(model, NetworkModel):
+        raise UsageError(f"model '{recipe.method}' is not a PyTorch network of this package, so it cannot be trained")
+    return model, TrainedNetwork(model, recipe)
+
+
+def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
+    """The parameters that learn."""
+    return [value for value in network.parameters() if value.requires_grad]

@@ -1,0 +1,60 @@
+"""BatchNorm in training as the originals have it: frozen, or over the share of a batch that one of their GPUs saw."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+
+def freeze_batchnorm(network: nn.Module) -> None:
+    """Let every BatchNorm use its running statistics and leave them as they are, `freeze_bn` of RAFT; its scale and
+    shift still learn. Call it again after each `network.train()`."""
+    for module in network.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            module.eval()
+
+
+def freeze_all_norms(network: nn.Module) -> None:
+    """Put every normalisation layer into evaluation mode (SAMFlow). Call it again after each `network.train()`."""
+    for module in network.modules():
+        if isinstance(module, nn.BatchNorm2d | nn.InstanceNorm2d | nn.LayerNorm | nn.GroupNorm):
+            module.eval()
+
+
+def group_batchnorm(network: nn.Module, groups: int) -> None:
+    """Let every BatchNorm of a network work on `groups` equal parts of a batch, as `DataParallel` over as many GPUs
+    did (see `GroupedBatchNorm2d`). One group changes nothing."""
+    if groups == 1:
+        return
+    made: dict[nn.Module, GroupedBatchNorm2d] = {}  # RAFT has one norm under two names
+    for parent in list(network.modules()):
+        for name, child in list(parent.named_children()):
+            if isinstance(child, nn.BatchNorm2d):
+                setattr(parent, name, made.setdefault(child, GroupedBatchNorm2d(child, groups)))
+
+
+class GroupedBatchNorm2d(nn.BatchNorm2d):
+    """Normalises each of `groups` parts of a batch by itself; the first part alone moves the running statistics.
+
+    Args:
+        norm: whose weights, statistics and settings it takes over.
+        groups: parts of a batch; a batch that cannot be parted so is parted into fewer.
+    """
+
+    def __init__(self, norm: nn.BatchNorm2d, groups: int) -> None:
+        super().__init__(norm.num_features, norm.eps, norm.momentum, norm.affine, norm.track_running_stats)
+        self.groups = groups
+        self.weight, self.bias = norm.weight, norm.bias
+        self.running_mean, self.running_var = norm.running_mean, norm.running_var
+        self.num_batches_tracked = norm.num_batches_tracked
+        self.train(norm.training)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        """As `BatchNorm2d`, part by part while it trains."""
+        if not self.training:
+            return super().forward(inputs)
+        first, *others = inputs.chunk(self.groups)
+        normalised = [super().forward(first)]
+        normalised += [F.batch_norm(part, None, None, self.weight, self.bias, True, 0.0, self.eps) for part in others]
+        return torch.cat(normalised)

@@ -1,0 +1,72 @@
+"""What a training would do, in words, before anything runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..datasets import dataset_facts
+from ..errors import RobustFlowError
+from ..text import counted
+from .data.find import OpenPart, open_part
+from .recipe import Part, Recipe, mix_parts
+
+
+def plan_text(recipe: Recipe, data: Sequence[str | Path]) -> str:
+    """The recipe, which data are there and which are missing, what each contributes, and how long it goes on.
+
+    Args:
+        recipe: with the user's changes.
+        data: see `open_part`.
+    """
+    lines = [f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})", *_settings(recipe), "data:"]
+    found: list[OpenPart] = []
+    missing: list[tuple[Part, str]] = []
+    for part in mix_parts(recipe.mix):
+        try:
+            found.append(open_part(part, data))
+        except RobustFlowError as error:
+            missing.append((part, str(error)))
+    places = sum(map(len, found))
+    for one in found:
+        share = f", {100 * len(one) / places:.1f} % of an epoch" if not missing else ""
+        pairs = f"{counted(len(one.keys), 'pair')} x {one.part.times}"
+        lines.append(f"  found    {_title(one.part)}: {pairs}{share}; {_augmented(one.part)}")
+    for part, why in missing:
+        lines.append(f"  missing  {_title(part)}: {why}")
+    if not missing:
+        epochs = recipe.updates * recipe.accumulate * recipe.batch / places
+        lines.append(f"{places} pairs an epoch; {counted(recipe.updates, 'update')} are {epochs:.2f} epochs")
+    for name, text in (("not verified", recipe.unverified), ("paper and original", recipe.differs)):
+        if text:
+            lines.append(f"{name}: {text}")
+    if missing:
+        lines.append("nothing can run before the missing data are there")
+    return "\n".join(lines)
+
+
+def _settings(recipe: Recipe) -> list[str]:
+    optimizer = recipe.optimizer
+    clip = f"gradients clipped at {optimizer.clip:g}" if optimizer.clip is not None else "no clipping"
+    steps = f", {recipe.accumulate} steps an update" if recipe.accumulate > 1 else ""
+    iterations = f", {counted(recipe.iterations, 'iteration')}" if recipe.iterations is not None else ""
+    norms = {"none": "norms learn", "batchnorm": "BatchNorm frozen", "all": "all norms frozen"}[recipe.frozen_norms]
+    noise = f", noise up to {recipe.noise:g} grey levels" if recipe.noise else ""
+    return [
+        f"begins with: {recipe.start}",
+        f"{counted(recipe.updates, 'update')} of {counted(recipe.batch, 'pair')}{steps}, crop "
+        f"{recipe.crop[0]}x{recipe.crop[1]}, {recipe.precision}{iterations}",
+        f"{optimizer.name}, rate {recipe.learning_rate:g} ({recipe.schedule}), weight decay "
+        f"{optimizer.weight_decay:g}, {clip}",
+        f"{recipe.loss} loss, gamma {recipe.gamma:g}; {norms}{noise}",
+    ]
+
+
+def _title(part: Part) -> str:
+    words = [dataset_facts(part.data).title, *map(str, part.options.values())]
+    return " ".join(words) + (" (what KITTI-FC leaves for training)" if part.keys == "training" else "")
+
+
+def _augmented(part: Part) -> str:
+    flips = "flips" if part.flip else "no flips"
+    return f"{part.augmentation} augmentation, scale 2^{part.log2_scale[0]:g} to 2^{part.log2_scale[1]:g}, {flips}"

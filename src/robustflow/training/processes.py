@@ -1,0 +1,56 @@
+"""The processes of one training: alone, or one for each device, as `torchrun` starts them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import torch
+from torch import distributed
+
+from ..errors import UsageError
+from ..models.torch.model import find_device
+
+
+@dataclass(frozen=True)
+class Process:
+    """This process among those of a training.
+
+    Attributes:
+        rank: its number; process 0 writes files and shows progress.
+        world: how many there are.
+        device: where its copy of the network is.
+    """
+
+    rank: int
+    world: int
+    device: torch.device
+
+
+@contextmanager
+def this_process(device: str) -> Iterator[Process]:
+    """Join the other processes of a training, where `torchrun` started some.
+
+    Args:
+        device: "cuda" is this process's own GPU where there are several processes; else as `run --device` takes it.
+
+    Raises:
+        UsageError, ModelError: see `find_device`.
+    """
+    world, rank = int(os.environ.get("WORLD_SIZE", "1")), int(os.environ.get("RANK", "0"))
+    if world == 1:
+        yield Process(0, 1, find_device(device))
+        return
+    local = int(os.environ.get("LOCAL_RANK", "0"))
+    if device in ("auto", "cuda") and torch.cuda.is_available():
+        if local >= torch.cuda.device_count():
+            raise UsageError(f"{world} processes for {torch.cuda.device_count()} GPUs; start one for each")
+        device = f"cuda:{local}"
+    chosen = find_device(device)
+    distributed.init_process_group("nccl" if chosen.type == "cuda" else "gloo")
+    try:
+        yield Process(rank, world, chosen)
+    finally:
+        distributed.destroy_process_group()

@@ -1,0 +1,206 @@
+"""A recipe: everything that decides how a method is trained in one stage, read from `recipes/METHOD.toml`.
+
+Each field has the value of its source; what could not be verified in it stands in `unverified`, where the paper and the
+original differ in `differs`.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..digest import digest_of_value
+from ..errors import UsageError, unknown_name
+
+FOLDER = "recipes"
+MIXES = "mixes"
+"""Name of the file that holds the mixes of data; the others are methods."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Optimizer(_Table):
+    """The optimiser's settings, besides the learning rate."""
+
+    name: Literal["adamw", "adam"] = "adamw"
+    weight_decay: float = Field(ge=0)
+    decay_biases: bool = True
+    eps: float = Field(1e-8, gt=0)
+    betas: tuple[float, float] = (0.9, 0.999)
+    amsgrad: bool = False
+    clip: float | None = Field(1.0, gt=0)
+    """Norm of all gradients that is not exceeded; None for no clipping."""
+
+
+class Part(_Table):
+    """A data set's part in a mix.
+
+    Attributes:
+        data: the data set, by its registered name.
+        options: of the data set.
+        keys: "all", or "training" for those that the project's split leaves for training.
+        times: how often each pair comes in an epoch.
+        augmentation: "dense" or "sparse" (see `augmentation/`).
+        log2_scale: from and to which power of two frames are scaled.
+        flip: whether frames are flipped.
+    """
+
+    data: str
+    options: dict[str, str | int] = Field(default_factory=dict)
+    keys: Literal["all", "training"] = "all"
+    times: int = Field(1, ge=1)
+    augmentation: Literal["dense", "sparse"]
+    log2_scale: tuple[float, float]
+    flip: bool
+
+
+class Recipe(_Table):
+    """One stage of one method.
+
+    Attributes:
+        method: the model's registered name.
+        stage: "chairs", "things", "sintel", "kitti" of the originals, "ood" or "id" of the paper.
+        start: which weights it begins with: "random", or a stage.
+        mix: of `recipes/mixes.toml`.
+        steps: as the source counts them: batches.
+        one_more: whether the original makes one update more than `steps`.
+        batch: pairs a step, over all devices.
+        accumulate: steps for one update of the weights.
+        devices: over how many the original's batch was spread, which decides what a BatchNorm sees.
+        crop: (H, W), pixels.
+        iterations: of a recurrent network; None for one without.
+        gamma: of the sequence loss.
+        noise: the largest standard deviation, in grey levels, of the noise added to both frames; 0 for none.
+        frozen_norms: "none", "batchnorm" (running statistics stay) or "all".
+        frozen: parts of the network, by the beginning of their parameters' names, that do not learn.
+        precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
+        source: where this comes from.
+        unverified: what of it could not be checked.
+        differs: where the paper and the original differ, and which is taken.
+    """
+
+    method: str
+    stage: str
+    start: str
+    mix: str
+    steps: int = Field(ge=1)
+    one_more: bool = False
+    batch: int = Field(ge=1)
+    accumulate: int = Field(1, ge=1)
+    devices: int = Field(1, ge=1)
+    crop: tuple[int, int]
+    learning_rate: float = Field(gt=0)
+    schedule: Literal["one_cycle", "constant", "constant_then_decay"] = "one_cycle"
+    optimizer: Optimizer
+    iterations: int | None = Field(12, ge=1)
+    loss: Literal["sequence"] = "sequence"
+    gamma: float = Field(0.8, gt=0, le=1)
+    noise: float = Field(0.0, ge=0)
+    frozen_norms: Literal["none", "batchnorm", "all"] = "none"
+    frozen: tuple[str, ...] = ()
+    precision: Literal["fp32", "fp16", "bf16"] = "fp32"
+    source: str
+    unverified: str = ""
+    differs: str = ""
+
+    @property
+    def updates(self) -> int:
+        """How often the weights are updated."""
+        return self.steps // self.accumulate + self.one_more
+
+    def digest(self) -> str:
+        """32 hexadecimal digits that name everything that decides the weights."""
+        words = {"source", "unverified", "differs"}
+        return digest_of_value(self.model_dump(mode="json", exclude=words), size=16)
+
+    def changed(self, **changes: Any) -> Recipe:
+        """This recipe with other values, checked again; those that are None are left as they are.
+
+        Raises:
+            UsageError: a value that it cannot have.
+        """
+        return _validated({**self.model_dump(), **{key: value for key, value in changes.items() if value is not None}})
+
+
+def load_recipe(method: str, stage: str) -> Recipe:
+    """The recipe of a method's stage.
+
+    Raises:
+        UsageError: no recipe for the method, or no such stage.
+
+    >>> recipe = load_recipe("raft", "ood")
+    >>> recipe.steps, recipe.batch, recipe.crop, recipe.updates
+    (100000, 6, (368, 768), 100001)
+    """
+    stages = recipes_of(method)
+    if stage not in stages:
+        raise unknown_name(f"recipe of {method}", stage, list(stages))
+    return stages[stage]
+
+
+@cache
+def recipes_of(method: str) -> dict[str, Recipe]:
+    """Every stage of a method, in the order of its file.
+
+    Raises:
+        UsageError: no recipe for the method.
+    """
+    if method not in trained_methods():
+        raise unknown_name("method with a recipe", method, trained_methods())
+    document = _read(method)
+    common = document.pop("all", {})
+    return {
+        stage: _validated(_merged(common, {**entry, "method": method, "stage": stage}))
+        for stage, entry in document.items()
+    }
+
+
+@cache
+def trained_methods() -> list[str]:
+    """The methods that there are recipes for."""
+    names = (entry.name for entry in files(__package__).joinpath(FOLDER).iterdir())
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml") and name != f"{MIXES}.toml")
+
+
+@cache
+def mix_parts(name: str) -> tuple[Part, ...]:
+    """The parts of a mix.
+
+    Raises:
+        UsageError: no such mix.
+
+    >>> [(part.data, part.times) for part in mix_parts("ood")]
+    [('sintel', 100), ('sintel', 100), ('hd1k', 5), ('flyingthings3d', 1), ('flyingthings3d', 1)]
+    """
+    mixes = _read(MIXES)
+    if name not in mixes:
+        raise unknown_name("mix of data", name, list(mixes))
+    return tuple(Part.model_validate(part) for part in mixes[name]["parts"])
+
+
+def _read(name: str) -> dict[str, Any]:
+    return tomllib.loads(files(__package__).joinpath(FOLDER, f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """`own` over `common`, tables within them likewise."""
+    tables = {key: {**common[key], **own[key]} for key in common if isinstance(common[key], dict) and key in own}
+    return {**common, **own, **tables}
+
+
+def _validated(values: dict[str, Any]) -> Recipe:
+    try:
+        return Recipe.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise UsageError(
+            f"recipe {values.get('method')} {values.get('stage')}: {where} cannot be {first.get('input')!r} "
+            f"({first['msg']}); correct it"
+        ) from error

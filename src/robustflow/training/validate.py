@@ -1,0 +1,81 @@
+"""Validation during training: the project's own evaluation of the network as it is."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ..benchmarks import Benchmark
+from ..errors import UsageError
+from ..models.torch.model import NetworkModel
+from ..runner.engines.serial import serial
+from ..runner.fill import fill
+from ..runner.progress import Silent
+from ..runner.setup import open_benchmark, set_up
+from ..runs.run import Run
+from ..runs.store import RunFolder
+from ..sample import Flow, Frame
+
+
+@dataclass(frozen=True)
+class _AtUpdate:
+    """The model as it is after some updates; satisfies `FlowModel`."""
+
+    model: NetworkModel
+    updates: int
+
+    def identity(self) -> dict[str, Any]:
+        return {**self.model.identity(), "checkpoint": f"after {self.updates} updates"}
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        return self.model.predict(frame1, frame2)
+
+
+def validator(
+    model: NetworkModel,
+    folder: Path,
+    benchmark: str,
+    data: str | Path | None,
+    corruptions: Sequence[str],
+    limit: int | None,
+) -> Callable[[int], dict[str, float]]:
+    """A function that measures the model on a benchmark after so many updates: `epe` on clean frames, and where
+    corruptions are named `cre` and `rcre`, in pixels.
+
+    Each validation is a run of its own, `validation/update-N` in the folder of the training; one that was cut short
+    begins again.
+
+    Raises:
+        UsageError, DataError: see `robustflow.evaluate`.
+    """
+    chosen = open_benchmark(benchmark, data)
+    chosen = chosen.narrowed(corruptions, None, limit) if corruptions else _clean_alone(chosen.narrowed(limit=limit))
+    if not chosen.dataset.has_flow:
+        raise UsageError(f"--validate {benchmark}: it has no ground truth, so no error could be measured; take another")
+
+    def validate(updates: int) -> dict[str, float]:
+        place = folder / "validation" / f"update-{updates}"
+        if place.exists():
+            shutil.rmtree(place)
+        store = RunFolder(place)
+        store.lock()
+        try:
+            fill(store, set_up(_AtUpdate(model, updates), chosen), serial, 1, Silent())
+        finally:
+            store.unlock()
+        run = Run(place)
+        run.write_means()
+        assert run.epe_clean is not None
+        numbers = {"epe": run.epe_clean}
+        if corruptions:
+            numbers |= {name: value for name, value in (("cre", run.cre), ("rcre", run.rcre)) if value is not None}
+        return numbers
+
+    return validate
+
+
+def _clean_alone(benchmark: Benchmark) -> Benchmark:
+    return replace(benchmark, corruptions=(), severities=())

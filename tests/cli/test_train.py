@@ -1,0 +1,79 @@
+"""`robustflow train` on the command line: the plan, and what is refused before anything heavy is loaded."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.util import find_spec
+
+import pytest
+
+from robustflow.datasets import dataset_facts
+from robustflow.errors import UsageError
+from robustflow.training.plan import plan_text
+from robustflow.training.recipe import load_recipe
+
+pytestmark = pytest.mark.training
+
+
+def command(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "robustflow", *arguments], capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
+    text = plan_text(load_recipe("raft", "ood"), [tmp_path])
+    assert text.count("missing  ") == 5
+    assert "put it into a folder sintel or mpisintel there, or give --data sintel=FOLDER" in text
+    assert "100001 updates of 6 pairs, crop 368x768, fp32, 12 iterations" in text
+    assert text.endswith("nothing can run before the missing data are there")
+
+
+def test_the_plan_counts_what_is_there(shared):
+    text = plan_text(load_recipe("raft", "kitti").changed(steps=6), [shared("data")])
+    pairs = len(list(shared("data/kitti2015/training/flow_occ").glob("*.png")))
+    title = dataset_facts("kitti2015").title
+    assert f"found    {title}: {pairs} pairs x 1, 100.0 % of an epoch; sparse augmentation" in text
+    assert f"{pairs} pairs an epoch; 7 updates are {7 * 6 / pairs:.2f} epochs" in text
+
+
+def test_a_data_set_by_its_name_and_an_unknown_one(tmp_path):
+    text = plan_text(load_recipe("raft", "kitti"), [f"kitti2015={tmp_path}"])
+    assert f"{tmp_path}: the folder is empty, expected" in text
+    assert "unknown data set 'kity'" in plan_text(load_recipe("raft", "kitti"), [f"kity={tmp_path}"])
+
+
+def test_the_training_part_of_a_few_pairs_of_kitti_is_empty_and_says_so(shared):
+    text = plan_text(load_recipe("raft", "id"), [shared("data")])
+    assert "with fewer than 200 pairs all are evaluated, and none is left to train on" in text
+
+
+@pytest.mark.skipif(find_spec("torch") is not None, reason="torch is installed")
+def test_without_torch_it_says_which_extra():
+    done = command("train", "raft", "--recipe", "ood")
+    assert done.returncode == 1
+    assert "pip install" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_recipes_are_listed():
+    done = command("list", "recipes")
+    assert done.returncode == 0
+    assert "ood      100001 updates of 6 pairs at 368x768  rate 0.000125, begins with things, on ood" in done.stdout
+
+
+@pytest.mark.torch
+def test_an_unknown_recipe_and_no_data_are_one_line():
+    pytest.importorskip("torch", reason="needs the torch extra")
+    done = command("train", "raft", "--recipe", "odd", "--data", ".")
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "unknown recipe of raft 'odd': did you mean 'ood'" in done.stderr
+    done = command("train", "raft", "--recipe", "ood")
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "nothing to train on: give --data FOLDER" in done.stderr
+
+
+def test_a_part_without_a_recipe_is_a_usage_error():
+    with pytest.raises(UsageError, match="unknown method with a recipe 'dis'"):
+        load_recipe("dis", "ood")

@@ -1,0 +1,92 @@
+"""A Ray cluster of several nodes on this machine, whose nodes can be killed, and nothing of which stays behind."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+QUICK_HEALTH_CHECKS = {
+    "RAY_health_check_initial_delay_ms": "0",
+    "RAY_health_check_period_ms": "500",
+    "RAY_health_check_failure_threshold": "2",
+    "RAY_health_check_timeout_ms": "500",
+    "RAY_USAGE_STATS_ENABLED": "0",
+}
+"""A killed node is noticed within 2.5 s instead of 10."""
+
+
+class Nodes:
+    """A cluster: a head that computes nothing, and nodes."""
+
+    def __init__(self) -> None:
+        from ray.cluster_utils import Cluster
+
+        self._cluster = Cluster(initialize_head=True, head_node_args=self._arguments(num_cpus=0))
+        self.address = self._cluster.address
+
+    def add(self, cpus: int = 1, gpus: int = 0, **more):
+        """A node; GPUs are pretended."""
+        return self._cluster.add_node(**self._arguments(num_cpus=cpus, num_gpus=gpus), **more)
+
+    def kill(self, node) -> None:
+        """As a power failure does."""
+        self._cluster.remove_node(node, allow_graceful=False)
+
+    def end(self) -> None:
+        """Stop all nodes."""
+        self._cluster.shutdown()
+
+    def _arguments(self, **more):
+        return {"object_store_memory": 100 * 2**20, "include_dashboard": False, **more}
+
+
+@contextmanager
+def cluster(variables: dict[str, str] | None = None) -> Iterator[Nodes]:
+    """A cluster for a test."""
+    pytest.importorskip("ray", reason="needs the ray extra")
+    folder = tempfile.mkdtemp(prefix="rf-test-", dir="/tmp")  # a short path, for Ray's sockets
+    nodes = None
+    with pytest.MonkeyPatch.context() as patch:
+        os.mkdir(f"{folder}/ray")
+        patch.setenv("RAY_TMPDIR", folder)
+        for name, value in {**QUICK_HEALTH_CHECKS, **(variables or {})}.items():
+            patch.setenv(name, value)
+        try:
+            nodes = Nodes()
+            yield nodes
+        finally:
+            import ray
+
+            ray.shutdown()
+            if nodes is not None:
+                nodes.end()
+            left = still_running(folder)
+            shutil.rmtree(folder, ignore_errors=True)
+    assert not left, left
+
+
+def still_running(mark: str, within_s: float = 20.0) -> list[str]:
+    """Command lines of processes that name `mark` in them, if any is left after a while."""
+    deadline = time.monotonic() + within_s
+    while (left := _running(mark)) and time.monotonic() < deadline:
+        time.sleep(0.2)
+    return left
+
+
+def _running(mark: str) -> list[str]:
+    found = []
+    for folder in Path("/proc").iterdir():
+        try:
+            line = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        except OSError:
+            continue
+        if folder.name.isdecimal() and int(folder.name) != os.getpid() and mark in line:
+            found.append(f"{folder.name} {line[:200]}")
+    return found

@@ -1,0 +1,240 @@
+"""Whatever is lost on a Ray cluster, the rows are those of an undisturbed run, each cell once."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import random
+import re
+import socket
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.errors import ModelError, RunError
+from robustflow.images.io import write_image
+from robustflow.models import ModelSpec
+from robustflow.runner.engines.base import Job
+from robustflow.runner.engines.ray_actor import UnitActor
+from robustflow.runs.plan import RunOptions
+from robustflow.runs.store import RunFolder
+
+from .conftest import FAST
+from .ray_nodes import cluster
+
+pytestmark = pytest.mark.ray
+
+PAIRS = 5
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    """A folder of a few small frames: as many pairs that share nothing as there are workers to lose, and more."""
+    folder = tmp_path_factory.mktemp("frames")
+    draws = np.random.default_rng(0)
+    for number in range(PAIRS + 1):
+        write_image(folder / f"{number:02d}.png", draws.integers(0, 256, (48, 64, 3), np.uint8))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def on_path():
+    """`models_for_tests:...`, importable here and on nodes."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = str(Path(__file__).parent)
+        patch.syspath_prepend(folder)
+        patch.setenv("PYTHONPATH", os.pathsep.join([folder, *filter(None, [os.environ.get("PYTHONPATH")])]))
+        yield
+    sys.modules.pop("models_for_tests", None)
+
+
+@pytest.fixture(scope="module")
+def two_nodes(on_path, tmp_path_factory):
+    """A cluster of two nodes of one processor and one pretended GPU each."""
+    faults = tmp_path_factory.mktemp("faults")
+    with cluster({"FAULTS": str(faults)}) as nodes:
+        nodes.add(gpus=1)
+        nodes.add(gpus=1)
+        yield nodes
+
+
+@pytest.fixture
+def faults(tmp_path_factory, two_nodes):
+    """None has happened yet."""
+    folder = Path(os.environ["FAULTS"])
+    for each in folder.iterdir():
+        each.unlink()
+    return folder
+
+
+def _run(folder, frames, **options):
+    model = ModelSpec("models_for_tests:Faulty", tuple(options.pop("model", {}).items()))
+    return rf.evaluate(model, "folder", frames, folder, corruptions=FAST, **options)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(on_path, frames, tmp_path_factory):
+    return _run(tmp_path_factory.mktemp("undisturbed") / "run", frames)
+
+
+def _check_equal(result, undisturbed):
+    assert result.rows.equals(undisturbed.rows)
+    cells = result.rows.select("sample", "corruption", "severity")
+    assert cells.n_unique() == cells.height == PAIRS * (1 + 5 * len(FAST))
+    assert (result.path / "summary.json").read_bytes() == (undisturbed.path / "summary.json").read_bytes()
+
+
+def test_rows_equal_and_places_are_named(two_nodes, frames, undisturbed, tmp_path):
+    result = _run(tmp_path / "run", frames, engine="ray", address=two_nodes.address)
+    _check_equal(result, undisturbed)
+    places = result.manifest["places"]
+    assert sum(places.values()) == PAIRS * (1 + len(FAST))
+    assert all(place.endswith(", CPU") for place in places)
+
+
+def test_every_actor_has_a_gpu_of_its_own(two_nodes, frames, undisturbed, tmp_path, faults, monkeypatch):
+    log = faults.parent / "gpus.log"
+    result = _run(
+        tmp_path / "run",
+        frames,
+        engine="ray",
+        address=two_nodes.address,
+        model={"device": "cuda", "pause": 0.02, "log": str(log)},
+    )
+    _check_equal(result, undisturbed)
+    assert all(place.endswith(", GPU 0") for place in result.manifest["places"])
+    users = {line.split()[0]: line.split()[1] for line in log.read_text().splitlines()}
+    on_nodes = {pid: gpu for pid, gpu in users.items() if gpu != "None"}
+    assert set(on_nodes.values()) == {"0"}
+    assert len(on_nodes) == 2, "one actor per GPU"
+
+
+def test_an_actor_that_ends_loses_nothing(two_nodes, frames, undisturbed, tmp_path, faults):
+    options = {"engine": "ray", "address": two_nodes.address, "model": {"fault": "exit", "times": 2}}
+    _check_equal(_run(tmp_path / "run", frames, **options), undisturbed)
+    assert len(list(faults.iterdir())) == 2
+
+
+def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capfd):
+    lost = r"computed sample '.*', clean, 3 times: (on )?(node \S+ \(ActorDiedError\)(, )?){3}; out of memory"
+    with pytest.raises(RunError, match=lost):
+        rf.evaluate(
+            "models_for_tests:dies",
+            "folder",
+            frames,
+            tmp_path / "run",
+            engine="ray",
+            address=two_nodes.address,
+            workers=1,
+        )
+    assert "raylet" not in "".join(capfd.readouterr()), "what Ray has to say of it is not for a table's reader"
+
+
+def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
+    options = {"engine": "ray", "address": two_nodes.address, "model": {"fault": "hang"}, "timeout": 2.0}
+    with pytest.raises(ModelError, match=r"^the model took longer than 2 s on sample '.*', .*; repair it"):
+        _run(tmp_path / "run", frames, **options)
+
+
+def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
+    with pytest.raises(ModelError, match=r"(?s)no weights\nat all.* \(on node .+\)$") as raised:
+        _raise(frames, tmp_path / "run", engine="ray", address=two_nodes.address)
+    with pytest.raises(ModelError) as expected:
+        _raise(frames, tmp_path / "other", workers=2)
+    assert str(raised.value).rpartition(" (on node ")[0] == str(expected.value)
+
+
+def _raise(frames, folder, **options):
+    rf.evaluate("models_for_tests:raises", "folder", frames, folder, **options)
+
+
+def _kill_nodes(frames, undisturbed, tmp_path, kills: int, seed: int) -> None:
+    """Kill a node at a random moment, let another join, and so on, through as many runs as it takes."""
+    moments = random.Random(seed)
+    killed = number = 0
+    with cluster() as nodes, ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
+        alive = [nodes.add(), nodes.add()]
+        while killed < kills:
+            folder = tmp_path / f"run{number}"
+            options = {"engine": "ray", "address": nodes.address, "model": {"pause": 0.1}}
+            run = other.submit(_run, folder, frames, **options)
+            before = 0
+            while killed < kills and not run.done():
+                if _height(folder) > before:  # something is computed between two kills
+                    time.sleep(moments.uniform(0.0, 1.0))
+                    nodes.kill(alive.pop(moments.randrange(2)))
+                    killed += not run.done()
+                    before = _height(folder)
+                    alive.append(nodes.add())
+                time.sleep(0.05)
+            _check_equal(run.result(), undisturbed)
+            number += 1
+
+
+def _height(folder: Path) -> int:
+    return RunFolder(folder).rows().height if (folder / "manifest.json").exists() else 0
+
+
+def test_a_killed_node_loses_nothing_and_a_new_one_helps(frames, undisturbed, tmp_path, on_path):
+    _kill_nodes(frames, undisturbed, tmp_path, kills=1, seed=0)
+
+
+@pytest.mark.slow
+def test_nodes_killed_at_ten_moments(frames, undisturbed, tmp_path, on_path):
+    _kill_nodes(frames, undisturbed, tmp_path, kills=10, seed=1)
+
+
+def test_a_node_with_other_code_is_named(frames, tmp_path, on_path, monkeypatch):
+    """A node whose RobustFlow is missing, or differs, is refused with a sentence, before it computes anything."""
+    for name, files, words in (
+        ("missing", {"robustflow/__init__.py": "raise ImportError('no such package')"}, "cannot start RobustFlow"),
+        ("other", {"sitecustomize.py": OTHER_NUMPY}, r"has numpy 0\.1 where the run was started with"),
+    ):
+        shadow = tmp_path / name
+        for file, content in files.items():
+            (shadow / file).parent.mkdir(parents=True)
+            (shadow / file).write_text(content)
+        with cluster() as nodes, monkeypatch.context() as patch:
+            patch.setenv("PYTHONPATH", os.pathsep.join([str(shadow), os.environ["PYTHONPATH"]]))
+            nodes.add()
+            patch.undo()
+            with pytest.raises(RunError, match=rf"^node \S+ {words}.*install the same version"):
+                _run(tmp_path / f"run-{name}", frames, engine="ray", address=nodes.address)
+
+
+OTHER_NUMPY = """
+import importlib.metadata as metadata
+_version = metadata.version
+metadata.version = lambda name: "0.1" if name == "numpy" else _version(name)
+"""
+
+
+def test_a_node_without_the_data_is_named(frames, tmp_path):
+    """What the node looks at before it loads a sample; here both are one machine, so the actor is asked directly."""
+    actor = UnitActor()
+    size = (frames / "00.png").stat().st_size
+    assert actor.begin(b"", {}, ())[0] == "error", "not a job"
+    job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
+    for file, seen, words in (
+        (
+            frames / "gone.png",
+            size,
+            r"gone\.png cannot be read \(No such file or directory\); give every node",
+        ),
+        (frames / "00.png", size + 1, rf"00\.png has {size} bytes there and {size + 1} here; give every node the same"),
+    ):
+        kind, (error, message, _) = actor.begin(job, {}, [(str(file), seen)])
+        assert (kind, error) == ("error", "DataError")
+        assert re.match(rf"node {re.escape(socket.gethostname())}: .*{words}", message)
+
+
+def test_a_node_with_another_model_is_named(frames, tmp_path):
+    job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
+    kind, (error, message, _) = UnitActor().begin(job, {"name": "farneback", "source": "another"}, ())
+    assert (kind, error) == ("error", "RunError")
+    assert re.search(r"has another model under the same name \(it differs in: .*source.*\)", message)

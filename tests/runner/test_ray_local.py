@@ -1,0 +1,168 @@
+"""The Ray engine on this machine alone, through the command line and in this process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.errors import RunError, UsageError
+from robustflow.models import ModelSpec
+from robustflow.runs.store import RunFolder
+
+from .conftest import FAST
+from .ray_nodes import still_running
+
+pytestmark = pytest.mark.ray
+
+SETTING = {"corruptions": FAST, "severities": [1, 4]}
+DIS = ModelSpec("dis", (("preset", "ultrafast"),))
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path_factory, monkeypatch):
+    """Ray's files of one test are below a folder of their own, and no process of theirs stays behind."""
+    pytest.importorskip("ray", reason="needs the ray extra")
+    folder = Path(tmp_path_factory.mktemp("r"))
+    short = Path("/tmp") / f"rf-{os.getpid()}-{folder.name}"  # short, for Ray's sockets
+    short.mkdir()
+    monkeypatch.setenv("TMPDIR", str(short))
+    monkeypatch.setattr("tempfile.tempdir", None)
+    yield
+    assert not still_running(str(short))
+    subprocess.run(["rm", "-rf", str(short)], check=True)
+
+
+def test_equal_to_serial_and_nothing_stays(tmp_path):
+    """Nor is it forgotten who computed what, when the run goes on with another engine."""
+    before = signal.getsignal(signal.SIGTERM)
+    whole = rf.evaluate(DIS, output=tmp_path / "serial", **SETTING)
+    result = rf.evaluate(DIS, output=tmp_path / "ray", engine="ray", workers=2, **SETTING)
+    assert result.rows.equals(whole.rows)
+    assert (result.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
+    assert result.manifest["places"] == {f"{socket.gethostname()}, CPU": 1 + len(FAST)}
+    assert signal.getsignal(signal.SIGTERM) is before
+    assert "ray" in sys.modules
+    assert not sys.modules["ray"].is_initialized()
+    assert not list(Path(os.environ["TMPDIR"]).iterdir())
+    places = result.manifest["places"]
+    more = rf.evaluate(DIS, output=tmp_path / "ray", **{**SETTING, "severities": [2]})
+    assert more.rows.height > whole.rows.height
+    assert more.manifest["places"] == places
+
+
+@pytest.mark.slow
+def test_an_object_of_the_caller_travels(tmp_path):
+    """A function of a closure cannot be pickled, but Ray's way of pickling takes it."""
+    value = 0.25
+    model = lambda frame1, frame2: np.full((*frame1.shape[:2], 2), value, np.float32)  # noqa: E731
+    one = {"corruptions": ["contrast"], "severities": [1]}
+    result = rf.evaluate(model, output=tmp_path / "run", engine="ray", workers=1, **one)
+    assert result.rcre == 0.0
+
+
+def test_an_object_that_cannot_travel_is_one_sentence(tmp_path):
+    class Open:
+        def __init__(self) -> None:
+            self.socket = socket.socket()
+
+        def predict(self, frame1, frame2):
+            return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+    with pytest.raises(UsageError, match=r"cannot be sent to Ray's workers .*name the model as 'module:attribute'"):
+        rf.evaluate(Open(), output=tmp_path / "run", engine="ray", **SETTING)
+
+
+def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(UsageError, match=r"pip install 'robustflow\[ray\]'"):
+        rf.evaluate(DIS, output=tmp_path / "run", engine="ray", **SETTING)
+
+
+@pytest.mark.parametrize(
+    ("address", "error", "words"),
+    [
+        ("nonsense", UsageError, "is not an address: give auto, host:port or ray://host:port"),
+        ("127.0.0.1:1", RunError, r"cannot be reached \(.*refused.*\); start it \(ray start --head\)"),
+        ("ray://127.0.0.1:1", RunError, "cannot be reached"),
+        ("no-such-host.invalid:6379", RunError, "cannot be reached"),
+        ("auto", RunError, "Could not find any running Ray instance"),
+    ],
+)
+def test_an_address_where_no_cluster_is(tmp_path, address, error, words):
+    started = time.monotonic()
+    with pytest.raises(error, match=words):
+        rf.evaluate(DIS, output=tmp_path / "run", engine="ray", address=address, **SETTING)
+    assert time.monotonic() - started < 30
+
+
+@pytest.mark.parametrize("scheme", ["", "ray://"])
+def test_an_address_where_something_else_listens(tmp_path, scheme, monkeypatch):
+    monkeypatch.setattr("robustflow.runner.engines.ray_cluster.REACH_S", 2.0)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"{scheme}127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(RunError, match="does not answer as Ray does; check host and port"):
+            rf.evaluate(DIS, output=tmp_path / "run", engine="ray", address=address, **SETTING)
+
+
+def test_an_address_is_for_ray(tmp_path):
+    with pytest.raises(UsageError, match="--address is for the ray engine"):
+        rf.evaluate(DIS, output=tmp_path / "run", workers=2, address="auto")
+
+
+def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[str]:
+    model = ["--model", "models_for_tests:Faulty", "-O", "pause=0.2", "--corruptions", ",".join(FAST)]
+    command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", *model]
+    return subprocess.Popen(
+        [*command, "--engine", "ray", "--workers", "2", "-o", str(folder), *options],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]), **variables},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def _rows(folder: Path) -> int:
+    return RunFolder(folder).rows().height if (folder / "manifest.json").exists() else 0
+
+
+def test_a_killed_driver_is_resumed_by_another_engine(tmp_path, models_on_path):
+    run = _start(tmp_path / "killed", "--no-examples")
+    while not _rows(tmp_path / "killed"):
+        assert run.poll() is None, run.communicate()
+        time.sleep(0.05)
+    os.kill(run.pid, signal.SIGKILL)
+    run.communicate()
+    kept = _rows(tmp_path / "killed")
+    assert 0 < kept < 1 + 5 * len(FAST)
+    spec = ModelSpec("models_for_tests:Faulty", (("pause", 0.0),))
+    resumed = rf.evaluate(spec, output=tmp_path / "killed", corruptions=FAST, workers=2)
+    whole = rf.evaluate(spec, output=tmp_path / "whole", corruptions=FAST)
+    assert resumed.rows.equals(whole.rows)
+    assert (resumed.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "delay",
+    [3.0, *(pytest.param(delay, marks=pytest.mark.slow) for delay in (0.0, 1.0, 2.0, 5.0, 8.0))],
+)
+def test_ctrl_c_is_one_line(tmp_path, delay):
+    run = _start(tmp_path / "run", "-O", "fault=hang", FAULTS=str(tmp_path))
+    assert "steps" in run.stderr.readline()
+    time.sleep(delay)
+    os.killpg(run.pid, signal.SIGINT)
+    printed, said = run.communicate(timeout=60)
+    assert run.returncode == 130, said
+    assert printed == ""
+    lines = [line for line in said.splitlines() if " s left, last " not in line]
+    assert len(lines) == 1, said
+    assert lines[0].startswith("robustflow: stopped; ")

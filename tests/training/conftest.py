@@ -1,0 +1,47 @@
+"""A data set of training pairs in KITTI's layout, made of textures, and a request to train on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow.flowio import write_flow
+from robustflow.testing import TexturePairs
+
+
+@pytest.fixture(scope="session")
+def chairs(tmp_path_factory) -> Path:
+    """A folder that holds FlyingChairs: eight pairs of moving textures, all of the training part."""
+    folder = tmp_path_factory.mktemp("flow") / "FlyingChairs_release"
+    data = folder / "data"
+    data.mkdir(parents=True)
+    pairs = TexturePairs(count=8, size=(160, 208), reach=5, seed=9)
+    for number, key in enumerate(pairs.keys(), 1):
+        sample = pairs.load(key)
+        for which, frame in enumerate(sample.frames, 1):
+            cv2.imwrite(str(data / f"{number:05d}_img{which}.ppm"), np.ascontiguousarray(frame[..., ::-1]))
+        assert sample.flow is not None
+        write_flow(data / f"{number:05d}_flow.flo", sample.flow)
+    (folder / "FlyingChairs_train_val.txt").write_text("1\n" * 8)
+    return folder.parent
+
+
+@pytest.fixture
+def request_for(chairs, tmp_path):
+    """A request to train RAFT-small on it for a few updates; keywords change the recipe or the request."""
+    pytest.importorskip("torch", reason="needs the torch extra")
+    pytest.importorskip("torchvision", reason="needs the torch extra")
+    from robustflow.training.recipe import Recipe, load_recipe
+    from robustflow.training.session import Request
+
+    def make(output: str = "training", **changes) -> Request:
+        recipe = load_recipe(changes.pop("method", "raft_small"), "chairs")
+        of_recipe = {"steps": 5, "batch": 2, "crop": (128, 144), "iterations": 2}
+        of_recipe |= {key: changes.pop(key) for key in set(changes) & set(Recipe.model_fields) - {"start"}}
+        settings = {"start": "random", "device": "cpu", "loaders": 0, "save_every": 2, **changes}
+        return Request(recipe.changed(**of_recipe), [chairs], tmp_path / output, **settings)
+
+    return make

@@ -1,0 +1,262 @@
+"""The loop: a training that was cut short and resumed is the undisturbed one, to the bit; and what is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+pytest.importorskip("torchvision", reason="needs the torch extra")
+
+from robustflow.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
+from robustflow.training.session import run_training  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch]
+
+
+def weights(path: Path) -> dict[str, torch.Tensor]:
+    return torch.load(path, weights_only=True)["model"]
+
+
+def assert_equal(first: Path, second: Path) -> None:
+    one, other = weights(first), weights(second)
+    assert one.keys() == other.keys()
+    assert all(torch.equal(one[key], other[key]) for key in one)
+
+
+def lines(folder: Path) -> list[dict]:
+    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+
+
+def without_time(entries: list[dict]) -> list[dict]:
+    return [{key: value for key, value in entry.items() if key != "seconds"} for entry in entries]
+
+
+class StopAfter:
+    """Asks for the end after so many updates."""
+
+    def __init__(self, updates: int) -> None:
+        self.left = updates
+
+    def __call__(self) -> bool:
+        self.left -= 1
+        return self.left <= 0
+
+
+def test_stopped_anywhere_and_resumed_with_other_loaders_it_is_the_undisturbed_training(request_for):
+    whole = request_for("whole")
+    run_training(whole)
+    for stop, loaders in ((1, 0), (3, 1)):
+        parted = request_for(f"parted{stop}", save_every=1000)
+        run_training(parted, StopAfter(stop))
+        assert len(lines(parted.output)) == stop
+        run_training(replace(parted, resume=True, loaders=loaders))
+        assert_equal(whole.output / "last.pth", parted.output / "last.pth")
+        assert without_time(lines(parted.output)) == without_time(lines(whole.output))
+
+
+SCRIPT = """
+import pickle, sys
+from robustflow.training.session import run_training
+if __name__ == "__main__":
+    with open(sys.argv[1], "rb") as file:
+        run_training(pickle.load(file))
+"""
+
+
+@pytest.mark.slow
+def test_killed_at_ten_moments_and_resumed(request_for, tmp_path):
+    import pickle
+    import random
+
+    (tmp_path / "it.py").write_text(SCRIPT)
+
+    def start(request) -> subprocess.Popen:
+        with open(tmp_path / "request.pkl", "wb") as file:
+            pickle.dump(request, file)
+        command = [sys.executable, str(tmp_path / "it.py"), str(tmp_path / "request.pkl")]
+        return subprocess.Popen(command, env={**os.environ, "OMP_NUM_THREADS": "1"}, stderr=subprocess.DEVNULL)
+
+    whole = request_for("whole", steps=12, save_every=1)
+    assert start(whole).wait() == 0
+    killed = request_for("killed", steps=12, save_every=1)
+    moments, kills = random.Random(1), 0
+    process = start(killed)
+    while kills < 10:
+        before = len(lines(killed.output)) if (killed.output / "metrics.jsonl").exists() else 0
+        deadline = time.monotonic() + 60
+        while process.poll() is None and time.monotonic() < deadline:
+            path = killed.output / "metrics.jsonl"
+            if path.exists() and len(path.read_text().splitlines()) > before:
+                break
+            time.sleep(0.02)
+        time.sleep(moments.random() * 0.4)
+        if process.poll() is not None:
+            break
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        kills += 1
+        resumed = (killed.output / "last.pth").exists()
+        if not resumed:
+            for path in killed.output.glob("metrics.jsonl"):
+                path.unlink()
+        process = start(replace(killed, resume=resumed, loaders=kills % 2))
+    assert process.wait() == 0
+    assert kills >= 5
+    assert_equal(whole.output / "last.pth", killed.output / "last.pth")
+
+
+def test_the_file_is_a_checkpoint_that_run_reads_and_labels(request_for):
+    import robustflow as rf
+    from robustflow.runner.named_model import name_model
+
+    request = request_for()
+    path = run_training(request)
+    model = rf.load_model("raft_small", checkpoint=str(path), device="cpu", iterations=2)
+    state = weights(path)
+    assert all(torch.equal(value, state[key.removeprefix("model.")]) for key, value in model.net.state_dict().items())
+    assert name_model(model).declared == "flyingchairs"
+    from robustflow.benchmarks.setting import training_record
+    from robustflow.models.provenance import training_of
+
+    named = name_model(model)
+    assert training_record(training_of(named.identity, named.declared), "kitti-fc")["setting"] == "OOD"
+
+
+def test_what_the_first_weights_have_seen_is_kept_and_is_unknown_where_nobody_says(request_for):
+    first = run_training(request_for("first"))
+    second = run_training(request_for("second", start=str(first)))
+    assert torch.load(second, weights_only=True)["robustflow_trained_on"] == "flyingchairs"
+    bare = first.parent / "bare.pth"
+    torch.save(weights(first), bare)
+    third = run_training(request_for("third", start=str(bare)))
+    assert "robustflow_trained_on" not in torch.load(third, weights_only=True)
+    fourth = run_training(request_for("fourth", start=str(bare), start_trained_on="T"))
+    assert torch.load(fourth, weights_only=True)["robustflow_trained_on"] == "flyingthings3d+flyingchairs"
+
+
+def test_one_process_and_two_make_the_same_weights_to_rounding(request_for, tmp_path):
+    import pickle
+
+    alone = request_for("alone", batch=1, accumulate=2, steps=6, device="cpu")
+    run_training(alone)
+    both = request_for("both", batch=2, steps=3, device="cpu")
+    assert both.recipe.updates == alone.recipe.updates
+    with open(tmp_path / "request.pkl", "wb") as file:
+        pickle.dump(both, file)
+    (tmp_path / "it.py").write_text(SCRIPT)
+    command = [sys.executable, "-m", "torch.distributed.run", "--nproc-per-node", "2", "--master-port", "29655"]
+    command += [str(tmp_path / "it.py"), str(tmp_path / "request.pkl")]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=300
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    one, two = weights(alone.output / "last.pth"), weights(both.output / "last.pth")
+    start = request_for("start", steps=1)
+    for key, value in one.items():
+        if value.is_floating_point():
+            assert torch.allclose(value, two[key], rtol=1e-3, atol=2e-6), key
+    assert start.recipe.method == "raft_small"
+
+
+def test_a_loss_that_is_not_finite_names_update_and_pairs_and_keeps_the_last_checkpoint(request_for):
+    request = request_for(learning_rate=1e30, save_every=1)
+    with pytest.raises(ModelError, match=r"the (loss|gradient) is (nan|inf) at update \d, on flyingchairs 0000\d, fly"):
+        run_training(request)
+    assert (request.output / "last.pth").exists()
+
+
+def test_another_training_in_the_folder_is_not_overwritten_and_not_resumed(request_for):
+    request = request_for()
+    run_training(request, StopAfter(1))
+    with pytest.raises(UsageError, match="holds a training; continue it with --resume"):
+        run_training(request)
+    with pytest.raises(RunError, match="differs in: recipe;"):
+        run_training(replace(request, resume=True, recipe=request.recipe.changed(learning_rate=1e-5)))
+    with pytest.raises(RunError, match="differs in: seed;"):
+        run_training(replace(request, resume=True, seed=1))
+    with pytest.raises(RunError, match="no training to resume"):
+        run_training(replace(request, resume=True, output=request.output.parent / "elsewhere"))
+
+
+def test_a_damaged_checkpoint_and_one_of_weights_alone_are_one_line(request_for):
+    request = request_for()
+    path = run_training(request, StopAfter(1))
+    state = weights(path)
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(ModelError, match="is damaged"):
+        run_training(replace(request, resume=True))
+    torch.save({"model": state}, path)
+    with pytest.raises(RunError, match="start from them with --init"):
+        run_training(replace(request, resume=True))
+
+
+def test_a_pair_that_cannot_be_read_is_named_or_skipped(request_for, chairs, tmp_path):
+    import shutil
+
+    copy = Path(shutil.copytree(chairs, tmp_path / "copy"))
+    (copy / "FlyingChairs_release" / "data" / "00003_img1.ppm").write_bytes(b"P6 not a picture")
+    request = replace(request_for(steps=4), data=[copy])
+    with pytest.raises(DataError, match=r"training pair '00003' of flyingchairs: .*00003_img1\.ppm.*--skip-bad"):
+        run_training(request)
+    with pytest.warns(UserWarning, match="training pair '00003' of flyingchairs is skipped"):
+        run_training(replace(request, skip_bad=True, output=request.output.parent / "skipped"))
+
+
+def test_missing_data_and_a_missing_start_are_one_line(request_for, tmp_path):
+    with pytest.raises(DataError, match=r"flyingchairs split=train was not found .*flyingchairs=FOLDER"):
+        run_training(replace(request_for(), data=[tmp_path]))
+    with pytest.raises(ModelError, match=r"no file .*nothing\.pth"):
+        run_training(request_for(start=str(tmp_path / "nothing.pth")))
+    from robustflow.training.recipe import load_recipe
+
+    things = load_recipe("raft_small", "things").changed(batch=2, crop=(128, 144))
+    with pytest.raises(UsageError, match="begins with the weights of its stage 'chairs'"):
+        run_training(replace(request_for(), recipe=things.changed(mix="chairs"), start=None))
+
+
+def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for):
+    from robustflow.runs.run import Run
+
+    request = request_for(steps=3, validate="demo", validate_every=2, validate_corruptions=["contrast"], iterations=1)
+    run_training(request)
+    entries = [entry for entry in lines(request.output) if "validation_epe" in entry]
+    assert [entry["update"] for entry in entries] == [1, 3]
+    for entry in entries:
+        run = Run(request.output / "validation" / f"update-{entry['update'] + 1}")
+        assert run.epe_clean == entry["validation_epe"]
+        assert run.cre == entry["validation_cre"]
+    assert (request.output / "best.pth").exists()
+
+
+def test_corrupted_frames_change_what_is_learned_and_the_identity(request_for):
+    plain, corrupted = request_for("plain", steps=2), request_for("corrupted", steps=2, corrupt=["fog"])
+    run_training(plain)
+    run_training(replace(corrupted, corrupt_probability=1.0))
+    assert lines(plain.output)[0]["loss"] != lines(corrupted.output)[0]["loss"]
+    with pytest.raises(RunError, match="differs in: corruptions"):
+        run_training(replace(corrupted, resume=True, corrupt=[]))
+
+
+def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypatch):
+    request = request_for(steps=4, save_every=2)
+    run_training(request, StopAfter(2))
+    before = (request.output / "last.pth").read_bytes()
+
+    def full(content, file):
+        file.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(torch, "save", full)
+    with pytest.raises(DataError, match=r"cannot write .*last\.pth: No space left on device"):
+        run_training(replace(request, resume=True))
+    assert (request.output / "last.pth").read_bytes() == before
+    assert not list(request.output.glob(".partial-*"))

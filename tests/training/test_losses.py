@@ -1,0 +1,117 @@
+"""Losses against naive loops and against autograd's numerical derivative."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from robustflow.errors import UsageError  # noqa: E402
+from robustflow.training.losses.occlusion import coverage, seen_by_check, seen_by_splat  # noqa: E402
+from robustflow.training.losses.photometric import census_distance, ssim_distance  # noqa: E402
+from robustflow.training.losses.sequence import end_point_error, sequence_loss  # noqa: E402
+from robustflow.training.losses.smoothness import smoothness  # noqa: E402
+from robustflow.training.schedules import SCHEDULES, one_cycle  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch]
+
+
+def test_the_sequence_loss_is_the_naive_loop():
+    rng = np.random.default_rng(0)
+    flows, truth = rng.normal(size=(3, 2, 2, 5, 6)) * 10, rng.normal(size=(2, 2, 5, 6)) * 300
+    valid = rng.random((2, 5, 6))
+    expected, errors = 0.0, []
+    for b in range(2):
+        for y in range(5):
+            for x in range(6):
+                counts = valid[b, y, x] >= 0.5 and np.hypot(*truth[b, :, y, x]) < 400
+                if counts:
+                    errors.append(np.hypot(*(flows[2, b, :, y, x] - truth[b, :, y, x])))
+                    for i in range(3):
+                        expected += 0.7 ** (2 - i) * np.abs(flows[i, b, :, y, x] - truth[b, :, y, x]).sum() / 120
+    tensors = [torch.from_numpy(flow) for flow in flows]
+    arguments = torch.from_numpy(truth), torch.from_numpy(valid)
+    assert 0 < len(errors) < 60
+    assert sequence_loss(tensors, *arguments, gamma=0.7).item() == pytest.approx(expected, rel=1e-6)
+    assert end_point_error(tensors[-1], *arguments).item() == pytest.approx(np.mean(errors), rel=1e-6)
+
+
+def test_pixels_that_do_not_count_have_no_gradient():
+    flow = torch.zeros(1, 2, 2, 2, requires_grad=True)
+    truth = torch.full((1, 2, 2, 2), 5.0)
+    truth[0, :, 0, 0] = 300  # 424 px long
+    valid = torch.tensor([[[1.0, 0.0], [1.0, 1.0]]])
+    sequence_loss([flow], truth, valid).backward()
+    assert flow.grad is not None
+    assert (flow.grad[0, 0] != 0).tolist() == [[False, False], [True, True]]
+
+
+@pytest.mark.parametrize("flows", [[], [torch.zeros(1, 2, 3, 3)]])
+def test_predictions_that_do_not_fit_are_refused(flows):
+    with pytest.raises(UsageError, match="return"):
+        sequence_loss(flows, torch.zeros(1, 2, 4, 4), torch.ones(1, 4, 4))
+
+
+def test_the_schedule_is_torchs_one_cycle():
+    for steps, highest in ((200, 4e-4), (1000, 1e-4)):
+        weight = torch.nn.Parameter(torch.zeros(1))
+        optimizer = torch.optim.AdamW([weight], lr=highest)
+        cycle = torch.optim.lr_scheduler.OneCycleLR(
+            optimizer, highest, steps + 100, pct_start=0.05, cycle_momentum=False, anneal_strategy="linear"
+        )
+        for update in range(steps + 100):
+            assert one_cycle(update, steps, highest) == pytest.approx(cycle.get_last_lr()[0], rel=1e-9)
+            optimizer.step()
+            if update < steps + 99:
+                cycle.step()
+
+
+def test_every_schedule_begins_positive_and_never_exceeds_its_rate():
+    for schedule in SCHEDULES.values():
+        rates = [schedule(update, 500, 1e-3) for update in range(500)]
+        assert min(rates) > 0
+        assert max(rates) <= 1e-3 * (1 + 1e-12)
+
+
+def test_coverage_is_the_naive_splat():
+    rng = np.random.default_rng(1)
+    flow = rng.normal(size=(1, 2, 7, 9)).astype(np.float64) * 2
+    expected = np.zeros((7, 9))
+    for y in range(7):
+        for x in range(9):
+            u, v = x + flow[0, 0, y, x], y + flow[0, 1, y, x]
+            for column in (int(np.floor(u)), int(np.floor(u)) + 1):
+                for row in (int(np.floor(v)), int(np.floor(v)) + 1):
+                    if 0 <= column < 9 and 0 <= row < 7:
+                        expected[row, column] += (1 - abs(u - column)) * (1 - abs(v - row))
+    np.testing.assert_allclose(coverage(torch.from_numpy(flow))[0, 0].numpy(), expected, atol=1e-9)
+
+
+def test_what_moves_out_of_the_frame_is_occluded_and_what_stays_is_not():
+    forward = torch.zeros(1, 2, 8, 10)
+    forward[:, 0] = 3
+    for seen in (seen_by_splat(-forward), seen_by_check(forward, -forward)):
+        assert seen[0, 0, :, :7].all()
+        assert not seen[0, 0, :, 8:].any()
+
+
+def test_equal_images_are_at_no_distance_and_brightness_changes_census_less_than_noise():
+    generator = torch.Generator().manual_seed(0)
+    image = torch.rand(1, 3, 20, 24, generator=generator)
+    assert ssim_distance(image, image).max() < 1e-6
+    assert census_distance(image, image).max() == 0
+    brighter, other = image * 0.9 + 0.05, torch.rand(1, 3, 20, 24, generator=generator)
+    assert census_distance(image, brighter).mean() < 0.3 * census_distance(image, other).mean()
+
+
+@pytest.mark.parametrize("second_order", [False, True])
+def test_smoothness_leaves_its_own_kind_of_motion_alone(second_order):
+    y, x = torch.meshgrid(torch.arange(9.0), torch.arange(11.0), indexing="ij")
+    image = torch.rand(1, 3, 9, 11, generator=torch.Generator().manual_seed(1))
+    constant = torch.ones(1, 2, 9, 11)
+    affine = torch.stack([2 * x + y, x - 3 * y])[None]
+    assert smoothness(constant, image, 10, second_order) == 0
+    assert (smoothness(affine, image, 10, second_order) < 1e-9) == second_order
+    flat = torch.full_like(image, 0.5)
+    assert smoothness(affine, flat, 10, False) > smoothness(affine, image, 10, False)

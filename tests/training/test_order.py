@@ -1,0 +1,39 @@
+"""The order of a training's pairs, and the share of each process."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.errors import UsageError
+from robustflow.training.data.order import Order
+
+pytestmark = pytest.mark.training
+
+
+@given(count=st.integers(1, 300), block=st.integers(1, 12), seed=st.integers(0, 99), epoch=st.integers(0, 3))
+def test_an_epoch_holds_every_place_at_most_once_and_leaves_out_less_than_an_update(count, block, seed, epoch):
+    if count < block:
+        with pytest.raises(UsageError, match="fewer than one update takes"):
+            Order(count, block, seed)
+        return
+    order = Order(count, block, seed)
+    each = count - count % block
+    places = [order.place(epoch * each + offset) for offset in range(each)]
+    assert len(set(places)) == each
+    assert set(places) <= set(range(count))
+    assert {order.epoch(epoch * each), order.epoch((epoch + 1) * each - 1)} == {epoch}
+
+
+def test_epochs_and_seeds_differ():
+    order, other = Order(200, 4, 0), Order(200, 4, 1)
+    first = [order.place(n) for n in range(200)]
+    assert first != [order.place(200 + n) for n in range(200)]
+    assert first != [other.place(n) for n in range(200)]
+
+
+def test_a_pair_that_cannot_be_read_is_replaced_by_another_each_time():
+    order = Order(1000, 4, 0)
+    assert len({order.place(7, attempt) for attempt in range(20)}) > 15
+    assert order.place(7, 3) == Order(1000, 4, 0).place(7, 3)

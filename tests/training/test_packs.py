@@ -1,0 +1,150 @@
+"""The originals' own training steps and losses, from every `training_*` pack of the shared data, within the tolerances
+that the packs' READMEs give."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ..shared_data import shared_root
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from robustflow.images.io import read_image  # noqa: E402
+from robustflow.training.recipe import load_recipe  # noqa: E402
+from robustflow.training.schedules import one_cycle  # noqa: E402
+
+from ..parity.weight_rule import weights  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
+
+
+def packs(holding: str) -> list[str]:
+    """The packs that hold a file."""
+    return sorted(path.parent.name for path in (shared_root() / "parity").glob(f"training_*/{holding}"))
+
+
+SUPERVISED = packs("batch.npz")
+UNSUPERVISED = packs("flows.npz")
+
+
+def image(path: Path) -> torch.Tensor:
+    return torch.from_numpy(read_image(path)).permute(2, 0, 1).float()
+
+
+@pytest.mark.parametrize("name", SUPERVISED or ["none"])
+@pytest.mark.parametrize("case", ["chairs", "mixed"])
+def test_optimiser_steps_of_raft(shared, name, case):
+    pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    from robustflow.training.losses.sequence import end_point_error, sequence_loss
+    from robustflow.training.networks import load_network
+    from robustflow.training.optimizers import build_optimizer, set_rate
+
+    folder = shared(f"parity/{name}")
+    expected = json.loads((folder / "expected.json").read_text())[case]
+    recipe = load_recipe("raft", {"chairs": "chairs", "mixed": "ood"}[case])
+    assert recipe.gamma == expected["gamma"]
+    assert recipe.learning_rate == expected["max_lr"]
+    assert recipe.optimizer.weight_decay == expected["weight_decay"]
+    assert (recipe.frozen_norms == "batchnorm") == expected["freeze_bn"]
+    recipe = recipe.changed(steps=expected["num_steps"], devices=1)
+    torch.set_num_threads(1)
+    _, network = load_network(recipe, "random")
+    network.load_weights({key: torch.from_numpy(value) for key, value in weights(folder / "keys.json").items()})
+    first, second = (torch.stack([image(folder / f"item{item}_{frame}.png") for item in (0, 1)]) for frame in (1, 2))
+    with np.load(folder / "batch.npz") as batch:
+        truth, valid = (torch.from_numpy(batch[key]).float() for key in ("flow", "valid"))
+    optimizer = build_optimizer(network, recipe)
+    network.train()
+    tolerances = [1e-5, 1e-5, *[5e-3 if case == "chairs" else 2e-4] * 4]
+    for step, tolerance in enumerate(tolerances):
+        rate = one_cycle(step, recipe.steps, recipe.learning_rate)
+        assert abs(rate - expected["lr"][step]) < 1e-9
+        set_rate(optimizer, rate)
+        optimizer.zero_grad()
+        flows = network(first, second)
+        loss = sequence_loss(flows, truth, valid, recipe.gamma)
+        loss.backward()
+        norm = torch.nn.utils.clip_grad_norm_(network.parameters(), recipe.optimizer.clip)
+        optimizer.step()
+        assert loss.item() == pytest.approx(expected["loss"][step], rel=tolerance)
+        if step == 0:
+            assert norm.item() == pytest.approx(expected["grad_norm"][0], rel=1e-4)
+            error = end_point_error(flows[-1], truth, valid, max_flow=float("inf"))
+            assert error.item() == pytest.approx(expected["epe_last"][0], rel=1e-4)
+    state = network.weights()
+    for key, (mean, deviation) in expected["after"].items():
+        close = 1e-4 if case == "chairs" else 1e-5
+        assert state[key].mean().item() == pytest.approx(mean, abs=close)
+        assert state[key].std().item() == pytest.approx(deviation, abs=close)
+
+
+@pytest.mark.parametrize("name", SUPERVISED or ["none"])
+def test_the_schedule_of_100_000_steps(shared, name):
+    expected = json.loads((shared(f"parity/{name}") / "expected.json").read_text())["lr_100k"]
+    for step, rate in expected:
+        assert abs(one_cycle(step, 100_000, 1.25e-4) - rate) < 1e-9
+
+
+@pytest.mark.parametrize("name", UNSUPERVISED or ["none"])
+def test_the_loss_of_arflow(shared, name):
+    from robustflow.training.losses.unsupervised import UnsupervisedLoss, unsupervised_loss
+
+    folder = shared(f"parity/{name}")
+    image1, image2 = (image(folder / f"frame_{number}.png")[None] / 255 for number in (1, 2))
+    with np.load(folder / "flows.npz") as file:
+        levels = [file[f"level{level}"] for level in range(len(file.files))]
+    arrays = np.load(folder / "expected.npz")
+    for case, expected in json.loads((folder / "expected.json").read_text()).items():
+        config = expected["config"]
+        wanted = UnsupervisedLoss(
+            l1=config["w_l1"],
+            ssim=config["w_ssim"],
+            census=config["w_ternary"],
+            levels=tuple(config["w_scales"]),
+            smooth=config["w_smooth"],
+            smooth_levels=tuple(config["w_sm_scales"]),
+            second_order=config["smooth_2nd"],
+            alpha=config["alpha"],
+            splat=config["occ_from_back"],
+            both=config["with_bk"],
+        )
+        flows = [torch.from_numpy(level).requires_grad_(True) for level in levels]
+        terms = unsupervised_loss([f[:, :2] for f in flows], [f[:, 2:] for f in flows], image1, image2, wanted)
+        terms.total.backward()
+        for value, key in (
+            (terms.total, "total"),
+            (terms.photometric, "photometric"),
+            (terms.smoothness, "smoothness"),
+            (terms.seen.mean(), "mask1_mean"),
+        ):
+            assert value.item() == pytest.approx(expected[key], rel=1e-5)
+        norms = [0.0 if flow.grad is None else flow.grad.norm().item() for flow in flows]
+        assert norms == pytest.approx(expected["grad_norm"], rel=1e-4, abs=1e-9)
+        gradient = arrays[f"{case}_grad0_stride4"]
+        assert flows[0].grad is not None
+        off = np.abs(flows[0].grad[:, :, ::4, ::4].numpy() - gradient).max()
+        assert off <= 1e-4 * np.abs(gradient).max()
+
+
+@pytest.mark.parametrize("name", UNSUPERVISED or ["none"])
+def test_the_occlusion_maps_of_arflow(shared, name):
+    from robustflow.training.losses.occlusion import seen_by_check, seen_by_splat
+
+    folder = shared(f"parity/{name}")
+    with np.load(folder / "flows.npz") as file:
+        flow = torch.from_numpy(file["level0"])
+    forward, backward = flow[:, :2], flow[:, 2:]
+    with np.load(folder / "expected.npz") as arrays:
+        for key, seen in (
+            ("occluded_forward_backward", seen_by_check(forward, backward)),
+            ("occluded_splat", seen_by_splat(backward)),
+        ):
+            packed = arrays[key]
+            rows = packed.reshape(flow.shape[2], -1)
+            occluded = np.unpackbits(rows, axis=1)[:, : flow.shape[3]].astype(bool)
+            assert occluded.any()
+            assert ((seen[0, 0].numpy() == 0) != occluded).mean() <= 1e-4

@@ -1,0 +1,103 @@
+"""Recipes: those of the paper's tables, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+from robustflow.errors import UsageError
+from robustflow.models.loading import MODELS
+from robustflow.training.recipe import load_recipe, mix_parts, recipes_of, trained_methods
+
+pytestmark = pytest.mark.training
+
+_METHODS = {
+    "RAFT": "raft",
+    "GMA": "gma",
+    "CSFlow": "csflow",
+    "SKFlow": "skflow",
+    "GMFlowNet": "gmflownet",
+    "CRAFT": "craft",
+    "FlowFormer": "flowformer",
+    "FlowFormer++": "flowformer_pp",
+    "SAMFlow": "samflow_b",
+}
+NOT_YET = {"FlowDiffuser"}
+"""Methods of the paper's tables that have no recipe here yet."""
+
+
+@pytest.mark.parametrize("stage", ["ood", "id"])
+def test_the_papers_tables(shared, stage):
+    with open(shared(f"paper/recipes_{stage}.csv"), encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["model"] for row in rows} == set(_METHODS) | NOT_YET
+    for row in rows:
+        if row["model"] in NOT_YET:
+            continue
+        recipe = load_recipe(_METHODS[row["model"]], stage)
+        assert recipe.steps == int(row["steps"])
+        assert recipe.batch == int(row["batch_size"])
+        assert f"{recipe.crop[0]}x{recipe.crop[1]}" == row["crop"]
+        assert recipe.iterations == int(row["iters"])
+        assert (recipe.precision != "fp32") == (row["mixed_precision"] == "yes")
+        for value, column in (
+            (recipe.learning_rate, "lr"),
+            (recipe.optimizer.weight_decay, "weight_decay"),
+            (recipe.gamma, "gamma"),
+        ):
+            assert value == pytest.approx(float(row[column]), rel=1e-12)
+
+
+@pytest.mark.parametrize("method", trained_methods())
+def test_every_recipe_is_of_a_model_that_runs_and_of_data_that_are_known(method):
+    from robustflow.datasets import DATASETS
+
+    assert method in MODELS
+    for stage, recipe in recipes_of(method).items():
+        assert (recipe.method, recipe.stage) == (method, stage)
+        assert recipe.start in ("random", "chairs", "things", "sintel", "ood")
+        assert all(part.data in DATASETS for part in mix_parts(recipe.mix))
+        assert recipe.source
+
+
+def test_the_mix_of_the_paper_has_its_shares():
+    counts = {"sintel": 1041, "hd1k": 1047, "flyingthings3d": 20151}
+    places = [counts[part.data] * part.times for part in mix_parts("ood")]
+    assert sum(places) == 253_737
+    by_set = {
+        name: sum(n for part, n in zip(mix_parts("ood"), places, strict=True) if part.data == name) for name in counts
+    }
+    shares = {name: round(100 * count / sum(places), 1) for name, count in by_set.items()}
+    assert shares == {"sintel": 82.1, "hd1k": 2.1, "flyingthings3d": 15.9}
+
+
+def test_updates_are_counted_as_the_originals_do():
+    assert load_recipe("raft", "ood").updates == 100_001
+    assert load_recipe("gma", "ood").updates == 120_000
+    assert load_recipe("samflow_b", "ood").updates == 120_000  # of two steps each
+
+
+def test_the_digest_names_what_decides_the_weights():
+    recipe = load_recipe("raft", "id")
+    assert recipe.changed(batch=2).digest() != recipe.digest()
+    assert recipe.changed(learning_rate=None).digest() == recipe.digest()
+
+
+@pytest.mark.parametrize(
+    ("method", "stage", "says"),
+    [
+        ("raft", "odd", "unknown recipe of raft 'odd': did you mean 'ood'"),
+        ("rafd", "ood", "unknown method with a recipe 'rafd': did you mean 'raft'"),
+    ],
+)
+def test_an_unknown_name(method, stage, says):
+    with pytest.raises(UsageError, match=says):
+        load_recipe(method, stage)
+
+
+@pytest.mark.parametrize("change", [{"steps": 0}, {"batch": -1}, {"learning_rate": 0.0}, {"precision": "fp8"}])
+def test_a_value_that_cannot_be(change):
+    (name,) = change
+    with pytest.raises(UsageError, match=f"recipe raft ood: {name} cannot be"):
+        load_recipe("raft", "ood").changed(**change)
