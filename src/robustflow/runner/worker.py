@@ -35,6 +35,7 @@ from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import RunOptions, Unit
 from ..sample import Flow, Frame, Sample
 from .kept_rows import check_same_data, check_same_model
+from .slider_pictures import keep_picture
 
 
 @dataclass
@@ -231,6 +232,8 @@ class Worker:
                 "or give --allow-invalid to leave such pixels out and count them"
             )
         self.seconds["measure"] += time.perf_counter() - start
+        if self._options.pictures is not None and corruption != CLEAN:
+            keep_picture(self._options.pictures, frames, loaded.sample.frames, corruption, severity, digest)
         return row
 
 

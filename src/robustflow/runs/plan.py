@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from ..benchmarks.base import Benchmark
@@ -50,6 +51,8 @@ class RunOptions:
     """One draw for the five severities of a pair, instead of one each."""
     own: tuple[Any, ...] = ()
     """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
+    pictures: Path | None = None
+    """Where workers keep small pictures of corrupted frames; None for nowhere. It changes no number."""
 
 
 @dataclass(frozen=True)
