@@ -39,7 +39,7 @@ from robustflow.runs.store import RunFolder
 from robustflow.sample import Sample
 
 CORRUPTIONS = PAPER_ORDER[:20]
-STEPS = ("drive", "resume", "resume again", "show", "summary", "report")
+STEPS = ("drive", "resume", "resume again", "summary", "show", "report")
 
 
 class Tiny:
