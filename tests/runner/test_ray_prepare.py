@@ -2,32 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import subprocess
 import sys
 from fractions import Fraction
-from functools import partial
-from pathlib import Path
 
 import pytest
 
-from robustflow.errors import DataError, RunError
+from robustflow.errors import RunError
 from robustflow.runner.engines import ray_prepare
-from robustflow.runner.engines.ray_prepare import prepare_on_ray
 from robustflow.video.prepare import Preparation
-from robustflow.video.prepare_folder import find_sources, prepare_folder
+from robustflow.video.prepare_folder import find_sources
 
 from ..video import clips
-from .ray_nodes import cluster
 
 pytestmark = pytest.mark.ray
 
 PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
-
-
-def _contents(folder: Path) -> dict[str, str]:
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
 @pytest.fixture
@@ -35,21 +25,6 @@ def recordings(tmp_path):
     clips.folder(tmp_path / "data" / "one", 70)
     clips.folder(tmp_path / "data" / "two", 70, 32, 48)
     return tmp_path / "data"
-
-
-def test_the_same_files_as_without_ray(recordings, tmp_path):
-    sources = find_sources(recordings)
-    prepare_folder(sources, tmp_path / "plain", PLAIN)
-    with cluster() as nodes:
-        nodes.add(cpus=2)
-        on_ray = partial(prepare_on_ray, address=nodes.address)
-        heard = []
-        prepare_folder(sources, tmp_path / "ray", PLAIN, progress=lambda *said: heard.append(said), prepare_all=on_ray)
-        assert [said[1:] for said in heard] == [("clips", 1, 2), ("clips", 2, 2)]
-        assert _contents(tmp_path / "ray") == _contents(tmp_path / "plain"), "nothing else stays either"
-        other = Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast")
-        with pytest.raises(DataError, match=r"holds this clip prepared with other settings.* \(on node .+\)"):
-            prepare_folder(sources, tmp_path / "ray", other, prepare_all=on_ray)
 
 
 def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkeypatch):

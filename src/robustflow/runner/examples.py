@@ -46,7 +46,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
         DataError: the pictures cannot be written.
     """
     if run.summary.missing:
-        raise RunError(f"{run.path} is not complete, so its worst sample is not known; give its command again first")
+        raise RunError(f"{run.path} is not complete, so its worst sample is not known; run its command again first")
     listed = example_list(run.rows)
     if listed is None:
         raise RunError(f"{run.path} has no pixel to measure, so there is no worst sample")
@@ -60,7 +60,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
             for panel in listed["panels"]:
                 cell = (panel["key"], panel["corruption"], panel["severity"])
                 write_bytes(making / panel["file"], _picture(run.rows, worker, cell, panel["kind"], "jpeg"))
-            _write_slider(making, listed["slider"], worker, run.rows, setup.options.pictures)
+            _write_slider(making, listed["slider"], worker, setup.options.pictures)
         write_json(making / EXAMPLES_FILE, listed)
         drop_examples(run.path)
         try:
@@ -92,16 +92,13 @@ def _worker(setup: Setup) -> Iterator[Worker]:
         )
 
 
-def _write_slider(
-    folder: Path, slider: dict[str, Any], worker: Worker, rows: pl.DataFrame, pictures: Path | None
-) -> None:
+def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures: Path | None) -> None:
     key = slider["key"]
     clean = worker.sample(key).frames
     write_bytes(folder / slider["clean"], jpeg_bytes(shrunk(clean[0], WIDEST)))
     for picture in slider["pictures"]:
         corruption, severity = picture["corruption"], picture["severity"]
-        digest = _row(rows, (key, corruption, severity))["frames_digest"]
-        shown = kept_picture(pictures, corruption, severity, digest)
+        shown = kept_picture(pictures, corruption, severity)
         if shown is None:
             shown = slider_picture(worker.frames(key, corruption, severity), clean)
         write_bytes(folder / picture["file"], shown)

@@ -49,20 +49,20 @@ def pictures_kept(setup: Setup) -> Iterator[Setup]:
 
 
 def keep_picture(
-    folder: Path, frames: tuple[Frame, ...], clean: tuple[Frame, ...], corruption: str, severity: int, digest: str
+    folder: Path, frames: tuple[Frame, ...], clean: tuple[Frame, ...], corruption: str, severity: int
 ) -> None:
-    """Keep the picture of a cell whose frames have this digest. One that cannot be written is made again later."""
+    """Keep the picture of a cell. One that cannot be written is made again later."""
     with suppress(DataError):
-        write_bytes(_path(folder, corruption, severity, digest), slider_picture(frames, clean), durable=False)
+        write_bytes(_path(folder, corruption, severity), slider_picture(frames, clean), durable=False)
 
 
-def kept_picture(folder: Path | None, corruption: str, severity: int, digest: str) -> bytes | None:
-    """What `keep_picture` kept of these very frames, or None."""
+def kept_picture(folder: Path | None, corruption: str, severity: int) -> bytes | None:
+    """What `keep_picture` kept, or None."""
     try:
-        return None if folder is None else _path(folder, corruption, severity, digest).read_bytes()
+        return None if folder is None else _path(folder, corruption, severity).read_bytes()
     except OSError:
         return None
 
 
-def _path(folder: Path, corruption: str, severity: int, digest: str) -> Path:
-    return folder / f"{digest_of_bytes(f'{corruption} {severity} {digest}'.encode(), size=16)}.jpg"
+def _path(folder: Path, corruption: str, severity: int) -> Path:
+    return folder / f"{digest_of_bytes(f'{corruption} {severity}'.encode(), size=16)}.jpg"
