@@ -154,7 +154,7 @@ def recipes_of(method: str) -> dict[str, Recipe]:
     """
     if method not in trained_methods():
         raise unknown_name("method with a recipe", method, trained_methods())
-    document = _read(method)
+    document = dict(_read(method))
     common = document.pop("all", {})
     return {
         stage: _validated(_merged(common, {**entry, "method": method, "stage": stage}))
@@ -169,7 +169,6 @@ def trained_methods() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml") and name != f"{MIXES}.toml")
 
 
-@cache
 def mix_parts(name: str) -> tuple[Part, ...]:
     """The parts of a mix: by name, or of a TOML file of the user's own that holds `parts` as `recipes/mixes.toml` does.
 
@@ -201,6 +200,7 @@ def _own_parts(path: Path) -> tuple[Part, ...]:
     return parts
 
 
+@cache
 def _read(name: str) -> dict[str, Any]:
     return tomllib.loads(files(__package__).joinpath(FOLDER, f"{name}.toml").read_text(encoding="utf-8"))
 
