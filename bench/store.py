@@ -23,8 +23,8 @@ from robustflow.benchmarks.base import Benchmark
 from robustflow.corruptions.registry import PAPER_ORDER
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
+from robustflow.runner.frame_stage import frames_digest
 from robustflow.runner.setup import set_up
-from robustflow.runner.worker import frames_digest
 from robustflow.runs.manifest import now, open_manifest
 from robustflow.runs.plan import Unit
 from robustflow.runs.run import Run

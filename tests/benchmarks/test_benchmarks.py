@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 import pytest
 from skimage import data
+from typer.testing import CliRunner
 
 import robustflow as rf
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
+from robustflow.cli.main import app
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.runs.plan import Plan, RunOptions
@@ -104,6 +106,17 @@ def test_export_reads_back_to_the_same_rows(kitti, tmp_path):
     assert released.summary.regions["occ"].epe_clean is not None
 
 
+def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):
+    chosen = load_benchmark("kitti-fc", kitti).narrowed(["impulse_noise", "spatter"], [1, 4], 1)
+    direct = rf.evaluate(DIS, chosen, output=tmp_path / "direct", seed=5, common_draws=True)
+    made = ["export", "kitti-fc", "-d", kitti, "-c", "impulse_noise,spatter", "-s", "1,4", "--limit", 1, "--seed", 5]
+    done = CliRunner().invoke(app, [*map(str, made), "--common-draws", "-o", str(tmp_path / "fc")])
+    assert done.exit_code == 0, done.output
+    assert rf.evaluate(DIS, "kitti-fc", tmp_path / "fc", tmp_path / "released").rows.equals(direct.rows)
+    with pytest.raises(RunError, match="holds another export"):
+        list(export(chosen, tmp_path / "fc", seed=5))
+
+
 def test_an_export_goes_on_and_never_mixes(kitti, tmp_path):
     benchmark = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
     list(export(benchmark, tmp_path / "fc"))
@@ -181,6 +194,15 @@ def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
             load_benchmark("kitti-fc", path)
         assert "\n" not in str(caught.value)
         assert len(str(caught.value)) < 400
+
+
+def test_an_identity_is_the_same_from_version_to_version(kitti):
+    """What is hashed, spelled out: a change here starts every run from scratch, and is meant to, or is a mistake."""
+    benchmark = load_benchmark("kitti-fc", kitti)
+    common = Plan(benchmark, RunOptions(seed=3, common_draws=True), {"name": "dis"}).identity()
+    plain = Plan(benchmark, RunOptions(seed=3), {"name": "dis"}).identity()
+    assert (plain["version"], plain["seed"], plain["benchmark"]) == (1, 3, "kitti-fc")
+    assert common == plain | {"common_draws": True}
 
 
 def test_a_renamed_data_set_keeps_the_identity_of_its_runs(kitti, tmp_path):

@@ -42,8 +42,8 @@ def test_values_and_marks_are_the_printed_ones(name, metric, benchmark):
     ("benchmarks", "title"),
     [
         (["kitti-fc"], "EPE on KITTI-FC"),
-        (["sintel"], "EPE on sintel"),
-        (["sintel", "demo", "kitti-fc"], "EPE on KITTI-FC, demo and sintel"),
+        (["sintel"], "EPE on MPI-Sintel"),
+        (["sintel", "demo", "kitti-fc"], "EPE on KITTI-FC, demo and MPI-Sintel"),
     ],
 )
 def test_the_title_names_what_was_measured_on(benchmarks, title):

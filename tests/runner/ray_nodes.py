@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -30,14 +31,18 @@ class Nodes:
 
         self._cluster = Cluster(initialize_head=True, head_node_args=self._arguments(num_cpus=0))
         self.address = self._cluster.address
+        self.alive: list[Any] = []
 
     def add(self, cpus: int = 1, gpus: int = 0, **more):
         """A node; GPUs are pretended."""
-        return self._cluster.add_node(**self._arguments(num_cpus=cpus, num_gpus=gpus), **more)
+        node = self._cluster.add_node(**self._arguments(num_cpus=cpus, num_gpus=gpus), **more)
+        self.alive.append(node)
+        return node
 
     def kill(self, node) -> None:
         """As a power failure does."""
         self._cluster.remove_node(node, allow_graceful=False)
+        self.alive.remove(node)
 
     def end(self) -> None:
         """Stop all nodes."""

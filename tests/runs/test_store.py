@@ -98,7 +98,7 @@ def test_half_a_shard_is_named(folder):
     _write(folder, "b", CLEAN, (0,))
     (path,) = [path for path in folder.rows_folder.iterdir() if path.name.startswith("b")]
     path.write_bytes(path.read_bytes()[:-100])
-    with pytest.raises(RunError, match=f"{path.name} is damaged .* delete it and give the run's command again"):
+    with pytest.raises(RunError, match=f"{path.name} is damaged .* delete it and run its command again"):
         folder.rows()
     path.unlink()
     assert folder.rows()["sample"].to_list() == ["a"]

@@ -9,8 +9,10 @@ import av
 import numpy as np
 import pytest
 
+from robustflow.datasets import load_dataset
 from robustflow.errors import DataError
 from robustflow.images.io import write_image
+from robustflow.video.reader import VideoReader
 from robustflow.video.source import PictureFolder, VideoFile
 
 from . import clips
@@ -67,6 +69,27 @@ def test_rotation_is_applied(tmp_path, rotation, quarter):
     expected = np.rot90(image, quarter)
     assert frame.shape == expected.shape
     assert np.abs(frame.astype(int) - expected).mean() < 4
+
+
+@pytest.mark.parametrize(("rotation", "quarter"), [(90, 1), (180, 2), (270, 3)])
+def test_frames_by_number_are_turned_too(tmp_path, rotation, quarter):
+    """As a phone writes a film; the frames of a run on it are those that a player shows."""
+    image = np.zeros((32, 64, 3), np.uint8)
+    image[:8, :16] = 255
+    path = video(tmp_path / "a.mp4", [image] * 3, rotation=rotation)
+    expected = np.rot90(image, quarter)
+    reader = VideoReader(path)
+    for index in (2, 0):
+        assert reader.frame(index).shape == expected.shape
+        assert np.abs(reader.frame(index).astype(int) - expected).mean() < 4
+    dataset = load_dataset("folder", path)
+    assert dataset.load(dataset.keys()[0]).frames[0].shape == expected.shape
+
+
+def test_a_turn_that_is_no_quarter_is_refused(tmp_path):
+    path = video(tmp_path / "a.mp4", [np.zeros((32, 64, 3), np.uint8)] * 3, rotation=30)
+    with pytest.raises(DataError, match="only quarter turns can be followed"):
+        VideoReader(path).frame(0)
 
 
 def test_ten_bits_become_eight(tmp_path):

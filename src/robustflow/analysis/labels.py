@@ -58,23 +58,30 @@ def metric_label(metric: str) -> str:
 
 
 def benchmark_label(benchmark: str) -> str:
-    """A benchmark as it is written: a published one by its title, any other by its name, which is text.
+    """A benchmark as headings write it: its title, of an unknown one its name.
 
-    >>> benchmark_label("kitti-fc"), benchmark_label("sintel")
-    ('KITTI-FC', 'sintel')
+    >>> benchmark_label("kitti-fc"), benchmark_label("sintel"), benchmark_label("folder")
+    ('KITTI-FC', 'MPI-Sintel', 'Your own frames')
     """
-    facts = benchmark_facts(benchmark)
-    return plain(facts.title if facts.published else benchmark, 40)
+    return plain(benchmark_facts(benchmark).title, 40)
+
+
+def benchmark_words(benchmark: str) -> str:
+    """A benchmark inside a sentence.
+
+    >>> benchmark_words("folder")
+    'your own frames'
+    """
+    return benchmark_label(benchmark).replace("Your own", "your own", 1)
 
 
 def on_benchmark(model: str, benchmark: str) -> str:
     """A model and what it was measured on, in words; the name may hold the benchmark already.
 
-    >>> on_benchmark("dis", "gopro-fc"), on_benchmark("dis (GoPro-FC)", "gopro-fc")
-    ('dis on GoPro-FC', 'dis on GoPro-FC')
+    >>> on_benchmark("DIS", "gopro-fc"), on_benchmark("DIS (GoPro-FC)", "gopro-fc")
+    ('DIS on GoPro-FC', 'DIS on GoPro-FC')
     """
-    label = benchmark_label(benchmark)
-    return f"{model.removesuffix(f' ({label})')} on {label}"
+    return f"{model.removesuffix(f' ({benchmark_label(benchmark)})')} on {benchmark_words(benchmark)}"
 
 
 def setting_words(setting: str) -> str:

@@ -14,7 +14,7 @@ from ..benchmarks import benchmark_facts
 from ..metrics.summary import Scores, has_gaps
 from ..severity import SEVERITIES
 from ..text import counted
-from .labels import benchmark_label
+from .labels import benchmark_label, benchmark_words
 from .published.tables import PAPER_PAIRS
 from .results import AVERAGE, CLEAN, RESULT_METRICS, RESULT_SCHEMA
 
@@ -143,8 +143,7 @@ def note_of(run: Run, beside_published: bool = False) -> str:
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples
     apart = not benchmark_facts(benchmark).published and run.summary.epe_clean is None
     if apart:
-        title = benchmark_facts(benchmark).title.replace("Your own", "your own", 1)
-        remarks = [f"{counted(pairs, 'pair')} of {title}"]
+        remarks = [f"{counted(pairs, 'pair')} of {benchmark_words(benchmark)}"]
     else:
         remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
     wanted = benchmark_facts(benchmark).paper_corruptions
@@ -171,7 +170,7 @@ def note_of(run: Run, beside_published: bool = False) -> str:
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:
     facts, count = benchmark_facts(benchmark), counted(pairs, "pair")
     if not facts.published:
-        return f"{count} of {benchmark}, not the paper's {PAPER_PAIRS}"
+        return f"{count} of {benchmark_words(benchmark)}, not the paper's {PAPER_PAIRS}"
     if protocol.get("frames") == "released" and facts.paper_pairs in (None, pairs):
         return ""
     return f"{count}, not the paper's" + (f" {facts.paper_pairs}" if facts.paper_pairs else "")

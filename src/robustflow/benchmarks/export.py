@@ -38,15 +38,20 @@ class Written:
 
 
 def export(
-    benchmark: Benchmark, output: Path, seed: int = 0, variant: str = "default", severity_scale: str = "paper"
+    benchmark: Benchmark,
+    output: Path,
+    seed: int = 0,
+    variant: str = "default",
+    severity_scale: str = "paper",
+    common_draws: bool = False,
 ) -> Iterator[Written]:
     """Write the benchmark below `output`, sample by sample; what is already there is left alone.
 
     Args:
         benchmark: whose samples, corruptions and severities to write.
         output: the folder; made if missing.
-        seed, variant, severity_scale: of the corruptions; the frames equal those that `run` makes on the fly.
-            Severities that do not exist on the scale are not written.
+        seed, variant, severity_scale, common_draws: of the corruptions; the frames equal those that `run` makes on the
+            fly. Severities that do not exist on the scale are not written.
 
     Raises:
         RunError: the folder holds an export with other settings, or cannot be written.
@@ -54,8 +59,9 @@ def export(
     """
     scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
     corruptions = [load_corruption(name, variant, severity_scale) for name in benchmark.corruptions]
+    draws: dict[str, object] = {"common_draws": True} if common_draws else {}
     settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
-    _claim(output, settings | scale | user_sources(variant))
+    _claim(output, settings | scale | draws | user_sources(variant))
     for key in benchmark.keys:
         if "/" in key or key.startswith("."):
             raise DataError(f"sample '{key}' cannot be written in the KITTI layout, whose files have no folders")
@@ -66,7 +72,7 @@ def export(
         for corruption in corruptions:
             for severity in levels_of(corruption.name, benchmark.severities, severity_scale):
                 condition = f"{DISK_NAMES.get(corruption.name, corruption.name)}_{severity}"
-                make = partial(_corrupted, sample, corruption, severity, seed)
+                make = partial(_corrupted, sample, corruption, severity, seed, common_draws)
                 fresh = _write_frames(output / condition / "val", key, make)
                 yield Written(key, condition, fresh)
 
@@ -75,8 +81,10 @@ def _frames(sample: Sample) -> tuple[Frame, ...]:
     return sample.frames
 
 
-def _corrupted(sample: Sample, corruption: Corruption, severity: int, seed: int) -> tuple[Frame, ...]:
-    return tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key))
+def _corrupted(
+    sample: Sample, corruption: Corruption, severity: int, seed: int, common_draws: bool
+) -> tuple[Frame, ...]:
+    return tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common_draws))
 
 
 def _write_frames(folder: Path, key: str, make: Callable[[], tuple[Frame, ...]]) -> bool:

@@ -19,20 +19,22 @@ def compare(
     runs: Annotated[
         list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders or records of runs over the same data.")
     ],
-    metric: Annotated[str | None, typer.Option("--metric", help="epe, cre, crer or rcre alone.")] = None,
-    level: Annotated[float, typer.Option(help="Of the confidence intervals.")] = 0.95,
-    resamples: Annotated[int, typer.Option(help="Of the bootstrap.")] = 4999,
-    seed: Annotated[int, typer.Option(help="Of the bootstrap.")] = 0,
-    format: Annotated[str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv or html.")] = "terminal",
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write, printed otherwise.")] = None,
+    metric: Annotated[str | None, typer.Option("--metric", help="Only this metric: epe, cre, crer or rcre.")] = None,
+    level: Annotated[float, typer.Option(help="Level of the confidence intervals.")] = 0.95,
+    resamples: Annotated[int, typer.Option(help="Resamples of the bootstrap.")] = 4999,
+    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    format: Annotated[
+        str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or MODULE:FUNCTION.")
+    ] = "terminal",
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write, instead of printing.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
     """Say whether models differ, image by image, with intervals and corrected p-values.
 
     Two runs are compared in a table: overall in every metric, and under each corruption in one (CRE by default, RCRE
-    without ground truth); bold is lower by more than chance. More than two are ranked, with the
-    ranks that the tests leave each, and compared pairwise in the average of one metric: a sentence each on the
-    terminal, a line each in the other formats.
+    without ground truth); bold is lower by more than chance. More than two are ranked, with the ranks that the tests
+    leave each (not in CSV, which is one table), and compared pairwise in the average of one metric: a sentence each on
+    the terminal, a line each in the other formats.
 
     Runs of one model with several seeds are split into what images, seeds and severities contribute to the spread; runs
     of several models under several conditions (seed, split, variant, ...) show how the order of the models moves.
@@ -97,7 +99,10 @@ def compare(
         sentences = (*table["sentence"], *filter(None, [note]))
         text = ranking + "".join(f"{plain(sentence, None)}\n" for sentence in sentences)
     else:
-        text = render(pairs_table(table, note), format)
+        shown_tables = [pairs_table(table, note)]
+        if format != "csv" and _every_pair(table, rows):  # a CSV file is one table, for programs
+            shown_tables.insert(0, standings_table(standings(table, list(rows)), chosen))
+        text = "\n".join(render(one, format) for one in shown_tables)
     if output is None:
         typer.echo(text, nl=False)
     else:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .options import (
+    CommonDraws,
     Corruptions,
     Data,
     Limit,
@@ -34,6 +35,7 @@ def export(
     seed: Seed = 0,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
+    common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
 ) -> None:
     """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}.
@@ -56,7 +58,7 @@ def export(
     levels = [len(levels_of(name, chosen.severities, severity_scale)) for name in chosen.corruptions]
     total = len(chosen.keys) * (1 + sum(levels))
     console = Console(stderr=True)
-    steps = write(chosen, output, seed, variant, severity_scale)
+    steps = write(chosen, output, seed, variant, severity_scale, common_draws)
     shown = track(steps, "exporting", total, console=console, disable=not console.is_terminal)
     fresh = sum(step.fresh for step in shown)
     fewer = [name for name, n in zip(chosen.corruptions, levels, strict=True) if n < len(chosen.severities)]

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import UsageError
+from ..errors import UsageError, unknown_name
 from ..text import counted
+
+if TYPE_CHECKING:
+    from ..video.prepare_folder import PrepareAll
 
 prepare = typer.Typer(help="Make a benchmark's data from recordings.", no_args_is_help=True)
 
@@ -41,17 +45,25 @@ def gopro_fc(
     preset: Annotated[str, typer.Option(help="x264's, for the master: bit errors depend on it, pixels do not.")] = (
         "veryslow"
     ),
-    workers: Annotated[int, typer.Option(help="Clips prepared at once.")] = 1,
+    workers: Annotated[
+        int | None, typer.Option(help="Clips prepared at once: 1 by default; with Ray what the cluster has room for.")
+    ] = None,
+    engine: Annotated[str, typer.Option(help="processes, or ray: a clip per node or processor.")] = "processes",
+    address: Annotated[
+        str | None,
+        typer.Option(help="Of a Ray cluster: auto, host:port or ray://host:port; by default one on this machine."),
+    ] = None,
     cache_gb: Annotated[float, typer.Option(help="Limit for transcoded variants, made during run.")] = 20.0,
     estimate_only: Annotated[bool, typer.Option("--estimate", help="Print the disk space it takes, and stop.")] = False,
 ) -> None:
-    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. If stopped, it continues where it was.
+    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. If stopped, it continues where it stopped.
 
     \b
     Examples:
       robustflow prepare gopro-fc -d GoPro_Large_all -o gopro-fc --interpolator flavr --checkpoint FLAVR_4x.pth
       robustflow prepare gopro-fc -d clip.mp4 -o mine --interpolator flow
       robustflow prepare gopro-fc -d frames/ -o mine --fps 120 --factor 1 --step 4
+      robustflow prepare gopro-fc -d /shared/GoPro -o /shared/gopro-fc --interpolator flow --engine ray --address auto
     """
     from ..video.disk import check_room, estimate_disk
     from ..video.prepare import Preparation
@@ -63,17 +75,33 @@ def gopro_fc(
     limit = round(cache_gb * 1e9)
     if limit < 0:
         raise UsageError(f"a cache of {cache_gb:g} GB is not possible: give 0 or more")
+    prepare_all = _on_ray(engine, workers, address)
     sources = find_sources(data, evenly=rate is not None)
-    estimate = estimate_disk(sources, output, preparation, limit, workers)
+    at_once = workers or (1 if prepare_all is None else len(sources))
+    estimate = estimate_disk(sources, output, preparation, limit, at_once)
     typer.echo(str(estimate), err=True)
     if estimate_only:
         return
     check_room(estimate, output)
     with VideoProgress() as progress:
-        clips = prepare_folder(sources, output, preparation, workers, limit, progress)
+        clips = prepare_folder(sources, output, preparation, workers or 1, limit, progress, prepare_all)
     pairs = sum(len(clip.pairs) for clip in clips)
     made = f"{counted(len(clips), 'clip')}, {counted(pairs, 'pair')}"
     typer.echo(f"{output}: {made}; now: robustflow run --benchmark gopro-fc --data {output}")
+
+
+def _on_ray(engine: str, workers: int | None, address: str | None) -> PrepareAll | None:
+    if engine not in ("processes", "ray"):
+        raise unknown_name("engine", engine, ("processes", "ray"))
+    if engine == "processes":
+        if address is not None:
+            raise UsageError("--address is for the ray engine; give --engine ray with it, or leave it out")
+        return None
+    if workers is not None and workers < 1:
+        raise UsageError(f"{workers} workers are not possible: give 1 or more")
+    from ..runner.engines.ray_prepare import prepare_on_ray
+
+    return partial(prepare_on_ray, workers=workers, address=address)
 
 
 def _rate(text: str | None) -> Fraction | None:

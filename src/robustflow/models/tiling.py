@@ -90,6 +90,11 @@ class TiledModel:
             raise UsageError(f"tile {tile}: height and width must be {LARGEST} pixels at most; leave tile out")
         self._weights = tile_weights(*self._tile)[..., None]
 
+    @property
+    def device(self) -> Any:
+        """The model's own."""
+        return getattr(self.model, "device", "cpu")
+
     def identity(self) -> dict[str, Any]:
         """The model's own, and the tiles."""
         return {**model_identity(self.model), "tile": list(self._tile), "overlap": OVERLAP, "sigma": SIGMA}

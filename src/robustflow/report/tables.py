@@ -15,7 +15,7 @@ from ..analysis.labels import (
     FAMILY_OF,
     METRIC_LABELS,
     SETTING_LABELS,
-    benchmark_label,
+    benchmark_words,
     short_label,
 )
 from ..analysis.published.tables import Cost
@@ -111,7 +111,7 @@ def _listed(benchmarks: pl.Series) -> str:
     found = dict.fromkeys(benchmarks)
     facts = {name: benchmark_facts(name) for name in found}
     order = sorted(found, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
-    names = list(map(benchmark_label, order))
+    names = list(map(benchmark_words, order))
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

@@ -50,7 +50,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
         DataError: the pictures cannot be written.
     """
     if run.summary.missing:
-        raise RunError(f"{run.path} is not complete, so its worst sample is not known; give its command again first")
+        raise RunError(f"{run.path} is not complete, so its worst sample is not known; run its command again first")
     listed = example_list(run.rows)
     if listed is None:
         raise RunError(f"{run.path} has no pixel to measure, so there is no worst sample")

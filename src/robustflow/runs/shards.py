@@ -175,6 +175,4 @@ def _refuse_contradictions(rows: pl.DataFrame, paths: list[Path], parts: list[pl
 
 
 def _damaged(path: Path, why: str) -> RunError:
-    return RunError(
-        f"{path} is damaged ({why}); delete it and give the run's command again: only its rows are computed again"
-    )
+    return RunError(f"{path} is damaged ({why}); delete it and run its command again: only its rows are computed again")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from fractions import Fraction
 from pathlib import Path
@@ -32,6 +32,10 @@ SEQUENCES = ("GOPR0374_11_02", "GOPR0379_11_00", "GOPR0384_11_02", "GOPR0385_11_
 CAMERA_FPS = Fraction(240)
 
 
+PrepareAll = Callable[[Sequence[Source], Path, Preparation, Progress], None]
+"""Prepares every clip in the folder of its name below the given one."""
+
+
 def find_sources(data: Path, evenly: bool = False) -> list[Source]:
     """The clips in `data`: GoPro's five sequences, one video, one folder of pictures, or a folder of such folders.
 
@@ -46,12 +50,12 @@ def find_sources(data: Path, evenly: bool = False) -> list[Source]:
         return [VideoFile(data, evenly=evenly)]
     if not data.is_dir():
         raise DataError(f"{data}: no such file or folder; check the path")
-    found = {name: path for name in SEQUENCES if (path := _sequence(data, name)) is not None}
-    if found:
-        missing = [name for name in SEQUENCES if name not in found]
+    sequences = {name: path for name in SEQUENCES if (path := _sequence(data, name)) is not None}
+    if sequences:
+        missing = [name for name in SEQUENCES if name not in sequences]
         if missing:
             raise DataError(f"{data}: {', '.join(missing)} missing of the five sequences; add them, or name one folder")
-        return [_camera(found[name], name) for name in SEQUENCES]
+        return [_camera(sequences[name], name) for name in SEQUENCES]
     if pictures_in(data):
         return [PictureFolder(data)]
     inner = [folder for folder in folders(data) if pictures_in(folder)]
@@ -69,8 +73,18 @@ def prepare_folder(
     workers: int = 1,
     cache_limit: int = CACHE_LIMIT,
     progress: Progress = lambda clip, what, done, total: None,
+    prepare_all: PrepareAll | None = None,
 ) -> list[PreparedClip]:
-    """Prepare all clips below `output`. Every number of workers gives the same files.
+    """Prepare all clips below `output`. Every number of workers, and every place, gives the same files.
+
+    Args:
+        sources: from `find_sources`.
+        output: a folder, which is made.
+        preparation: how.
+        workers: processes, where `prepare_all` is not given.
+        cache_limit: bytes of transcoded variants that may be kept later.
+        progress: is told what is done.
+        prepare_all: does the work elsewhere, on a cluster.
 
     Raises:
         DataError: `output` holds other clips already, or a source fails.
@@ -84,7 +98,9 @@ def prepare_folder(
     if len(set(manifest.clips)) != len(manifest.clips):
         raise DataError(f"two clips have the same name: {', '.join(manifest.clips)}; rename one")
     _claim(output, manifest)
-    if workers == 1 or len(sources) == 1:
+    if prepare_all is not None:
+        prepare_all(sources, output, preparation, progress)
+    elif workers == 1 or len(sources) == 1:
         for source in sources:
             prepare_clip(source, output / source.name, preparation, progress)
     else:

@@ -14,12 +14,12 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from av.error import FFmpegError
 
 from ..errors import DataError
 from ..sample import Frame
 from .container import open_video, reason
+from .upright import upright
 
 _NEAR = 48
 """Frames worth decoding forward rather than seeking."""
@@ -29,7 +29,7 @@ _KEYS_BACK = 2
 
 
 class VideoReader:
-    """Random access to the frames of a video's first video stream, as stored (a rotation tag is not applied).
+    """Random access to the frames of a video's first video stream, turned as the file asks.
 
     Holds one decoded frame and an open file. Can be pickled, and survives a fork: the copy opens the file again.
 
@@ -169,7 +169,7 @@ class VideoReader:
             if number == index:
                 if frame.is_corrupt:
                     raise ValueError(f"frame {index} is damaged")
-                return np.ascontiguousarray(frame.to_ndarray(format="rgb24"))
+                return upright(frame, self._path)
             if number > index:
                 break
         raise ValueError(f"frame {index} cannot be decoded")

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import av
-import numpy as np
 
 from ..errors import DataError
 from ..images.io import IMAGE_SUFFIXES, image_size, read_image
 from ..sample import Frame
 from .container import open_video, reason
+from .upright import upright
 
 
 class Source(Protocol):
@@ -115,7 +115,7 @@ class VideoFile:
                         continue
                     if picture.is_corrupt:
                         raise DataError(f"{self.path}: frame {read - 1} is damaged; copy or convert it again")
-                    frame = _upright(picture, self.path)
+                    frame = upright(picture, self.path)
                     size = size or frame.shape
                     if frame.shape != size:
                         raise DataError(f"{self.path}: the picture size changes at frame {read - 1}; cut it there")
@@ -179,11 +179,3 @@ def _variable(times: list[int], tick: Fraction) -> tuple[float, float] | None:
     if not gaps or max(gaps) - min(gaps) <= max(2, 0.02 * min(gaps)):
         return None
     return float(min(gaps) * tick), float(max(gaps) * tick)
-
-
-def _upright(picture: Any, path: Path) -> Frame:
-    """RGB of a decoded picture, turned as its display matrix asks."""
-    quarter, rest = divmod(int(picture.rotation), 90)
-    if rest:
-        raise DataError(f"{path}: rotated by {picture.rotation} degrees; only quarter turns can be followed")
-    return np.ascontiguousarray(np.rot90(picture.to_ndarray(format="rgb24"), quarter % 4))

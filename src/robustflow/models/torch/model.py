@@ -145,7 +145,7 @@ def find_device(name: str) -> torch.device:
     except (RuntimeError, TypeError):
         device = torch.device("meta")
     if device.type == "meta":  # torch's name for tensors without values
-        raise UsageError(f"'{name}' is no device: give auto, cpu, cuda or cuda:0") from None
+        raise UsageError(f"unknown device '{name}': give auto, cpu, cuda or cuda:0") from None
     try:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError, NotImplementedError) as error:

@@ -108,7 +108,8 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
 
 
 def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
-    """The slider of the first run with examples, and the panels of the first `MOST_RUNS` of them."""
+    """The slider of the first run with examples, and the panels of all of them; among more than `MOST_RUNS` runs, those
+    of the first alone."""
     slider: Slider | None = None
     panels: dict[tuple[str, str], list[PanelPicture]] = {}
     for key, run in runs.items():

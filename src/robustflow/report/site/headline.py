@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from ...analysis.audit.rounding import misfits
 from ...analysis.conclusion import conclusion, without_truth
-from ...analysis.labels import METRIC_LABELS, benchmark_label, on_benchmark
+from ...analysis.labels import METRIC_LABELS, benchmark_label, benchmark_words, on_benchmark
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...analysis.scores import paper_rows
@@ -35,7 +35,7 @@ def headline(content: Content) -> list[str]:
     for (benchmark, frames), entries in groups.items():
         if frames == PAPER:
             best = _best_of_settings(entries)
-            published += [f"on {benchmark_label(benchmark)} {' and '.join(best)}"] if best else []
+            published += [f"on {benchmark_words(benchmark)} {' and '.join(best)}"] if best else []
         elif own := _own_without_truth(entries, content):
             sentences.append(conclusion(own))
         elif len(entries) == 1:

@@ -7,6 +7,7 @@ units are handed out again. Ray's own retries are off; they could run a unit twi
 from __future__ import annotations
 
 import os
+import re
 import sys
 import time
 import warnings
@@ -16,8 +17,8 @@ from typing import Any
 from ...errors import RunError
 from ...runs.plan import Unit
 from .base import FinishedUnit, Job
-from .processes import _rebuild
-from .ray_actor import Answer, installed
+from .child import rebuilt
+from .ray_actor import Answer, check_installed, installed
 from .ray_cluster import connected
 from .ray_job import files_of, model_identity_of, needs_gpu, pickled, variables
 from .ray_member import Member
@@ -149,17 +150,15 @@ class _Crew:
         exceptions = self._ray.exceptions
         try:
             answer = self._ray.get(member.take_call())
-        except exceptions.RayTaskError as error:
-            raise RunError(
-                f"node {getattr(error, 'ip', None) or '(address unknown)'} cannot start RobustFlow "
-                f"({_last_line(error)}); install the same version on every node"
-            ) from error
         except exceptions.RayError as error:
+            if isinstance(error, exceptions.RayTaskError) or "creation task" in str(error):
+                raise _cannot_start(error) from error
             self._lost(member, error)
             return None
         if member.host is None:
-            self._check_installed(*answer)
-            member.begin(answer[0], self._sent, self._identity, self._first_files)
+            host, theirs = answer
+            check_installed(host, self._installed, theirs)
+            member.begin(host, self._sent, self._identity, self._first_files)
             return None
         value = self._value(member, answer)
         if member.device is None:
@@ -182,17 +181,8 @@ class _Crew:
         kind, value = answer
         if kind == "error":
             name, message, trace = value
-            raise _rebuild(name, message if self._local else f"{message} (on node {member.host})", trace)
+            raise rebuilt(name, message if self._local else f"{message} (on node {member.host})", trace)
         return value
-
-    def _check_installed(self, host: str, theirs: dict[str, str]) -> None:
-        for name in self._installed | theirs:
-            here, there = self._installed.get(name), theirs.get(name)
-            if here != there:
-                raise RunError(
-                    f"node {host} has {name} {there or 'missing'} where this process has {here or 'none'}, which may "
-                    "change numbers; install the same versions on every node"
-                )
 
     def _lost(self, member: Member, error: Exception) -> None:
         """Do without an actor; what it was computing is computed again."""
@@ -219,6 +209,11 @@ class _Crew:
         self._schedule.give_back(member.unit)
 
 
-def _last_line(error: Exception) -> str:
+def _cannot_start(error: Exception) -> RunError:
+    """A node that cannot even load this package; the user's code is loaded later."""
+    address = re.search(r"\bip=([^,\s)]+)", str(error))
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else type(error).__name__
+    return RunError(
+        f"node {address[1] if address else '(address unknown)'} cannot start RobustFlow ({lines[-1]}); "
+        "install the same version on every node"
+    )

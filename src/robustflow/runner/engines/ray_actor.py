@@ -50,6 +50,24 @@ def installed() -> dict[str, str]:
     }
 
 
+def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> None:
+    """Refuse a node that may compute other numbers.
+
+    Args:
+        host: the node's name.
+        here, there: what is `installed` where the run was started, and on the node.
+
+    Raises:
+        RunError: they differ.
+    """
+    for name in here | there:
+        if here.get(name) != there.get(name):
+            raise RunError(
+                f"node {host} has {name} {there.get(name, 'missing')} where the run was started with "
+                f"{here.get(name, 'none')}, which may change numbers; install the same versions on every node"
+            )
+
+
 class UnitActor:
     """One worker on a node. Its methods are called in this order: `hello`, `begin`, then `run` any number of times."""
 
@@ -81,11 +99,11 @@ class UnitActor:
             identity: that the model has to have.
             files: of one sample, which have to be there.
         """
-        return _answered(lambda: self._begin(pickled, identity, files))
+        return answered(lambda: self._begin(pickled, identity, files))
 
     def run(self, unit: Unit, files: Files) -> Answer:
         """The rows of a unit and the seconds they took; `files` are those of its sample."""
-        return _answered(lambda: self._run(unit, files))
+        return answered(lambda: self._run(unit, files))
 
     def predicting(self) -> tuple[str, float] | None:
         """What the model is asked for at this moment, and for how many seconds already."""
@@ -149,7 +167,8 @@ class UnitActor:
                 )
 
 
-def _answered(compute: Callable[[], Any]) -> Answer:
+def answered(compute: Callable[[], Any]) -> Answer:
+    """What a call returns or raises, as an answer."""
     try:
         return "done", compute()
     except BaseException as error:  # SystemExit too: to Ray it would be an actor that ends on purpose

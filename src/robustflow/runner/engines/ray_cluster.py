@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from ...errors import RunError, UsageError
+from ...errors import RobustFlowError, RunError, UsageError
 
 REACH_S = 10.0
 """Within which the head of a cluster has to answer."""
@@ -92,9 +92,13 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
 
 def _join(ray: Any, address: str) -> None:
     spelled = f"the Ray cluster at '{address}'"
-    _check_answers(address if address != "auto" else os.environ.get("RAY_ADDRESS", ""), spelled)
     try:
+        if address == "auto":
+            address = str(ray._private.services.get_ray_address_from_environment("auto", None))
+        _check_answers(address, spelled)
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+    except RobustFlowError:
+        raise
     except ImportError as error:
         raise UsageError("an address with ray:// needs Ray's client: pip install 'ray[client]'") from error
     except ValueError as error:

@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import pickle
 import random
+import re
+import socket
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.errors import ModelError, RunError
+from robustflow.errors import DataError, ModelError, RunError
 from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
+from robustflow.runner.engines.base import Job
+from robustflow.runner.engines.ray_actor import UnitActor
+from robustflow.runner.engines.ray_prepare import prepare_on_ray
+from robustflow.runs.plan import RunOptions
 from robustflow.runs.store import RunFolder
+from robustflow.video.prepare import Preparation
+from robustflow.video.prepare_folder import find_sources, prepare_folder
 
+from ..video import clips
 from .conftest import FAST
 from .ray_nodes import cluster
 
 pytestmark = pytest.mark.ray
 
 PAIRS = 5
+PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +149,21 @@ def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
         _run(tmp_path / "run", frames, **options)
 
 
+@pytest.mark.slow
+def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturbed, tmp_path):
+    """Ray's own guard ends a worker when the machine's memory is nearly full; here, 1.5 GB above what is in use."""
+    amounts = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+    total, free = (int(amounts[name].split()[0]) for name in ("MemTotal", "MemAvailable"))
+    limit = 1 - (free - 1.5e6) / total
+    (tmp_path / "faults").mkdir()
+    variables = {"RAY_memory_usage_threshold": f"{limit:.3f}", "RAY_memory_monitor_refresh_ms": "100"}
+    with cluster({**variables, "FAULTS": str(tmp_path / "faults")}) as nodes:
+        nodes.add(cpus=2)
+        options = {"engine": "ray", "address": nodes.address, "model": {"fault": "memory"}}
+        _check_equal(_run(tmp_path / "run", frames, **options), undisturbed)
+    assert len(list((tmp_path / "faults").iterdir())) == 1
+
+
 def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
     with pytest.raises(ModelError, match=r"(?s)no weights\nat all.* \(on node .+\)$") as raised:
         _raise(frames, tmp_path / "run", engine="ray", address=two_nodes.address)
@@ -144,15 +173,14 @@ def test_errors_are_the_users_and_name_the_node(two_nodes, frames, tmp_path):
 
 
 def _raise(frames, folder, **options):
-    rf.evaluate("models_for_tests:raises", "folder", frames, folder, **options)
+    rf.evaluate("models_for_tests:raises", "folder", frames, folder, limit=1, **options)
 
 
-def _kill_nodes(frames, undisturbed, tmp_path, kills: int, seed: int) -> None:
+def _kill_nodes(nodes, frames, undisturbed, tmp_path, kills: int, seed: int) -> None:
     """Kill a node at a random moment, let another join, and so on, through as many runs as it takes."""
     moments = random.Random(seed)
     killed = number = 0
-    with cluster() as nodes, ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
-        alive = [nodes.add(), nodes.add()]
+    with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
         while killed < kills:
             folder = tmp_path / f"run{number}"
             options = {"engine": "ray", "address": nodes.address, "model": {"pause": 0.1}}
@@ -161,10 +189,10 @@ def _kill_nodes(frames, undisturbed, tmp_path, kills: int, seed: int) -> None:
             while killed < kills and not run.done():
                 if _height(folder) > before:  # something is computed between two kills
                     time.sleep(moments.uniform(0.0, 1.0))
-                    nodes.kill(alive.pop(moments.randrange(2)))
+                    nodes.kill(nodes.alive[moments.randrange(2)])
                     killed += not run.done()
                     before = _height(folder)
-                    alive.append(nodes.add())
+                    nodes.add(gpus=1)
                 time.sleep(0.05)
             _check_equal(run.result(), undisturbed)
             number += 1
@@ -174,10 +202,84 @@ def _height(folder: Path) -> int:
     return RunFolder(folder).rows().height if (folder / "manifest.json").exists() else 0
 
 
-def test_a_killed_node_loses_nothing_and_a_new_one_helps(frames, undisturbed, tmp_path, on_path):
-    _kill_nodes(frames, undisturbed, tmp_path, kills=1, seed=0)
+def test_a_killed_node_loses_nothing_and_a_new_one_helps(two_nodes, frames, undisturbed, tmp_path):
+    _kill_nodes(two_nodes, frames, undisturbed, tmp_path, kills=1, seed=0)
 
 
 @pytest.mark.slow
-def test_nodes_killed_at_ten_moments(frames, undisturbed, tmp_path, on_path):
-    _kill_nodes(frames, undisturbed, tmp_path, kills=10, seed=1)
+def test_nodes_killed_at_ten_moments(two_nodes, frames, undisturbed, tmp_path):
+    _kill_nodes(two_nodes, frames, undisturbed, tmp_path, kills=10, seed=1)
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "words"),
+    [
+        ("robustflow/__init__.py", "raise ImportError('no such package')", r"cannot start RobustFlow \(ImportError"),
+        ("sitecustomize.py", "OTHER_NUMPY", r"has numpy 0\.1 where the run was started with"),
+    ],
+    ids=["missing", "other"],
+)
+def test_a_node_with_other_code_is_named(two_nodes, frames, tmp_path, monkeypatch, file, content, words):
+    """A node whose RobustFlow is missing, or differs, is refused with a sentence, before it computes anything."""
+    (tmp_path / "shadow" / file).parent.mkdir(parents=True)
+    (tmp_path / "shadow" / file).write_text(globals().get(content, content))
+    with monkeypatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path / "shadow"), os.environ["PYTHONPATH"]]))
+        odd = two_nodes.add()
+    options = {"engine": "ray", "address": two_nodes.address, "workers": 3}
+    with pytest.raises(RunError, match=rf"^node \S+ {words}.*install the same version"):
+        _run(tmp_path / "run", frames, **options)
+    two_nodes.kill(odd)
+
+
+OTHER_NUMPY = """
+import importlib.metadata as metadata
+_version = metadata.version
+metadata.version = lambda name: "0.1" if name == "numpy" else _version(name)
+"""
+
+
+def test_a_node_without_the_data_is_named(frames, tmp_path):
+    """What the node looks at before it loads a sample; here both are one machine, so the actor is asked directly."""
+    actor = UnitActor()
+    size = (frames / "00.png").stat().st_size
+    assert actor.begin(b"", {}, ())[0] == "error", "not a job"
+    job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
+    for file, seen, words in (
+        (
+            frames / "gone.png",
+            size,
+            r"gone\.png cannot be read \(No such file or directory\); give every node",
+        ),
+        (frames / "00.png", size + 1, rf"00\.png has {size} bytes there and {size + 1} here; give every node the same"),
+    ):
+        kind, (error, message, _) = actor.begin(job, {}, [(str(file), seen)])
+        assert (kind, error) == ("error", "DataError")
+        assert re.match(rf"node {re.escape(socket.gethostname())}: .*{words}", message)
+
+
+def test_a_node_with_another_model_is_named(frames, tmp_path):
+    job = pickle.dumps(Job(rf.load_dataset("folder", frames), ModelSpec("farneback"), RunOptions(), tmp_path))
+    kind, (error, message, _) = UnitActor().begin(job, {"name": "farneback", "source": "another"}, ())
+    assert (kind, error) == ("error", "RunError")
+    assert re.search(r"has another model under the same name \(it differs in: .*source.*\)", message)
+
+
+def test_clips_are_prepared_into_the_same_files_as_without_ray(two_nodes, tmp_path):
+    clips.folder(tmp_path / "data" / "one", 70)
+    clips.folder(tmp_path / "data" / "two", 70, 32, 48)
+    sources = find_sources(tmp_path / "data")
+    prepare_folder(sources, tmp_path / "plain", PLAIN)
+    on_ray = partial(prepare_on_ray, address=two_nodes.address)
+    heard = []
+    prepare_folder(sources, tmp_path / "ray", PLAIN, progress=lambda *said: heard.append(said), prepare_all=on_ray)
+    assert [said[1:] for said in heard] == [("clips", 1, 2), ("clips", 2, 2)]
+    assert _contents(tmp_path / "ray") == _contents(tmp_path / "plain"), "nothing else stays either"
+    other = Preparation(fps=Fraction(240), factor=1, step=17, preset="ultrafast")
+    with pytest.raises(DataError, match=r"holds this clip prepared with other settings.* \(on node .+\)"):
+        prepare_folder(sources, tmp_path / "ray", other, prepare_all=on_ray)
+
+
+def _contents(folder: Path) -> dict[str, str]:
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}

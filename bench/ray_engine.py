@@ -1,0 +1,78 @@
+"""The Ray engine beside processes: what it costs to start, and what two actors do in the time of two processes.
+
+    python bench/ray_engine.py
+
+One run of few units tells the start, the difference to one of many units the rest. Both engines in turn, the best of
+several repetitions counts: a busy machine only ever adds time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+import robustflow as rf
+from robustflow.images.io import write_image
+
+FEW, MANY = ("contrast",), ("contrast", "high_light", "over_exposure", "impulse_noise", "gaussian_noise", "pixelate")
+
+
+def main() -> None:
+    """Print both engines' times and the two figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pairs", type=int, default=8, help="of KITTI's size")
+    parser.add_argument("--repeat", type=int, default=3)
+    options = parser.parse_args()
+    folder = Path(tempfile.mkdtemp(prefix="rf-bench-"))
+    try:
+        frames(folder / "frames", options.pairs)
+        best: dict[tuple[str, bool], float] = {}
+        for _ in range(options.repeat):
+            for engine in ("processes", "ray"):
+                for many in (False, True):
+                    seconds = run(folder, engine, many)
+                    best[engine, many] = min(seconds, best.get((engine, many), seconds))
+                    print(f"{engine:10} {'many' if many else 'few':5} {seconds:6.1f} s", flush=True)
+    finally:
+        shutil.rmtree(folder)
+    rate = {engine: 1 / (best[engine, True] - best[engine, False]) for engine in ("processes", "ray")}
+    print(f"start of ray over processes: {best['ray', False] - best['processes', False]:.1f} s (goal: at most 15)")
+    print(f"throughput of ray over processes: {rate['ray'] / rate['processes']:.2f} (goal: at least 0.9)")
+
+
+def run(folder: Path, engine: str, many: bool) -> float:
+    """Seconds of a run from the call to the last row on disk."""
+    start = time.perf_counter()
+    rf.evaluate(
+        "farneback",
+        "folder",
+        folder / "frames",
+        folder / "run",
+        corruptions=MANY if many else FEW,
+        limit=None if many else 2,
+        engine=engine,
+        workers=2,
+    )
+    seconds = time.perf_counter() - start
+    shutil.rmtree(folder / "run")
+    return seconds
+
+
+def frames(folder: Path, pairs: int) -> None:
+    """Smooth pictures of KITTI's size."""
+    folder.mkdir()
+    draws = np.random.default_rng(0)
+    for number in range(pairs + 1):
+        coarse = draws.integers(0, 256, (47, 156, 3), np.uint8)
+        write_image(
+            folder / f"{number:02d}.png", np.ascontiguousarray(coarse.repeat(8, 0)[:375].repeat(8, 1)[:, :1242])
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,91 @@
+"""What bounds a page of many runs: pictures, curves, and an embedded pair that is drawn once."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from robustflow.api import evaluate
+from robustflow.cache import CACHE_VARIABLE
+from robustflow.report.gallery.pictures import gallery
+from robustflow.report.site import embedded
+from robustflow.report.site.content import whole_content
+from robustflow.report.site.examples import MOST_RUNS, examples_of
+from robustflow.report.site.figures import page_figures
+
+
+def test_panels_of_twelve_runs_and_of_more_the_first(tmp_path):
+    run = evaluate("dis", output=tmp_path / "run", corruptions=["contrast"], severities=[1], examples=True)
+    assert MOST_RUNS == 12
+    keys = [("frames", f"run {index}") for index in range(MOST_RUNS + 1)]
+    assert list(examples_of(dict.fromkeys(keys[:MOST_RUNS], run)).panels) == keys[:MOST_RUNS]
+    assert list(examples_of(dict.fromkeys(keys, run)).panels) == keys[:1]
+
+
+def test_curves_of_the_eight_runs_with_the_lowest_error(many_images, small_run):
+    """Handed in from the worst to the best, so that the order of the runs says nothing."""
+    runs = [many_images("m" * index, 1 + 0.1 * index) for index in range(9, 0, -1)]
+    for run in runs:
+        run.manifest["identity_digest"] = small_run.manifest["identity_digest"]  # whose folder they share
+    figures = page_figures(whole_content(runs, published=False))
+    (curves,) = (one for one in figures if one.title == "Severity curves")
+    assert {name for name, _ in curves.lines} == {"m" * index for index in range(1, 9)}
+    assert "The 8 of 9 runs with the lowest error are drawn." in curves.frames
+
+
+@pytest.fixture
+def drawn(tmp_path, monkeypatch):
+    """How often the embedded pair was drawn, under two of its corruptions; in a cache of its own."""
+    calls = []
+
+    def counted(*arguments, **options):
+        calls.append(arguments)
+        return gallery(*arguments, corruptions=["contrast", "pixelate"], **options)
+
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setattr(embedded, "gallery", counted)
+    return calls
+
+
+def test_the_embedded_pair_is_drawn_once(drawn):
+    first = embedded.embedded_slider()
+    assert embedded.embedded_slider() == first
+    assert len(drawn) == 1
+    assert [name for name, _ in first.corruptions] == ["Contrast", "Pixelate"]
+
+
+def _another_picture(kept):
+    kept["slider"]["clean"][0] = "data:image/svg+xml,<svg onload=alert(1)/>"
+    return kept
+
+
+DAMAGE = {
+    "a picture replaced": lambda text: json.dumps(_another_picture(json.loads(text))),
+    "of other frames": lambda text: json.dumps(json.loads(text) | {"source": "0" * 32}),
+    "cut short": lambda text: text[: len(text) // 2],
+    "a list": lambda text: "[]",
+    "nested": lambda text: "[" * 200_000,
+    "empty": lambda text: "",
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_kept_pair_that_was_changed_is_drawn_again(drawn, tmp_path, damage):
+    first = embedded.embedded_slider()
+    (kept,) = tmp_path.rglob("motorcycle.json")
+    kept.write_text(DAMAGE[damage](kept.read_text()))
+    assert embedded.embedded_slider() == first
+    assert len(drawn) == 2
+    assert embedded.embedded_slider() == first
+    assert len(drawn) == 2
+
+
+def test_only_jpeg_pictures_are_read_back_even_with_a_matching_digest(drawn, tmp_path):
+    first = embedded.embedded_slider()
+    (kept,) = tmp_path.rglob("motorcycle.json")
+    forged = _another_picture(json.loads(kept.read_text()))
+    forged["digest"] = embedded.digest_of_value(forged["slider"], size=16)
+    kept.write_text(json.dumps(forged))
+    assert embedded.embedded_slider() == first
+    assert len(drawn) == 2

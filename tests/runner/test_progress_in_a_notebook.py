@@ -1,0 +1,37 @@
+"""`evaluate` in a notebook shows its progress without being asked: a real kernel executes a real cell.
+
+Needs nbclient and ipykernel, which no part of the project does; skipped without them.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+nbformat = pytest.importorskip("nbformat", reason="needs nbclient and ipykernel: pip install nbclient ipykernel")
+nbclient = pytest.importorskip("nbclient", reason="needs nbclient and ipykernel: pip install nbclient ipykernel")
+pytest.importorskip("ipykernel", reason="needs ipykernel: pip install nbclient ipykernel")
+
+CELL = """
+import robustflow
+robustflow.evaluate("farneback", corruptions=["contrast"], severities=[1], output="run", examples=False{more})
+None
+"""
+
+
+def _output(folder, more: str = "") -> str:
+    """Everything that a cell shows, as plain text."""
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(CELL.format(more=more))])
+    nbclient.NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(folder)}}).execute()
+    shown = notebook.cells[0].outputs
+    return "".join(one.get("text", "") or one.get("data", {}).get("text/plain", "") for one in shown)
+
+
+def test_progress_is_shown_by_itself(tmp_path):
+    text = _output(tmp_path)
+    assert "run: 2 steps (a pair under one corruption each)" in text
+    assert "2/2" in text
+    assert (tmp_path / "run" / "summary.json").is_file()
+
+
+def test_and_not_where_it_is_not_wanted(tmp_path):
+    assert "step" not in _output(tmp_path, ", progress=False")

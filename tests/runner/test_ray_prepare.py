@@ -1,0 +1,58 @@
+"""Clips prepared on a Ray cluster: the same files, whatever happens to its nodes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from fractions import Fraction
+
+import pytest
+
+from robustflow.errors import RunError
+from robustflow.runner.engines import ray_prepare
+from robustflow.video.prepare import Preparation
+from robustflow.video.prepare_folder import find_sources
+
+from ..video import clips
+
+pytestmark = pytest.mark.ray
+
+PLAIN = Preparation(fps=Fraction(240), factor=1, step=16, preset="ultrafast")
+
+
+@pytest.fixture
+def recordings(tmp_path):
+    clips.folder(tmp_path / "data" / "one", 70)
+    clips.folder(tmp_path / "data" / "two", 70, 32, 48)
+    return tmp_path / "data"
+
+
+def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkeypatch):
+    """What the node does; here it is this machine, so the proof of the shared folder is taken away."""
+    monkeypatch.setattr(ray_prepare, "_APPEARS_S", 0.2)
+    (source, _) = find_sources(recordings)
+    here = ray_prepare.installed()
+    gone = tmp_path / "out" / ".shared-0"
+    kind, (error, message, _) = ray_prepare._prepare(source, tmp_path / "out" / "one", PLAIN, gone, "/", here)
+    assert (kind, error) == ("error", "DataError")
+    assert "does not see what is written into" in message
+    assert not (tmp_path / "out").exists()
+    kind, (error, message, _) = ray_prepare._prepare(source, tmp_path, PLAIN, recordings, "/", {"numpy": "0.1"})
+    assert (kind, error) == ("error", RunError.__name__)
+    assert message.startswith("node ")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--engine", "rey"], "unknown engine 'rey': did you mean 'ray'?"),
+        (["--address", "auto"], "--address is for the ray engine"),
+        (["--engine", "ray", "--workers", "0"], "0 workers are not possible"),
+    ],
+)
+def test_options_that_do_not_go_together(recordings, tmp_path, options, words):
+    command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "prepare", "gopro-fc"]
+    folders = ["-d", str(recordings), "-o", str(tmp_path / "out"), "--fps", "240", "--factor", "1"]
+    ended = subprocess.run([*command, *folders, *options], capture_output=True, text=True)
+    assert ended.returncode == 2
+    assert words in ended.stderr
