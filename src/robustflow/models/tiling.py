@@ -82,6 +82,7 @@ class TiledModel:
 
     def __init__(self, model: FlowModel, tile: str = "432x960") -> None:
         self.model = model
+        self.trained_on: str | None = getattr(model, "trained_on", None)
         self._tile = parse_size(tile, 1)
         if min(self._tile) <= OVERLAP:
             raise UsageError(f"tile {tile}: height and width must be more than the tiles' overlap of {OVERLAP} pixels")

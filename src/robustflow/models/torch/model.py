@@ -33,6 +33,9 @@ class NetworkModel:
         ModelError: a device this machine does not have.
     """
 
+    trained_on: str | None = None
+    """Training sets as the checkpoint declares them."""
+
     def __init__(
         self,
         name: str,
@@ -42,8 +45,6 @@ class NetworkModel:
         execution: Execution,
     ) -> None:
         self.name = name
-        self.trained_on: str | None = None
-        """Training sets as the checkpoint declares them."""
         self.convention = convention
         self.device = find_device(execution.device)
         self.net = net.to(self.device).eval().requires_grad_(False)
