@@ -152,11 +152,18 @@ def one_thread() -> Iterator[None]:
 def _no_interrupt() -> Iterator[None]:
     """Ctrl-C waits here until a process has started, which inherits being deaf to it."""
     resource_tracker.ensure_running()  # started with the first process, it would let Ctrl-C through again
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    came: list[int] = []  # another thread of this process may still be told, and would have the first one raise
+    in_charge = threading.current_thread() is threading.main_thread()
+    handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_charge else None
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if in_charge:
+            signal.signal(signal.SIGINT, signal.SIG_DFL if handler is None else handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    if came and callable(handler):
+        handler(came[0], None)
 
 
 def _live(pipe: Connection, watched: Connection, life: Callable[..., None], arguments: tuple[Any, ...]) -> None:
