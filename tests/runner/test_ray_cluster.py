@@ -202,8 +202,20 @@ def _height(folder: Path) -> int:
     return RunFolder(folder).rows().height if (folder / "manifest.json").exists() else 0
 
 
-def test_a_killed_node_loses_nothing_and_a_new_one_helps(two_nodes, frames, undisturbed, tmp_path):
-    _kill_nodes(two_nodes, frames, undisturbed, tmp_path, kills=1, seed=0)
+def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tmp_path):
+    """Nothing is left to compute on for a while; who joins late goes on with the rest."""
+    options = {"engine": "ray", "address": two_nodes.address, "model": {"pause": 0.1}}
+    with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
+        run = other.submit(_run, tmp_path / "run", frames, **options)
+        while not _height(tmp_path / "run") and not run.done():
+            time.sleep(0.05)
+        for node in list(two_nodes.alive):
+            two_nodes.kill(node)
+        kept = _height(tmp_path / "run")
+        two_nodes.add(gpus=1)
+        two_nodes.add(gpus=1)
+        _check_equal(run.result(), undisturbed)
+    assert kept < undisturbed.rows.height
 
 
 @pytest.mark.slow
