@@ -19,9 +19,9 @@ from typing import Any
 import cv2
 import numpy as np
 import skimage.data
-from robustflow.optics import blur as engine
 from scipy.ndimage import map_coordinates
 
+from robustflow.psf import blur as engine
 from robustflow.psf.blur import KernelCache, blur
 from robustflow.psf.shipped import shipped_field
 from robustflow.psf.tiles import kernels_at

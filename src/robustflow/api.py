@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,11 +141,12 @@ def evaluate(
         common_draws: one draw for the five severities of a pair, so that they differ in strength alone.
         severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that
             a corruption does not have on it are left out, and named in `Result.left_out`.
-        workers: processes, by default one, which is this process unless `timeout` is given; with Ray one per GPU or
-            processor of the cluster.
-        batch_size: severities of one corruption and sample that a model with `predict_batch` gets in one call. It is
-            no part of a run's identity: a flow may change by 1e-4 px.
-        engine: "serial", "processes" or "ray"; chosen from `workers` and `timeout` by default.
+        workers: processes, by default one, which is this process unless `timeout` is given. For a model on a GPU
+            (attribute `device`) those that corrupt and measure beside the one per GPU that predicts, by default as many
+            as there are processors; with Ray one per GPU or processor of the cluster.
+        batch_size: cells of one sample that a model with `predict_batch` gets in one call. It is no part of a run's
+            identity: a flow may change by 1e-4 px.
+        engine: "serial", "processes" or "ray"; chosen from the model's device, `workers` and `timeout` by default.
         address: of a Ray cluster: "auto", "host:port" or "ray://host:port"; None for one on this machine.
         timeout: seconds a single prediction, or batch of them, may take.
         allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
@@ -167,11 +169,12 @@ def evaluate(
     0.0
     """
     from .runner.default_folder import default_folder, warn_of_edited_corruptions
+    from .runner.engines.child import refuse_unguarded_script
     from .runner.engines.choose import choose_engine
-    from .runner.engines.processes import refuse_unguarded_script
     from .runner.fill import fill
     from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
+    from .runner.slider_pictures import pictures_kept
     from .runs.source import RunSource
     from .runs.store import RunFolder
 
@@ -188,18 +191,20 @@ def evaluate(
         name=name,
     )
     setup.model.check_batch_size(batch_size)
-    compute = choose_engine(engine, workers, timeout, address)
+    compute = choose_engine(engine, workers, timeout, address, setup.model)
     if output is None:
         output = default_folder(setup.plan, setup.model.spec)
         warn_of_edited_corruptions(output, setup.plan)
     folder = RunFolder(output)
     folder.lock()
     try:
-        with shown(progress) as listener:
-            fill(folder, setup, compute, batch_size, listener)
-        if isinstance(benchmark, str):
-            RunSource(setup.model.spec, Path(data) if data is not None else None, data_options or {}).write(folder.path)
-        _draw(Result(folder.path), setup, examples)
+        with pictures_kept(setup) if examples else nullcontext(setup) as keeping:
+            with shown(progress) as listener:
+                fill(folder, keeping, compute, batch_size, listener)
+            if isinstance(benchmark, str):
+                where = Path(data) if data is not None else None
+                RunSource(setup.model.spec, where, data_options or {}).write(folder.path)
+            _draw(Result(folder.path), keeping, examples)
     finally:
         folder.unlock()
     return Result(folder.path)

@@ -65,15 +65,15 @@ def numbered(folder: Path, pattern: str) -> dict[int, Path]:
     Raises:
         DataError: two names with the same number.
     """
-    found: dict[int, Path] = {}
+    frames: dict[int, Path] = {}
     for path in sorted(folder.iterdir()):
         match = re.fullmatch(pattern, path.name)
         if match:
             number = int(match[1])
-            if number in found:
-                raise DataError(f"{path}: the same frame number as {found[number].name}; remove one of the two")
-            found[number] = path
-    return dict(sorted(found.items()))
+            if number in frames:
+                raise DataError(f"{path}: the same frame number as {frames[number].name}; remove one of the two")
+            frames[number] = path
+    return dict(sorted(frames.items()))
 
 
 def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tuple[int, int]]:

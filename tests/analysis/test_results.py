@@ -32,7 +32,7 @@ def test_a_file_is_read_with_its_decimals(tmp_path):
         (_HEAD + "OOD,A,speed,fog,1\n", "unknown metric 'speed'"),
         (_HEAD + "OOD,A,epe,fogg,1\n", "line 2: unknown corruption 'fogg': did you mean 'fog'"),
         (_HEAD + "OOD,A,epe,fog+snoww,1\n", "line 2: unknown corruption 'snoww'"),
-        (_HEAD + "OOD,A,epe,fog,1\nOOD,A,epe,fog,2\n", "is there twice"),
+        (_HEAD + "OOD,A,epe,fog,1\nOOD,A,epe,fog,2\n", "appears twice"),
         (_HEAD + "OOD,A,epe,fog\n", "not as many cells"),
         (_HEAD + "OOD,A,epe,fog,1,2,3\n", "not as many cells"),
         (_HEAD + ",A,epe,fog,1\n", "'setting' must be"),

@@ -85,7 +85,7 @@ def _picture(address: str) -> np.ndarray:
         ({"layers": [{"name": "fog", "severity": 1}] * 5}, "layers"),
         ({"model": "os:system"}, "unknown model of this app 'os:system'"),
         ({"model": "/etc"}, "unknown model of this app"),
-        ({"source": "../../etc"}, "no longer held"),
+        ({"source": "../../etc"}, "no longer kept"),
         ({"index": -1}, "index"),
         ({"seed": 2**40}, "seed"),
         ({"seed": 1.5}, "seed"),

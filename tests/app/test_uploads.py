@@ -151,5 +151,5 @@ def test_a_body_that_announces_nothing_is_cut_off(app):
 
 def test_the_oldest_upload_makes_room(app):
     sources = [app.upload(**_pair())[1]["source"] for _ in range(KEPT + 1)]
-    assert "no longer held" in app.preview(source=sources[0])[1][-1]["error"]
+    assert "no longer kept" in app.preview(source=sources[0])[1][-1]["error"]
     assert "result" in app.preview(source=sources[1])[1][-1]

@@ -196,6 +196,15 @@ def test_paths_that_cannot_be_used_end_in_one_line(tmp_path):
         assert len(str(caught.value)) < 400
 
 
+def test_an_identity_is_the_same_from_version_to_version(kitti):
+    """What is hashed, spelled out: a change here starts every run from scratch, and is meant to, or is a mistake."""
+    benchmark = load_benchmark("kitti-fc", kitti)
+    common = Plan(benchmark, RunOptions(seed=3, common_draws=True), {"name": "dis"}).identity()
+    plain = Plan(benchmark, RunOptions(seed=3), {"name": "dis"}).identity()
+    assert (plain["version"], plain["seed"], plain["benchmark"]) == (1, 3, "kitti-fc")
+    assert common == plain | {"common_draws": True}
+
+
 def test_a_renamed_data_set_keeps_the_identity_of_its_runs(kitti, tmp_path):
     list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1), tmp_path))
     benchmark = load_benchmark("kitti-fc", tmp_path)

@@ -119,6 +119,12 @@ def test_marks_are_the_papers(opened):
     assert best == ["3.78", "8.39"]
 
 
+def _printed(model: str, corruption: str) -> list[str]:
+    """CRE, RCRE and EPE in each setting, as the paper's tables have them."""
+    rows = published_results().filter(benchmark="kitti-fc", model=model, corruption=corruption)
+    return [f"{row['value']:.2f}" for metric in ("cre", "rcre", "epe") for row in rows.filter(metric=metric).to_dicts()]
+
+
 def test_a_model_page_and_back(opened):
     page = opened("leaderboard", "#benchmark=KITTI-FC&search=csf")
     row = page.locator(".board:visible tbody a:visible").first
@@ -128,6 +134,8 @@ def test_a_model_page_and_back(opened):
     assert page.title().startswith("CSFlow – ")
     assert page.locator("article:visible").count() == 1
     assert page.locator("article:visible td:has-text('Snow')").count() == 0
+    cells = page.locator("article:visible .heat").first.locator("tbody tr").first.locator("th, td").all_inner_texts()
+    assert cells == ["JPEG compression", *_printed("CSFlow", "jpeg_compression")]
     assert page.locator("svg.chart:visible .mark.on").count() >= 2
     page.go_back()
     page.locator("#board").wait_for()

@@ -68,7 +68,7 @@ def test_show_says_what_speaks_against_a_model(robustflow, tmp_path):
     rf.evaluate(_Named(), "demo", output=tmp_path / "zero", corruptions=["contrast"], severities=[1], examples=False)
     code, out, _ = robustflow("show", tmp_path / "zero")
     assert code == 0
-    (line,) = (line for line in out.splitlines() if line.startswith("Read no robustness from this: "))
+    (line,) = (line for line in out.splitlines() if line.startswith("This says nothing about robustness: "))
     assert "is not below the 34.34 px of zero flow" in line
     assert "its flow hardly depends on the frames" in line
 
@@ -82,7 +82,7 @@ def test_show_measures_robustness_beside_accuracy(robustflow, tmp_path):
     for value in (*ratios, sum(ratios) / 2):
         assert f"{value:.2f}" in out
     assert f"log_ratio {sum(ratios) / 2:.2f}, the mean over corruptions" in out
-    assert "Read no robustness" not in out
+    assert "nothing about robustness" not in out
     assert run.uncoupled().overall.median_log_ratio == pytest.approx(sum(ratios) / 2)
     code, _, error = robustflow("show", run.path, "--metric", "log_ration")
     assert (code, error.count("\n")) == (2, 1)

@@ -137,6 +137,9 @@ def test_many_are_compared_in_a_line_each(robustflow, runs):
     code, out, _ = robustflow("compare", *third, "--metric", "epe", "--format", "csv")
     assert code == 0
     first, same, _ = csv.DictReader(io.StringIO(out))
+    code, ranked, _ = robustflow("compare", *third, "--metric", "epe", "--format", "markdown")
+    assert code == 0
+    assert ranked.index("### Ranking") < ranked.index("### Every two models")
     dis, farneback = (Result(run).epe for run in runs)
     assert first["models"].endswith("against Farneback")
     assert [float(first[column]) for column in ("first", "second", "difference")] == pytest.approx(

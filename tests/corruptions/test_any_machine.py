@@ -13,7 +13,7 @@ SCRIPT = """
 import hashlib
 import cv2
 from robustflow.corruptions import corrupt
-from robustflow.corruptions.catalog import CLIP, CORRUPTIONS
+from robustflow.corruptions.registry import CLIP, CORRUPTIONS
 from robustflow.datasets.motorcycle import Motorcycle
 from robustflow.errors import AssetError
 

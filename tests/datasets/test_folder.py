@@ -146,7 +146,7 @@ def test_damaged_videos(tmp_path: Path) -> None:
         frame = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), layout="mono")
         frame.rate = 8000
         container.mux(container.streams.audio[0].encode(frame))
-    refused(tmp_path / "sound.wav", "no container that is read")
+    refused(tmp_path / "sound.wav", "an unsupported container")
 
 
 @pytest.mark.parametrize("name", VIDEOS)
@@ -189,7 +189,7 @@ def test_a_playlist_under_another_name_is_no_video(tmp_path: Path) -> None:
     (tmp_path / "clip.mp4").write_text("ffconcat version 1.0\nfile secret.mp4\n")
     with av.open(str(tmp_path / "clip.mp4"), options={"safe": "0"}) as container:
         assert "concat" in container.format.name
-    refused(tmp_path / "clip.mp4", "no container that is read")
+    refused(tmp_path / "clip.mp4", "an unsupported container")
 
 
 @pytest.mark.parametrize("start", [0, 40])

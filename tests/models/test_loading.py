@@ -81,7 +81,7 @@ def test_module_and_attribute(module, attribute, options, value):
         ("tools/net.py:Model", {}, UsageError, "name its module, .* tools.net:Model"),
         ("nowhere/flows", {}, UsageError, "'nowhere/flows': no such file or folder"),
         ("nowhere.ckpt", {}, UsageError, "'nowhere.ckpt': no such file or folder"),
-        (__file__, {}, UsageError, "is a file, but no exported network .*--checkpoint FILE"),
+        (__file__, {}, UsageError, "is a file but not an exported network .*--checkpoint FILE"),
         ("diss", {}, UsageError, "did you mean 'dis'"),
         ("dis", {"presset": "fast"}, UsageError, "did you mean 'preset'"),
         ("dis", {"preset": "slow"}, UsageError, "unknown DIS preset 'slow'"),

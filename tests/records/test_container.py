@@ -108,6 +108,17 @@ def test_links_folders_and_pipes(packed, mode):
     assert "a link" in _refused(_zip([entries[0], entries[1], (info, b"/etc/passwd"), entries[3]]))
 
 
+@pytest.mark.parametrize("field", ["comment", "extra"])
+def test_an_entry_with_something_beside_its_bytes(packed, field):
+    made = []
+    for name, data in entries_of(packed).items():
+        info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+        info.create_system, info.external_attr = 3, _PLAIN
+        setattr(info, field, b"\x01\x00\x00\x00")
+        made.append((info, data))
+    assert "not a plain entry" in _refused(_zip(made))
+
+
 def test_encrypted_entries(packed):
     at = packed.rindex(b"PK\x01\x02")
     marked = bytearray(packed)

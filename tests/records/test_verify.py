@@ -123,7 +123,7 @@ def test_better_rows(packed):
         (_at(_FOG, group=pl.lit("a\u202eb")), "cannot be shown"),
         (_at(_FOG, corruption=pl.lit("x" * 10_000)), "10000 characters"),
         (_at(_FOG, sample=pl.lit("x" * 1_000)), "1000 characters"),
-        (lambda rows: pl.concat([rows, rows.filter(_FOG)]), "is there twice"),
+        (lambda rows: pl.concat([rows, rows.filter(_FOG)]), "appears twice"),
         (lambda rows: rows.clear(), "has 0 lines"),
     ],
 )

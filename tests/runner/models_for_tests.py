@@ -2,11 +2,31 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import time
 import zlib
 
 import numpy as np
+
+from robustflow.testing import TexturePairs
+
+
+class Sizes(TexturePairs):
+    """Pairs of several sizes, the largest in between."""
+
+    def load(self, key):
+        side = (24, 60, 40)[int(key) % 3]
+        return TexturePairs(self._count, (side, side + 8)).load(key)
+
+
+class KillsItsReader(TexturePairs):
+    """Takes a process down that reads its second pair, unless it is the run's own."""
+
+    def load(self, key):
+        if key == "1" and multiprocessing.parent_process() is not None:
+            os._exit(18)
+        return super().load(key)
 
 
 class Logged:
@@ -97,6 +117,63 @@ def hangs(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
 def dies(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
     """Takes its process down, as a crash in native code would."""
     os._exit(17)
+
+
+class Accelerated:
+    """Says that it is on an accelerator. Its flow depends on every pixel of both frames; notes who predicted how many
+    pairs at once, where PREDICTION_LOG names a file."""
+
+    def __init__(self, device: str = "cuda:0", pause: float = 0.0) -> None:
+        self.device = device
+        self._pause = pause
+
+    def identity(self) -> dict[str, str]:
+        return {"name": "accelerated", "device": self.device.partition(":")[0]}
+
+    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+        return self.predict_batch([frame1], [frame2])[0]
+
+    def predict_batch(self, frames1: list[np.ndarray], frames2: list[np.ndarray]) -> list[np.ndarray]:
+        time.sleep(self._pause)
+        if log := os.environ.get("PREDICTION_LOG"):
+            with open(log, "a") as file:
+                file.write(f"{os.getpid()} {self.device} {len(frames1)}\n")
+        u, v = ([frame.astype(np.int32) for frame in frames] for frames in (frames1, frames2))
+        return [
+            np.stack([a[..., 0] - b[..., 1], (a + b).sum(axis=2) // 9], axis=2).astype(np.float32) / 8
+            for a, b in zip(u, v, strict=True)
+        ]
+
+
+class AcceleratedFiveFrames(FiveFrames):
+    """A multi-frame model on an accelerator."""
+
+    device = "cuda:0"
+
+
+class AcceleratedTrouble(Accelerated):
+    """Does what its option says, from its second call on."""
+
+    def __init__(self, device: str = "cuda:0", trouble: str = "", pause: float = 0.0) -> None:
+        super().__init__(device, pause)
+        self._trouble = trouble
+        self._calls = 0
+
+    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+        self._calls += 1
+        if self._calls > 1:
+            if self._trouble == "hangs":
+                time.sleep(600)
+            if self._trouble == "dies":
+                os._exit(17)
+            if self._trouble == "raises":
+                raise ValueError("no weights\nat all")
+            if self._trouble == "shape":
+                return np.zeros((2, *frame1.shape[:2]), np.float32)
+        flow = super().predict(frame1, frame2)
+        if self._calls > 1 and self._trouble == "nan":
+            flow[3, 5] = np.nan
+        return flow
 
 
 class Faulty:

@@ -110,7 +110,7 @@ def test_interrupted_run_says_what_is_kept(tmp_path):
         time.sleep(0.02)
     run.send_signal(signal.SIGTERM)
     assert run.wait(20) == 130
-    assert "Give the same command again" in run.stderr.read().decode()
+    assert "Run the same command again" in run.stderr.read().decode()
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.15, 0.6, 1.2])

@@ -101,7 +101,7 @@ def test_an_edit_starts_apart_with_a_sentence_where_no_folder_is_given(package):
     first = rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1])
     assert rf.evaluate(ZeroFlow(), corruptions=[Rain(2)], severities=[1, 2]).path == first.path
     with pytest.warns(
-        UserWarning, match="source of the corruption rain has changed since runs/.* starts apart, in runs/"
+        UserWarning, match="source of the corruption rain has changed since runs/.* a new run starts in runs/"
     ):
         other = rf.evaluate(ZeroFlow(), corruptions=[Rain(3)], severities=[1])
     assert other.path != first.path

@@ -241,7 +241,7 @@ def test_no_rows_have_no_means():
 
 
 def test_rows_twice_and_foreign_tables_are_refused():
-    with pytest.raises(RunError, match="sample 'b', fog severity 2 are there twice"):
+    with pytest.raises(RunError, match="sample 'b', fog severity 2 occur twice"):
         summarize(rows_frame([*TWO_IMAGES, TWO_IMAGES[5]]))
     with pytest.raises(RunError, match="lack the column 'n_all'"):
         summarize(rows_frame(TWO_IMAGES).drop("n_all"))

@@ -133,7 +133,7 @@ def test_a_cost_goes_with_the_record(runs, tmp_path):
         ({"seconds": float("nan")}, "finite"),
         ({"more": 1}, "more"),
         ({"version": 2}, "version"),
-        ({"run": "0" * 16}, "counted for another run"),
+        ({"run": "0" * 16}, "belongs to another run"),
         ({"device": "x" * 100}, "device"),
     ],
 )

@@ -99,7 +99,7 @@ def test_a_pipe_is_not_waited_for(run):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda kept: kept | {"run": "0" * 16}, "counted for another run"),
+        (lambda kept: kept | {"run": "0" * 16}, "belongs to another run"),
         (lambda kept: kept | {"low": kept["low"][::-1]}, "ascend from 0"),
         (lambda kept: kept | {"low": kept["low"][:-1]}, "one to each count"),
         (lambda kept: kept | {"pixels": [-1, *kept["pixels"][1:]]}, "pixels.0"),

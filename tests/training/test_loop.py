@@ -260,3 +260,52 @@ def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypat
         run_training(replace(request, resume=True))
     assert (request.output / "last.pth").read_bytes() == before
     assert not list(request.output.glob(".partial-*"))
+
+
+OWN_NETWORK = """
+from torch import nn
+
+class Net(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.first = nn.Conv2d(6, 8, 3, padding=1)
+        self.norm = nn.BatchNorm2d(8)
+        self.last = nn.Conv2d(8, 2, 3, padding=1)
+
+    def forward(self, image1, image2):
+        import torch
+
+        features = self.norm(self.first(torch.cat([image1, image2], dim=1)))
+        flow = self.last(features)
+        return [flow / 2, flow]
+"""
+
+
+def test_a_network_of_ones_own(request_for, tmp_path, monkeypatch):
+    import robustflow as rf
+
+    (tmp_path / "own_net_for_test.py").write_text(OWN_NETWORK)
+    monkeypatch.syspath_prepend(tmp_path)
+    options = (("scaling", "-1-1"), ("order", "rgb"), ("layout", "pair"))
+    request = request_for(options=options, frozen_norms="none")
+    own = replace(request, recipe=request.recipe.changed(method="own_net_for_test:Net"))
+    path = run_training(own)
+    state = weights(path)
+    assert state["norm.num_batches_tracked"] == own.recipe.updates  # in training mode
+    assert len(lines(own.output)) == own.recipe.updates
+    model = rf.load_model("own_net_for_test:Net", checkpoint=str(path), device="cpu", **dict(options))
+    assert torch.equal(model.net.module.last.weight, state["last.weight"])
+
+
+def test_a_mix_of_ones_own_and_one_that_cannot_be_read(request_for, tmp_path):
+    mix = tmp_path / "mine.toml"
+    mix.write_text('parts = [{data = "flyingchairs", augmentation = "dense", log2_scale = [0, 0.2], flip = false}]')
+    request = request_for(steps=2, mix=str(mix))
+    run_training(request)
+    mix.write_text(mix.read_text().replace("0.2", "0.3"))
+    with pytest.raises(RunError, match="differs in: data"):
+        run_training(replace(request, resume=True))
+    for text in ("parts = []", "parts = 3", "nonsense", 'parts = [{data = "sintel"}]'):
+        mix.write_text(text)
+        with pytest.raises(UsageError, match=r"mine\.toml: (no mix of data can be read|a mix of data without)"):
+            run_training(request_for("other", mix=str(mix)))

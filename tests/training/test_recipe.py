@@ -7,7 +7,7 @@ import csv
 import pytest
 
 from robustflow.errors import UsageError
-from robustflow.models.loading import MODELS
+from robustflow.models.registry import MODELS
 from robustflow.training.recipe import load_recipe, mix_parts, recipes_of, trained_methods
 
 pytestmark = pytest.mark.training

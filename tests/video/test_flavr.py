@@ -55,5 +55,5 @@ def test_the_authors_file(saved):
 
 def test_the_file_of_another_frame_rate_is_told(saved):
     _, path = saved
-    with pytest.raises(ModelError, match=r"no checkpoint of flavr \(4x\).*17 missing.*outconv\.1\.weight 3x64x7x7"):
+    with pytest.raises(ModelError, match=r"not a checkpoint of flavr \(4x\).*17 missing.*outconv\.1\.weight 3x64x7x7"):
         load_flavr(path)

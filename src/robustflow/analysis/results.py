@@ -101,8 +101,8 @@ def parse_results(text: str, name: str, sample_set: str) -> pl.DataFrame:
     if twice.height:
         entry = twice.row(0, named=True)
         raise DataError(
-            f"{name}: {entry['metric']} of '{entry['model']}' ({entry['setting']}) on {entry['corruption']} is there "
-            "twice; give each value once"
+            f"{name}: {entry['metric']} of '{entry['model']}' ({entry['setting']}) on {entry['corruption']} "
+            "appears twice; give each value once"
         )
     return frame
 

@@ -63,7 +63,7 @@ class PredictionQueue:
             for other in (*self._waiting, self._current):
                 if other is not None and other.page == job.page:
                     other.outdated.set()
-            self._waiting = deque(other for other in self._waiting if not _let_go(other))
+            self._waiting = deque(other for other in self._waiting if not _dismiss_outdated(other))
             if len(self._waiting) >= WAITING:
                 raise UsageError(f"{WAITING} predictions wait already; try again when they are done")
             self._waiting.append(job)
@@ -75,7 +75,7 @@ class PredictionQueue:
             for job in (*self._waiting, self._current):
                 if job is not None:
                     job.outdated.set()
-                    _let_go(job)
+                    _dismiss_outdated(job)
             self._waiting.clear()
 
     def _work(self) -> None:
@@ -88,7 +88,7 @@ class PredictionQueue:
                 self._current = None
 
 
-def _let_go(job: QueuedPrediction) -> bool:
+def _dismiss_outdated(job: QueuedPrediction) -> bool:
     """Tell the page of an outdated job at once, before its turn comes."""
     if job.outdated.is_set():
         job.tell({"outdated": True})

@@ -11,13 +11,15 @@ from .facts import BenchmarkFacts
 
 def released(name: str, dataset: ReleasedPairs, keys: list[str], facts: BenchmarkFacts) -> Benchmark:
     """The corruptions and severities that the folder holds, and no others: nothing is made on the fly beside them."""
-    found = {corruption: dataset.severities(corruption) for corruption in PAPER_ORDER}
-    found = {corruption: levels for corruption, levels in found.items() if levels}
-    severities = tuple(level for level in SEVERITIES if all(level in levels for levels in found.values()))
-    if not found or not severities:
+    by_corruption = {corruption: dataset.severities(corruption) for corruption in PAPER_ORDER}
+    by_corruption = {corruption: levels for corruption, levels in by_corruption.items() if levels}
+    severities = tuple(level for level in SEVERITIES if all(level in levels for levels in by_corruption.values()))
+    if not by_corruption or not severities:
         raise DataError(
             f"{dataset.root}: holds clean frames but no corruption with a severity common to all; expected folders "
             "such as fog_3 beside clean"
         )
     protocol = {"frames": "released"}
-    return Benchmark(name, dataset, tuple(keys), tuple(found), severities, protocol=protocol, closed=True, facts=facts)
+    return Benchmark(
+        name, dataset, tuple(keys), tuple(by_corruption), severities, protocol=protocol, closed=True, facts=facts
+    )

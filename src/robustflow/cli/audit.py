@@ -22,8 +22,8 @@ def audit(
 ) -> None:
     """List the numbers that do not follow from the others within rounding, with both numbers.
 
-    Recomputes CRE from EPE, averages, CREr, ranks and marks of the best; finds rows that were swapped or moved. Exit
-    code 0: everything fits; 3: something does not; 1: the source cannot be read.
+    Recomputes CRE from EPE, averages, CREr, ranks and the marking of the best; finds rows that were swapped or moved.
+    Exit code 0: everything fits; 3: something does not; 1: the source cannot be read.
 
     \b
     Examples:

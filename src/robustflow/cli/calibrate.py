@@ -17,7 +17,7 @@ def calibrate(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the table (JSON).")] = None,
     corruptions: Corruptions = None,
     seed: Seed = 0,
-    draws: Annotated[int, typer.Option(help="Of a random corruption, per picture.")] = 4,
+    draws: Annotated[int, typer.Option(help="Draws of a random corruption per picture.")] = 4,
 ) -> None:
     """Find the parameters at which every corruption leaves the same mean SSIM (docs/severity-scales.md).
 

@@ -19,14 +19,14 @@ def compare(
     runs: Annotated[
         list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders or records of runs over the same data.")
     ],
-    metric: Annotated[str | None, typer.Option("--metric", help="epe, cre, crer or rcre alone.")] = None,
-    level: Annotated[float, typer.Option(help="Of the confidence intervals.")] = 0.95,
-    resamples: Annotated[int, typer.Option(help="Of the bootstrap.")] = 4999,
-    seed: Annotated[int, typer.Option(help="Of the bootstrap.")] = 0,
+    metric: Annotated[str | None, typer.Option("--metric", help="Only this metric: epe, cre, crer or rcre.")] = None,
+    level: Annotated[float, typer.Option(help="Level of the confidence intervals.")] = 0.95,
+    resamples: Annotated[int, typer.Option(help="Resamples of the bootstrap.")] = 4999,
+    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     format: Annotated[
         str, typer.Option("--format", "-f", help="terminal, markdown, latex, csv, html, or MODULE:FUNCTION.")
     ] = "terminal",
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write, printed otherwise.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="File to write, instead of printing.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the comparison as JSON.")] = False,
 ) -> None:
     """Say whether models differ, image by image, with intervals and corrected p-values.

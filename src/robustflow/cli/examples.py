@@ -41,7 +41,7 @@ def examples(
     own_corruption: OwnCorruptions = None,
     psf_dir: PsfDir = None,
 ) -> None:
-    """Draw the worst and the median sample of a run: frames, corrupted frames, flows and the map of errors.
+    """Draw the worst and the median sample of a run: frames, corrupted frames, flows and the error map.
 
     Model and data are found where the run had them; options say where they are now. A model that is code of your own
     (module:Attribute) or a file is named again with --model or --checkpoint: a run's folder may come from anyone. The

@@ -39,7 +39,7 @@ def gallery(
 ) -> None:
     """Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over all five.
 
-    Of a clip the page shows frames from the middle, to play or to step through, and what H.264 and bit errors make of
+    For a clip, the page shows frames from the middle, to play or to step through, and what H.264 and bit errors make of
     it; two frames are not enough for those.
 
     \b

@@ -24,7 +24,7 @@ def leaderboard(
     """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
 
     Without a source it shows the paper's results. Results measured on other frames form groups of their own and
-    are not ranked against each other. What is worked out of a run is kept in its folder, for the next time.
+    are not ranked against each other. What is computed from a run is kept in its folder for the next time.
 
     \b
     Examples:

@@ -21,7 +21,7 @@ _Severities = Annotated[str, typer.Option("--severity", "--severities", "-s", he
 @app.command()
 def design(
     severity: _Severity,
-    seed: Annotated[int | None, typer.Option("--seed", help="Any integer; the shipped lens's when left out.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Any integer; the shipped lens's by default.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the prescription.")] = None,
     ship: Annotated[bool, typer.Option("--ship", help="Replace the package's lens and its PSFs.")] = False,
 ) -> None:

@@ -32,17 +32,24 @@ Checkpoint = Annotated[
         help="The model's weights: a file, or a published name (robustflow list models).",
     ),
 ]
-Device = Annotated[str | None, typer.Option(help="auto, cpu, cuda or cuda:0, for models that take it.")]
+Device = Annotated[
+    str | None, typer.Option(help="auto, cpu, cuda (every GPU), cuda:0 or cuda:0,cuda:1; for models that take it.")
+]
 Precision = Annotated[str | None, typer.Option(help="fp32 or bf16, for models that take it.")]
 Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the data set (or a video, for 'folder').")]
 DataOptions = Annotated[
     list[str] | None,
-    typer.Option("--data-option", "-D", metavar="KEY=VALUE", help="Of a data set, e.g. render_pass=final. Repeatable."),
+    typer.Option(
+        "--data-option",
+        "-D",
+        metavar="KEY=VALUE",
+        help="An option of the data set: render_pass=final. Repeatable.",
+    ),
 ]
 Split = Annotated[
     Path | None,
     typer.Option(
-        help="File naming the pairs to use, one a line, instead of the built-in split; or drive-disjoint (KITTI 2015)."
+        help="File naming the pairs to use, one per line, not the built-in split; or drive-disjoint (KITTI 2015)."
     ),
 ]
 OwnCorruptions = Annotated[
@@ -77,7 +84,7 @@ Severities = Annotated[
 ]
 Limit = Annotated[int | None, typer.Option(help="Use only the first N pairs.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw; the same seed gives the same bytes anywhere.")]
-Variant = Annotated[str, typer.Option(help="Of the corruptions: default, reference, reference-bgr or paper.")]
+Variant = Annotated[str, typer.Option(help="Variant of the corruptions: default, reference, reference-bgr or paper.")]
 CommonDraws = Annotated[
     bool, typer.Option("--common-draws", help="One draw for the five severities of a pair, instead of one for each.")
 ]

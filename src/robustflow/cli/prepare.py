@@ -56,7 +56,7 @@ def gopro_fc(
     cache_gb: Annotated[float, typer.Option(help="Limit for transcoded variants, made during run.")] = 20.0,
     estimate_only: Annotated[bool, typer.Option("--estimate", help="Print the disk space it takes, and stop.")] = False,
 ) -> None:
-    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. If stopped, it continues where it was.
+    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. If stopped, it continues where it stopped.
 
     \b
     Examples:

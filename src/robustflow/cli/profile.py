@@ -26,7 +26,7 @@ def profile(
         ),
     ] = None,
     size: Annotated[str, typer.Option(help="HEIGHTxWIDTH of the frames.")] = "432x720",
-    iterations: Annotated[int | None, typer.Option(help="Of the model, where it has them [12].")] = None,
+    iterations: Annotated[int | None, typer.Option(help="Iterations of the model, where it has them [12].")] = None,
     option: ModelOptions = None,
     device: Device = None,
     precision: Precision = None,
@@ -42,8 +42,8 @@ def profile(
 ) -> None:
     """Count the parameters and multiply-accumulates of models, and time a prediction of each.
 
-    Their weights are random unless -O checkpoint=FILE is given; they change no cost. MACs are half of PyTorch's FLOPs;
-    "as thop" is what the paper's table reports, which leaves out matrix products.
+    Their weights are random unless -O checkpoint=FILE is given; that does not change the cost. MACs are half of
+    PyTorch's FLOPs; "as thop" is what the paper's table reports, which leaves out matrix products.
 
     \b
     Examples:

@@ -34,7 +34,7 @@ def report(
     ] = "terminal",
     figures: Annotated[Path | None, typer.Option("--figures", help="Folder for figures (PNG, SVG and PDF).")] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="File for the tables, printed otherwise.")
+        Path | None, typer.Option("--output", "-o", help="File to write the tables to, instead of printing them.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap behind the intervals.")] = 0,
 ) -> None:

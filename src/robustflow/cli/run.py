@@ -54,11 +54,16 @@ def run(
     split: Split = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="The run's folder, or that of several runs' folders; in runs/ by default."),
+        typer.Option(
+            "--output",
+            "-o",
+            help="The run's folder, or the folder of several runs' folders; in runs/ by default.",
+        ),
     ] = None,
     seed: Seed = 0,
     seeds: Annotated[
-        int, typer.Option("--seeds", help="Runs, with this seed and those after it, a folder each; see compare.")
+        int,
+        typer.Option("--seeds", help="Number of runs, with this seed and those after it, a folder each; see compare."),
     ] = 1,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
@@ -66,12 +71,19 @@ def run(
     psf_dir: PsfDir = None,
     workers: Annotated[
         int | None,
-        typer.Option("--workers", "-w", help="Processes, 1 by default; with Ray one per GPU or CPU of the cluster."),
+        typer.Option(
+            "--workers",
+            "-w",
+            help="Processes, 1 by default; for a model on GPUs those that feed it, one per processor by default; with "
+            "Ray one per GPU or CPU of the cluster.",
+        ),
     ] = None,
     batch_size: Annotated[
-        int, typer.Option("--batch-size", help="Severities predicted in one call, where the model can.")
+        int, typer.Option("--batch-size", help="Cells of a sample to predict in one call, for models that can.")
     ] = 1,
-    engine: Annotated[str | None, typer.Option(help="serial, processes or ray; by --workers by default.")] = None,
+    engine: Annotated[
+        str | None, typer.Option(help="serial, processes or ray; by --device and --workers by default.")
+    ] = None,
     address: Annotated[
         str | None,
         typer.Option(help="Of a Ray cluster: auto, host:port or ray://host:port; by default one on this machine."),
@@ -84,7 +96,7 @@ def run(
         bool, typer.Option("--examples/--no-examples", help="Draw the worst and the median sample at the end.")
     ] = True,
 ) -> None:
-    """Measure how robust a model is, or one model after the other.
+    """Measure how robust a model is, or several models one after another.
 
     A run can be stopped at any moment; the same command continues where it stopped.
 
@@ -153,7 +165,7 @@ def run(
                 print_result(result)
                 results.append(result)
     except KeyboardInterrupt:
-        typer.echo(f"robustflow: stopped; {progress.kept()} Give the same command again to continue.", err=True)
+        typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)
         raise typer.Exit(130) from None
     if len(results) > 1:
         print_results(results)

@@ -38,7 +38,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
         overall = getattr(uncoupled(result.rows).overall, metric)
         console.print(f"{metric} {cell(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
     if reasons := doubts(result):
-        sentence = f"Read no robustness from this: {' and '.join(reasons)}."
+        sentence = f"This says nothing about robustness: {' and '.join(reasons)}."
         console.print(plain(sentence, None), highlight=False, soft_wrap=True)
     if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):
         line = f"the paper's mean, over its {len(summary.paper_over)} corruptions: {_means(summary.paper)}"
@@ -52,9 +52,9 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
         have = "row has" if unmeasured == 1 else "rows have"
         console.print(f"Incomplete: {unmeasured} {have} no pixel to measure; the means are over the rest.")
     if summary.n_invalid:
-        console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in no mean.")
+        console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in none of the means.")
         if summary.epe is not None and summary.cre is None:
-            console.print("CRE needs the clean error over the same pixels, which rows as old as these do not hold.")
+            console.print("CRE needs the clean error over the same pixels, which rows of an earlier version lack.")
     for warning in dict.fromkeys(text for clip in result.manifest.get("clips", []) for text in clip["warnings"]):
         console.print(f"Warning: {plain(warning, None)}", highlight=False, soft_wrap=True)
     if result.left_out:

@@ -9,12 +9,16 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import UsageError
-from .options import Device, Seed, names
+from .options import Device, ModelOptions, Seed, keyword_options, names
 
 
 def train(
     method: Annotated[str, typer.Argument(help="What is trained (robustflow list recipes).")],
     recipe: Annotated[str, typer.Option(help="Stage: ood or id of the paper; chairs, things, ... of the authors.")],
+    like: Annotated[
+        str | None, typer.Option("--like", help="Whose recipe a module:attribute of your own is trained by.")
+    ] = None,
+    option: ModelOptions = None,
     data: Annotated[
         list[str] | None,
         typer.Option("--data", "-d", help="A folder that holds data sets, or NAME=FOLDER; may be given several times."),
@@ -31,6 +35,9 @@ def train(
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint, to the bit.")] = False,
     plan: Annotated[bool, typer.Option("--plan", help="Say what would be done and what is missing, and stop.")] = False,
+    mix: Annotated[
+        str | None, typer.Option(help="Data other than the recipe's: chairs, things, ... or a TOML file.")
+    ] = None,
     steps: Annotated[int | None, typer.Option(help="Instead of the recipe's; the schedule is shortened.")] = None,
     batch_size: Annotated[int | None, typer.Option("--batch-size", help="Pairs a step, over all devices.")] = None,
     crop: Annotated[str | None, typer.Option(help="HEIGHTxWIDTH instead of the recipe's.")] = None,
@@ -73,6 +80,7 @@ def train(
       robustflow train raft --recipe ood --data ~/flow --init raft-things.pth --plan
       robustflow train raft --recipe ood --data ~/flow --init raft-things.pth --output trainings/raft
       robustflow train raft --recipe ood --data ~/flow --output trainings/raft --resume
+      robustflow train mypackage.flow:MyNet --like raft --recipe chairs --data ~/flow --init random
       robustflow train raft --recipe kitti --data kitti2015=~/kitti --init random --steps 100 --batch-size 2
       torchrun --nproc-per-node 2 -m robustflow train gma --recipe ood --data ~/flow --init gma-things.pth
     """
@@ -82,7 +90,9 @@ def train(
     require("torch", "torch", "train")
     from ..training.recipe import load_recipe
 
-    chosen = load_recipe(method, recipe).changed(
+    chosen = load_recipe(like or method, recipe).changed(
+        method=method,
+        mix=mix,
         steps=steps,
         batch=batch_size,
         crop=parse_size(crop, 8) if crop is not None else None,
@@ -109,6 +119,7 @@ def train(
         resume=resume,
         seed=seed,
         device=device or "auto",
+        options=keyword_options(option),
         loaders=loaders,
         save_every=save_every,
         keep_every=keep_every,

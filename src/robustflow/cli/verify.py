@@ -44,13 +44,15 @@ def verify(
     check_frames: Annotated[
         int | None, typer.Option("--check-frames", metavar="N", help="Rows to compare with data or model [20].")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Which rows these are; new ones each time by default.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="Seed that chooses these rows; new ones each time by default.")
+    ] = None,
     own_corruption: OwnCorruptions = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Check records: the file, hashes, what was planned, the rows, and every mean recomputed from them.
 
-    With --data, random rows are made again up to the model: the frames it was given, to the byte, and what the ground
+    With --data, random rows are recomputed up to the model: the frames it was given, to the byte, and what the ground
     truth decides. With --model as well, the same rows are predicted again. Exit code 0: every check of every file
     holds; 1: one does not.
 

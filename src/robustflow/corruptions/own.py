@@ -132,7 +132,7 @@ def own_corruption(name: str, variant: str) -> OwnCorruption | None:
             return None
         made = CORRUPTIONS.get(name)
         if name_of(made) != name:
-            raise UsageError(f"the entry point '{name}' brings a corruption called '{name_of(made)}': make them equal")
+            raise UsageError(f"the entry point '{name}' provides a corruption called '{name_of(made)}'; rename one")
     made = _own.get(name) or CORRUPTIONS.get(name)
     return OwnCorruption(_build(made, variant) if inspect.isclass(made) else made, variant)
 

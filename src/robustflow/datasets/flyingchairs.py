@@ -47,11 +47,11 @@ class FlyingChairs(PairDataset):
             for kind in ("img1", "img2", "flow")
         }
         numbers = sorted(set().union(*files.values()))
-        for kind, found in files.items():
+        for kind, numbered_files in files.items():
             for number in numbers:
                 suffix = "flo" if kind == "flow" else "ppm"
                 whose = next(other[number] for other in files.values() if number in other)
-                if number not in found:
+                if number not in numbered_files:
                     partner(folder / f"{number:05d}_{kind}.{suffix}", whose)
         if split != "all":
             marks = _marks(folder, numbers)

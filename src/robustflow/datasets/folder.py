@@ -109,8 +109,8 @@ def _frame_number(option: str, value: Place) -> int | None:
 
 
 def _pictures(folder: Path) -> list[Path]:
-    found = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
-    return sorted((p for p in found if p.is_file()), key=lambda path: natural_order(path.name))
+    pictures = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
+    return sorted((p for p in pictures if p.is_file()), key=lambda path: natural_order(path.name))
 
 
 def _check(folder: Path, frames: list[Path], step: int) -> None:

@@ -59,9 +59,9 @@ class GoPro(PairDataset):
 
 def _sequences(root: Path, split: str) -> list[Path]:
     parts = ("train", "test") if split == "all" else (split,)
-    found = [folder for part in parts for folder in folders(root / part)]
-    if found:
-        return found
+    sequences = [folder for part in parts for folder in folders(root / part)]
+    if sequences:
+        return sequences
     plain = [folder for folder in folders(root) if _is_sequence(folder)]
     if plain and split == "all":
         return plain

@@ -100,8 +100,8 @@ class GoProFCPrepared(Samples):
 
     def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
         """See `Clips.frame_files`."""
-        found = (self._key_frame(key, offset) for offset in sorted(set(offsets)))
-        return [clip.key_frame_path(index) for clip, index in found]
+        key_frames = (self._key_frame(key, offset) for offset in sorted(set(offsets)))
+        return [clip.key_frame_path(index) for clip, index in key_frames]
 
     def has_corrupted(self, corruption: str) -> bool:
         """True for the four that need the clip."""

@@ -149,11 +149,11 @@ def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:
 
 def _walk(step: Mapping[Path, Path], frame: Path, most: int) -> list[Path]:
     """At most so many frames after `frame`, in the direction of `step`."""
-    found: list[Path] = []
-    while len(found) < most and frame in step:
+    neighbours: list[Path] = []
+    while len(neighbours) < most and frame in step:
         frame = step[frame]
-        found.append(frame)
-    return found
+        neighbours.append(frame)
+    return neighbours
 
 
 def _size(array: Any) -> str:

@@ -55,7 +55,7 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
 def claimed_size(path: Path, width: int, height: int) -> None:
     """Refuse dimensions no flow has, before anything is allocated for them."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
-        raise DataError(f"{path}: the header claims {width}x{height} pixels, so the file is damaged; get it again")
+        raise DataError(f"{path}: the header claims {width}x{height} pixels, so the file is damaged; download it again")
     if width * height > MAX_PIXELS:
         raise DataError(f"{path}: {width}x{height} pixels are more than the {MAX_PIXELS} of a flow; cut it into parts")
 

@@ -49,7 +49,7 @@ def check_png(path: Path, data: bytes) -> PngHeader:
         name = data[start + 4 : start + 8]
         # Pillow stops reading when it has all rows, before the check sum of the last chunk.
         if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
-            raise DataError(f"{path}: damaged, a check sum of the PNG is wrong; copy or download it again")
+            raise DataError(f"{path}: damaged, a checksum of the PNG is wrong; copy or download it again")
         start = end
     return header
 
@@ -130,4 +130,4 @@ def check_deflated_strips(path: Path, data: bytes, offsets: Any, counts: Any) ->
                 if not out and not part:
                     raise DataError(f"{path}: damaged, a strip of the TIFF is cut short; copy it again")
         except zlib.error as error:
-            raise DataError(f"{path}: damaged, a check sum of the TIFF is wrong; copy it again") from error
+            raise DataError(f"{path}: damaged, a checksum of the TIFF is wrong; copy it again") from error

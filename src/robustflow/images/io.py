@@ -196,7 +196,7 @@ def _check_intact(path: Path, data: bytes, image: Image.Image) -> None:
     frames = getattr(image, "n_frames", 1)
     if frames > 1 and image.format != "MPO":  # whose first picture is the one to show
         raise DataError(
-            f"{path}: holds {frames} pictures, of which one could be read; save them as files of their own, "
+            f"{path}: holds {frames} pictures, of which only one can be read; save them as files of their own, "
             "and give their folder"
         )
     end = 0

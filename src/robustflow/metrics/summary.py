@@ -104,7 +104,7 @@ class Summary(Scores):
         unmeasured: rows without a single pixel to measure (no predicted flow is finite, or no ground truth
             is valid).
         samples: number of samples.
-        n_invalid: predicted pixels that are not finite, in all rows; they are in no mean.
+        n_invalid: predicted pixels that are not finite, in all rows; they are in none of the means.
         epe_clean: end-point error on the clean frames.
         clean: the metrics on the clean frames, where CRE and CREr are not defined.
         averaged_over: corruptions in the overall means.

@@ -21,7 +21,8 @@ class FlowModel(Protocol):
     """Anything with `predict`.
 
     A model may also have `identity() -> dict` naming whatever changes its numbers (parameters, checkpoint hash,
-    library version); it becomes part of a run's identity.
+    library version); it becomes part of a run's identity. One that computes on an accelerator says so by an attribute
+    `device` ("cuda:0"): frames are then corrupted and flows measured beside it, in other processes (see `devices`).
     """
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
@@ -132,18 +133,15 @@ def predict_clip_checked(
 
 
 def predict_batch_checked(
-    model: BatchedFlowModel, pairs: Sequence[tuple[Frame, ...]], key: str, corruption: str, severities: Sequence[int]
+    model: BatchedFlowModel, pairs: Sequence[tuple[Frame, ...]], cells: Sequence[tuple[str, str, int]]
 ) -> list[Flow]:
-    """As `predict_checked`, of one sample at several severities in one call of the model."""
-    where = place(key, corruption, *severities)
+    """As `predict_checked`, of several pairs in one call of the model; each cell is (key, corruption, severity)."""
+    where = places(cells)
     with _named(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
     if len(flows) != len(pairs):
         raise ModelError(f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one each")
-    return [
-        _checked(flow, frames, place(key, corruption, severity))
-        for flow, frames, severity in zip(flows, pairs, severities, strict=True)
-    ]
+    return [_checked(flow, frames, place(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)]
 
 
 def place(key: str, corruption: str, *severities: int) -> str:
@@ -154,6 +152,18 @@ def place(key: str, corruption: str, *severities: int) -> str:
     """
     levels = ", ".join(str(severity) for severity in severities if severity)
     return f"sample '{key}', {corruption}" + (f" severity {levels}" if levels else "")
+
+
+def places(cells: Sequence[tuple[str, str, int]]) -> str:
+    """As `place`, of several cells (key, corruption, severity).
+
+    >>> places([("a", "fog", 1), ("a", "fog", 2), ("a", "snow", 1)])
+    "sample 'a', fog severity 1, 2; sample 'a', snow severity 1"
+    """
+    severities: dict[tuple[str, str], list[int]] = {}
+    for key, corruption, severity in cells:
+        severities.setdefault((key, corruption), []).append(severity)
+    return "; ".join(place(*name, *levels) for name, levels in severities.items())
 
 
 @contextmanager

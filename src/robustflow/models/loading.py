@@ -86,8 +86,29 @@ class ModelSpec:
     options: tuple[tuple[str, Any], ...] = ()
 
     def load(self) -> AnyModel:
-        """Load the model; every call makes a new one."""
-        return load_model(self.name, **{key: value for key, value in self.options if key != DECLARED})
+        """Load the model; every call makes a new one. Of a list of devices it takes the first."""
+        options = {key: value for key, value in self.options if key != DECLARED}
+        if len(self.devices()) > 1:
+            options["device"] = self.devices()[0]
+        return load_model(self.name, **options)
+
+    def devices(self) -> tuple[str, ...]:
+        """The devices that the option `device` lists; none where it is not given.
+
+        >>> ModelSpec("raft", (("device", "cuda:0,cuda:1"),)).devices()
+        ('cuda:0', 'cuda:1')
+        """
+        given = dict(self.options).get("device")
+        return tuple(one.strip() for one in str(given).split(",") if one.strip()) if given is not None else ()
+
+    def on(self, device: str) -> ModelSpec:
+        """The same model on one device.
+
+        >>> ModelSpec("raft", (("device", "cuda"),)).on("cuda:1").devices()
+        ('cuda:1',)
+        """
+        kept = [(key, value) for key, value in self.options if key != "device"]
+        return ModelSpec(self.name, (*kept, ("device", device)))
 
     def refuse_early(self) -> None:
         """Say what is missing without importing the libraries that would read it; see `early`."""
@@ -105,6 +126,8 @@ class ModelSpec:
         identity = model_identity(model)
         known = set(identity)
         identity["options"] = {key: str(value) for key, value in self.options if key not in known | {DECLARED}}
+        if len(self.devices()) > 1 and "device" in identity["options"]:  # how many there are changes no number
+            identity["options"]["device"] = self.devices()[0].partition(":")[0]
         users = ":" in self.name and not self.name.startswith(PTLFLOW)
         source = source_of_target(self.name) if users else None
         if source is not None:
@@ -115,11 +138,11 @@ class ModelSpec:
 def _no_such_path(name: str) -> UsageError:
     if Path(name).expanduser().exists():
         return UsageError(
-            f"model '{name}' is a file, but no exported network ({', '.join(EXPORTED)}); weights are given as "
+            f"model '{name}' is a file but not an exported network ({', '.join(EXPORTED)}); weights are given as "
             "--model NAME --checkpoint FILE"
         )
     return UsageError(
-        f"model '{name}': no such file or folder, nor a model of this name (see 'robustflow list models')"
+        f"model '{name}': no such file or folder, and no model of this name (see 'robustflow list models')"
     )
 
 

@@ -39,11 +39,11 @@ def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, st
     Raises:
         ModelError: missing, no file (a pipe, a device), cannot be read, empty, a web page, a pointer of Git LFS, or
             another hash.
-        UsageError: `sha256` is no such digits.
+        UsageError: `sha256` is not such digits.
     """
     try:
         if not (path.is_file() or path.is_dir()) and path.exists():
-            raise ModelError(f"{path}: is no file but a pipe or a device; give the path of a checkpoint")
+            raise ModelError(f"{path}: a pipe or a device, not a file; give the path of a checkpoint")
         with path.open("rb") as file:
             _refuse_what_is_no_model(path, file)
             file.seek(0)
@@ -81,6 +81,6 @@ def _check_hash(path: Path, digest: str, expected: str) -> None:
         raise UsageError(f"sha256={expected} is not the 64 hexadecimal digits of a SHA-256, nor the first 8 or more")
     if not digest.startswith(expected.lower()):
         raise ModelError(
-            f"{path}: its SHA-256 is {digest}, expected {expected}: another file than the one meant, or changed on the "
+            f"{path}: its SHA-256 is {digest}, expected {expected}: not the expected file, or changed on the "
             "way; download it again"
         )

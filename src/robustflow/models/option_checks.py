@@ -1,4 +1,4 @@
-"""What an option of a model must be. The command line makes numbers and truth values of text, and any can be meant."""
+"""What an option of a model must be. The command line turns text into numbers and truth values."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from ..errors import UsageError
 
 
 def check_count(name: str, value: int, least: int = 1) -> None:
-    """Refuse what is no whole number from `least` on.
+    """Refuse anything but a whole number from `least` on.
 
     Args:
         name: of the option, for the message.
-        value: as it was given; True is no 1.
+        value: as it was given; True is not 1.
         least: the smallest that can be meant.
 
     Raises:

@@ -82,12 +82,18 @@ class TiledModel:
 
     def __init__(self, model: FlowModel, tile: str = "432x960") -> None:
         self.model = model
+        self.trained_on: str | None = getattr(model, "trained_on", None)
         self._tile = parse_size(tile, 1)
         if min(self._tile) <= OVERLAP:
             raise UsageError(f"tile {tile}: height and width must be more than the tiles' overlap of {OVERLAP} pixels")
         if max(self._tile) > LARGEST:
             raise UsageError(f"tile {tile}: height and width must be {LARGEST} pixels at most; leave tile out")
         self._weights = tile_weights(*self._tile)[..., None]
+
+    @property
+    def device(self) -> Any:
+        """The model's own."""
+        return getattr(self.model, "device", "cpu")
 
     def identity(self) -> dict[str, Any]:
         """The model's own, and the tiles."""

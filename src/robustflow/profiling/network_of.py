@@ -19,10 +19,10 @@ def network_of(model: Any) -> NetworkModel:
     while isinstance(model, TiledModel):
         model = model.model
     if isinstance(model, TorchClipModel):
-        raise UsageError(f"'{model.name}' sees a clip, and networks of two frames alone are profiled: choose another")
+        raise UsageError(f"'{model.name}' sees a clip, and only two-frame networks are profiled: choose another")
     if not isinstance(model, NetworkModel):
         raise UsageError(
-            "only PyTorch networks can be profiled: this model is none, or hides it; choose one that "
+            "only PyTorch networks can be profiled: this model is not one, or hides it; choose one that "
             "robustflow list models shows with the source own, ptlflow or torchvision"
         )
     return model

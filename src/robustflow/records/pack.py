@@ -88,7 +88,7 @@ def record_bytes(
     missing = sum(len(units.samples) for units in run.summary.missing)
     if missing and not partial:
         raise RunError(
-            f"{run.path} is not finished: {missing} rows are missing; give the same run command again to continue, or "
+            f"{run.path} is not finished: {missing} rows are missing; run the same command again to continue, or "
             "pack it as it is with --partial"
         )
     entries = {

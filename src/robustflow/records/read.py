@@ -104,7 +104,7 @@ class Reader:
         if PROFILE in self.entries:
             read_json(self.entries[PROFILE], PROFILE)
             if parse_cost(self.entries[PROFILE], PROFILE).run != digest:
-                raise DataError(f"{PROFILE} was counted for another run")
+                raise DataError(f"{PROFILE} belongs to another run")
         return f"run {digest}"
 
     def rows(self) -> str:
@@ -117,7 +117,7 @@ class Reader:
         if twice.any():
             sample, corruption, severity = frame.filter(twice).select(ROW_KEY).row(0)
             raise DataError(
-                f"rows.csv: sample '{plain(sample)}', {plain(corruption)} severity {severity} is there twice"
+                f"rows.csv: sample '{plain(sample)}', {plain(corruption)} severity {severity} appears twice"
             )
         for column in ("sample", "group", "corruption"):
             for text in frame[column].unique():

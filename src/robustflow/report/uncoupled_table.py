@@ -40,25 +40,25 @@ def uncoupled_table(runs: Sequence[Run]) -> Table:
     lines = []
     same_frames: dict[str, list[tuple[float, float, float]]] = {}
     for name, run in zip(run_names(runs), runs, strict=True):
-        found = uncoupled(run.rows)
-        if found.overall.log_ratio is None and found.overall.median_cre is None:
+        measured = uncoupled(run.rows)
+        if measured.overall.log_ratio is None and measured.overall.median_cre is None:
             continue
-        lines.append(Line(name, tuple(map(TableCell, _texts(run, found))), note_of(run)))
-        clean, cre, ratio = run.epe_clean, run.cre, found.overall.log_ratio
+        lines.append(Line(name, tuple(map(TableCell, _texts(run, measured))), note_of(run)))
+        clean, cre, ratio = run.epe_clean, run.cre, measured.overall.log_ratio
         if clean is not None and cre is not None and ratio is not None:
             same_frames.setdefault(sample_set(run), []).append((clean, cre, ratio))
     if not lines:
         raise UsageError("the table 'uncoupled' needs ground truth, which none of these runs has")
-    found_couplings = (coupling(*map(list, zip(*models, strict=True))) for models in same_frames.values())
-    remarks = tuple(_sentence(one) for one in found_couplings if one is not None)
+    couplings = (coupling(*map(list, zip(*models, strict=True))) for models in same_frames.values())
+    remarks = tuple(_sentence(one) for one in couplings if one is not None)
     columns = tuple(map(Column, _COLUMNS))
     return Table(
         "uncoupled", "Robustness beside accuracy", columns, (Section("Runs", tuple(lines)),), (_REMARK, *remarks)
     )
 
 
-def _texts(run: Run, found: Uncoupled) -> Iterable[str]:
-    scores, related = found.overall, found.correlation.get(AVERAGE)
+def _texts(run: Run, measured: Uncoupled) -> Iterable[str]:
+    scores, related = measured.overall, measured.correlation.get(AVERAGE)
     values = (
         run.epe_clean,
         run.cre,
@@ -72,9 +72,9 @@ def _texts(run: Run, found: Uncoupled) -> Iterable[str]:
     return ("-" if value is None else f"{value:.2f}" for value in values)
 
 
-def _sentence(found: Coupling) -> str:
-    cre, ratio = ("cannot be computed" if v is None else f"{v:+.2f}" for v in (found.cre, found.log_ratio))
+def _sentence(coupling: Coupling) -> str:
+    cre, ratio = ("cannot be computed" if v is None else f"{v:+.2f}" for v in (coupling.cre, coupling.log_ratio))
     return (
-        f"Over {found.models} models on the same frames the rank correlation with the clean EPE is {cre} for CRE and "
-        f"{ratio} for the log ratio."
+        f"Over {coupling.models} models on the same frames the rank correlation with the clean EPE is {cre} for CRE "
+        f"and {ratio} for the log ratio."
     )

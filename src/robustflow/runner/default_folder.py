@@ -21,7 +21,7 @@ def default_folder(plan: Plan, spec: ModelSpec | None) -> Path:
 
 
 def warn_of_edited_corruptions(folder: Path, plan: Plan) -> None:
-    """Say so where this run starts apart from another because the source of a corruption of the user's was edited.
+    """Warn that a run starts in a folder of its own because the source of a corruption of the user's was edited.
 
     Args:
         folder: the `default_folder` of the run.
@@ -38,7 +38,7 @@ def warn_of_edited_corruptions(folder: Path, plan: Plan) -> None:
         edited = [] if before is None else edited_corruptions(identity, before["identity"])
         if edited:
             warnings.warn(
-                f"the source of the corruption {', '.join(edited)} has changed since {other}; this run starts apart, "
+                f"the source of the corruption {', '.join(edited)} has changed since {other}; a new run starts "
                 f"in {folder}",
                 stacklevel=3,
             )

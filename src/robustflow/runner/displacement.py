@@ -16,7 +16,7 @@ from ..models.base import AnyModel, FlowLookup, FlowModel, place, predict_checke
 from ..runs.displacement_file import GROUND_TRUTH, read_displacement, write_displacement
 from ..runs.run import Run
 from ..sample import Flow, Mask, Sample
-from .worker import frames_digest
+from .frame_stage import frames_digest
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
 """Amplitudes in pixels; the last bin is everything from 100 on."""
@@ -133,5 +133,5 @@ def _of_model(model: FlowModel | FlowLookup, sample: Sample) -> tuple[Flow, Mask
     flow = predict_checked(model, sample.frames, sample.key, "clean", 0)
     if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
         where = place(sample.key, "clean", 0)
-        raise ModelError(f"the model returned {broken} pixels that are NaN or infinite on {where}; repair the model")
+        raise ModelError(f"the model returned {broken} pixels that are NaN or infinite on {where}; fix the model")
     return flow, np.ones(sample.shape, np.bool_)

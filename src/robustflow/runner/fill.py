@@ -11,10 +11,9 @@ from ..metrics.rows import CLEAN
 from ..runs.manifest import now, open_manifest
 from ..runs.plan import unfinished_samples
 from ..runs.store import RunFolder
-from .engines.base import Job
-from .engines.choose import Engine
+from .engines.base import Engine, Job
 from .kept_rows import kept_clean_rows
-from .progress import Progress
+from .progress import NamesEngine, Progress
 from .resume_check import check_before_resuming
 from .setup import Setup
 
@@ -43,12 +42,15 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     folder.settle(manifest["samples"], unfinished_samples(manifest, cells), cells)
     units = plan.missing(cells)
     job = replace(job, kept=kept_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
-    progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
+    del cells
+    if units and isinstance(progress, NamesEngine):
+        progress.engine(engine.describe(units))
+    progress.start(folder.path, plan.count(), plan.count() - len(units))
     left = Counter(unit.key for unit in units)
     seconds: dict[str, float] = dict(manifest.get("seconds", {}))
     places: dict[str, int] = dict(manifest.get("places", {}))
     start = time.perf_counter()
-    for done in engine(job, units):
+    for done in engine.compute(job, units):
         folder.write_rows(done.unit, done.rows)
         left[done.unit.key] -= 1
         if not left[done.unit.key]:

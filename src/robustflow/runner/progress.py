@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from rich.console import Console
 from rich.progress import (
@@ -36,6 +36,14 @@ class Progress(Protocol):
 
     def advance(self, done: FinishedUnit) -> None:
         """One more unit is on disk."""
+
+
+@runtime_checkable
+class NamesEngine(Protocol):
+    """A `Progress` that also says what computes."""
+
+    def engine(self, name: str) -> None:
+        """What computes the run that is about to start: "processes, 1 device + 3 feeders"."""
 
 
 class Silent:
@@ -75,6 +83,7 @@ class TerminalProgress:
         self._console = Console(stderr=True, markup=False)
         self._bar: Bar | None = None
         self._folder: Path | None = None
+        self._engine = ""
         self._total = self._finished = self._found = 0
         self._started = self._last_line = time.monotonic()
 
@@ -87,16 +96,21 @@ class TerminalProgress:
         if self._bar is not None:
             self._bar.stop()
 
+    def engine(self, name: str) -> None:
+        """What computes the run that is about to start."""
+        self._engine = f"; engine: {name}"
+
     def start(self, folder: Path, total: int, found: int) -> None:
         """A run of `total` units begins, `found` of which an earlier call left finished."""
         self._folder, self._total, self._finished, self._found = folder, total, found, found
         self._started = self._last_line = time.monotonic()
         kept = f", {found} of them already there" if found else ""
         self._console.print(
-            f"{folder}: {counted(total, 'step')} (a pair under one corruption each){kept}",
+            f"{folder}: {counted(total, 'step')} (a pair under one corruption each){kept}{self._engine}",
             highlight=False,
             soft_wrap=True,
         )
+        self._engine = ""
         if self._console.is_terminal or (self._console.is_jupyter and find_spec("ipywidgets") is not None):
             columns = (
                 BarColumn(),

@@ -113,7 +113,7 @@ def _checked(rows: pl.DataFrame) -> pl.DataFrame:
     if twice.height:
         sample, corruption, severity = twice.select(ROW_KEY).row(0)
         raise RunError(
-            f"rows of sample '{sample}', {corruption} severity {severity} are there twice: "
+            f"rows of sample '{sample}', {corruption} severity {severity} occur twice: "
             "the rows of two runs were mixed; summarise one run at a time"
         )
     lacking = [(pl.col(count) > 0).fill_null(False) & pl.col(total).is_null() for count, total in _NEEDS]

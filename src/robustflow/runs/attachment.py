@@ -60,7 +60,7 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
         command: of robustflow, which writes it again.
 
     Raises:
-        RunError: it is damaged, or was counted for another run.
+        RunError: it is damaged, or belongs to another run.
     """
     path = run.path / file
     if not path.is_file():
@@ -72,5 +72,5 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
         return None
     contents = parse_attachment(kind, data, str(path), command)
     if contents.run != run.manifest["identity_digest"]:
-        raise RunError(f"{path} was counted for another run ({contents.run}); delete it, or count it again")
+        raise RunError(f"{path} belongs to another run ({contents.run}); delete it, or make it again")
     return contents

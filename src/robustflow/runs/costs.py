@@ -74,7 +74,7 @@ def read_cost(run: Run) -> RunCost | None:
     """The cost kept in a run's folder; None where it was not counted.
 
     Raises:
-        RunError: the file is damaged, or was counted for another run.
+        RunError: the file is damaged, or belongs to another run.
     """
     return read_attachment(RunCost, run, PROFILE, _LARGEST, _COMMAND)
 

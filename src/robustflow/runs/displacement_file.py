@@ -57,7 +57,7 @@ def read_displacement(run: Run) -> DisplacementFile | None:
     """The histogram kept in a run's folder; None where there is none, or the run has other samples by now.
 
     Raises:
-        RunError: the file is damaged, or was counted for another run.
+        RunError: the file is damaged, or belongs to another run.
     """
     displacement = read_attachment(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
     return displacement if displacement and displacement.samples == len(run.manifest["samples"]) else None

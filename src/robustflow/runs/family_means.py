@@ -18,8 +18,8 @@ def by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
     >>> by_family({"snow": 2, "fog": 1, "elastic_transform": 3})
     {'weather': [1, 2]}
     """
-    found = {family: [values[name] for name in names if name in values] for family, names in FAMILIES.items()}
-    return {family: members for family, members in found.items() if members}
+    measured = {family: [values[name] for name in names if name in values] for family, names in FAMILIES.items()}
+    return {family: members for family, members in measured.items() if members}
 
 
 def family_means(values: Mapping[str, float]) -> dict[str, float]:

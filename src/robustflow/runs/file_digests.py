@@ -13,7 +13,7 @@ from pathlib import Path
 from ..errors import RunError
 
 _THREADS = 4
-"""Hashing lets go of the interpreter, and disks like more than one question at a time."""
+"""Hashing releases the interpreter's lock, and disks serve several requests at a time faster."""
 
 
 def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:

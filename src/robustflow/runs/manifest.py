@@ -28,7 +28,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     old = folder.manifest() or {}
     if old and identity_digest(old["identity"]) != old["identity_digest"]:
         raise RunError(
-            f"{folder.manifest_path} was changed after it was written (its identity does not have the digest beside "
+            f"{folder.manifest_path} was changed after it was written (its identity does not match the digest beside "
             "it); put back a copy of it, or choose another folder with --output"
         )
     if old and old["identity_digest"] != identity_digest(identity) and folder.rows().is_empty():

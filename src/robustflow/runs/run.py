@@ -130,7 +130,7 @@ class Run:
 
     @property
     def left_out(self) -> dict[str, list[int]]:
-        """Severities asked for that do not exist on the run's severity scale, by corruption; they are in no mean."""
+        """Severities asked for that do not exist on the run's severity scale, by corruption; no mean includes them."""
         return dict(self.manifest.get("left_out", {}))
 
     def document(self, over: Literal["all", "paper"] = "all") -> dict[str, Any]:
@@ -158,7 +158,7 @@ class Run:
             note_made(self.path, SUMMARY, self._made_from)
 
     def fact(self, name: str, kind: type[Fact], make: Callable[[], Fact]) -> Fact:
-        """Something that follows from the rows and is dear to compute: as kept with these very rows, else made now.
+        """Something that follows from the rows and is costly to compute: as kept with these very rows, else made now.
 
         Args:
             name: of the fact.
@@ -203,7 +203,7 @@ class Run:
 
     def planned(self) -> list[Cell]:
         """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
-        return planned_cells(self.manifest)
+        return list(planned_cells(self.manifest))
 
 
 def _lines(run: Run) -> list[str]:

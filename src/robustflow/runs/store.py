@@ -59,7 +59,7 @@ class RunFolder:
         """
         for folder in (self.path, self.rows_folder, self.path / "clean"):
             make_folder(folder)
-        # The operating system lets go of such a lock; a lock that is a mere file would outlive a killed run.
+        # The operating system releases such a lock; a lock that is a mere file would outlive a killed run.
         lock = FileLock(self.path / ".lock", fallback_to_soft=False)
         try:
             lock.acquire(blocking=False)
@@ -101,7 +101,7 @@ class RunFolder:
         write_shard(self.rows_folder, _unit_name(unit), rows_frame(rows))
 
     def finish_sample(self, key: str) -> None:
-        """Put the shards of a finished sample into one, and let go of its clean flow.
+        """Put the shards of a finished sample into one, and delete its clean flow.
 
         A file per unit is much to open, and memory, for a reader; so is a file per sample, which `pack` reduces.
         """
@@ -124,7 +124,7 @@ class RunFolder:
             merge_shards(small, PACK)
 
     def tidy(self) -> set[Cell]:
-        """What is already there; rows that are there twice are removed: a run was killed between merging shards and
+        """What is already there; rows that occur twice are removed: a run was killed between merging shards and
         removing the parts.
 
         Raises:
@@ -157,18 +157,19 @@ class RunFolder:
             if path not in kept:
                 path.unlink(missing_ok=True)
 
-    def rows(self, columns: Sequence[str] | None = None) -> pl.DataFrame:
+    def rows(self, columns: Sequence[str] | None = None, corruption: str | None = None) -> pl.DataFrame:
         """All rows, sorted by sample, corruption and severity; empty where nothing is finished.
 
         Args:
             columns: to read, among them sample, corruption and severity; all by default.
+            corruption: whose rows are wanted; those of all by default.
 
         Raises:
             RunError: a shard is damaged, or of another schema.
         """
         for _ in range(_RETRIES):
             try:
-                return read_shards(list_shards(self.rows_folder), columns)
+                return read_shards(list_shards(self.rows_folder), columns, corruption)
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
         raise RunError(f"{gone} is listed but not there; is it a link to a file that was removed? Delete it")

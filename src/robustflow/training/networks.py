@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from torch import Tensor, nn
 from ..errors import UsageError
 from ..models import load_model
 from ..models.tiling import TiledModel
+from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.fit import fitted_values, unfitted_flow
 from ..models.torch.model import NetworkModel
 from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
@@ -44,6 +46,7 @@ class TrainedNetwork(nn.Module):
     def train(self, mode: bool = True) -> TrainedNetwork:
         """Training or evaluation mode; norms that the recipe freezes stay in the latter."""
         super().train(mode)
+        self._inner.train(mode)  # of the user's own, which its wrapper leaves alone
         if self._norms == "batchnorm":
             freeze_batchnorm(self.net)
         elif self._norms == "all":
@@ -67,24 +70,32 @@ class TrainedNetwork(nn.Module):
 
     @property
     def _inner(self) -> nn.Module:
-        inner: Any = getattr(self.net, "model", self.net)
-        return inner
+        wrapped: Any = getattr(self.net, "model", None) or getattr(self.net, "module", None)
+        return wrapped if isinstance(wrapped, nn.Module) else self.net
 
 
-def load_network(recipe: Recipe, start: str | Path, device: str = "cpu") -> tuple[NetworkModel, TrainedNetwork]:
+def load_network(
+    recipe: Recipe, start: str | Path, device: str = "cpu", options: Mapping[str, Any] | None = None
+) -> tuple[NetworkModel, TrainedNetwork]:
     """The model of a recipe with the weights it starts from, and its network ready to learn.
 
     Args:
         recipe: names the method and its iterations.
         start: a checkpoint as `run --checkpoint` takes it, or "random".
         device: as `run --device` takes it.
+        options: of the model, besides.
 
     Raises:
         ModelError: no such checkpoint, or one of another network.
         UsageError: a model that cannot be trained.
     """
-    options = {"iterations": recipe.iterations} if recipe.iterations is not None else {}
-    model = load_model(recipe.method, checkpoint=str(start), device=device, **options)
+    given = {**(options or {}), "device": device}
+    own = ":" in recipe.method
+    if recipe.iterations is not None and not own:
+        given["iterations"] = recipe.iterations
+    if not (own and str(start) == RANDOM):  # a module of the user's own has the weights that it was made with
+        given["checkpoint"] = str(start)
+    model = load_model(recipe.method, **given)
     while isinstance(model, TiledModel):
         model = model.model
     if not isinstance(model, NetworkModel):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import tomllib
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -67,7 +68,7 @@ class Recipe(_Table):
         method: the model's registered name.
         stage: "chairs", "things", "sintel", "kitti" of the originals, "ood" or "id" of the paper.
         start: which weights it begins with: "random", or a stage.
-        mix: of `recipes/mixes.toml`.
+        mix: of `recipes/mixes.toml`, or a file like it.
         steps: as the source counts them: batches.
         one_more: whether the original makes one update more than `steps`.
         batch: pairs a step, over all devices.
@@ -153,7 +154,7 @@ def recipes_of(method: str) -> dict[str, Recipe]:
     """
     if method not in trained_methods():
         raise unknown_name("method with a recipe", method, trained_methods())
-    document = _read(method)
+    document = dict(_read(method))
     common = document.pop("all", {})
     return {
         stage: _validated(_merged(common, {**entry, "method": method, "stage": stage}))
@@ -168,22 +169,38 @@ def trained_methods() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml") and name != f"{MIXES}.toml")
 
 
-@cache
 def mix_parts(name: str) -> tuple[Part, ...]:
-    """The parts of a mix.
+    """The parts of a mix: by name, or of a TOML file of the user's own that holds `parts` as `recipes/mixes.toml` does.
 
     Raises:
-        UsageError: no such mix.
+        UsageError: no such mix, or a file that is none.
 
     >>> [(part.data, part.times) for part in mix_parts("ood")]
     [('sintel', 100), ('sintel', 100), ('hd1k', 5), ('flyingthings3d', 1), ('flyingthings3d', 1)]
     """
+    if name.endswith(".toml"):
+        return _own_parts(Path(name).expanduser())
     mixes = _read(MIXES)
     if name not in mixes:
         raise unknown_name("mix of data", name, list(mixes))
     return tuple(Part.model_validate(part) for part in mixes[name]["parts"])
 
 
+def _own_parts(path: Path) -> tuple[Part, ...]:
+    try:
+        parts = tuple(Part.model_validate(part) for part in tomllib.loads(path.read_text(encoding="utf-8"))["parts"])
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError, ValidationError) as error:
+        reason = " ".join(str(error).split())
+        raise UsageError(
+            f"{path}: no mix of data can be read from it ({type(error).__name__}: {reason[:200]}); it holds "
+            'parts = [{data = "sintel", augmentation = "dense", log2_scale = [-0.2, 0.6], flip = true}, ...]'
+        ) from error
+    if not parts:
+        raise UsageError(f"{path}: a mix of data without a part; name at least one data set")
+    return parts
+
+
+@cache
 def _read(name: str) -> dict[str, Any]:
     return tomllib.loads(files(__package__).joinpath(FOLDER, f"{name}.toml").read_text(encoding="utf-8"))
 

@@ -46,6 +46,7 @@ class Request:
         resume: go on from `last.pth`.
         seed: of every draw.
         device: as `run --device` takes it.
+        options: of the model.
         loaders: processes that read ahead.
         save_every, keep_every, validate_every: updates, see `loop.Training`.
         validate: a benchmark, or None.
@@ -65,6 +66,7 @@ class Request:
     resume: bool = False
     seed: int = 0
     device: str = "auto"
+    options: tuple[tuple[str, Any], ...] = ()
     loaders: int = 1
     save_every: int = 1000
     keep_every: int | None = None
@@ -98,7 +100,8 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
     content, done = _earlier(folder, request)
     with this_process(request.device) as process:
         _check_process(recipe, process)
-        model, network = load_network(recipe, RANDOM if request.resume else _start(request), str(process.device))
+        start = RANDOM if request.resume else _start(request)
+        model, network = load_network(recipe, start, str(process.device), dict(request.options))
         identity = _identity(request, parts)
         if done is None:
             done = Progressed(0, {**identity, **_start_record(model, request)})
@@ -151,8 +154,8 @@ def _start(request: Request) -> str:
 def _start_record(model: NetworkModel, request: Request) -> dict[str, Any]:
     """Which weights a training begins with, and what they have seen: names of training sets, None where unknown."""
     checkpoint = str(model.identity()["checkpoint"])
-    if checkpoint == RANDOM:
-        return {"start": RANDOM, "start_trained_on": []}
+    if _start(request) == RANDOM and request.start_trained_on is None:
+        return {"start": checkpoint, "start_trained_on": []}
     sets = training_of(model.identity(), request.start_trained_on or model.trained_on).sets
     return {"start": checkpoint, "start_trained_on": None if sets is None else list(sets)}
 
@@ -172,10 +175,11 @@ def _identity(request: Request, parts: Sequence[OpenPart]) -> dict[str, Any]:
     """What decides the weights, besides those it begins with."""
     keys = hashlib.blake2b(digest_size=8)
     for part in parts:
-        keys.update("\x1f".join((part.dataset.name, str(part.part.options), *part.keys)).encode())
+        keys.update("\x1f".join((part.dataset.name, part.part.model_dump_json(), *part.keys)).encode())
     return {
         "recipe": request.recipe.digest(),
         "seed": request.seed,
+        "options": {key: str(value) for key, value in request.options},
         "data": keys.hexdigest(),
         "corruptions": [*request.corrupt, request.corrupt_probability] if request.corrupt else [],
     }

@@ -11,7 +11,7 @@ from typing import Any
 from ..benchmarks import Benchmark
 from ..errors import UsageError
 from ..models.torch.model import NetworkModel
-from ..runner.engines.serial import serial
+from ..runner.engines.serial import SERIAL
 from ..runner.fill import fill
 from ..runner.progress import Silent
 from ..runner.setup import open_benchmark, set_up
@@ -63,7 +63,7 @@ def validator(
         store = RunFolder(place)
         store.lock()
         try:
-            fill(store, set_up(_AtUpdate(model, updates), chosen), serial, 1, Silent())
+            fill(store, set_up(_AtUpdate(model, updates), chosen), SERIAL, 1, Silent())
         finally:
             store.unlock()
         run = Run(place)

@@ -89,7 +89,7 @@ class FolderCache:
 
     @contextmanager
     def _lock(self, name: str) -> Iterator[None]:
-        """Held by one process at a time; the system lets go when its holder dies."""
+        """Held by one process at a time; the system releases it when its holder dies."""
         try:
             # A lock of the operating system's; one that is a mere file would outlive a killed process.
             lock = FileLock(self.root / f".{name}", fallback_to_soft=False)

@@ -127,12 +127,12 @@ class ClipReader:
         # a seek lands up to a group of pictures (x264: 250) earlier, so going on is cheaper for anything nearer
         if self._rest is None or not self._next <= index < self._next + 250:
             self._rest, self._next = read_pictures(self.clip, index), index
-        for found, picture in self._rest:
-            self._next = found + 1
-            self._recent[found] = picture
+        for number, picture in self._rest:
+            self._next = number + 1
+            self._recent[number] = picture
             if len(self._recent) > self._keep:
                 self._recent.popitem(last=False)
-            if found == index:
+            if number == index:
                 return picture
         raise _damaged(self.clip, f"frame {index} cannot be read")
 

@@ -32,7 +32,7 @@ def open_video(path: Path) -> Any:
         options = {"protocol_whitelist": "file", "format_whitelist": CONTAINERS}
         container = av.open(str(path.absolute()), options=options)
     except av.error.ArgumentError as error:  # what is not on the list
-        raise DataError(f"{path}: not a readable video (no container that is read); convert it to .mp4") from error
+        raise DataError(f"{path}: not a readable video (an unsupported container); convert it to .mp4") from error
     except (av.error.FFmpegError, OSError, ValueError) as error:
         raise DataError(f"{path}: not a readable video ({reason(error)}); check or convert the file") from error
     try:

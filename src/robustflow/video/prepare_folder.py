@@ -50,12 +50,12 @@ def find_sources(data: Path, evenly: bool = False) -> list[Source]:
         return [VideoFile(data, evenly=evenly)]
     if not data.is_dir():
         raise DataError(f"{data}: no such file or folder; check the path")
-    found = {name: path for name in SEQUENCES if (path := _sequence(data, name)) is not None}
-    if found:
-        missing = [name for name in SEQUENCES if name not in found]
+    sequences = {name: path for name in SEQUENCES if (path := _sequence(data, name)) is not None}
+    if sequences:
+        missing = [name for name in SEQUENCES if name not in sequences]
         if missing:
             raise DataError(f"{data}: {', '.join(missing)} missing of the five sequences; add them, or name one folder")
-        return [_camera(found[name], name) for name in SEQUENCES]
+        return [_camera(sequences[name], name) for name in SEQUENCES]
     if pictures_in(data):
         return [PictureFolder(data)]
     inner = [folder for folder in folders(data) if pictures_in(folder)]

@@ -120,7 +120,7 @@ def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
     clips = []
     for name in manifest.clips:
         if not (root / name / CLIP_MANIFEST).is_file():
-            raise DataError(f"{root}: {name} is not finished; give the same robustflow prepare command again")
+            raise DataError(f"{root}: {name} is not finished; run the same robustflow prepare command again")
         clips.append(PreparedClip(root / name, _read(root / name / CLIP_MANIFEST, ClipManifest)))
     return manifest, clips
 

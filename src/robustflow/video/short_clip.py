@@ -78,10 +78,10 @@ class ShortClip:
         """
         master = self._master
         stream = corrupted_stream(master, corruption, parameter)
-        found = []
+        frames = []
         for index, picture in stream.pictures:
             if index in wanted:
-                found.append(i420_to_rgb(picture, master.height, master.width))
+                frames.append(i420_to_rgb(picture, master.height, master.width))
             if index == wanted[-1]:
                 break
-        return found, stream.damage is None or stream.damage.bytes_changed > 0
+        return frames, stream.damage is None or stream.damage.bytes_changed > 0

@@ -258,7 +258,7 @@ HOSTILE = {
     "cut": (lambda good: good[: len(good) // 2], "truncated or damaged"),
     "zip": (lambda good: b"PK\x03\x04" + bytes(100), "truncated or damaged"),
     "noise": (lambda good: np.random.default_rng(0).bytes(1000), "truncated or damaged"),
-    "another protobuf": (lambda good: b"\x08\x09", r"is no ONNX network"),
+    "another protobuf": (lambda good: b"\x08\x09", r"not an ONNX network"),
     "giant weight": (lambda good: giant_weight(), "truncated or damaged"),
     "unknown operator": (lambda good: good.replace(b"Gather", b"Gathxr"), "truncated or damaged"),
 }

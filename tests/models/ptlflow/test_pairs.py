@@ -206,7 +206,7 @@ def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
         assert torch.equal(loaded.net.model.state_dict()[key], value)
     del content["state_dict"]["fnet.conv1.weight"]
     torch.save(content, tmp_path / "less.ckpt")
-    with pytest.raises(ModelError, match=r"no checkpoint of raft.*fnet\.conv1\.weight"):
+    with pytest.raises(ModelError, match=r"not a checkpoint of raft.*fnet\.conv1\.weight"):
         load_model("raft", checkpoint=tmp_path / "less.ckpt")
 
 

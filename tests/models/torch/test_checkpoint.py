@@ -198,7 +198,7 @@ def test_an_encrypted_archive_is_refused(tmp_path, state):
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "weights.pth")
-    with pytest.raises(ModelError, match="is no file but a pipe"):
+    with pytest.raises(ModelError, match="a pipe or a device, not a file"):
         load(tmp_path / "weights.pth")
 
 

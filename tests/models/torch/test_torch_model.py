@@ -151,14 +151,14 @@ def test_what_a_network_raises_names_the_size(error, says):
 @pytest.mark.parametrize(
     ("options", "error", "says"),
     [
-        ({"device": "gpu"}, UsageError, "'gpu' is no device"),
+        ({"device": "gpu"}, UsageError, "unknown device 'gpu'"),
         ({"device": "cuda:99"}, ModelError, "this machine has no device 'cuda:99'"),
         ({"precision": "fp16"}, UsageError, "unknown precision 'fp16'"),
         ({"threads": 0}, UsageError, "threads must be a whole number from 1"),
         ({"threads": 1.5}, UsageError, "threads must be a whole number from 1"),
         ({"compile": "no"}, UsageError, "compile must be true or false, not 'no'"),
-        ({"device": "meta"}, UsageError, "'meta' is no device"),
-        ({"device": None}, UsageError, "'None' is no device"),
+        ({"device": "meta"}, UsageError, "unknown device 'meta'"),
+        ({"device": None}, UsageError, "unknown device 'None'"),
     ],
 )
 def test_execution_options_that_cannot_be(options, error, says):

@@ -50,7 +50,7 @@ def test_weights_by_name_or_file(optical_flow, tmp_path, monkeypatch):
     torch.save(optical_flow.raft_small(weights=None).state_dict(), tmp_path / "mine.pth")
     model = load_model("raft_small", checkpoint=tmp_path / "mine.pth", device="cpu")
     assert model.identity()["iterations"] == 12
-    with pytest.raises(ModelError, match="no checkpoint of raft_large"):
+    with pytest.raises(ModelError, match="not a checkpoint of raft_large"):
         load_model("raft_large", checkpoint=tmp_path / "mine.pth")
 
 

@@ -30,7 +30,7 @@ def test_names_that_do_not_fit_are_told_apart(tmp_path, state):
     with pytest.raises(ModelError) as error:
         load(tmp_path / "weights.pth", net)
     text = one_line(error)
-    assert "no checkpoint of small (7 entries)" in text
+    assert "not a checkpoint of small (7 entries)" in text
     assert "1 missing (first.weight)" in text
     assert "1 unexpected (head.weight)" in text
     assert "1 of another shape (first.bias 5 instead of 4)" in text

@@ -40,7 +40,7 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
 
 def test_a_value_given_twice_is_refused():
     of_paper = _file("OOD,RAFT,epe,clean,1.00,paper\n")
-    with pytest.raises(DataError, match=r"epe of 'RAFT' \(OOD\) on clean is there twice for the sample set 'paper'"):
+    with pytest.raises(DataError, match=r"epe of 'RAFT' \(OOD\) on clean appears twice for the sample set 'paper'"):
         whole_content([], [("mine.csv", of_paper)])
     assert whole_content([], [("mine.csv", of_paper)], published=False).entries[0].model == "RAFT"
 

@@ -29,5 +29,5 @@ def interval_ends(run: Run, corruptions: bool = True, beside_published: bool = F
 
 def _lines(run: Run, corruptions: bool, fewer: bool) -> list[_Line]:
     rows = paper_rows(run) if fewer else run.rows
-    found = intervals(rows, corruptions=corruptions).drop_nulls(["low", "high"])
-    return list(found.select("metric", "corruption", "low", "high").iter_rows())
+    known = intervals(rows, corruptions=corruptions).drop_nulls(["low", "high"])
+    return list(known.select("metric", "corruption", "low", "high").iter_rows())

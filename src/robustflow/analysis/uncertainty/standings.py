@@ -53,7 +53,7 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
     [('a', 1, 2), ('b', 1, 2), ('c', 3, 3)]
     """
     if pairs.height != len(names) * (len(names) - 1) // 2:
-        raise RunError("not every two of these runs measured the same; a ranking needs runs over the same data")
+        raise RunError("not all of these runs measured the same; a ranking needs runs over the same data")
     values: dict[str, float] = {}
     beaten, beats = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
     for row in pairs.iter_rows(named=True):

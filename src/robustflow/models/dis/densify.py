@@ -13,7 +13,7 @@ from .pyramid import Image
 from .search import Displacements
 
 
-def densified(image1: Image, image2: Image, found: Displacements, patch: int, stride: int) -> Flow:
+def densified(image1: Image, image2: Image, displacements: Displacements, patch: int, stride: int) -> Flow:
     """Every pixel's flow: the mean of the displacements u_i of the patches that cover it.
 
     Their weights are 1 / max(1, |d_i|), with d_i the difference of colour, in grey levels, between the pixel in frame 1
@@ -21,7 +21,7 @@ def densified(image1: Image, image2: Image, found: Displacements, patch: int, st
 
     Args:
         image1, image2: float32 (H, 3 W) interleaved RGB.
-        found: of `inverse_search` with the same `patch` and `stride`.
+        displacements: of `inverse_search` with the same `patch` and `stride`.
 
     Returns:
         float32 (H, W, 2).
@@ -29,12 +29,12 @@ def densified(image1: Image, image2: Image, found: Displacements, patch: int, st
     height, width = image1.shape[0], image1.shape[1] // 3
     total = np.zeros((height, width, 2), np.float32)
     rows, columns = grid(height, patch, stride), grid(width, patch, stride)
-    _spread(image1, surroundings(image2, patch), rows, columns, found, patch, total)
+    _spread(image1, surroundings(image2, patch), rows, columns, displacements, patch, total)
     return total
 
 
 @njit(cache=True, nogil=True)
-def _spread(image1: Any, image2: Any, rows: Any, columns: Any, found: Any, patch: int, total: Any) -> None:
+def _spread(image1: Any, image2: Any, rows: Any, columns: Any, displacements: Any, patch: int, total: Any) -> None:
     height, width, _ = total.shape
     weights = np.zeros((height, width), np.float32)
     squares = np.empty(3 * patch, np.float32)
@@ -42,7 +42,7 @@ def _spread(image1: Any, image2: Any, rows: Any, columns: Any, found: Any, patch
     for i in range(rows.size):
         for j in range(columns.size):
             y, x = rows[i], columns[j]
-            u, v = found[i, j, 0], found[i, j, 1]
+            u, v = displacements[i, j, 0], displacements[i, j, 1]
             y0, at_y = looked_at(y + float(v), height, patch)
             x0, at_x = looked_at(x + float(u), width, patch)
             wy, wx = np.float32(at_y), np.float32(at_x)

@@ -67,8 +67,8 @@ class DisRgb:
         flow: Flow = np.zeros((1, 1, 2), np.float32)
         for scale in range(coarsest, finest - 1, -1):
             image1, image2 = images1[scale], images2[scale]
-            found = inverse_search(image1, image2, flow, point.patch_size, point.stride, point.iterations)
-            flow = densified(image1, image2, found, point.patch_size, point.stride)
+            displacements = inverse_search(image1, image2, flow, point.patch_size, point.stride, point.iterations)
+            flow = densified(image1, image2, displacements, point.patch_size, point.stride)
             if point.refined:
                 flow = refined(image1, image2, flow, iterations=scale + 1)
         return enlarged(flow, 1 << finest, height, width)

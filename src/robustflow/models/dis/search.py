@@ -44,10 +44,10 @@ def inverse_search(
     """
     height, width = image1.shape[0], image1.shape[1] // 3
     rows, columns = grid(height, patch, stride), grid(width, patch, stride)
-    found = np.empty((rows.size, columns.size, 2), np.float32)
+    displacements = np.empty((rows.size, columns.size, 2), np.float32)
     around, slope = surroundings(image2, patch), slopes(image1, 2)
-    _search(image1, *slope, around, coefficients(around), coarse, (rows, columns), patch, iterations, found)
-    return found
+    _search(image1, *slope, around, coefficients(around), coarse, (rows, columns), patch, iterations, displacements)
+    return displacements
 
 
 @njit(cache=True, nogil=True)
@@ -61,7 +61,7 @@ def _search(
     corners: Any,
     patch: int,
     steps: int,
-    found: Any,
+    displacements: Any,
 ) -> None:
     rows, columns = corners
     sx, sy = np.empty((patch, 3 * patch), np.float32), np.empty((patch, 3 * patch), np.float32)
@@ -72,7 +72,7 @@ def _search(
         for j in range(columns.size):
             y, x = rows[i], columns[j]
             u0, v0 = beginning(coarse, y + 0.5 * (patch - 1), x + 0.5 * (patch - 1))
-            found[i, j, 0], found[i, j, 1] = u0, v0
+            displacements[i, j, 0], displacements[i, j, 1] = u0, v0
             _centre(slope_x, y, 3 * x, sx)
             _centre(slope_y, y, 3 * x, sy)
             hessian = _products(sx, sy)
@@ -86,7 +86,7 @@ def _search(
                 continue
             before = _mismatch(image1, image2, y, x, u0, v0, patch, lanes)
             if _mismatch(image1, image2, y, x, u, v, patch, lanes) <= before:
-                found[i, j, 0], found[i, j, 1] = u, v
+                displacements[i, j, 0], displacements[i, j, 1] = u, v
 
 
 @njit(cache=True, nogil=True)

@@ -54,7 +54,7 @@ class OnnxModel:
 
     Raises:
         UsageError: an option that cannot be meant.
-        ModelError: no onnxruntime, no such device, a file that is no ONNX network, or one that does not take two
+        ModelError: no onnxruntime, no such device, a file that is not an ONNX network, or one that does not take two
             frames.
     """
 
@@ -77,7 +77,7 @@ class OnnxModel:
                 "model 'onnx' needs its file: give the path of a .onnx file as --checkpoint, or as --model"
             )
         check_count("threads", threads)
-        self._device = _parse_device(device)
+        self.device = _parse_device(device)
         named_convention(order=order, scaling=scaling, multiple=multiple)  # an option is refused before the file
         path = Path(checkpoint).expanduser()
         require_file(path)
@@ -86,7 +86,7 @@ class OnnxModel:
         with opened(path, sha256) as (file, digest):
             model = parsed(path, file.read())
         beside = external_files(path, model)
-        self._session = _session(path, self._device, threads)
+        self._session = _session(path, self.device, threads)
         nodes = self._session.get_inputs()
         self._inputs = [nodes[i] for i in chosen_inputs([(node.name, _shape(node.shape)) for node in nodes], inputs)]
         self._output = _chosen_output(self._session.get_outputs(), output)
@@ -113,7 +113,7 @@ class OnnxModel:
         return {
             **self._settings,
             "input": self.convention.describe(),
-            "device": self._device.partition(":")[0],
+            "device": self.device.partition(":")[0],
             "library": f"onnxruntime {onnxruntime.__version__}",
         }
 
@@ -140,7 +140,7 @@ class OnnxModel:
         return predict_by_size(self._predict, frames1, frames2)
 
     def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        if self._batched and self._device != "cpu":
+        if self._batched and self.device != "cpu":
             return self.run(frames1, frames2)
         return [self.run([frame1], [frame2])[0] for frame1, frame2 in zip(frames1, frames2, strict=True)]
 

@@ -24,7 +24,7 @@ def parsed(path: Path, content: bytes) -> Any:
     except Exception as error:  # protobuf's own, and whatever a hostile file makes it raise
         raise damaged(path, error) from None
     if not model.graph.node:
-        raise ModelError(f"{path}: is no ONNX network (it has no operators); export the network with torch.onnx.export")
+        raise ModelError(f"{path}: not an ONNX network (it has no operators); export it with torch.onnx.export")
     return model
 
 

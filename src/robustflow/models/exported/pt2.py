@@ -44,7 +44,7 @@ def torch_export(
 
     Raises:
         UsageError: an option that cannot be meant.
-        ModelError: no torch, a file that is no such program, or one that does not take two frames.
+        ModelError: no torch, a file that is not such a program, or one that does not take two frames.
     """
     named_convention(order=order, scaling=scaling, multiple=multiple)  # an option is refused before the file
     if checkpoint is None:
@@ -86,7 +86,7 @@ def torch_export(
 
 
 def _shape(value: Any) -> tuple[Dim, ...] | None:
-    """The sides of a traced tensor, None for a symbolic one; an empty shape for what is no tensor."""
+    """The sides of a traced tensor, None for a symbolic one; an empty shape for what is not a tensor."""
     return tuple(side if type(side) is int else None for side in getattr(value, "shape", ()))
 
 

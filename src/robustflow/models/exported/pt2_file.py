@@ -135,10 +135,10 @@ def _objects(value: Any) -> Iterator[dict[str, Any]]:
 def _check_all(value: Any) -> None:
     """Every text in the file is plain words, or a kind of text that is checked by its own rule."""
     for node in _objects(value):
-        for key, found in node.items():
+        for key, held in node.items():
             if not check_expression(key):  # a size is also a key, of the range it may have
                 _check_plain(key)
-            for text in found if isinstance(found, list) else [found]:
+            for text in held if isinstance(held, list) else [held]:
                 if isinstance(text, str):
                     _RULES.get(key, _check_plain)(text)
 

@@ -62,10 +62,10 @@ class OwnNetwork:
     def build(self, options: Mapping[str, Any]) -> Any:
         """The net, with random weights."""
         module, _, attribute = self.net.partition(":")
-        found: Any = import_module(f".nets.{module}", __package__)
+        target: Any = import_module(f".nets.{module}", __package__)
         for part in attribute.split("."):
-            found = getattr(found, part)
-        return found(**options)
+            target = getattr(target, part)
+        return target(**options)
 
 
 def _seed(name: str, value: Any) -> None:

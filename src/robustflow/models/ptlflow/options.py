@@ -65,7 +65,7 @@ def constructor_parameters(reference: type) -> dict[str, inspect.Parameter]:
     >>> {key: parameter.default for key, parameter in constructor_parameters(Net).items()}
     {'width': 32, 'depth': 3}
     """
-    found: dict[str, inspect.Parameter] = {}
+    merged: dict[str, inspect.Parameter] = {}
     for base in reference.__mro__:
         if "__init__" not in vars(base):
             continue
@@ -73,7 +73,7 @@ def constructor_parameters(reference: type) -> dict[str, inspect.Parameter]:
         kinds = {parameter.kind for parameter in parameters}
         for parameter in parameters:
             if parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
-                found.setdefault(parameter.name, parameter)
+                merged.setdefault(parameter.name, parameter)
         if inspect.Parameter.VAR_KEYWORD not in kinds:
             break
-    return found
+    return merged

@@ -72,7 +72,7 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
 
     Raises:
         ModelError: missing, another hash, not a checkpoint, damaged, a zip bomb, or holding more than plain weights.
-        UsageError: `sha256` is no such digits.
+        UsageError: `sha256` is not such digits.
     """
     path = Path(path).expanduser()
     with opened(path, sha256) as (file, digest):
@@ -103,7 +103,7 @@ def _check_archive(path: Path, file: BinaryIO) -> None:
         # torch.save never compresses, so what is inside cannot be larger than the file.
         raise ModelError(
             f"{path}: refused: its {size} bytes would unpack to {declared}; a file of torch.save is not compressed, so "
-            "this is no genuine checkpoint"
+            "this is not a genuine checkpoint"
         )
     if changed is not None:
         raise damaged(path, ValueError(f"the checksum of {changed[:60]} is another"))

@@ -35,6 +35,11 @@ class TorchClipModel:
         """The network."""
         return self._network.net
 
+    @property
+    def device(self) -> torch.device:
+        """Of the network."""
+        return self._network.device
+
     def identity(self) -> dict[str, Any]:
         """See `NetworkModel.identity`; the window is in a run's identity where it is used."""
         return self._network.identity()

@@ -33,6 +33,9 @@ class NetworkModel:
         ModelError: a device this machine does not have.
     """
 
+    trained_on: str | None = None
+    """Training sets as the checkpoint declares them."""
+
     def __init__(
         self,
         name: str,
@@ -42,8 +45,6 @@ class NetworkModel:
         execution: Execution,
     ) -> None:
         self.name = name
-        self.trained_on: str | None = None
-        """Training sets as the checkpoint declares them."""
         self.convention = convention
         self.device = find_device(execution.device)
         self.net = net.to(self.device).eval().requires_grad_(False)
@@ -144,7 +145,7 @@ def find_device(name: str) -> torch.device:
     except (RuntimeError, TypeError):
         device = torch.device("meta")
     if device.type == "meta":  # torch's name for tensors without values
-        raise UsageError(f"'{name}' is no device: give auto, cpu, cuda or cuda:0") from None
+        raise UsageError(f"unknown device '{name}': give auto, cpu, cuda or cuda:0") from None
     try:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError, NotImplementedError) as error:

@@ -57,6 +57,13 @@ class ModuleNet(nn.Module):
             return self._flow(image1, image2)
         return torch.cat([self._flow(*pair) for pair in zip(image1.split(1), image2.split(1), strict=True)])
 
+    def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """All flows that the module returns, the last one final: those of a list, or the one there is."""
+        returned = self.returned(image1, image2)
+        chosen = returned.get(str(self.output)) if isinstance(returned, dict) else returned
+        several = chosen if isinstance(chosen, list | tuple) else [chosen]
+        return [self._as_flow(chosen_output(one, None), image1) for one in several]
+
     def returned(self, image1: Tensor, image2: Tensor) -> Any:
         """What the module itself returns for such images.
 
@@ -89,7 +96,10 @@ class ModuleNet(nn.Module):
         return [{"images": inputs[0]}] if self.layout == "images" else inputs
 
     def _flow(self, image1: Tensor, image2: Tensor) -> Tensor:
-        flow = chosen_output(self.returned(image1, image2), self.output)
+        return self._as_flow(chosen_output(self.returned(image1, image2), self.output), image1)
+
+    @staticmethod
+    def _as_flow(flow: Tensor, image1: Tensor) -> Tensor:
         pairs, _, height, width = image1.shape
         if flow.ndim == 5 and flow.shape[1] == 1:
             flow = flow[:, 0]

@@ -42,13 +42,13 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
         ModelError: missing or unexpected entries, other shapes, values that are not finite.
     """
     own = {bare_name(key): key for key in net.state_dict()}
-    found = _by_bare_name(checkpoint, _in_scope(checkpoint.weights, scope))
+    by_name = _by_bare_name(checkpoint, _in_scope(checkpoint.weights, scope))
     wanted = dict(net.state_dict())
-    _refuse_other_names(checkpoint, model, found, wanted, own)
+    _refuse_other_names(checkpoint, model, by_name, wanted, own)
     casts = set()
     weights = {}
     for name, key in own.items():
-        value, target = found[name], wanted[key]
+        value, target = by_name[name], wanted[key]
         _refuse_bad_value(checkpoint, name, value, target)
         if value.dtype != target.dtype:
             casts.add(str(value.dtype).removeprefix("torch."))
@@ -71,35 +71,35 @@ def _in_scope(weights: Mapping[str, Tensor], scope: str | None) -> Mapping[str, 
 
 
 def _by_bare_name(checkpoint: Checkpoint, weights: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    found: dict[str, Tensor] = {}
+    by_name: dict[str, Tensor] = {}
     for key, value in weights.items():
         name = bare_name(key)
-        if name in found:
-            raise ModelError(f"{checkpoint.path}: '{name}' is there under two prefixes; keep one network in the file")
-        found[name] = value
-    return found
+        if name in by_name:
+            raise ModelError(f"{checkpoint.path}: '{name}' appears under two prefixes; keep one network in the file")
+        by_name[name] = value
+    return by_name
 
 
 def _refuse_other_names(
     checkpoint: Checkpoint,
     model: str,
-    found: Mapping[str, Tensor],
+    weights: Mapping[str, Tensor],
     wanted: Mapping[str, Tensor],
     own: Mapping[str, str],
 ) -> None:
     shapes = [
-        f"{name} {_shape(found[name])} instead of {_shape(wanted[key])}"
+        f"{name} {_shape(weights[name])} instead of {_shape(wanted[key])}"
         for name, key in own.items()
-        if name in found and found[name].shape != wanted[key].shape
+        if name in weights and weights[name].shape != wanted[key].shape
     ]
     differences = [
-        _few("missing", (name for name in own if name not in found)),
-        _few("unexpected", (name for name in found if name not in own)),
+        _few("missing", (name for name in own if name not in weights)),
+        _few("unexpected", (name for name in weights if name not in own)),
         _few("of another shape", shapes),
     ]
     if any(differences):
         raise ModelError(
-            f"{checkpoint.path} is no checkpoint of {model} ({len(own)} entries): "
+            f"{checkpoint.path} is not a checkpoint of {model} ({len(own)} entries): "
             f"{'; '.join(part for part in differences if part)}; give a file trained for this model"
         )
 

@@ -88,7 +88,7 @@ def whole_content(
         only_own: whether the page is about the runs and files: the paper's results are only shown beside them.
 
     Raises:
-        DataError: a value that is there twice, in two files or in a file and the paper's results.
+        DataError: a value that appears twice, in two files or in a file and the paper's results.
         UsageError: no result at all.
     """
     return _content("Robustness of optical flow", runs, files, published, alone=only_own)
@@ -124,8 +124,8 @@ def _content(
     if twice.height:
         entry = twice.row(0, named=True)
         raise DataError(
-            f"{entry['metric']} of '{plain(entry['model'])}' ({plain(entry['setting'])}) on {entry['corruption']} is "
-            f"there twice for the sample set '{plain(entry['sample_set'])}'; give each result once"
+            f"{entry['metric']} of '{plain(entry['model'])}' ({plain(entry['setting'])}) on {entry['corruption']} "
+            f"appears twice for the sample set '{plain(entry['sample_set'])}'; give each result once"
         )
     costs = published_costs() if published else {}
     entries = entries_of(

@@ -6,7 +6,7 @@ outside is data here and becomes text in the browser, never markup.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS, benchmark_label, setting_words
@@ -24,12 +24,14 @@ def page_data(boards: Sequence[Board], pages: Sequence[ModelPage]) -> dict[str, 
 
     Returns:
         `boards` in their order, `models` by the id of their page, `settings`: name -> (words, class of its chip,
-        what it means).
+        what it means), `labels`: what the lines of heat tables are called, which they name by number.
     """
+    labels = {label: number for number, label in enumerate(_labels(pages))}
     settings = {entry.setting for board in boards for group in board.groups for entry in group.entries}
     return {
         "boards": [_board(board) for board in boards],
-        "models": {page.id: _model(page) for page in pages},
+        "models": {page.id: _model(page, labels) for page in pages},
+        "labels": list(labels),
         "settings": {
             name: (setting_words(name), _setting_class(name), SETTING_EXPLANATIONS.get(name, ""))
             for name in sorted(settings)
@@ -90,7 +92,7 @@ def _remark(entry: Entry, title: str) -> str:
     return "; ".join(part for part in (plain(entry.note, 80) if entry.note not in title else "", doubt) if part)
 
 
-def _model(page: ModelPage) -> dict[str, Any]:
+def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:
     tiles = [
         {
             "benchmark": benchmark_label(entry.benchmark),
@@ -105,7 +107,7 @@ def _model(page: ModelPage) -> dict[str, Any]:
         "name": page.name,
         "tiles": tiles,
         "says": page.says,
-        "tables": [_heat_table(table) for table in page.tables],
+        "tables": [_heat_table(table, labels) for table in page.tables],
         "anatomy": None if page.anatomy is None else _plain_table(page.anatomy),
         "panels": [
             {
@@ -120,9 +122,18 @@ def _model(page: ModelPage) -> dict[str, Any]:
     }
 
 
-def _heat_table(table: HeatTable) -> dict[str, Any]:
-    lines = [(label, [(text, note) if note else text for text, note in cells]) for label, cells in table.lines]
-    return {"title": table.title, "columns": table.columns, "tops": table.tops, "lines": lines}
+def _labels(pages: Sequence[ModelPage]) -> list[str]:
+    return list(dict.fromkeys(label for page in pages for table in page.tables for label, _ in table.lines))
+
+
+def _heat_table(table: HeatTable, labels: Mapping[str, int]) -> dict[str, Any]:
+    """A line is the number of its label, its texts with a space between them, and its notes where it has any."""
+    lines = []
+    for label, cells in table.lines:
+        notes = [note for _, note in cells]
+        lines.append((labels[label], " ".join(text for text, _ in cells), *([notes] if any(notes) else [])))
+    tops = [None if top is None else float(f"{top:.4g}") for top in table.tops]  # a shade, not a number to read
+    return {"title": table.title, "columns": table.columns, "tops": tops, "lines": lines}
 
 
 def _plain_table(table: Table) -> dict[str, Any]:

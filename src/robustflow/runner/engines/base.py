@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from ...models import ModelSpec
 from ...models.base import AnyModel
 from ...runs.plan import RunOptions, Unit
 from ...runs.store import RunFolder
+from ..seconds import taken
 from ..worker import Worker
 
 
@@ -56,8 +57,19 @@ class FinishedUnit:
     """Node and device that computed it, where the engine has several."""
 
 
+@dataclass(frozen=True)
+class Engine:
+    """A way to compute units.
+
+    Attributes:
+        describe: in a few words, for the units that there are.
+        compute: each unit once, in any order that puts a sample's clean unit first.
+    """
+
+    describe: Callable[[Sequence[Unit]], str]
+    compute: Callable[[Job, Sequence[Unit]], Iterator[FinishedUnit]]
+
+
 def take_seconds(worker: Worker) -> dict[str, float]:
     """The seconds since the last call."""
-    seconds = dict(worker.seconds)
-    worker.seconds = dict.fromkeys(seconds, 0.0)
-    return seconds
+    return taken(worker.seconds)

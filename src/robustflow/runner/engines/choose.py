@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Sequence
+from dataclasses import replace
 
-from ...errors import UsageError, unknown_name
+from ...errors import RobustFlowError, UsageError, unknown_name
+from ...models.devices import devices_of
 from ...runs.plan import Unit
-from .base import FinishedUnit, Job
+from ...text import counted
+from ..named_model import NamedModel
+from .base import Engine
+from .child import check_picklable, may_have_children
 from .processes import processes
 from .ray import on_ray
-from .serial import serial
+from .serial import SERIAL
+from .staged import staged
 
 ENGINES = ("serial", "processes", "ray")
 
-Engine = Callable[[Job, list[Unit]], Iterator[FinishedUnit]]
-"""Computes units, each once, in any order that puts a sample's clean unit first."""
+_FEEDERS_PER_DEVICE = 8
+"""At most, unless more are asked for: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
 
 
 def choose_engine(
-    name: str | None, workers: int | None = None, timeout: float | None = None, address: str | None = None
+    name: str | None, workers: int | None, timeout: float | None, address: str | None, model: NamedModel
 ) -> Engine:
-    """The engine of a name, or the one that the number of workers and the timeout ask for.
+    """The engine of a name, or the one that suits the model, the number of workers and the timeout.
+
+    A model on accelerators gets one process each that only predicts, and feeders beside it, as many as there are
+    processors; one on the processor stays in this process, unless there are workers or a timeout. `workers` are the
+    feeders, or the processes that do everything.
 
     Raises:
         UsageError: an unknown name, or workers or a timeout that the engine does not support.
@@ -29,16 +40,77 @@ def choose_engine(
         raise UsageError(f"--workers {workers} is out of range: give 1 or more")
     if timeout is not None and timeout <= 0:
         raise UsageError(f"no model can answer within a timeout of {timeout:g} s: give more than 0")
+    devices = devices_of(model.spec, model.model)
+    why = ""
     if name is None:
-        name = "processes" if (workers or 1) > 1 or timeout is not None else "serial"
+        asked = (workers or 1) > 1 or timeout is not None
+        name = "processes" if asked or devices else "serial"
+        if devices and not asked and workers is None and (why := _kept_here(model)):
+            name = "serial"
     if name not in ENGINES:
         raise unknown_name("engine", name, ENGINES)
     if address is not None and name != "ray":
         raise UsageError(f"--address is for the ray engine, not for {name}; give --engine ray with it, or leave it out")
     if name == "ray":
-        return lambda job, units: on_ray(job, units, workers, timeout, address)
+        return _ray(workers, timeout, address)
+    if name == "processes" and devices:
+        return _staged(devices, workers, timeout)
     if name == "processes":
-        return lambda job, units: processes(job, units, max(1, min(workers or 1, len(units))), timeout)
+        return _processes(workers or 1, timeout)
     if (workers or 1) > 1 or timeout is not None:
         raise UsageError("the serial engine has one worker and cannot stop a model that hangs; use --engine processes")
-    return serial
+    return replace(SERIAL, describe=lambda units: f"serial{why}")
+
+
+def _processes(workers: int, timeout: float | None) -> Engine:
+    def count(units: Sequence[Unit]) -> int:
+        return max(1, min(workers, len(units)))
+
+    return Engine(
+        lambda units: f"processes, {counted(count(units), 'worker')}",
+        lambda job, units: processes(job, units, count(units), timeout),
+    )
+
+
+def _ray(workers: int | None, timeout: float | None, address: str | None) -> Engine:
+    actors = "" if workers is None else f", {counted(workers, 'actor')}"
+    return Engine(
+        lambda units: f"ray{actors}, {'on this machine' if address is None else address}",
+        lambda job, units: on_ray(job, units, workers, timeout, address),
+    )
+
+
+def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) -> Engine:
+    if workers is not None and workers < len(devices):
+        raise UsageError(
+            f"--workers {workers} cannot feed {len(devices)} devices: give at least {len(devices)}, or name fewer with "
+            "--device"
+        )
+    wanted = workers or max(len(devices), min(_processors(), _FEEDERS_PER_DEVICE * len(devices)))
+
+    def parts(units: Sequence[Unit]) -> tuple[Sequence[str], int]:
+        """No more of either than there are cells."""
+        cells = max(1, sum(len(unit.severities) for unit in units))
+        return devices[:cells], min(wanted, cells)
+
+    def describe(units: Sequence[Unit]) -> str:
+        used, feeders = parts(units)
+        return f"processes, {counted(len(used), 'device')} + {counted(feeders, 'feeder')}"
+
+    return Engine(describe, lambda job, units: staged(job, units, *parts(units), timeout))
+
+
+def _kept_here(model: NamedModel) -> str:
+    """Why a model on a device is not given to another process unasked; nothing where it can be."""
+    if not may_have_children():
+        return ' (processes need the script\'s own code under `if __name__ == "__main__":`)'
+    if model.spec is None:
+        try:
+            check_picklable(model.model)
+        except RobustFlowError:
+            return " (this model object cannot be sent to another process)"
+    return ""
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -17,7 +17,7 @@ from typing import Any
 from ...errors import RunError
 from ...runs.plan import Unit
 from .base import FinishedUnit, Job
-from .processes import _rebuild
+from .child import rebuilt
 from .ray_actor import Answer, check_installed, installed
 from .ray_cluster import connected
 from .ray_job import files_of, model_identity_of, needs_gpu, pickled, variables
@@ -181,7 +181,7 @@ class _Crew:
         kind, value = answer
         if kind == "error":
             name, message, trace = value
-            raise _rebuild(name, message if self._local else f"{message} (on node {member.host})", trace)
+            raise rebuilt(name, message if self._local else f"{message} (on node {member.host})", trace)
         return value
 
     def _lost(self, member: Member, error: Exception) -> None:

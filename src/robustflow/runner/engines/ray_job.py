@@ -9,7 +9,7 @@ from ...errors import UsageError
 from ...models import ModelSpec
 from ...models.base import model_identity
 from .base import Job
-from .processes import _ONE_THREAD
+from .child import ONE_THREAD
 from .ray_cluster import ray_module
 
 
@@ -56,4 +56,4 @@ def files_of(job: Job, key: str) -> tuple[tuple[str, int], ...]:
 def variables() -> dict[str, str]:
     """Of the environment, for every actor: where the user's files are, and one thread a library."""
     mine = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")}
-    return mine | dict.fromkeys(_ONE_THREAD, "1")
+    return mine | dict.fromkeys(ONE_THREAD, "1")

@@ -110,5 +110,5 @@ class Member:
 
 def _too_slow(timeout: float, what: str) -> ModelError:
     return ModelError(
-        f"the model took longer than {timeout:g} s on {what}; repair it, or allow it more time with --timeout"
+        f"the model took longer than {timeout:g} s on {what}; fix it, or allow it more time with --timeout"
     )

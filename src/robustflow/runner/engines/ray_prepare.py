@@ -15,7 +15,7 @@ from typing import Any
 from ...errors import DataError, RunError
 from ...video.prepare import Preparation, Progress, prepare_clip
 from ...video.source import Source
-from .processes import _rebuild
+from .child import rebuilt
 from .ray_actor import Answer, answered, check_installed, installed
 from .ray_cluster import connected
 
@@ -94,7 +94,7 @@ def _is_done(ray: Any, call: Any, source: Source, losses: Counter[str]) -> bool:
         return False
     if kind == "error":
         name, message, trace = value
-        raise _rebuild(name, message, trace)
+        raise rebuilt(name, message, trace)
     return True
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from ...psf.threads import blur_threads
 from ...runs.plan import Unit
 from ...threads import one_opencv_thread
-from .base import FinishedUnit, Job, take_seconds
+from .base import Engine, FinishedUnit, Job, take_seconds
 
 
 def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
@@ -17,3 +17,7 @@ def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
         for unit in units:
             rows = worker.run(unit)
             yield FinishedUnit(unit, rows, take_seconds(worker))
+
+
+SERIAL = Engine(lambda units: "serial", serial)
+"""The engine that does so."""

@@ -33,8 +33,8 @@ class MemoryQuery(nn.Module):
     def forward(self, token: Tensor, coordinates: Tensor, key: Tensor, value: Tensor) -> Tensor:
         """Tokens (M, 1, 64), target coordinates (M, 1, 2) in pixels, keys and values (M, 8, 64); gives (M, 1, 64)."""
         query = self.q(self.norm1(token) + linear_sine(coordinates, _QUERY).to(token.dtype))
-        found = attend(query, key, value, _HEADS)
-        token = token + self.proj(torch.cat((found, token), dim=-1))
+        attended = attend(query, key, value, _HEADS)
+        token = token + self.proj(torch.cat((attended, token), dim=-1))
         return token + self.ffn(self.norm2(token))
 
 

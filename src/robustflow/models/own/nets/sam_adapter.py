@@ -108,8 +108,8 @@ class TwoWayTransformer(nn.Module):
         token_code = tokens
         for layer in self.layers:
             tokens, image = layer(tokens, image, token_code, image_code)
-        found = self.final_attn_token_to_image(tokens + token_code, image + image_code, image)
-        return self.norm_final_attn(tokens + found), image
+        attended = self.final_attn_token_to_image(tokens + token_code, image + image_code, image)
+        return self.norm_final_attn(tokens + attended), image
 
 
 class _RandomFourier(nn.Module):

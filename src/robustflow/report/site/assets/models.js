@@ -22,11 +22,14 @@ function tableOf(head, columns, lines, cellOf) {
 }
 
 function heatTable(table, name) {
-  const cell = (one, index) => {
-    const [text, note] = Array.isArray(one) ? one : [one, ""];
+  const cell = ([text, note], index) => {
     return make("td", { class: heat(text, table.tops[index]) }, text, note ? make("small", {}, note) : null);
   };
-  const made = tableOf("Corruption", table.columns, table.lines, cell);
+  const lines = table.lines.map(([label, texts, notes]) => [
+    data.labels[label],
+    (texts ? texts.split(" ") : []).map((text, index) => [text, notes ? notes[index] : ""]),
+  ]);
+  const made = tableOf("Corruption", table.columns, lines, cell);
   return make("figure", { class: "heat" }, make("figcaption", {}, table.title), scroll(`${table.title} of ${name}`, made));
 }
 

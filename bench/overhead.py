@@ -1,0 +1,181 @@
+"""What a run costs around its model: wall time over the time that the model itself takes, and processor time per cell.
+
+    python bench/overhead.py [--data FOLDER_OF_KITTI_2015] [--workers 2] [--latency 40 20] [--cells-only]
+
+The model sleeps, as one on a GPU does as far as the processor is concerned. Three pairs of 375x1242 (KITTI's, or drawn
+textures without --data), the paper's 20 corruptions of pairs at five severities. *Start-up* is the time until the
+first row is on disk, *steady* is the rest over the predictions that it holds; the best possible ratio is 1. The fused
+engine (`serial`) comes first in the same run. Then the work around the model in one thread, by stage and corruption:
+processor time, the least of three runs of every cell.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.update(
+    dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+)
+
+import argparse
+import resource
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from robustflow.benchmarks import Benchmark
+from robustflow.corruptions.registry import IMAGE_PAIR
+from robustflow.datasets import load_dataset
+from robustflow.metrics.rows import CLEAN
+from robustflow.models import ModelSpec
+from robustflow.runner.engines.choose import choose_engine
+from robustflow.runner.fill import fill
+from robustflow.runner.frame_stage import FrameStage
+from robustflow.runner.measure_stage import MeasureStage
+from robustflow.runner.seconds import no_seconds
+from robustflow.runner.setup import set_up
+from robustflow.runs.plan import RunOptions
+from robustflow.runs.store import RunFolder
+from robustflow.testing import TexturePairs
+from robustflow.threads import one_opencv_thread
+
+SEVERITIES = (1, 2, 3, 4, 5)
+SIZE = (375, 1242)
+ROUNDS = 3
+
+
+class Sleeper:
+    """A model on a GPU, as far as the processor can tell."""
+
+    def __init__(self, milliseconds: float = 40.0, device: str = "cuda:0") -> None:
+        self.device = device
+        self._seconds = milliseconds / 1e3
+        self._flow: np.ndarray | None = None
+
+    def identity(self) -> dict[str, str]:
+        return {"name": "sleeper"}
+
+    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+        end = time.perf_counter() + self._seconds
+        if self._flow is None or self._flow.shape[:2] != frame1.shape[:2]:
+            self._flow = np.zeros((*frame1.shape[:2], 2), np.float32)
+        time.sleep(max(0.0, end - time.perf_counter()))
+        return self._flow
+
+
+class Clock:
+    """Notes when each unit was on disk."""
+
+    def __init__(self) -> None:
+        self.begun = time.perf_counter()
+        self.done: list[tuple[float, int]] = []
+
+    def start(self, folder: Path, total: int, found: int) -> None:
+        self.begun = time.perf_counter()
+
+    def advance(self, done) -> None:
+        self.done.append((time.perf_counter() - self.begun, len(done.rows)))
+
+
+def cpu_seconds() -> float:
+    """Of this process and of its children that have ended."""
+    usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in usage)
+
+
+def kitti(folder: Path | None) -> Benchmark:
+    """Three pairs under the corruptions of pairs."""
+    dataset = load_dataset("kitti2015", folder) if folder else TexturePairs(3, SIZE)
+    corruptions = [name for name in IMAGE_PAIR if name != "elastic_transform"]
+    return Benchmark("overhead", dataset, tuple(dataset.keys()[:3]), tuple(corruptions), SEVERITIES)
+
+
+def run(benchmark: Benchmark, milliseconds: float, engine: str, workers: int | None) -> str:
+    """One run, as a line of the table."""
+    model = ModelSpec("overhead:Sleeper", (("milliseconds", milliseconds),))
+    setup = set_up(model, benchmark)
+    clock = Clock()
+    chosen = choose_engine(engine, workers, None, None, setup.model)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = RunFolder(Path(scratch) / "run")
+        folder.lock()
+        before = cpu_seconds()
+        fill(folder, setup, chosen, 1, clock)
+        spent = cpu_seconds() - before
+        folder.unlock()
+    cells = sum(rows for _, rows in clock.done)
+    first, in_first = clock.done[0]
+    wall = clock.done[-1][0]
+    steady = (wall - first) / ((cells - in_first) * milliseconds / 1e3)
+    name = chosen.describe(setup.plan.units())
+    return (
+        f"{milliseconds:4.0f} ms  {name:36}  start-up {first:5.2f} s  steady {steady:5.3f}  "
+        f"together {wall / (cells * milliseconds / 1e3):5.3f}  wall {wall:6.2f} s  "
+        f"CPU {1e3 * spent / cells:5.1f} ms a cell"
+    )
+
+
+def cells(benchmark: Benchmark) -> None:
+    """The table of processor time by stage and corruption, of the first pair."""
+    seconds = no_seconds()
+    key = benchmark.keys[0]
+    frame_stage = FrameStage(benchmark.dataset, RunOptions(), seconds)
+    measure_stage = MeasureStage(RunOptions(), lambda key: Path("nowhere"), {}, seconds)
+
+    def best(work) -> float:
+        least = float("inf")
+        for _ in range(ROUNDS):
+            start = time.process_time()
+            work()
+            least = min(least, time.process_time() - start)
+        return 1e3 * least
+
+    loaded = frame_stage.load(key)
+    shape = loaded.sample.shape
+    rng = np.random.default_rng(0)
+    clean, flow = rng.normal(0, 3, (2, *shape, 2)).astype(np.float32)
+    digest = best(lambda: measure_stage.digest(loaded.sample.frames))
+    row = best(lambda: measure_stage.row(loaded, clean, flow, "", (key, CLEAN, 0)))
+    per_sample = best(lambda: frame_stage.load(key))
+    total = 0.0
+    print(f"\nprocessor time around the model, {shape[0]}x{shape[1]}, one thread, ms a cell")
+    for name in benchmark.corruptions:
+        frame_stage.corrupt(loaded.sample, name, 3)  # compiles, reads what it needs
+        each = [best(partial(frame_stage.corrupt, loaded.sample, name, severity)) for severity in SEVERITIES]
+        total += sum(each)
+        print(f"  corrupt  {name:20} {np.mean(each):7.2f}   by severity {' '.join(f'{one:6.1f}' for one in each)}")
+    number = len(benchmark.corruptions) * len(SEVERITIES)
+    around = total / number + digest + row + per_sample / number
+    print(f"  corrupt  mean of {number:3d} cells    {total / number:7.2f}")
+    print(f"  digest of the frames          {digest:7.2f}")
+    print(f"  measure                       {row:7.2f}")
+    print(f"  load, {per_sample:5.1f} ms a sample      {per_sample / number:7.2f}")
+    print(f"  all                           {around:7.2f}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path)
+    parser.add_argument("--workers", type=int)
+    parser.add_argument("--latency", type=float, nargs="+", default=[40.0, 20.0])
+    parser.add_argument("--no-serial", action="store_true")
+    parser.add_argument("--cells-only", action="store_true")
+    options = parser.parse_args()
+    sys.path.insert(0, str(Path(__file__).resolve().parent))  # of children too
+    benchmark = kitti(options.data)
+    if not options.cells_only:
+        print("wall over (predictions x latency)")
+        for milliseconds in options.latency:
+            if not options.no_serial:
+                print(run(benchmark, milliseconds, "serial", None), flush=True)
+            print(run(benchmark, milliseconds, "processes", options.workers), flush=True)
+    with one_opencv_thread():
+        cells(benchmark)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""Which cell a feeder gets next, and which units that finishes.
+
+A feeder stays with the sample it has loaded. Which of its cells comes next depends on how much the model has to do: a
+costly corruption while enough frames are waiting, a cheap one while they run out. So the corruptions that take a
+second (a lens's blur) never hold up the model, whatever their place in the plan; what each costs is learned on the way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ...metrics.rows import CLEAN
+from ...runs.plan import Cell, Unit
+from .base import FinishedUnit
+
+
+@dataclass
+class _Open:
+    """A unit of which cells were handed out."""
+
+    unit: Unit
+    rows: dict[int, dict[str, Any]] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+class CellSchedule:
+    """Hands out the cells of units, each once, and puts their rows together.
+
+    A sample's clean cell comes first. Until its row is there, only the feeder that got it goes on with the sample.
+
+    >>> schedule = CellSchedule([Unit("a", "clean", (0,)), Unit("a", "fog", (1, 2))])
+    >>> [schedule.take("a" if number else None, False) for number in range(3)]
+    [('a', 'clean', 0), ('a', 'fog', 1), ('a', 'fog', 2)]
+    >>> schedule.finish(("a", "fog", 2), {"n": 2}, {}) is None, schedule.finish(("a", "fog", 1), {"n": 1}, {}).rows
+    (True, [{'n': 1}, {'n': 2}])
+    """
+
+    def __init__(self, units: Iterable[Unit]) -> None:
+        self._waiting: dict[str, list[Unit]] = {}
+        """Units by sample, in the plan's order; each sample until it is begun."""
+        for unit in units:
+            self._waiting.setdefault(unit.key, []).append(unit)
+        self._fresh = list(reversed(self._waiting))
+        """Samples that no feeder has begun, the next one last."""
+        self._cells: dict[str, list[Cell]] = {}
+        """Cells that are left of the samples that were begun."""
+        self._blocked: set[str] = set()
+        """Samples whose clean cell is being computed."""
+        self._open: dict[tuple[str, str], _Open] = {}
+        self._cost: dict[str, float] = {}
+
+    @property
+    def finished(self) -> bool:
+        """Whether every unit is."""
+        return not self._waiting and not self._open
+
+    def take(self, last_key: str | None, plenty: bool) -> Cell | None:
+        """The next cell of a feeder; None where all that is left has to wait.
+
+        Args:
+            last_key: the sample of the cell that it was given last.
+            plenty: whether enough frames wait for the model.
+        """
+        key = last_key if last_key in self._cells else None
+        if key is None and self._fresh:
+            key = self._fresh.pop()
+            self._begin(key)
+        if key is None:
+            key = next((key for key in self._cells if key not in self._blocked), None)
+        if key is None:
+            return None
+        cells = self._cells[key]
+        cell = cells.pop(self._choice(cells, plenty))
+        if not cells:
+            del self._cells[key]
+        return cell
+
+    def learn(self, corruption: str, seconds: float) -> None:
+        """A cell's frames took `seconds` to make."""
+        known = self._cost.get(corruption)
+        self._cost[corruption] = seconds if known is None else 0.5 * (known + seconds)
+
+    def finish(self, cell: Cell, row: dict[str, Any], seconds: dict[str, float]) -> FinishedUnit | None:
+        """Take the row of a cell and what it took; the unit, where it was the last of it."""
+        key, corruption, severity = cell
+        if corruption == CLEAN:
+            self._blocked.discard(key)
+        part = self._open[key, corruption]
+        part.rows[severity] = row
+        for kind, spent in seconds.items():
+            part.seconds[kind] = part.seconds.get(kind, 0.0) + spent
+        if len(part.rows) < len(part.unit.severities):
+            return None
+        del self._open[key, corruption]
+        return FinishedUnit(part.unit, [part.rows[severity] for severity in part.unit.severities], part.seconds)
+
+    def _begin(self, key: str) -> None:
+        units = self._waiting.pop(key)
+        self._open |= {(key, unit.corruption): _Open(unit) for unit in units}
+        self._cells[key] = [cell for unit in units for cell in unit.cells]
+        if units[0].corruption == CLEAN:
+            self._blocked.add(key)
+
+    def _choice(self, cells: list[Cell], plenty: bool) -> int:
+        """The place of the cell to take: the clean one; with plenty one of unknown cost, from the plan's end, or the
+        costliest; else the cheapest known, or the first."""
+        if cells[0][1] == CLEAN:
+            return 0
+        costs = [self._cost.get(corruption) for _, corruption, _ in cells]
+        known = [(cost, place) for place, cost in enumerate(costs) if cost is not None]
+        if plenty:
+            unknown = [place for place, cost in enumerate(costs) if cost is None]
+            if unknown:
+                last = cells[unknown[-1]][1]
+                return next(place for place in unknown if cells[place][1] == last)
+            return max(known, key=lambda entry: (entry[0], -entry[1]))[1]
+        return min(known)[1] if known else 0

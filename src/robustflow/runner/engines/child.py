@@ -1,0 +1,197 @@
+"""A child process that can be watched, and that ends when this process does.
+
+Each child has one pipe of its own for messages (kind, value). When this process dies, however it dies, a second pipe
+closes, which a thread of the child waits for: also a child that hangs inside a model ends then.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from ... import errors
+from ...errors import RobustFlowError, RunError, UsageError
+from ...models import ModelSpec
+
+ONE_THREAD = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "POLARS_MAX_THREADS",
+)
+_UNGUARDED = (
+    'a script that several workers run needs its own code under `if __name__ == "__main__":`, because each of them '
+    "loads the script from the top"
+)
+
+
+class Child:
+    """One child process.
+
+    Args:
+        life: what it does: called with its end of the pipe and `arguments`; a function of a module.
+        arguments: picklable; connections and `SharedSlots` among them are handed over.
+    """
+
+    def __init__(self, life: Callable[..., None], *arguments: Any) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        watched, self._lifeline = context.Pipe(duplex=False)
+        self._began = False
+        self._process = context.Process(target=_live, args=(theirs, watched, life, arguments), daemon=True)
+        with one_thread(), _no_interrupt():
+            self._process.start()
+        theirs.close()
+        watched.close()
+
+    def receive(self, doing: str, advice: str) -> tuple[str, Any]:
+        """The next message.
+
+        Args:
+            doing: what the child was given to do, for the sentence about one that ended.
+            advice: what to try then.
+
+        Raises:
+            RunError: the child ended without a message.
+            RobustFlowError, RuntimeError: what the child raised.
+        """
+        try:
+            kind, value = self.pipe.recv()
+        except (EOFError, ConnectionError):
+            self._process.join(5)
+            code = self._process.exitcode
+            if not self._began and code == 1:
+                raise RunError(f"a worker process failed as it started; the usual cause: {_UNGUARDED}") from None
+            raise RunError(
+                f"a worker process ended without a message (exit code {code}) while it computed {doing}; "
+                f"out of memory or a crash inside the model are the usual causes: {advice}"
+            ) from None
+        self._began = True
+        if kind == "error":
+            raise rebuilt(*value)
+        return kind, value
+
+    def end(self) -> None:
+        """Stop the process now."""
+        self.pipe.close()
+        self._process.terminate()
+        self._process.join(2)
+        if self._process.is_alive():
+            self._process.kill()
+            self._process.join()
+        self._lifeline.close()
+
+
+def refuse_unguarded_script() -> None:
+    """Raise where a worker process, as it starts, runs the script that started it from the top again.
+
+    Raises:
+        UsageError: it does, as Python does with every script without an `if __name__ == "__main__":`.
+    """
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        raise UsageError(_UNGUARDED)
+
+
+def may_have_children() -> bool:
+    """Whether children can start without running a script's own code again: it has a guard, or there is no script."""
+    main = __import__("__main__")
+    file = getattr(main, "__file__", None)
+    if file is None:
+        return True
+    try:
+        return "__main__" in Path(file).read_text(errors="replace")
+    except OSError:
+        return False
+
+
+def check_picklable(model: Any) -> None:
+    """Refuse a model object that cannot be sent to another process.
+
+    Raises:
+        UsageError: it cannot.
+    """
+    if isinstance(model, ModelSpec):
+        return
+    try:
+        pickle.dumps(model)
+    except Exception as error:
+        raise UsageError(
+            f"this model object cannot be sent to worker processes ({type(error).__name__}: {error}); use "
+            "engine='serial' without a timeout, or name the model as 'module:attribute'"
+        ) from error
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """The environment in which a process begins whose libraries compute in one thread each."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    """Ctrl-C waits here until a process has started, which inherits being deaf to it."""
+    resource_tracker.ensure_running()  # started with the first process, it would let Ctrl-C through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _live(pipe: Connection, watched: Connection, life: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+    """The life of a child, from its start to its last message."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_end_with_parent, args=(watched,), daemon=True).start()
+    warnings.formatwarning = errors.plain_warning
+    import cv2
+
+    cv2.setNumThreads(1)
+    try:
+        life(pipe, *arguments)
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+    except BaseException as error:
+        try:
+            pipe.send(("error", (type(error).__name__, str(error), traceback.format_exc())))
+        except OSError:
+            return
+
+
+def _end_with_parent(watched: Connection) -> None:
+    try:
+        watched.recv_bytes()  # nothing is ever sent
+    except (EOFError, OSError):
+        os._exit(1)
+
+
+def rebuilt(kind: str, message: str, trace: str) -> Exception:
+    """A child's exception, with its traceback as the cause."""
+    known: Any = getattr(errors, kind, None)
+    if isinstance(known, type) and issubclass(known, RobustFlowError):
+        error: Exception = known(message)
+    else:
+        error = RuntimeError(f"{kind} in a worker process: {message}\n{trace}")
+    error.__cause__ = RuntimeError(f"in a worker process:\n{trace}")
+    return error

@@ -1,0 +1,217 @@
+"""A process that corrupts frames and measures flows for a model that another process predicts with."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...metrics.rows import CLEAN
+from ...runs.plan import Cell
+from ...runs.store import RunFolder
+from ...sample import Flow, Frame
+from ..frame_stage import FrameStage, Loaded
+from ..measure_stage import MeasureStage
+from ..seconds import no_seconds, spent, taken
+from .base import Job
+from .predictor import SlotQuestion
+from .shared_slots import SharedSlots
+
+_OPEN_SAMPLES = 4
+"""Samples whose flows a feeder may be waiting for, and which it holds in memory."""
+
+
+def cells_ahead(batch_size: int) -> int:
+    """Cells that a feeder is given before it has begun them."""
+    return batch_size + 2
+
+
+@dataclass
+class _Sample:
+    """A sample that is open: its clean flow is there, or asked for."""
+
+    loaded: Loaded
+    slot_bytes: int
+    clean: Flow | None = None
+    unmeasured: int = 0
+    """Cells whose flow is still to come, the clean flow among them."""
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """A question that is on its way."""
+
+    sample: _Sample
+    question: SlotQuestion
+    digest: str
+    wanted: bool
+    """Whether its row is; of a clean flow it may be there already."""
+
+
+def feed_forever(driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
+    """The life of a feeder.
+
+    Args:
+        driver: gives cells ("cell", cell), tells that there is none for now ("none", None), or that there is one after
+            all ("late", cell); it is told what a cell's frames took ("made", (corruption, seconds, plenty)), which asks
+            for another, and given ("row", (cell, row, seconds)).
+        job: without a model.
+        device: the predicting process; see `predictor.Link`.
+        slots: shared with it.
+    """
+    feeder = _Feeder(driver, job, device, slots)
+    while True:
+        feeder.step()
+
+
+class _Feeder:
+    """What a feeder has in hand, and what it waits for."""
+
+    def __init__(self, driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
+        self._driver, self._device, self._slots = driver, device, slots
+        self._batch_size = job.batch_size
+        self._seconds = no_seconds()
+        self._frames = FrameStage(job.dataset, job.options, self._seconds)
+        clean_path = RunFolder(Path(job.folder)).clean_path
+        self._measure = MeasureStage(job.options, clean_path, job.kept, self._seconds)
+        self._hand: deque[Cell] = deque()
+        self._samples: dict[str, _Sample] = {}
+        self._batch: list[_Sent] = []
+        self._flying: deque[list[_Sent]] = deque()
+        self._unanswered = cells_ahead(job.batch_size)
+        """Cells that the driver still owes an answer for."""
+
+    def step(self) -> None:
+        """Take what has come; else make one cell's frames; else wait."""
+        busy = bool(self._hand) and self._can_make(self._hand[0])
+        if not busy:
+            self._send_batch_unless_it_grows()
+        for ready in wait([self._device, self._driver], timeout=0 if busy else None):
+            if ready is self._driver:
+                kind, cell = self._driver.recv()
+                self._unanswered -= kind != "late"
+                if cell is not None:
+                    self._hand.append(cell)
+            else:
+                self._take_flows()
+            return
+        if busy:
+            self._make(self._hand[0])
+
+    def _can_make(self, cell: Cell) -> bool:
+        """Whether there is room for the frames of a cell; without, it waits for flows to come back."""
+        sample = self._samples.get(cell[0])
+        if sample is None:
+            return len(self._samples) < _OPEN_SAMPLES
+        return self._slots.fit(sample.slot_bytes) and self._slots.free > 0
+
+    def _make(self, cell: Cell) -> None:
+        key, corruption, severity = cell
+        if key not in self._samples:
+            loaded = self._frames.load(key)
+            self._samples[key] = _Sample(loaded, _slot_bytes(loaded, self._frames))
+            return  # there may have to be larger slots first
+        sample = self._samples[key]
+        if sample.clean is None and not sample.unmeasured:
+            self._find_clean(sample, cell)
+            return
+        before = self._seconds["corrupt"]
+        if corruption == CLEAN:
+            digest = self._measure.digest(sample.loaded.sample.frames)
+            assert sample.clean is not None
+            self._report(cell, sample, sample.clean, digest)
+            before = self._seconds["corrupt"]  # counting started again with the row
+        else:
+            frames = self._frames.corrupt(sample.loaded.sample, corruption, severity)
+            self._ask(sample, cell, frames, wanted=True)
+        self._begun(cell, self._seconds["corrupt"] - before)
+
+    def _find_clean(self, sample: _Sample, cell: Cell) -> None:
+        """The clean flow from disk, or else a question for it, which is the cell itself where that is clean."""
+        sample.clean = self._measure.kept_clean(sample.loaded)
+        if sample.clean is not None:
+            return
+        wanted = cell[1] == CLEAN
+        self._ask(sample, (cell[0], CLEAN, 0), sample.loaded.sample.frames, wanted)
+        self._send_batch()  # alone, as the other engines do
+        if wanted:
+            self._begun(cell, 0.0)
+
+    def _begun(self, cell: Cell, cost: float) -> None:
+        """A cell of the hand is on its way, whose frames took `cost` seconds; ask for another."""
+        self._hand.popleft()
+        self._unanswered += 1
+        plenty = 2 * self._slots.taken >= self._slots.count
+        self._driver.send(("made", (cell[1], cost, plenty)))
+
+    def _ask(self, sample: _Sample, cell: Cell, frames: tuple[Frame, ...], wanted: bool) -> None:
+        if self._batch and self._batch[0].sample is not sample:
+            self._send_batch()
+        digest = self._measure.digest(frames)
+        question = self._frames.question(cell, frames)
+        slot = self._slots.take()
+        shape = (len(question.frames), *question.frames[0].shape)
+        with spent(self._seconds, "predict"):
+            np.stack(question.frames, out=self._slots.frames(slot, self._slots.slot_bytes, shape))
+        where = SlotQuestion(cell, slot, self._slots.slot_bytes, shape, question.index)
+        self._batch.append(_Sent(sample, where, digest, wanted))
+        sample.unmeasured += 1
+        if len(self._batch) == self._batch_size:
+            self._send_batch()
+
+    def _send_batch_unless_it_grows(self) -> None:
+        """Nothing can be made now: send what there is, unless the driver is about to give another cell."""
+        if self._hand or not self._unanswered:
+            self._send_batch()
+
+    def _send_batch(self) -> None:
+        if self._batch:
+            try:
+                self._device.send([sent.question for sent in self._batch])
+            except OSError:
+                self._wait_for_the_end()
+            self._flying.append(self._batch)
+            self._batch = []
+
+    def _take_flows(self) -> None:
+        """Measure the flows of the oldest batch."""
+        try:
+            predicting = self._device.recv()
+        except (EOFError, ConnectionError):
+            self._wait_for_the_end()
+        batch = self._flying.popleft()
+        self._seconds["predict"] += predicting
+        for sent in batch:
+            question, sample = sent.question, sent.sample
+            flow = self._slots.flow(question.slot, question.slot_bytes, (*sample.loaded.sample.shape, 2))
+            if question.cell[1] == CLEAN:
+                sample.clean = flow.copy()
+                self._measure.keep_clean(sample.loaded, sample.clean)
+            sample.unmeasured -= 1
+            if sent.wanted:
+                self._report(question.cell, sample, flow, sent.digest)
+            self._slots.put_back(question.slot)
+
+    def _report(self, cell: Cell, sample: _Sample, flow: Flow, digest: str) -> None:
+        assert sample.clean is not None  # a device answers in order, and the clean flow was asked for first
+        row = self._measure.row(sample.loaded, sample.clean, flow, digest, cell)
+        self._driver.send(("row", (cell, row, taken(self._seconds))))
+        needed = {key for key, *_ in self._hand} | {cell[0]}
+        for key in [key for key, one in self._samples.items() if not one.unmeasured and key not in needed]:
+            del self._samples[key]
+
+    def _wait_for_the_end(self) -> None:
+        """The predicting process is gone; the driver says why, and ends this one."""
+        while True:
+            self._driver.recv()
+
+
+def _slot_bytes(loaded: Loaded, frames: FrameStage) -> int:
+    """Bytes of what the model is given, or of the flow, whichever is more."""
+    height, width = loaded.sample.shape
+    given: Any = frames.question((loaded.sample.key, CLEAN, 0), loaded.sample.frames)
+    return max(len(given.frames) * 3, 8) * height * width

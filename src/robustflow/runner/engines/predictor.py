@@ -1,0 +1,82 @@
+"""A process that only predicts: it has the model on its device, and shares memory with the feeders of the device."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from typing import TYPE_CHECKING
+
+from ...models import ModelSpec
+from ...models.base import AnyModel
+from ..predict_stage import PredictStage
+from ..question import Question
+from ..seconds import no_seconds, taken
+from .shared_slots import SharedSlots
+
+if TYPE_CHECKING:  # not loaded by a process that needs nothing of it
+    from ...runs.plan import Cell
+
+
+@dataclass(frozen=True)
+class SlotQuestion:
+    """A `Question` whose frames are in a slot; the answer goes into the same.
+
+    Attributes:
+        cell: (sample key, corruption, severity).
+        slot, slot_bytes: where.
+        shape: of the frames, (count, H, W, 3).
+        index: of frame 1 in a clip, None for a pair.
+    """
+
+    cell: Cell
+    slot: int
+    slot_bytes: int
+    shape: tuple[int, int, int, int]
+    index: int | None
+
+
+Link = tuple[Connection, SharedSlots]
+"""To one feeder: lists of `SlotQuestion` come in, the seconds that their prediction took go out, in the same order."""
+
+
+def predict_forever(driver: Connection, model: ModelSpec | AnyModel, links: list[Link]) -> None:
+    """The life of a predicting process: one batch after the other, in the order in which they come.
+
+    Args:
+        driver: is told what is being predicted.
+        model: for this process's device.
+        links: to the feeders.
+    """
+    seconds = no_seconds()
+    loaded = model.load() if isinstance(model, ModelSpec) else model
+    stage = PredictStage(loaded, seconds, lambda what: driver.send(("predicting", what)))
+    slots = dict(links)
+    waiting: deque[tuple[Connection, list[SlotQuestion]]] = deque()
+    while True:
+        for ready in wait([driver, *slots], timeout=0 if waiting else None):
+            assert isinstance(ready, Connection)
+            if ready is driver:
+                driver.recv()  # says nothing; it only closes
+                continue
+            try:
+                waiting.append((ready, ready.recv()))
+            except (EOFError, ConnectionError):  # a feeder that ended is the driver's to notice
+                del slots[ready]
+        if waiting:
+            link, batch = waiting.popleft()
+            if link not in slots:
+                continue
+            _answer(stage, slots[link], batch)
+            try:
+                link.send(taken(seconds)["predict"])
+            except OSError:
+                del slots[link]
+
+
+def _answer(stage: PredictStage, slots: SharedSlots, batch: list[SlotQuestion]) -> None:
+    questions = [
+        Question(one.cell, tuple(slots.frames(one.slot, one.slot_bytes, one.shape)), one.index) for one in batch
+    ]
+    for one, flow in zip(batch, stage.predict(questions), strict=True):
+        slots.flow(one.slot, one.slot_bytes, flow.shape)[:] = flow

@@ -1,0 +1,124 @@
+"""Memory that two processes share: slots of one size, each of which holds the frames of a cell, then its flow.
+
+The memory has no name (`memfd_create`), so nothing is left of it when the last of the two ends, however it ends, and
+the 64 MB that a container has under /dev/shm are no limit. A slot costs memory from its first use on.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from collections.abc import Callable, Sequence
+from multiprocessing.reduction import DupFd
+from typing import Any
+
+import numpy as np
+
+from ...errors import RunError
+from ...sample import Flow, Frame
+
+BUDGET = 128 * 2**20
+"""Bytes that the slots of one feeder may take together, unless the fewest slots take more."""
+MOST_SLOTS = 64
+_PAGE = 4096
+
+
+class SharedSlots:
+    """Slots that a feeder fills and empties, and a predicting process answers in.
+
+    Can be sent to a child process with the arguments that it starts with.
+
+    Args:
+        fewest: slots that there are at least, however large.
+    """
+
+    def __init__(self, fewest: int) -> None:
+        self._attach(os.memfd_create("robustflow-slots"), fewest)
+
+    def _attach(self, descriptor: int, fewest: int) -> None:
+        self._descriptor = descriptor
+        self._fewest = fewest
+        self._map: mmap.mmap | None = None
+        self._free: list[int] = []
+        self._used: set[int] = set()
+        self.count = 0
+        """Slots, free and taken."""
+        self.slot_bytes = 0
+        """Size of a slot."""
+
+    def __reduce__(self) -> tuple[Callable[..., SharedSlots], tuple[Any, int]]:
+        return _attached, (DupFd(self._descriptor), self._fewest)
+
+    def close(self) -> None:
+        """Let go of the memory in this process; views that are still there stay good."""
+        os.close(self._descriptor)
+        self._map = None
+
+    # The feeder's side.
+
+    @property
+    def free(self) -> int:
+        """Slots that can be taken."""
+        return len(self._free)
+
+    @property
+    def taken(self) -> int:
+        """Slots that are in use."""
+        return self.count - len(self._free)
+
+    def fit(self, size: int) -> bool:
+        """Make slots of at least `size` bytes; False where that has to wait until none is in use."""
+        if size <= self.slot_bytes:
+            return True
+        if self.taken:
+            return False
+        self.slot_bytes = -(-size // _PAGE) * _PAGE
+        self.count = max(self._fewest, min(MOST_SLOTS, BUDGET // self.slot_bytes))
+        self._free = list(range(self.count))[::-1]
+        self._used = set()
+        return True
+
+    def take(self) -> int:
+        """A free slot, the one last used first: fewer slots then cost memory.
+
+        Raises:
+            RunError: there is no memory for it.
+        """
+        slot = self._free.pop()
+        if slot not in self._used:
+            try:
+                os.posix_fallocate(self._descriptor, slot * self.slot_bytes, self.slot_bytes)
+            except OSError as error:
+                raise RunError(
+                    f"no memory for the frames on their way to the model ({error.strerror}); try fewer --workers or a "
+                    "smaller --batch-size"
+                ) from error
+            self._used.add(slot)
+        return slot
+
+    def put_back(self, slot: int) -> None:
+        """A slot is free again."""
+        self._free.append(slot)
+
+    # Both sides.
+
+    def frames(self, slot: int, slot_bytes: int, shape: Sequence[int]) -> Frame:
+        """The frames in a slot, uint8 (count, H, W, 3); a view."""
+        return self._view(slot, slot_bytes, shape, np.uint8)
+
+    def flow(self, slot: int, slot_bytes: int, shape: Sequence[int]) -> Flow:
+        """The flow in a slot, float32 (H, W, 2); a view."""
+        return self._view(slot, slot_bytes, shape, np.float32)
+
+    def _view(self, slot: int, slot_bytes: int, shape: Sequence[int], dtype: Any) -> Any:
+        begin = slot * slot_bytes
+        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        if self._map is None or len(self._map) < begin + size:
+            self._map = mmap.mmap(self._descriptor, os.fstat(self._descriptor).st_size)
+        return np.frombuffer(self._map, dtype, int(np.prod(shape)), begin).reshape(shape)
+
+
+def _attached(descriptor: Any, fewest: int) -> SharedSlots:
+    slots = SharedSlots.__new__(SharedSlots)
+    slots._attach(descriptor.detach(), fewest)
+    return slots

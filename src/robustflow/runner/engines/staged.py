@@ -1,0 +1,139 @@
+"""Processes that only predict, one per device, and processes that corrupt and measure for them.
+
+The feeders of a device send it frames through shared memory and get flows back the same way, directly; this process
+hands out cells, watches, and is the only one that writes rows. What is on its way is bounded by the slots of each
+feeder: one that has none free waits.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from multiprocessing.connection import wait
+from typing import Any
+
+from ...models import ModelSpec
+from ...models.base import place
+from ...runs.plan import Cell, Unit
+from .base import FinishedUnit, Job
+from .cell_schedule import CellSchedule
+from .child import Child, check_picklable
+from .feeder import cells_ahead, feed_forever
+from .predictor import Link, predict_forever
+from .shared_slots import SharedSlots
+from .watch import Watch
+
+
+def staged(
+    job: Job, units: Sequence[Unit], devices: Sequence[str], feeders: int, timeout: float | None = None
+) -> Iterator[FinishedUnit]:
+    """Compute the units.
+
+    Args:
+        job: its model is loaded once per device.
+        units: to compute.
+        devices: one predicting process each; a model by name is told which is its own.
+        feeders: processes that corrupt and measure, at least as many as devices, which take turns in getting one.
+        timeout: the longest that a prediction, or a batch of them, may take, in seconds.
+
+    Raises:
+        UsageError: a model object that cannot be sent to a process.
+        RunError, ModelError, DataError: as with the other engines.
+    """
+    check_picklable(job.model)
+    schedule = CellSchedule(units)
+    predictors: list[_Predictor] = []
+    pool: list[_Feeder] = []
+    links = [multiprocessing.Pipe() for _ in range(feeders)]
+    slots = [SharedSlots(2 * job.batch_size + 2) for _ in range(feeders)]
+    try:
+        try:
+            for number, device in enumerate(devices):
+                mine = range(number, feeders, len(devices))
+                theirs = [(links[feeder][1], slots[feeder]) for feeder in mine]
+                predictors.append(_Predictor(job, device if len(devices) > 1 else None, theirs, timeout))
+            for (link, _), memory in zip(links, slots, strict=True):
+                pool.append(_Feeder(job, link, memory))
+        finally:
+            for ends, memory in zip(links, slots, strict=True):
+                ends[0].close()
+                ends[1].close()
+                memory.close()
+        children: dict[Any, _Predictor | _Feeder] = {one.child.pipe: one for one in predictors}
+        children |= {one.child.pipe: one for one in pool}
+        for feeder in pool:
+            feeder.deal(schedule)
+        while not schedule.finished:
+            ready = wait(list(children), timeout=0.2 if timeout else None)
+            for predictor in predictors:
+                if predictor.child.pipe not in ready:
+                    predictor.watch.check()
+            for pipe in ready:
+                done = children[pipe].hear(schedule)
+                for feeder in pool:
+                    feeder.deal(schedule)
+                if done is not None:
+                    yield done
+    finally:
+        for child in [one.child for one in predictors] + [one.child for one in pool]:
+            child.end()
+
+
+class _Predictor:
+    """The process of a device."""
+
+    def __init__(self, job: Job, device: str | None, links: list[Link], timeout: float | None) -> None:
+        model = job.model.on(device) if isinstance(job.model, ModelSpec) and device is not None else job.model
+        self.child = Child(predict_forever, model, links)
+        self.watch = Watch(timeout)
+
+    def hear(self, schedule: CellSchedule) -> None:
+        """Take one message."""
+        doing = self.watch.what or "nothing"
+        self.watch.note(self.child.receive(doing, "try a smaller --batch-size")[1])
+
+
+class _Feeder:
+    """A feeder, and what it was given."""
+
+    def __init__(self, job: Job, link: Any, slots: SharedSlots) -> None:
+        self.child = Child(feed_forever, replace(job, model=ModelSpec("none")), link, slots)
+        self._asked = cells_ahead(job.batch_size)
+        """Cells that it asked for and that were not answered."""
+        self._late = 0
+        """Cells that it asked for and was told that there are none."""
+        self._last_key: str | None = None
+        self._plenty = False
+        self._unmade: deque[Cell] = deque()
+        """Cells that it was given and whose frames it has not made; at the first of them it is at work, or will be."""
+
+    def hear(self, schedule: CellSchedule) -> FinishedUnit | None:
+        """Take one message; the unit that it finishes."""
+        doing = place(*self._unmade[0]) if self._unmade else "the last rows"
+        kind, value = self.child.receive(doing, "try fewer --workers")
+        if kind == "made":
+            corruption, seconds, self._plenty = value
+            self._unmade.popleft()
+            schedule.learn(corruption, seconds)
+            self._asked += 1
+            return None
+        return schedule.finish(*value)
+
+    def deal(self, schedule: CellSchedule) -> None:
+        """Give it the cells that it asked for, as far as there are any for now."""
+        while self._asked or self._late:
+            cell = schedule.take(self._last_key, self._plenty)
+            if cell is not None:
+                self._last_key = cell[0]
+                self._unmade.append(cell)
+            elif not self._asked:
+                return
+            if self._asked:
+                self._asked -= 1
+                self._late += cell is None
+                self.child.pipe.send(("none", None) if cell is None else ("cell", cell))
+            else:
+                self._late -= 1
+                self.child.pipe.send(("late", cell))

@@ -1,0 +1,37 @@
+"""How long a model has been predicting."""
+
+from __future__ import annotations
+
+import time
+
+from ...errors import ModelError
+
+
+class Watch:
+    """Watches the predictions of one process.
+
+    Args:
+        timeout: the longest that one may take, in seconds; None for any time.
+    """
+
+    def __init__(self, timeout: float | None) -> None:
+        self._timeout = timeout
+        self._since = 0.0
+        self.what: str | None = None
+        """What is being predicted."""
+
+    def note(self, what: str | None) -> None:
+        """A prediction begins, or (None) has ended."""
+        self.what, self._since = what, time.monotonic()
+
+    def check(self) -> None:
+        """Look at the clock.
+
+        Raises:
+            ModelError: the prediction takes too long.
+        """
+        if self._timeout is not None and self.what is not None and time.monotonic() - self._since > self._timeout:
+            raise ModelError(
+                f"the model took longer than {self._timeout:g} s on {self.what}; "
+                "fix it, or allow it more time with --timeout"
+            )

@@ -1,0 +1,115 @@
+"""The first stage of a cell: read its sample, corrupt the frames, put them in the order in which a model wants them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..corruptions.api import corrupt_clip, load_corruption
+from ..corruptions.base import Corruption
+from ..corruptions.own import adopt
+from ..datasets.base import Clips, Dataset, PreCorrupted
+from ..datasets.context_frames import ContextFrames
+from ..digest import digest_of_bytes
+from ..errors import DataError
+from ..metrics.regions import Regions
+from ..models.window import place_of_pair
+from ..runs.plan import Cell, RunOptions
+from ..sample import Frame, Sample
+from .question import Question
+from .seconds import Seconds, spent
+from .slider_pictures import keep_picture
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A sample, and what is computed of it once.
+
+    Attributes:
+        sample: with its clean frames; those around the pair come behind it.
+        regions: of its ground truth; None without one.
+        made_of: names what its clean flow is computed from: the key and the digest of the frames.
+    """
+
+    sample: Sample
+    regions: Regions | None
+    made_of: str
+
+
+class FrameStage:
+    """Makes the frames of cells.
+
+    Args:
+        dataset: whose samples.
+        options: of the run.
+        seconds: where "load" and "corrupt" are counted.
+    """
+
+    def __init__(self, dataset: Dataset, options: RunOptions, seconds: Seconds) -> None:
+        self._dataset = dataset
+        self._options = options
+        self._seconds = seconds
+        self._context = None
+        if options.window is not None:
+            assert isinstance(dataset, Clips)
+            self._context = ContextFrames(dataset, options.window)
+        for made in options.own:
+            adopt(made)
+        self._corruptions: dict[str, Corruption] = {}
+
+    def load(self, key: str) -> Loaded:
+        """Read a sample.
+
+        Raises:
+            DataError: a file is damaged, or there is nothing in it to measure.
+        """
+        with spent(self._seconds, "load"):
+            sample = self._dataset.load(key)
+            if self._context is not None:
+                sample = self._context.add(sample)
+            if sample.valid is not None and not sample.valid.any():
+                raise DataError(
+                    f"sample '{key}': its ground truth marks no pixel as valid, so no error can be measured; "
+                    "leave it out with --split, or repair the flow file"
+                )
+            regions = Regions.of(sample) if sample.flow is not None else None
+            return Loaded(sample, regions, f"{key} {frames_digest(sample.frames)}")
+
+    def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
+        """The frames of a sample under a corruption, as they come in the sample."""
+        frames = self._corrupted(sample, name, severity)
+        if self._options.pictures is not None:
+            keep_picture(self._options.pictures, frames, sample.frames, name, severity)
+        return frames
+
+    def _corrupted(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
+        with spent(self._seconds, "corrupt"):
+            paper = self._options.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
+            if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
+                made = self._dataset if self._context is None else self._context
+                return made.corrupted(sample.key, name, severity)
+            if name not in self._corruptions:
+                self._corruptions[name] = load_corruption(name, self._options.variant, self._options.severity_scale)
+            corruption = self._corruptions[name]
+            seed, common = self._options.seed, self._options.common_draws
+            if self._context is not None:
+                return self._context.corrupt(sample, corruption, severity, seed, common)
+            return tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common))
+
+    def question(self, cell: Cell, frames: tuple[Frame, ...]) -> Question:
+        """What the model is asked about frames as they come in a sample."""
+        if self._context is None:
+            return Question(cell, frames)
+        key = cell[0]
+        return Question(cell, self._context.in_order(key, frames), place_of_pair(self._context.offsets(key)))
+
+
+def frames_digest(frames: tuple[Frame, ...]) -> str:
+    """32 hexadecimal digits that name the exact bytes of some frames."""
+    return digest_of_bytes(*(part for frame in frames for part in (str(frame.shape).encode(), _bytes_of(frame))))
+
+
+def _bytes_of(frame: Frame) -> memoryview:
+    """A frame's bytes where they are, in row order."""
+    return np.ascontiguousarray(frame).data.cast("B") if frame.size else memoryview(b"")

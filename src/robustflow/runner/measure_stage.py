@@ -1,0 +1,104 @@
+"""The last stage of a cell: measure a flow against the clean one and the ground truth; one row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import ModelError
+from ..metrics.rows import CLEAN, measure
+from ..models.base import place
+from ..runs.clean_flows import read_clean, write_clean
+from ..runs.plan import Cell, RunOptions
+from ..sample import Flow
+from .frame_stage import Loaded, frames_digest
+from .kept_rows import check_same_data, check_same_model
+from .seconds import Seconds, spent
+
+
+class MeasureStage:
+    """Makes rows, and keeps clean flows for the rest of their samples.
+
+    Args:
+        options: of the run.
+        clean_path: where a sample's clean flow is kept between units, so that it is computed once per sample.
+        kept: clean rows measured earlier, by sample (see `kept_rows`).
+        seconds: where "measure" is counted.
+    """
+
+    def __init__(
+        self,
+        options: RunOptions,
+        clean_path: Callable[[str], Path],
+        kept: Mapping[str, dict[str, Any]],
+        seconds: Seconds,
+    ) -> None:
+        self._allow_invalid = options.allow_invalid
+        self._clean_path = clean_path
+        self._kept = kept
+        self._seconds = seconds
+
+    def kept_clean(self, loaded: Loaded) -> Flow | None:
+        """The clean flow that another unit of the sample left; None where it has to be predicted.
+
+        Raises:
+            RunError: see `keep_clean`.
+        """
+        clean = read_clean(self._clean_path(loaded.sample.key), loaded.made_of)
+        if clean is not None:
+            self._check(loaded, clean)
+        return clean
+
+    def keep_clean(self, loaded: Loaded, clean: Flow) -> None:
+        """Keep a clean flow that was predicted now.
+
+        Raises:
+            RunError: the run has a clean row of the sample that was measured of other frames, another ground truth or
+                another model.
+        """
+        write_clean(self._clean_path(loaded.sample.key), clean, loaded.made_of)
+        self._check(loaded, clean)
+
+    def row(self, loaded: Loaded, clean: Flow, flow: Flow, digest: str, cell: Cell) -> dict[str, Any]:
+        """One row.
+
+        Args:
+            loaded: the sample.
+            clean, flow: float32 (H, W, 2), on the clean frames and on those of the cell, pixels.
+            digest: `digest` of the frames of the cell.
+            cell: (sample key, corruption, severity).
+
+        Raises:
+            ModelError: a flow with pixels that are not finite, unless the run allows them.
+        """
+        _, corruption, severity = cell
+        with spent(self._seconds, "measure"):
+            row = measure(
+                flow,
+                clean,
+                loaded.sample,
+                loaded.regions,
+                corruption=corruption,
+                severity=severity,
+                frames_digest=digest,
+            )
+        if row["n_invalid"] and not self._allow_invalid:
+            raise ModelError(
+                f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {place(*cell)}; repair the "
+                "model, or give --allow-invalid to leave such pixels out and count them"
+            )
+        return row
+
+    def digest(self, frames: tuple[Any, ...]) -> str:
+        """The digest of a cell's pair."""
+        with spent(self._seconds, "measure"):
+            return frames_digest(frames[:2])
+
+    def _check(self, loaded: Loaded, clean: Flow) -> None:
+        before = self._kept.get(loaded.sample.key)
+        if before is not None:
+            digest = self.digest(loaded.sample.frames)
+            now = self.row(loaded, clean, clean, digest, (loaded.sample.key, CLEAN, 0))
+            check_same_data(before, now)
+            check_same_model(before, now)

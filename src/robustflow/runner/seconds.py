@@ -1,0 +1,36 @@
+"""Seconds spent by kind of work."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+Seconds = dict[str, float]
+"""By "load", "corrupt", "predict", "measure"."""
+
+
+def no_seconds() -> Seconds:
+    """Nothing spent yet."""
+    return {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
+
+
+@contextmanager
+def spent(seconds: Seconds, kind: str) -> Iterator[None]:
+    """Add the time that the block takes."""
+    start = time.perf_counter()
+    yield
+    seconds[kind] += time.perf_counter() - start
+
+
+def taken(seconds: Seconds) -> Seconds:
+    """What was spent since the last call; counting starts again at zero.
+
+    >>> seconds = no_seconds()
+    >>> seconds["load"] = 2.0
+    >>> taken(seconds)["load"], seconds["load"]
+    (2.0, 0.0)
+    """
+    so_far = dict(seconds)
+    seconds.update(no_seconds())
+    return so_far

@@ -1,0 +1,69 @@
+"""Which accelerators a run of a model uses."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from robustflow.errors import UsageError
+from robustflow.models import ModelSpec
+from robustflow.models.devices import device_of, devices_of
+
+
+class On:
+    def __init__(self, device):
+        self.device = device
+
+
+def _spec(name, device=None):
+    return ModelSpec(name, (("device", device),) if device else ())
+
+
+@pytest.fixture
+def four_gpus(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(cuda=SimpleNamespace(device_count=lambda: 4)))
+
+
+@pytest.mark.parametrize(
+    ("device", "is_on"),
+    [
+        ("cuda:1", "cuda:1"),
+        (SimpleNamespace(type="cuda"), "namespace(type='cuda')"),
+        (None, "cpu"),
+        (print, "cpu"),
+        ("", "cpu"),
+    ],
+)
+def test_where_a_model_says_that_it_is(device, is_on):
+    assert device_of(On(device)) == is_on
+
+
+def test_a_model_on_the_processor_has_no_accelerator(four_gpus):
+    assert devices_of(_spec("raft"), On("cpu")) == ()
+    assert devices_of(None, object()) == ()
+
+
+def test_cuda_is_every_visible_gpu_and_a_number_is_that_one(four_gpus):
+    every = ("cuda:0", "cuda:1", "cuda:2", "cuda:3")
+    assert devices_of(_spec("raft"), On("cuda")) == every
+    assert devices_of(_spec("raft", "cuda"), On("cuda")) == every
+    assert devices_of(_spec("mine:Model", "cuda"), On("cuda")) == every
+    assert devices_of(_spec("raft", "cuda:2"), On("cuda:2")) == ("cuda:2",)
+    assert devices_of(_spec("raft", "cuda:2, cuda:3"), On("cuda:2")) == ("cuda:2", "cuda:3")
+
+
+def test_a_users_model_that_takes_no_device_is_where_it_says(four_gpus):
+    assert devices_of(_spec("mine:Model"), On("cuda")) == ("cuda",)
+    assert devices_of(None, On("cuda")) == ("cuda",)
+
+
+def test_a_list_is_of_gpus():
+    with pytest.raises(UsageError, match="a list is of GPUs"):
+        devices_of(_spec("raft", "cuda:0,cpu"), On("cuda:0"))
+
+
+def test_the_number_of_devices_is_no_part_of_an_identity():
+    model = SimpleNamespace(identity=lambda: {"name": "mine"})
+    assert _spec("m", "cuda:0,cuda:1").identity(model) == _spec("m", "cuda:2,cuda:3").identity(model)

@@ -1,0 +1,87 @@
+"""Which engine computes a run, in words."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+
+import pytest
+
+from robustflow.errors import UsageError
+from robustflow.models import ModelSpec
+from robustflow.runner.engines import choose
+from robustflow.runner.engines.choose import choose_engine
+from robustflow.runner.named_model import NamedModel
+from robustflow.runs.plan import Unit
+
+UNITS = [Unit("a", "clean", (0,)), Unit("a", "fog", (1, 2, 3, 4, 5)), Unit("a", "snow", (1, 2))]
+
+
+class Model:
+    def __init__(self, device):
+        self.device = device
+
+
+def _named(device="cpu", devices=None):
+    spec = ModelSpec("raft", (("device", devices),) if devices else ())
+    return NamedModel(spec, Model(device), {}, None)
+
+
+def _describe(model, name=None, workers=None, timeout=None):
+    return choose_engine(name, workers, timeout, None, model).describe(UNITS)
+
+
+@pytest.fixture(autouse=True)
+def four_processors(monkeypatch):
+    monkeypatch.setattr(choose, "_processors", lambda: 4)
+
+
+@pytest.mark.parametrize(
+    ("options", "engine"),
+    [
+        ({}, "serial"),
+        ({"workers": 1}, "serial"),
+        ({"workers": 2}, "processes, 2 workers"),
+        ({"workers": 9}, "processes, 3 workers"),
+        ({"timeout": 3.0}, "processes, 1 worker"),
+        ({"name": "processes"}, "processes, 1 worker"),
+    ],
+)
+def test_of_a_model_on_the_processor(options, engine):
+    assert _describe(_named(), **options) == engine
+
+
+@pytest.mark.parametrize(
+    ("options", "engine"),
+    [
+        ({}, "processes, 1 device + 4 feeders"),
+        ({"workers": 1}, "processes, 1 device + 1 feeder"),
+        ({"workers": 50}, "processes, 1 device + 8 feeders"),
+        ({"timeout": 3.0}, "processes, 1 device + 4 feeders"),
+        ({"name": "serial"}, "serial"),
+    ],
+)
+def test_of_a_model_on_a_gpu(options, engine):
+    assert _describe(_named("cuda:0"), **options) == engine
+
+
+def test_of_a_model_on_several_gpus():
+    model = _named("cuda:0", "cuda:0,cuda:1,cuda:2")
+    assert _describe(model) == "processes, 3 devices + 4 feeders"
+    with pytest.raises(UsageError, match="--workers 2 cannot feed 3 devices"):
+        _describe(model, workers=2)
+
+
+def test_an_object_that_stays_here_says_why():
+    here = NamedModel(None, Model("cuda:0"), {}, None)
+    here.model.run = lambda: None
+    assert _describe(here) == "serial (this model object cannot be sent to another process)"
+    assert _describe(here, workers=2) == "processes, 1 device + 2 feeders"  # asked for; refused when it starts
+
+
+def test_a_script_without_a_guard_stays_in_one_process(tmp_path, monkeypatch):
+    (tmp_path / "script.py").write_text("import robustflow\n")
+    monkeypatch.setitem(sys.modules, "__main__", SimpleNamespace(__file__=str(tmp_path / "script.py")))
+    assert _describe(_named("cuda:0")).startswith("serial (processes need the script's own code under `if __name__")
+    (tmp_path / "script.py").write_text('if __name__ == "__main__":\n    pass\n')
+    assert _describe(_named("cuda:0")) == "processes, 1 device + 4 feeders"

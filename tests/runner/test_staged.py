@@ -1,0 +1,141 @@
+"""Models on accelerators: a process that predicts, others that corrupt and measure for it; the same rows."""
+
+from __future__ import annotations
+
+import multiprocessing
+import threading
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.benchmarks import Benchmark
+from robustflow.models import ModelSpec
+from robustflow.runner.engines.base import Job
+from robustflow.runner.engines.feeder import _Feeder, cells_ahead
+from robustflow.runner.engines.shared_slots import SharedSlots
+from robustflow.runs.plan import RunOptions
+from robustflow.testing import TexturePairs
+
+from .conftest import FAST
+from .models_for_tests import Sizes
+from .test_clip import folder as clip_folder
+
+KEYS = ("0", "1", "2")
+folder = clip_folder
+
+
+def _model(**options):
+    return ModelSpec("models_for_tests:Accelerated", tuple(options.items()))
+
+
+def _run(output, model, **options):
+    benchmark = Benchmark("drawn", _importable(Sizes)(3), KEYS, FAST, (1, 4))
+    return rf.evaluate(model, benchmark, output=output, **options)
+
+
+def _importable(kind):
+    """The class as a child process imports it."""
+    return getattr(__import__("models_for_tests"), kind.__name__)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(__import__("pathlib").Path(__file__).parent))
+        return _run(tmp_path_factory.mktemp("whole") / "run", _model(), engine="serial")
+
+
+def _predictions(log):
+    """(process, device, pairs) of every call."""
+    return [(pid, device, int(pairs)) for pid, device, pairs in map(str.split, log.read_text().splitlines())]
+
+
+@pytest.mark.parametrize(("device", "feeders"), [("cuda:0", 1), ("cuda:0", None), ("cuda:0", 3), ("cuda:0,cuda:1", 3)])
+def test_rows_are_those_of_one_process(whole, tmp_path, models_on_path, monkeypatch, device, feeders):
+    monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
+    staged = _run(tmp_path / "run", _model(device=device), workers=feeders)
+    assert staged.rows.equals(whole.rows)
+    assert (staged.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
+    assert not list((staged.path / "clean").iterdir())
+    calls = _predictions(tmp_path / "log")
+    assert len(calls) == whole.rows.height, "the clean flow of a sample is predicted once"
+    placed = {(pid, device) for pid, device, _ in calls}
+    assert len({pid for pid, _ in placed}) == len({on for _, on in placed}) == len(placed)
+    assert {on for _, on in placed} == set(device.split(","))
+    assert staged.manifest["seconds"].keys() == whole.manifest["seconds"].keys()
+
+
+def test_batches_are_filled_across_corruptions(whole, tmp_path, models_on_path, monkeypatch):
+    monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
+    staged = _run(tmp_path / "run", _model(), workers=1, batch_size=3)
+    assert [pairs for *_, pairs in _predictions(tmp_path / "log")] == 3 * [1, 3, 3, 2]
+    assert staged.rows.equals(whole.rows)
+
+
+def test_a_clip_reaches_a_multi_frame_model_in_order(folder, tmp_path, models_on_path):
+    options = {"data": folder, "corruptions": ["contrast", "impulse_noise"], "severities": [2]}
+    serial = rf.evaluate(
+        "models_for_tests:AcceleratedFiveFrames", "folder", output=tmp_path / "serial", engine="serial", **options
+    )
+    staged = rf.evaluate(
+        "models_for_tests:AcceleratedFiveFrames", "folder", output=tmp_path / "staged", workers=2, **options
+    )
+    assert serial.rows.height > 6
+    assert staged.rows.equals(serial.rows)
+
+
+def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
+    """Of a device that never answers; larger frames have fewer slots."""
+    size = (700, 1000)
+    driver, theirs = multiprocessing.Pipe()
+    device, link = multiprocessing.Pipe()
+    slots = SharedSlots(4)
+    feeder = _Feeder(theirs, Job(TexturePairs(1, size), ModelSpec("none"), RunOptions(), tmp_path), link, slots)
+    (tmp_path / "clean").mkdir()
+    ended = threading.Event()
+
+    def live():
+        try:
+            while True:
+                feeder.step()
+        except EOFError:
+            ended.set()
+
+    threading.Thread(target=live, daemon=True).start()
+    cells = iter([("0", "clean", 0), *(("0", "contrast", 1 + number % 5) for number in range(300))])
+    for _ in range(cells_ahead(1)):
+        driver.send(("cell", next(cells)))
+    questions, made = [], 0
+    while driver.poll(3) or device.poll():
+        if driver.poll():
+            kind, _ = driver.recv()
+            assert kind == "made"
+            made += 1
+            driver.send(("cell", next(cells)))
+        while device.poll():
+            questions += device.recv()
+    assert made == len(questions) == slots.count == 128 * 2**20 // slots.slot_bytes
+    assert slots.free == 0
+    assert questions[0].cell == ("0", "clean", 0)
+    slots.flow(questions[0].slot, questions[0].slot_bytes, (*size, 2))[:] = 0
+    device.send(0.01)
+    assert driver.poll(60)
+    assert driver.recv()[0] == "row"
+    assert driver.poll(60)
+    assert driver.recv()[0] == "made", "a slot that is free again is used again"
+    driver.close()
+    assert ended.wait(20)
+    slots.close()
+
+
+def test_a_model_object_on_a_device_is_sent_there(tmp_path, models_on_path):
+    module = __import__("models_for_tests")
+    result = _run(tmp_path / "run", module.Accelerated("gpu:3"), workers=1)
+    assert result.rows.height == 27
+
+
+def test_the_clean_flow_is_asked_for_alone_and_first(whole):
+    clean = whole.rows.filter(whole.rows["corruption"] == "clean")
+    assert clean["rcre_all_sum"].to_list() == [0.0] * 3
+    assert np.isfinite(whole.rows["epe_sum"].to_numpy()).all()
