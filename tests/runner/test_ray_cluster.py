@@ -65,9 +65,7 @@ def on_path():
 def two_nodes(on_path, tmp_path_factory):
     """A cluster of two nodes of one processor and one pretended GPU each."""
     faults = tmp_path_factory.mktemp("faults")
-    with cluster({"FAULTS": str(faults)}) as nodes:
-        nodes.add(gpus=1)
-        nodes.add(gpus=1)
+    with cluster({"FAULTS": str(faults)}, gpus=1) as nodes:
         yield nodes
 
 
@@ -158,7 +156,6 @@ def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturb
     (tmp_path / "faults").mkdir()
     variables = {"RAY_memory_usage_threshold": f"{limit:.3f}", "RAY_memory_monitor_refresh_ms": "100"}
     with cluster({**variables, "FAULTS": str(tmp_path / "faults")}) as nodes:
-        nodes.add(cpus=2)
         options = {"engine": "ray", "address": nodes.address, "model": {"fault": "memory"}}
         _check_equal(_run(tmp_path / "run", frames, **options), undisturbed)
     assert len(list((tmp_path / "faults").iterdir())) == 1
