@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -173,6 +174,7 @@ def evaluate(
     from .runner.fill import fill
     from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
+    from .runner.slider_pictures import pictures_kept
     from .runs.source import RunSource
     from .runs.store import RunFolder
 
@@ -196,11 +198,13 @@ def evaluate(
     folder = RunFolder(output)
     folder.lock()
     try:
-        with shown(progress) as listener:
-            fill(folder, setup, compute, batch_size, listener)
-        if isinstance(benchmark, str):
-            RunSource(setup.model.spec, Path(data) if data is not None else None, data_options or {}).write(folder.path)
-        _draw(Result(folder.path), setup, examples)
+        with pictures_kept(setup) if examples else nullcontext(setup) as keeping:
+            with shown(progress) as listener:
+                fill(folder, keeping, compute, batch_size, listener)
+            if isinstance(benchmark, str):
+                where = Path(data) if data is not None else None
+                RunSource(setup.model.spec, where, data_options or {}).write(folder.path)
+            _draw(Result(folder.path), keeping, examples)
     finally:
         folder.unlock()
     return Result(folder.path)

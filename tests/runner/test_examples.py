@@ -16,6 +16,7 @@ from skimage import data
 
 import robustflow as rf
 from robustflow.cli.main import main
+from robustflow.corruptions.digital.contrast import Contrast
 from robustflow.errors import RunError
 from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
@@ -70,6 +71,20 @@ def test_slider_pictures_are_the_corrupted_frames(drawn):
 def test_the_same_bytes_whatever_the_engine(drawn, tmp_path):
     again = rf.evaluate(DIS, output=tmp_path / "run", examples=True, workers=2, **CELLS)
     assert _files(again) == _files(drawn)
+
+
+def test_a_run_of_one_sample_corrupts_each_frame_once(tmp_path, monkeypatch):
+    applied = []
+    apply = Contrast.apply
+    monkeypatch.setattr(Contrast, "apply", lambda self, *args: applied.append(args[1:]) or apply(self, *args))
+    asked = {"output": tmp_path / "run", "corruptions": ["contrast"], "severities": [1, 2, 3, 4, 5], "examples": True}
+    run = rf.evaluate(DIS, **asked)
+    again = 2 * 2  # the worst and the median cell, looked at in full
+    assert len(applied) == 5 * 2 + again
+
+    kept = _files(run)
+    shutil.rmtree(run.path / "examples")
+    assert _files(rf.evaluate(DIS, **asked)) == kept, "the pictures of frames at hand are those of frames made again"
 
 
 def test_drawn_once_and_dropped_when_the_rows_change(tmp_path, monkeypatch):

@@ -43,6 +43,14 @@ def test_keys_that_look_alike_as_file_names_stay_apart(folder):
     assert folder.rows()["sample"].n_unique() == 7
 
 
+def test_rows_of_one_corruption_are_those_among_all(folder):
+    for key in ("a", "b"):
+        _write(folder, key, CLEAN, (0,))
+        _write(folder, key, "fog", (1, 2))
+    assert folder.rows(corruption=CLEAN).equals(folder.rows().filter(corruption=CLEAN))
+    assert folder.rows(corruption="snow").is_empty()
+
+
 def test_merging_keeps_every_row_once(folder):
     for key in ("a", "ab"):
         _write(folder, key, CLEAN, (0,))

@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
-import numpy as np
 import polars as pl
 
 from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
@@ -23,13 +22,10 @@ from ..runs.example_cells import CellScores, cell_scores
 from ..runs.example_list import EXAMPLES_FILE, FOLDER, are_current, drop_examples, example_list
 from ..runs.plan import Cell
 from ..runs.run import Run
-from ..sample import Frame
 from ..threads import one_opencv_thread
 from .setup import Setup
+from .slider_pictures import WIDEST, kept_picture, slider_picture
 from .worker import View, Worker
-
-WIDEST = 480
-"""Pixels a picture of the slider is wide at most."""
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
 """A prediction made again may differ by this much: batches and devices round differently."""
@@ -64,7 +60,7 @@ def write_examples(run: Run, setup: Setup) -> bool:
             for panel in listed["panels"]:
                 cell = (panel["key"], panel["corruption"], panel["severity"])
                 write_bytes(making / panel["file"], _picture(run.rows, worker, cell, panel["kind"], "jpeg"))
-            _write_slider(making, listed["slider"], worker)
+            _write_slider(making, listed["slider"], worker, setup.options.pictures)
         write_json(making / EXAMPLES_FILE, listed)
         drop_examples(run.path)
         try:
@@ -96,15 +92,16 @@ def _worker(setup: Setup) -> Iterator[Worker]:
         )
 
 
-def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker) -> None:
+def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures: Path | None) -> None:
     key = slider["key"]
     clean = worker.sample(key).frames
     write_bytes(folder / slider["clean"], jpeg_bytes(shrunk(clean[0], WIDEST)))
     for picture in slider["pictures"]:
-        frames = worker.frames(key, picture["corruption"], picture["severity"])
-        changed = [frame for frame, before in zip(frames, clean, strict=False) if not np.array_equal(frame, before)]
-        shown: Frame = (changed or frames)[0]  # one of the two frames is all that over_exposure changes
-        write_bytes(folder / picture["file"], jpeg_bytes(shrunk(shown, WIDEST)))
+        corruption, severity = picture["corruption"], picture["severity"]
+        shown = kept_picture(pictures, corruption, severity)
+        if shown is None:
+            shown = slider_picture(worker.frames(key, corruption, severity), clean)
+        write_bytes(folder / picture["file"], shown)
 
 
 def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Literal["png", "jpeg"]) -> bytes:

@@ -42,9 +42,10 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     folder.settle(manifest["samples"], unfinished_samples(manifest, cells), cells)
     units = plan.missing(cells)
     job = replace(job, kept=kept_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
+    del cells
     if units and isinstance(progress, NamesEngine):
         progress.engine(engine.describe(units))
-    progress.start(folder.path, len(plan.units()), len(plan.units()) - len(units))
+    progress.start(folder.path, plan.count(), plan.count() - len(units))
     left = Counter(unit.key for unit in units)
     seconds: dict[str, float] = dict(manifest.get("seconds", {}))
     places: dict[str, int] = dict(manifest.get("places", {}))

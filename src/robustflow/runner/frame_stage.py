@@ -19,6 +19,7 @@ from ..runs.plan import Cell, RunOptions
 from ..sample import Frame, Sample
 from .question import Question
 from .seconds import Seconds, spent
+from .slider_pictures import keep_picture
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,12 @@ class FrameStage:
 
     def corrupt(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         """The frames of a sample under a corruption, as they come in the sample."""
+        frames = self._corrupted(sample, name, severity)
+        if self._options.pictures is not None:
+            keep_picture(self._options.pictures, frames, sample.frames, name, severity)
+        return frames
+
+    def _corrupted(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         with spent(self._seconds, "corrupt"):
             paper = self._options.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
             if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from math import isclose
 from typing import Any
 
+import polars as pl
+
 from ..errors import RunError
 from ..metrics.rows import CLEAN
 from ..runs.store import RunFolder
@@ -28,8 +30,10 @@ def kept_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[st
     Raises:
         RunError: a shard cannot be read.
     """
-    rows = folder.rows(KEPT)
-    rows = rows.filter((rows["corruption"] == CLEAN) & rows["sample"].is_in(list(keys)))
+    wanted = set(keys)
+    if not wanted:
+        return {}
+    rows = folder.rows(KEPT, CLEAN).filter(pl.col("sample").is_in(list(wanted)))
     return {row["sample"]: row for row in rows.iter_rows(named=True)}
 
 

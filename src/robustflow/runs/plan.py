@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from ..benchmarks.base import Benchmark
@@ -50,6 +52,8 @@ class RunOptions:
     """One draw for the five severities of a pair, instead of one each."""
     own: tuple[Any, ...] = ()
     """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
+    pictures: Path | None = None
+    """Where workers keep small pictures of corrupted frames; None for nowhere. It changes no number."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +73,15 @@ class Plan:
 
     def units(self) -> list[Unit]:
         """Everything that a complete run consists of; each sample's clean unit first."""
-        units = []
-        for key in self.benchmark.keys:
-            units.append(Unit(key, CLEAN, (0,)))
-            units += [Unit(key, name, levels) for name, levels in self._levels().items() if levels]
-        return units
+        return list(self._each())
+
+    def count(self) -> int:
+        """How many units a complete run has."""
+        return len(self.benchmark.keys) * (1 + sum(1 for levels in self._levels().values() if levels))
+
+    def _each(self) -> Iterator[Unit]:
+        conditions = [(CLEAN, (0,)), *((name, levels) for name, levels in self._levels().items() if levels)]
+        return (Unit(key, name, levels) for key in self.benchmark.keys for name, levels in conditions)
 
     def left_out(self) -> dict[str, list[int]]:
         """Severities asked for that do not exist on the severity scale, by corruption."""
@@ -87,9 +95,9 @@ class Plan:
 
     def missing(self, found: Iterable[Cell]) -> list[Unit]:
         """Planned minus found."""
-        done = set(found)
+        done = found if isinstance(found, AbstractSet) else set(found)
         left = []
-        for unit in self.units():
+        for unit in self._each():
             severities = tuple(s for s in unit.severities if (unit.key, unit.corruption, s) not in done)
             if severities:
                 left.append(Unit(unit.key, unit.corruption, severities))
@@ -126,14 +134,14 @@ class Plan:
         return identity_digest(self.identity())
 
 
-def planned_cells(manifest: dict[str, Any]) -> list[Cell]:
+def planned_cells(manifest: dict[str, Any]) -> Iterator[Cell]:
     """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
     selection, left_out = manifest["selection"], manifest.get("left_out", {})
     conditions = [(CLEAN, 0)]
     for name in selection["corruptions"]:
         levels = levels_of(name, tuple(selection["severities"]))
         conditions += [(name, level) for level in levels if level not in left_out.get(name, [])]
-    return [(key, name, level) for key in manifest["samples"] for name, level in conditions]
+    return ((key, name, level) for key in manifest["samples"] for name, level in conditions)
 
 
 def unfinished_samples(manifest: dict[str, Any], cells: set[Cell]) -> set[str]:

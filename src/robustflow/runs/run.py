@@ -203,7 +203,7 @@ class Run:
 
     def planned(self) -> list[Cell]:
         """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
-        return planned_cells(self.manifest)
+        return list(planned_cells(self.manifest))
 
 
 def _lines(run: Run) -> list[str]:

@@ -89,19 +89,25 @@ def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame
     return rows
 
 
-def read_shards(paths: Iterable[Path], columns: Sequence[str] | None = None) -> pl.DataFrame:
+def read_shards(
+    paths: Iterable[Path], columns: Sequence[str] | None = None, corruption: str | None = None
+) -> pl.DataFrame:
     """The rows of some shards, each once, in the order of their keys.
 
     Args:
         paths: of the shards; rows that are in two of them, as after a crash between merging and clearing, count once.
         columns: to read, among them those of `ROW_KEY`; all by default.
+        corruption: whose rows are wanted; those of all by default. The others are let go shard by shard.
 
     Raises:
         RunError: a shard that cannot be read, or two that hold different rows of the same cell.
         FileNotFoundError: a shard was merged meanwhile.
     """
     paths = list(paths)
-    parts = [read_shard(path, columns) for path in paths]
+    parts = []
+    for path in paths:
+        part = read_shard(path, columns)
+        parts.append(part if corruption is None else part.filter(corruption=corruption))
     if not parts:
         return rows_frame([]).select(columns or list(ROW_SCHEMA))
     rows = pl.concat(parts).sort(ROW_KEY)
@@ -150,7 +156,8 @@ def cells_of(paths: Sequence[Path]) -> tuple[set[Cell], list[Path]]:
         return set(), []
     keys = [read_shard(path, ROW_KEY) for path in paths]
     rows = pl.concat(keys)
-    cells: set[Cell] = set(rows.iter_rows())
+    same: dict[str, str] = {}  # one object for each text: of the rows of a large run there are millions
+    cells: set[Cell] = {(same.setdefault(k, k), same.setdefault(c, c), s) for k, c, s in rows.iter_rows()}
     if len(cells) == rows.height:
         return cells, []
     shared = rows.select(pl.struct(ROW_KEY).is_duplicated()).to_series()

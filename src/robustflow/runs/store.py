@@ -157,18 +157,19 @@ class RunFolder:
             if path not in kept:
                 path.unlink(missing_ok=True)
 
-    def rows(self, columns: Sequence[str] | None = None) -> pl.DataFrame:
+    def rows(self, columns: Sequence[str] | None = None, corruption: str | None = None) -> pl.DataFrame:
         """All rows, sorted by sample, corruption and severity; empty where nothing is finished.
 
         Args:
             columns: to read, among them sample, corruption and severity; all by default.
+            corruption: whose rows are wanted; those of all by default.
 
         Raises:
             RunError: a shard is damaged, or of another schema.
         """
         for _ in range(_RETRIES):
             try:
-                return read_shards(list_shards(self.rows_folder), columns)
+                return read_shards(list_shards(self.rows_folder), columns, corruption)
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
         raise RunError(f"{gone} is listed but not there; is it a link to a file that was removed? Delete it")

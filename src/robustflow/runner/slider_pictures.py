@@ -1,0 +1,68 @@
+"""The small pictures of a run's slider: made while its frames are at hand, or again from frames corrupted again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..atomic import write_bytes
+from ..digest import digest_of_bytes
+from ..errors import DataError
+from ..images.io import jpeg_bytes, shrunk
+from ..sample import Frame
+
+if TYPE_CHECKING:
+    from .setup import Setup
+
+WIDEST = 480
+"""Pixels a picture of the slider is wide at most."""
+
+
+def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes:
+    """A JPEG of the first frame that a corruption changed: one of the two is all that over_exposure changes.
+
+    Args:
+        frames, clean: RGB uint8 (H, W, 3).
+    """
+    changed = [frame for frame, before in zip(frames, clean, strict=False) if not np.array_equal(frame, before)]
+    return jpeg_bytes(shrunk((changed or frames)[0], WIDEST))
+
+
+@contextmanager
+def pictures_kept(setup: Setup) -> Iterator[Setup]:
+    """A setup whose workers keep the slider's pictures while this lasts, where it is known which sample it will show.
+
+    That is a run of one sample; with more, the sample is known at the end, and keeping them all would cost more.
+    """
+    if len(setup.plan.benchmark.keys) > 1:
+        yield setup
+        return
+    with TemporaryDirectory(prefix="robustflow-", ignore_cleanup_errors=True) as folder:
+        options = replace(setup.options, pictures=Path(folder))
+        yield replace(setup, plan=replace(setup.plan, options=options))
+
+
+def keep_picture(
+    folder: Path, frames: tuple[Frame, ...], clean: tuple[Frame, ...], corruption: str, severity: int
+) -> None:
+    """Keep the picture of a cell. One that cannot be written is made again later."""
+    with suppress(DataError):
+        write_bytes(_path(folder, corruption, severity), slider_picture(frames, clean), durable=False)
+
+
+def kept_picture(folder: Path | None, corruption: str, severity: int) -> bytes | None:
+    """What `keep_picture` kept, or None."""
+    try:
+        return None if folder is None else _path(folder, corruption, severity).read_bytes()
+    except OSError:
+        return None
+
+
+def _path(folder: Path, corruption: str, severity: int) -> Path:
+    return folder / f"{digest_of_bytes(f'{corruption} {severity}'.encode(), size=16)}.jpg"
