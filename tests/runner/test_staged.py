@@ -51,7 +51,7 @@ def _predictions(log):
     return [(pid, device, int(pairs)) for pid, device, pairs in map(str.split, log.read_text().splitlines())]
 
 
-@pytest.mark.parametrize(("device", "feeders"), [("cuda:0", 1), ("cuda:0", None), ("cuda:0", 3), ("cuda:0,cuda:1", 3)])
+@pytest.mark.parametrize(("device", "feeders"), [("cuda:0", 1), ("cuda:0", 2), ("cuda:0,cuda:1", 3)])
 def test_rows_are_those_of_one_process(whole, tmp_path, models_on_path, monkeypatch, device, feeders):
     monkeypatch.setenv("PREDICTION_LOG", str(tmp_path / "log"))
     staged = _run(tmp_path / "run", _model(device=device), workers=feeders)
