@@ -2,8 +2,8 @@
 
     python bench/ray_engine.py
 
-One run of few units tells the start, the difference to one of many units the rest. Both engines in turn, the best of
-several repetitions counts: a busy machine only ever adds time.
+The model sleeps, as one does that waits for a GPU, so that a busy machine disturbs little. One run of few units tells
+the start, the difference to one of many units the rest. Both engines in turn, the best of several repetitions counts.
 """
 
 from __future__ import annotations
@@ -19,13 +19,15 @@ import numpy as np
 import robustflow as rf
 from robustflow.images.io import write_image
 
+SLEEP_S = 0.04
+WORKERS = 2
 FEW, MANY = ("contrast",), ("contrast", "high_light", "over_exposure", "impulse_noise", "gaussian_noise", "pixelate")
 
 
 def main() -> None:
     """Print both engines' times and the two figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pairs", type=int, default=8, help="of KITTI's size")
+    parser.add_argument("--pairs", type=int, default=12)
     parser.add_argument("--repeat", type=int, default=3)
     options = parser.parse_args()
     folder = Path(tempfile.mkdtemp(prefix="rf-bench-"))
@@ -40,23 +42,33 @@ def main() -> None:
                     print(f"{engine:10} {'many' if many else 'few':5} {seconds:6.1f} s", flush=True)
     finally:
         shutil.rmtree(folder)
+    slept = SLEEP_S * (options.pairs * (1 + 5 * len(MANY)) - 2 * (1 + 5 * len(FEW))) / WORKERS
+    for engine in ("processes", "ray"):
+        print(f"{engine}: {(best[engine, True] - best[engine, False]) / slept:.2f} of the time that the model takes")
     rate = {engine: 1 / (best[engine, True] - best[engine, False]) for engine in ("processes", "ray")}
     print(f"start of ray over processes: {best['ray', False] - best['processes', False]:.1f} s (goal: at most 15)")
     print(f"throughput of ray over processes: {rate['ray'] / rate['processes']:.2f} (goal: at least 0.9)")
+
+
+def sleeping(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
+    """No motion, after a while."""
+    time.sleep(SLEEP_S)
+    return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 def run(folder: Path, engine: str, many: bool) -> float:
     """Seconds of a run from the call to the last row on disk."""
     start = time.perf_counter()
     rf.evaluate(
-        "farneback",
+        sleeping,
         "folder",
         folder / "frames",
         folder / "run",
         corruptions=MANY if many else FEW,
         limit=None if many else 2,
         engine=engine,
-        workers=2,
+        workers=WORKERS,
+        progress=False,
     )
     seconds = time.perf_counter() - start
     shutil.rmtree(folder / "run")
@@ -64,7 +76,7 @@ def run(folder: Path, engine: str, many: bool) -> float:
 
 
 def frames(folder: Path, pairs: int) -> None:
-    """Smooth pictures of KITTI's size."""
+    """Small pictures."""
     folder.mkdir()
     draws = np.random.default_rng(0)
     for number in range(pairs + 1):

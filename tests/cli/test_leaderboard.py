@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results import RESULT_KEY, read_results
 from robustflow.api import evaluate
+from robustflow.report.site.content import MOST_DETAILED
 
 _RESULTS = "setting,model,metric,corruption,value\nOOD,Mine,epe,clean,2.50\nOOD,Mine,epe,average,5.00\n"
 
@@ -44,6 +46,20 @@ def test_runs_and_files_beside_them(robustflow, run):
     assert "Tab. 2" in page
     robustflow("leaderboard", run, "--no-published", "-o", "alone")
     assert "Tab. 2" not in Path("alone/index.html").read_text()
+
+
+def test_a_page_of_many_runs_leaves_the_example_pictures_out(robustflow, run, monkeypatch):
+    import robustflow.report.site.embedded as embedded
+
+    asked = []
+    monkeypatch.setattr(embedded, "embedded_slider", lambda: asked.append(1))
+    for number in range(MOST_DETAILED + 1):
+        folder = shutil.copytree(run, Path(f"many/{number}"))
+        shutil.rmtree(folder / "examples")
+    assert robustflow("leaderboard", *sorted(Path("many").iterdir())[1:], "-o", "few")[0] == 0
+    assert len(asked) == 1
+    assert robustflow("leaderboard", *Path("many").iterdir(), "-o", "site")[0] == 0
+    assert len(asked) == 1
 
 
 def test_what_cannot_be_shown(robustflow):

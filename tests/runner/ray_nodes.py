@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +54,8 @@ class Nodes:
 
 
 @contextmanager
-def cluster(variables: dict[str, str] | None = None) -> Iterator[Nodes]:
-    """A cluster for a test."""
+def cluster(variables: dict[str, str] | None = None, **node: int) -> Iterator[Nodes]:
+    """A cluster of two nodes for a test, of which `node` says what each has."""
     pytest.importorskip("ray", reason="needs the ray extra")
     folder = tempfile.mkdtemp(prefix="rf-test-", dir="/tmp")  # a short path, for Ray's sockets
     nodes = None
@@ -64,7 +65,7 @@ def cluster(variables: dict[str, str] | None = None) -> Iterator[Nodes]:
         for name, value in {**QUICK_HEALTH_CHECKS, **(variables or {})}.items():
             patch.setenv(name, value)
         try:
-            nodes = Nodes()
+            nodes = _started(folder, node)
             yield nodes
         finally:
             import ray
@@ -75,6 +76,23 @@ def cluster(variables: dict[str, str] | None = None) -> Iterator[Nodes]:
             left = still_running(folder)
             shutil.rmtree(folder, ignore_errors=True)
     assert not left, left
+
+
+def _started(folder: str, node: dict[str, int]) -> Nodes:
+    """Ray gives a node 30 s to start, which a busy machine may not keep to."""
+    for attempts_left in (2, 1, 0):
+        try:
+            nodes = Nodes()
+            nodes.add(**node)
+            nodes.add(**node)
+            return nodes
+        except Exception as error:
+            if "timed out during startup" not in str(error) or not attempts_left:
+                raise
+            for line in _running(folder):
+                with suppress(ProcessLookupError):
+                    os.kill(int(line.split()[0]), signal.SIGKILL)
+    raise AssertionError
 
 
 def still_running(mark: str, within_s: float = 20.0) -> list[str]:

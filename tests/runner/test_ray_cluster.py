@@ -65,9 +65,7 @@ def on_path():
 def two_nodes(on_path, tmp_path_factory):
     """A cluster of two nodes of one processor and one pretended GPU each."""
     faults = tmp_path_factory.mktemp("faults")
-    with cluster({"FAULTS": str(faults)}) as nodes:
-        nodes.add(gpus=1)
-        nodes.add(gpus=1)
+    with cluster({"FAULTS": str(faults)}, gpus=1) as nodes:
         yield nodes
 
 
@@ -158,7 +156,6 @@ def test_a_worker_that_takes_all_memory_loses_nothing(on_path, frames, undisturb
     (tmp_path / "faults").mkdir()
     variables = {"RAY_memory_usage_threshold": f"{limit:.3f}", "RAY_memory_monitor_refresh_ms": "100"}
     with cluster({**variables, "FAULTS": str(tmp_path / "faults")}) as nodes:
-        nodes.add(cpus=2)
         options = {"engine": "ray", "address": nodes.address, "model": {"fault": "memory"}}
         _check_equal(_run(tmp_path / "run", frames, **options), undisturbed)
     assert len(list((tmp_path / "faults").iterdir())) == 1
@@ -202,8 +199,20 @@ def _height(folder: Path) -> int:
     return RunFolder(folder).rows().height if (folder / "manifest.json").exists() else 0
 
 
-def test_a_killed_node_loses_nothing_and_a_new_one_helps(two_nodes, frames, undisturbed, tmp_path):
-    _kill_nodes(two_nodes, frames, undisturbed, tmp_path, kills=1, seed=0)
+def test_every_node_is_killed_and_others_join(two_nodes, frames, undisturbed, tmp_path):
+    """Nothing is left to compute on for a while; who joins late goes on with the rest."""
+    options = {"engine": "ray", "address": two_nodes.address, "model": {"pause": 0.1}}
+    with ThreadPoolExecutor(1) as other:  # nodes can only be added from the main thread
+        run = other.submit(_run, tmp_path / "run", frames, **options)
+        while not _height(tmp_path / "run") and not run.done():
+            time.sleep(0.05)
+        for node in list(two_nodes.alive):
+            two_nodes.kill(node)
+        kept = _height(tmp_path / "run")
+        two_nodes.add(gpus=1)
+        two_nodes.add(gpus=1)
+        _check_equal(run.result(), undisturbed)
+    assert kept < undisturbed.rows.height
 
 
 @pytest.mark.slow

@@ -114,6 +114,13 @@ def test_an_address_where_something_else_listens(tmp_path, scheme, monkeypatch):
             rf.evaluate(DIS, output=tmp_path / "run", engine="ray", address=address, **SETTING)
 
 
+@pytest.mark.parametrize("devices", ["cuda:1", "cuda:0,cuda:1"])
+def test_the_number_of_a_gpu_is_rays_to_choose(tmp_path, models_on_path, devices):
+    spec = ModelSpec("models_for_tests:Faulty", (("device", devices),))
+    with pytest.raises(UsageError, match=f"--device {devices} with the ray engine: give --device cuda"):
+        rf.evaluate(spec, output=tmp_path / "run", engine="ray", **SETTING)
+
+
 def test_an_address_is_for_ray(tmp_path):
     with pytest.raises(UsageError, match="--address is for the ray engine"):
         rf.evaluate(DIS, output=tmp_path / "run", workers=2, address="auto")

@@ -24,7 +24,8 @@ def leaderboard(
     """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
 
     Without a source it shows the paper's results. Results measured on other frames form groups of their own and
-    are not ranked against each other. What is computed from a run is kept in its folder for the next time.
+    are not ranked against each other. A page of more than 24 runs leaves out the example pictures, which are a third of
+    its size (robustflow gallery draws them). What is computed from a run is kept in its folder for the next time.
 
     \b
     Examples:
@@ -37,6 +38,7 @@ def leaderboard(
     from ..errors import UsageError
     from ..records.load import load_run
     from ..report.site import render_site, whole_content
+    from ..report.site.content import MOST_DETAILED
     from ..report.site.embedded import embedded_slider
     from ..runs.example_list import FOLDER as EXAMPLES
 
@@ -49,7 +51,7 @@ def leaderboard(
     results = [(path.name, read_results(path)) for path in files]
     content = whole_content(runs, results, published=published, only_own=only_own)
     pictured = any((run.path / EXAMPLES).is_dir() for run in runs)
-    page = render_site(content, None if pictured else embedded_slider()).encode()
+    page = render_site(content, None if pictured or len(runs) > MOST_DETAILED else embedded_slider()).encode()
     make_folder(output)
     write_bytes(output / "index.html", page)
     write_bytes(output / "results.csv", results_csv(content.results).encode())

@@ -68,15 +68,7 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
     try:
         with _quiet():
             if address is None:
-                ray.init(
-                    address="local",
-                    num_cpus=cpus,
-                    include_dashboard=False,
-                    object_store_memory=_STORE_BYTES + 2 * sent_bytes,
-                    log_to_driver=False,
-                    logging_level=logging.ERROR,
-                    _temp_dir=folder,
-                )
+                _start(ray, cpus, sent_bytes, folder)
             else:
                 _join(ray, address)
         _restore(handler)  # Ray puts its own in the place of the caller's
@@ -88,6 +80,24 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
         _show_messages(ray, True)
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> None:
+    try:
+        ray.init(
+            address="local",
+            num_cpus=cpus,
+            include_dashboard=False,
+            object_store_memory=_STORE_BYTES + 2 * sent_bytes,
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+            _temp_dir=folder,
+        )
+    except Exception as error:
+        raise RunError(
+            f"Ray does not start on this machine ({_first_sentence(error)}); it gives itself 30 s: try again when the "
+            "machine is less busy, or use --engine processes"
+        ) from error
 
 
 def _join(ray: Any, address: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from ...errors import UsageError
 from ...models import ModelSpec
 from ...models.base import model_identity
+from ...models.devices import device_of, is_accelerator
 from .base import Job
 from .child import ONE_THREAD
 from .ray_cluster import ray_module
@@ -35,11 +36,12 @@ def needs_gpu(job: Job) -> bool:
     Raises:
         UsageError: one GPU is named, which only Ray can choose.
     """
-    options = dict(job.model.options) if isinstance(job.model, ModelSpec) else {}
-    asked = str(options.get("device", model_identity_of(job).get("device", "cpu")))
-    if asked.startswith("cuda:"):
-        raise UsageError(f"--device {asked} with the ray engine: give --device cuda; Ray gives every worker a GPU")
-    return asked == "cuda" or (asked == "auto" and model_identity_of(job).get("device") == "cuda")
+    listed = job.model.devices() if isinstance(job.model, ModelSpec) else ()
+    if any(":" in device for device in listed):
+        raise UsageError(
+            f"--device {','.join(listed)} with the ray engine: give --device cuda; Ray gives each worker its own GPU"
+        )
+    return is_accelerator(listed[0] if listed and listed[0] != "auto" else device_of(job.load_model()))
 
 
 def model_identity_of(job: Job) -> dict[str, Any]:
