@@ -143,7 +143,8 @@ def test_a_unit_that_ends_every_actor_is_named(two_nodes, frames, tmp_path, capf
 
 def test_a_model_that_hangs_is_stopped(two_nodes, frames, tmp_path, faults):
     options = {"engine": "ray", "address": two_nodes.address, "model": {"fault": "hang"}, "timeout": 2.0}
-    with pytest.raises(ModelError, match=r"^the model took longer than 2 s on sample '.*', .*; fix it, or allow it more time with --timeout$"):
+    words = r"^the model took longer than 2 s on sample '.*', .*; fix it, or allow it more time with --timeout$"
+    with pytest.raises(ModelError, match=words):
         _run(tmp_path / "run", frames, **options)
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from ...errors import ModelError
 from ...models.base import place
 from ...runs.plan import Unit
 from .ray_actor import Files, UnitActor
+from .watch import too_slow
 
 _UNANSWERED_S = 30.0
 """How much longer than a prediction may take an actor may be silent; a lost node is noticed within that time."""
@@ -96,9 +96,9 @@ class Member:
                 predicting = None
             self._question = None
             if predicting is not None and predicting[1] > timeout:
-                raise _too_slow(timeout, predicting[0])
+                raise too_slow(timeout, predicting[0])
         elif now - self._asked > timeout + _UNANSWERED_S:
-            raise _too_slow(timeout, place(self.unit.key, self.unit.corruption, *self.unit.severities))
+            raise too_slow(timeout, place(self.unit.key, self.unit.corruption, *self.unit.severities))
 
     def kill(self) -> None:
         """End it now."""
@@ -106,9 +106,3 @@ class Member:
             self._ray.kill(self._actor, no_restart=True)
         except Exception:  # it is dead, or the cluster is
             return
-
-
-def _too_slow(timeout: float, what: str) -> ModelError:
-    return ModelError(
-        f"the model took longer than {timeout:g} s on {what}; fix it, or allow it more time with --timeout"
-    )

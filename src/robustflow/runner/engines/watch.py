@@ -31,7 +31,11 @@ class Watch:
             ModelError: the prediction takes too long.
         """
         if self._timeout is not None and self.what is not None and time.monotonic() - self._since > self._timeout:
-            raise ModelError(
-                f"the model took longer than {self._timeout:g} s on {self.what}; "
-                "fix it, or allow it more time with --timeout"
-            )
+            raise too_slow(self._timeout, self.what)
+
+
+def too_slow(timeout: float, what: str) -> ModelError:
+    """The error for a model that takes longer than `timeout` seconds on `what`."""
+    return ModelError(
+        f"the model took longer than {timeout:g} s on {what}; fix it, or allow it more time with --timeout"
+    )
