@@ -144,8 +144,10 @@ class UnitActor:
         assert self._worker is not None
         self._check_files(files)
         RunFolder(self._scratch).clean_path(unit.key).parent.mkdir(parents=True)
-        rows = self._worker.run(unit)
-        shutil.rmtree(self._scratch)  # the worker has the clean flow of its sample in memory
+        try:
+            rows = self._worker.run(unit)
+        finally:
+            shutil.rmtree(self._scratch)  # the worker has the clean flow of its sample in memory
         return rows, take_seconds(self._worker)
 
     def _note(self, what: str | None) -> None:
