@@ -284,7 +284,7 @@ def test_p_and_interval_say_the_same():
 
 
 def test_other_frames_are_not_compared():
-    with pytest.raises(RunError, match=r"other frames under the same name \(sample '00000', clean severity 0"):
+    with pytest.raises(RunError, match=r"different frames under the same name \(sample '00000', clean severity 0"):
         compare(_rows(5), _rows(5, digest="e"))
     with pytest.raises(RunError, match="no sample, corruption and severity in common"):
         compare(_rows(5), _rows(5).with_columns(sample=pl.lit("x") + pl.col("sample")))

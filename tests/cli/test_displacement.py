@@ -50,7 +50,7 @@ def test_the_page_of_a_run_shows_it_at_once(robustflow, tmp_path):
     run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
     assert "How far things move" not in (run.path / "report.html").read_text()
     assert robustflow("displacement", "folder", "--data", data, "-m", "dis", "--into", run.path)[0] == 0
-    assert "folder, 2 pairs (dis)" in (run.path / "report.html").read_text()
+    assert "our own frames, 2 pairs (dis)" in (run.path / "report.html").read_text()
 
 
 def test_other_frames_of_the_same_names_are_refused(robustflow, tmp_path):

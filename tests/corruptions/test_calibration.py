@@ -243,7 +243,7 @@ def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkey
 
 def test_an_export_writes_only_what_exists(tmp_path):
     benchmark = load_benchmark("demo").narrowed([GAP], [MISSING, GAPS[GAP][0]])
-    written = {step.setting for step in export(benchmark, tmp_path, severity_scale="calibrated")}
+    written = {step.condition for step in export(benchmark, tmp_path, severity_scale="calibrated")}
     assert written == {"clean", f"{GAP}_{GAPS[GAP][0]}"}
     assert "calibrated" in (tmp_path / "export.json").read_text()
 

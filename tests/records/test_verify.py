@@ -153,7 +153,7 @@ def test_what_a_verified_record_is_about(run, packed):
     verification = verified(packed)
     assert verification.subject is not None
     assert verification.subject.cre == pytest.approx(run.cre)
-    assert verification.subject.sentence().startswith("farneback on demo (knowledge), 1 pair x 2 corruptions x 2 sev")
+    assert verification.subject.sentence().startswith("Farneback on demo (knowledge), 1 pair x 2 corruptions x 2 sev")
     assert [claim.partition(":")[0] for claim in verification.unproven[:2]] == [
         "that the rows were measured on these data",
         "that this model made the predictions",

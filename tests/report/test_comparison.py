@@ -112,5 +112,5 @@ def test_of_runs(runs, tmp_path):
     remark = "Only what both measured is compared: 2 rows (a pair, clean or corrupted) of the 5 of DIS"
     assert remark in " ".join(repr(first.compare(part)).split())
     other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1], seed=5)
-    with pytest.raises(RunError, match="other frames"):
+    with pytest.raises(RunError, match="different frames"):
         first.compare(other)

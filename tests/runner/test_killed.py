@@ -17,6 +17,7 @@ import pytest
 from robustflow.runs.store import RunFolder
 
 from .conftest import FAST
+from .interrupt import hears_ctrl_c
 
 WORKERS = 2
 
@@ -118,7 +119,9 @@ def test_ctrl_c_while_workers_start_is_one_line(tmp_path, delay):
     """Ctrl-C reaches every process of the terminal, those that are still importing too; only one of them speaks."""
     command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", "--model", "dis"]
     options = ["--workers", "3", "--output", str(tmp_path / "run")]
-    run = subprocess.Popen([*command, *options], stderr=subprocess.PIPE, text=True, start_new_session=True)
+    run = subprocess.Popen(
+        [*command, *options], stderr=subprocess.PIPE, text=True, start_new_session=True, preexec_fn=hears_ctrl_c
+    )
     first = run.stderr.readline()
     assert "steps" in first
     time.sleep(delay)

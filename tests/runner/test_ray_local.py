@@ -19,6 +19,7 @@ from robustflow.models import ModelSpec
 from robustflow.runs.store import RunFolder
 
 from .conftest import FAST
+from .interrupt import hears_ctrl_c
 from .ray_nodes import still_running
 
 pytestmark = pytest.mark.ray
@@ -136,6 +137,7 @@ def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[st
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=hears_ctrl_c,
     )
 
 

@@ -75,7 +75,7 @@ def test_own_frames_and_others_of_the_same_name(tmp_path):
     )
     identity = found.manifest["identity"]
     assert "6 of 6 rows" in recheck(identity, found.rows, tmp_path / "mine")
-    with pytest.raises(RunError, match="6 of 6 rows do not fit"):
+    with pytest.raises(RunError, match="6 of 6 rows do not match these data"):
         recheck(identity, found.rows, tmp_path / "other")
     with pytest.raises(RunError, match="give the data"):
         recheck(identity, found.rows, tmp_path / "mine", options={"step": 2})
