@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import polars as pl
 
@@ -35,31 +36,46 @@ def scores_by_condition(
     """
     total, count, _ = columns["epe"]
     before = f"clean_{total}"
-    clean_rows = rows.filter(pl.col("corruption") == CLEAN)
-    clean = Scores(**_means(clean_rows, columns, averaging))
-    partner = clean_rows.select("sample", _clean_n=count)
-    conditions = rows.filter(pl.col("corruption") != CLEAN).join(
-        partner, on="sample", how="left", maintain_order="left"
-    )
-    comparable = conditions.filter((pl.col(count) > 0) & (pl.col("_clean_n") > 0))[before].null_count() == 0
+    values = {name: rows[name].to_list() for triple in columns.values() for name in triple[:2]}
+    values[before] = rows[before].to_list()
+    samples, places = rows["sample"].to_list(), _places(rows)
+    in_clean = places.pop((CLEAN, 0), [])
+    clean = Scores(**_means(values, in_clean, columns, averaging))
+    with_clean = {samples[place] for place in in_clean if values[count][place]}
+    both = {
+        condition: [place for place in mine if values[count][place] and samples[place] in with_clean]
+        for condition, mine in places.items()
+    }
+    comparable = all(values[before][place] is not None for mine in both.values() for place in mine)
+    paired = {"epe": columns["epe"], "before": (before, count, 1.0)}
     by_condition = {}
-    for key, group in conditions.partition_by("corruption", "severity", as_dict=True, maintain_order=True).items():
-        corruption, severity = key
-        both = group.filter((pl.col(count) > 0) & (pl.col("_clean_n") > 0))
-        scores = Scores(**_means(group, columns, averaging))
+    for condition, mine in places.items():
+        scores = Scores(**_means(values, mine, columns, averaging))
         moved = None
         if comparable:
-            paired = _means(both, {"epe": columns["epe"], "before": (before, count, 1.0)}, averaging)
-            moved = cre(paired["epe"], paired["before"])
-        by_condition[corruption, severity] = scores.model_copy(update={"cre": moved, "crer": crer(moved, clean.epe)})
+            means = _means(values, both[condition], paired, averaging)
+            moved = cre(means["epe"], means["before"])
+        by_condition[condition] = scores.model_copy(update={"cre": moved, "crer": crer(moved, clean.epe)})
     return clean, by_condition
 
 
-def _means(rows: pl.DataFrame, columns: Columns, averaging: Averaging) -> dict[str, float | None]:
+def _places(rows: pl.DataFrame) -> dict[tuple[str, int], list[int]]:
+    """Where the rows of each (corruption, severity) are, in the order of their first ones; plain lists, because a table
+    taken apart into hundreds of small ones costs a hundred times as much."""
+    places: dict[tuple[str, int], list[int]] = {}
+    for place, (corruption, severity) in enumerate(rows.select("corruption", "severity").iter_rows()):
+        places.setdefault((corruption, 0 if corruption == CLEAN else severity), []).append(place)
+    return places
+
+
+def _means(
+    values: dict[str, list[Any]], places: list[int], columns: Columns, averaging: Averaging
+) -> dict[str, float | None]:
     """The mean of each metric over images; images without a pixel to measure are left out."""
     out: dict[str, float | None] = {}
     for metric, (total, count, factor) in columns.items():
-        images = [(s, n) for s, n in zip(rows[total].to_list(), rows[count].to_list(), strict=True) if n]
+        sums, counts = values[total], values[count]
+        images = [(sums[place], n) for place in places if (n := counts[place])]
         if averaging == "image":
             out[metric] = _mean([factor * s / n for s, n in images])
         else:
