@@ -115,3 +115,15 @@ def test_smoothness_leaves_its_own_kind_of_motion_alone(second_order):
     assert (smoothness(affine, image, 10, second_order) < 1e-9) == second_order
     flat = torch.full_like(image, 0.5)
     assert smoothness(affine, flat, 10, False) > smoothness(affine, image, 10, False)
+
+
+def test_parts_of_a_batch_are_normalised_by_themselves_and_the_first_moves_the_statistics():
+    from robustflow.training.norms import group_batchnorm
+
+    inputs = torch.randn(6, 4, 5, 5, generator=torch.Generator().manual_seed(3)) * 3 + 1
+    plain, parted = torch.nn.BatchNorm2d(4), torch.nn.Sequential(torch.nn.BatchNorm2d(4))
+    group_batchnorm(parted, 2)
+    expected = torch.cat([plain(inputs[:3]), torch.nn.BatchNorm2d(4)(inputs[3:])])
+    assert torch.equal(parted(inputs), expected)
+    assert torch.equal(parted[0].running_mean, plain.running_mean)
+    assert set(parted.state_dict()) == {f"0.{name}" for name in plain.state_dict()}

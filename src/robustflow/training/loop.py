@@ -129,9 +129,10 @@ def _update(
         last = part == recipe.accumulate - 1
         with nullcontext() if last or share.world == 1 else called.no_sync():
             loss, numbers = loss_of_batch(called, batch, recipe)
-            _check_finite("loss", loss.item(), update, batch)
+            numbers["loss"] = loss.item()
+            _check_finite("loss", numbers["loss"], update, batch)
             state.scaler.scale(loss / recipe.accumulate).backward()
-        for name, value in {"loss": loss.item(), **numbers}.items():
+        for name, value in numbers.items():
             total[name] = total.get(name, 0.0) + value / recipe.accumulate
     state.scaler.unscale_(state.optimizer)
     clip = recipe.optimizer.clip

@@ -9,8 +9,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-LINE_EVERY_S = 10.0
-"""Between lines in a log."""
+from ..runner.progress import LINE_EVERY_S
 
 
 class TrainingProgress:
