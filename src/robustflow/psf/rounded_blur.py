@@ -1,9 +1,9 @@
 """The bytes of `blur`, in less than half of its time: a quicker sum decides nearly all of them, `blur` the others.
 
 `blur` keeps its kernels' spectra in single precision. Beside kernels that are not rounded this is noise over the whole
-transform, of 10^-6 grey levels (root mean square; 8 x 10^-6 at most in 42 million values of KITTI's). A value that lies `MARGIN` or
-more from the middle between two grey levels is on the same side of it with either; the few that lie closer, about twenty
-a frame, are computed as `blur` defines them, one by one.
+transform, of 10^-6 grey levels (root mean square; at most 8 x 10^-6 in 42 million values of KITTI's). A value that lies
+`MARGIN` or more from the middle between two grey levels is on the same side of it with either; the few that lie closer,
+about twenty a frame, are computed as `blur` defines them, one by one.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .threads import allowed_threads
 from .tiles import SUPPORT, Axis, grid_of, kernels_at
 
 MARGIN = 3e-5
-"""Grey levels; some 20 times the noise where it is largest: at the corners of severity 1, in black and white at random."""
+"""Grey levels; about 20 times the noise where it is largest: black and white at random under severity 1."""
 
 TIE = 1e-9
 """Grey levels; closer to the middle than this, the last bits of `blur` decide, which only `blur` itself knows."""
