@@ -30,6 +30,8 @@ from .processes import Process
 from .progress import TrainingProgress
 from .recipe import Recipe
 from .schedules import SCHEDULES
+from .unsupervised.build import build_objective
+from .unsupervised.objective import Moment
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,9 @@ def train(training: Training, state: State, process: Process, progress: Training
         DataError: a pair cannot be read, or a file not be written.
     """
     recipe, network = training.recipe, state.network
-    called: nn.Module = network
+    called: nn.Module = network if recipe.objective is None else build_objective(network, recipe)
     if process.world > 1:
-        called = DistributedDataParallel(network, find_unused_parameters=True)  # GMA has some
+        called = DistributedDataParallel(called, find_unused_parameters=True)  # GMA has some
     first, last = state.done.updates, recipe.updates
     share = Share(recipe.batch, process.rank, process.world)
     steps = range(first * recipe.accumulate, last * recipe.accumulate)
@@ -126,9 +128,10 @@ def _update(
         batch = next(stream).to(device)
         batch = noisy(batch, recipe, training.seed, step, share.positions(step))
         torch.manual_seed(key_of(training.seed, "network", step, share.rank) % 2**63)
+        moment = Moment(training.seed, step, tuple(share.positions(step)), update / recipe.updates)
         last = part == recipe.accumulate - 1
         with nullcontext() if last or share.world == 1 else called.no_sync():
-            loss, numbers = loss_of_batch(called, batch, recipe)
+            loss, numbers = loss_of_batch(called, batch, recipe, moment)
             numbers["loss"] = loss.item()
             _check_finite("loss", numbers["loss"], update, batch)
             state.scaler.scale(loss / recipe.accumulate).backward()

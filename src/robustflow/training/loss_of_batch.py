@@ -2,31 +2,45 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import torch
 from torch import Tensor, nn
 
-from ..random.rng import Rng, key_of
+from ..random.rng import Rng
 from .data.loader import Batch
 from .losses.sequence import end_point_error, sequence_loss
+from .noise import normal
 from .recipe import Recipe
+from .unsupervised.objective import DTYPES, Moment
 
-_DTYPES = {"bf16": torch.bfloat16, "fp16": torch.float16}
 
-
-def loss_of_batch(network: nn.Module, batch: Batch, recipe: Recipe) -> tuple[Tensor, dict[str, float]]:
-    """The loss to be minimised, and numbers for the log (EPE in pixels of the last prediction).
+def loss_of_batch(network: nn.Module, batch: Batch, recipe: Recipe, moment: Moment) -> tuple[Tensor, dict[str, float]]:
+    """The loss to be minimised, and numbers for the log (EPE in pixels of the last prediction, where there is truth).
 
     Args:
-        network: a `TrainedNetwork`, or what spreads one over processes.
+        network: a `TrainedNetwork`, for a recipe without labels a `LabelFree`; or what spreads one over processes.
         batch: on the network's device.
         recipe: says precision and loss.
+        moment: of the training.
     """
+    if recipe.objective is not None:
+        return _without_labels(network, batch, moment)
     device = batch.image1.device.type
-    with torch.autocast(device, _DTYPES.get(recipe.precision), enabled=recipe.precision in _DTYPES):
+    with torch.autocast(device, DTYPES.get(recipe.precision), enabled=recipe.precision in DTYPES):
         flows = network(batch.image1, batch.image2)
     loss = sequence_loss(flows, batch.flow, batch.valid, recipe.gamma)
     with torch.no_grad():
         return loss, {"epe": end_point_error(flows[-1], batch.flow, batch.valid).item()}
+
+
+def _without_labels(objective: nn.Module, batch: Batch, moment: Moment) -> tuple[Tensor, dict[str, float]]:
+    loss, numbers = objective(batch, moment)
+    flow = numbers.pop("flow").detach()
+    logged = {name: value.item() for name, value in numbers.items()}
+    error = end_point_error(flow, batch.flow, batch.valid).item()
+    return loss, logged if math.isnan(error) else {**logged, "epe": error}
 
 
 def noisy(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
@@ -37,11 +51,6 @@ def noisy(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[in
     deviation = Rng.of(seed, "noise", step).uniform(0.0, recipe.noise)
     images = []
     for which, image in enumerate((batch.image1, batch.image2)):
-        drawn = [_normal(key_of(seed, "noise", position, which), image[0]) for position in positions]
+        drawn = [normal((seed, "noise", position, which), image[0]) for position in positions]
         images.append((image + deviation * torch.stack(drawn).to(image.device)).clamp(0.0, 255.0))
-    return Batch(images[0], images[1], batch.flow, batch.valid, batch.names)
-
-
-def _normal(key: int, like: Tensor) -> Tensor:
-    generator = torch.Generator().manual_seed(key % 2**63)
-    return torch.randn(like.shape, generator=generator)
+    return replace(batch, image1=images[0], image2=images[1])

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from ..errors import UsageError
@@ -14,8 +15,13 @@ from ..models.tiling import TiledModel
 from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.fit import fitted_values, unfitted_flow
 from ..models.torch.model import NetworkModel
+from .corrector import Corrector
 from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
+from .objectives import BrightflowObjective
 from .recipe import Recipe
+
+_CORRECTOR = "corrector."
+"""How the names of BrightFlow's corrector begin, in its authors' files too."""
 
 
 class TrainedNetwork(nn.Module):
@@ -31,17 +37,26 @@ class TrainedNetwork(nn.Module):
 
     def __init__(self, model: NetworkModel, recipe: Recipe) -> None:
         super().__init__()
-        if not hasattr(model.net, "predictions"):
+        if recipe.objective is None and not hasattr(model.net, "predictions"):
             raise UsageError(
                 f"model '{model.name}' cannot be trained: its network has no method predictions(image1, image2) that "
                 "returns the flow of every iteration"
+            )
+        if recipe.objective is not None and not hasattr(model.net, "both"):
+            raise UsageError(
+                f"model '{model.name}' cannot be trained without labels: its network has no method both(image1, "
+                "image2) that returns the flows of both directions"
             )
         self.net = model.net
         for name, value in self.net.named_parameters():
             value.requires_grad_(not name.startswith(recipe.frozen))
         group_batchnorm(self.net, recipe.devices)
-        self._convention = model.convention
+        self.convention = model.convention
         self._norms = recipe.frozen_norms
+        self._labelled = recipe.objective is None
+        self.corrector: nn.Module | None = None
+        if isinstance(recipe.objective, BrightflowObjective):
+            self.corrector = _seeded_corrector().to(model.device)
 
     def train(self, mode: bool = True) -> TrainedNetwork:
         """Training or evaluation mode; norms that the recipe freezes stay in the latter."""
@@ -56,22 +71,37 @@ class TrainedNetwork(nn.Module):
     def forward(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
         """Flows of float (N, 2, H, W) in pixels, the last one final, from RGB images float (N, 3, H, W) in 0..255."""
         height, width = image1.shape[2:]
-        first, second = (fitted_values(image, self._convention) for image in (image1, image2))
+        first, second = (fitted_values(image, self.convention) for image in (image1, image2))
         flows = self.net.predictions(first, second)
-        return [unfitted_flow(flow, self._convention, height, width) for flow in flows]
+        return [unfitted_flow(flow, self.convention, height, width) for flow in flows]
 
     def weights(self) -> dict[str, Tensor]:
         """The network's state under the names of its authors' files, which `run --checkpoint` reads."""
-        return {name: value.detach().cpu() for name, value in self._inner.state_dict().items()}
+        state = self._inner.state_dict()
+        if self.corrector is not None:
+            state |= {f"{_CORRECTOR}{name}": value for name, value in self.corrector.state_dict().items()}
+        return {name: value.detach().cpu() for name, value in state.items()}
 
     def load_weights(self, weights: dict[str, Tensor]) -> None:
         """Put back what `weights` gave."""
-        self._inner.load_state_dict(weights)
+        own = {name: value for name, value in weights.items() if not name.startswith(_CORRECTOR)}
+        self._inner.load_state_dict(own)
+        if self.corrector is not None:
+            rest = {name.removeprefix(_CORRECTOR): weights[name] for name in weights.keys() - own.keys()}
+            self.corrector.load_state_dict(rest)
 
     @property
     def _inner(self) -> nn.Module:
+        if not self._labelled:
+            return self.net
         wrapped: Any = getattr(self.net, "model", None) or getattr(self.net, "module", None)
         return wrapped if isinstance(wrapped, nn.Module) else self.net
+
+
+def _seeded_corrector() -> Corrector:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        return Corrector()
 
 
 def load_network(
@@ -100,7 +130,22 @@ def load_network(
         model = model.model
     if not isinstance(model, NetworkModel):
         raise UsageError(f"model '{recipe.method}' is not a PyTorch network of this package, so it cannot be trained")
+    if recipe.objective is not None and recipe.objective.kind != "brightflow" and str(start) == RANDOM:
+        kaiming(model.net)
     return model, TrainedNetwork(model, recipe)
+
+
+def kaiming(network: nn.Module) -> None:
+    """The weights that ARFlow and UPFlow begin with: He et al.'s normal ones, no biases; always the same."""
+    generator = torch.Generator().manual_seed(0)
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d):
+            drawn = torch.empty(module.weight.shape)
+            nn.init.kaiming_normal_(drawn, generator=generator)
+            with torch.no_grad():
+                module.weight.copy_(drawn)
+                if module.bias is not None:
+                    module.bias.zero_()
 
 
 def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
