@@ -85,7 +85,7 @@ class Recipe(Table):
         accumulate: steps for one update of the weights.
         devices: over how many the original's batch was spread, which decides what a BatchNorm sees.
         crop: (H, W), pixels.
-        iterations: of a recurrent network; None for one without.
+        iterations: of a recurrent network; None, in a file "none", for one without.
         gamma: of the sequence loss.
         objective: what is minimised by a method that learns without labels, instead of the sequence loss.
         noise: the largest standard deviation, in grey levels, of the noise added to both frames; 0 for none.
