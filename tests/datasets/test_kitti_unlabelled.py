@@ -44,7 +44,7 @@ def test_a_scene_gives_15_pairs_of_a_camera(multiview):
     ):
         dataset = load_dataset("kitti_multiview", multiview, **options)
         assert len(dataset.keys()) == 15 * scenes
-    for key in dataset.keys():
+    for key in dataset:
         first, second = (int(path.stem[-2:]) for path in dataset.files(key))
         assert second == first + 1
         assert not {first, second} & {9, 10, 11, 12}
@@ -56,7 +56,7 @@ def test_a_folder_with_the_pairs_alone(tmp_path):
         picture(tmp_path / "training" / "image_2" / f"000000_{frame}.png")
     with pytest.raises(DataError, match=r"no two frames in a row .* unpack data_scene_flow_multiview.zip"):
         load_dataset("kitti_multiview", tmp_path, part="training", camera="left")
-    with pytest.raises(DataError, match="no training/image_3/; unpack data_scene_flow_multiview.zip whole"):
+    with pytest.raises(DataError, match=r"no training/image_3/; unpack data_scene_flow_multiview.zip whole"):
         load_dataset("kitti_multiview", tmp_path, part="training", camera="both")
     with pytest.raises(DataError, match="expected testing/image_2/ with frames"):
         load_dataset("kitti_multiview", tmp_path, part="testing", camera="left")

@@ -69,7 +69,7 @@ def moved_flow(flow: Tensor, moves: list[Moves]) -> Tensor:
 
     >>> flow = torch.full((1, 2, 4, 6), 0.5)
     >>> mirrored = np.diag([-1.0, 1.0, 1.0])
-    >>> moved_flow(flow, [Moves(mirrored, mirrored)])[0, :, 1, 1].tolist()
+    >>> [round(value, 3) for value in moved_flow(flow, [Moves(mirrored, mirrored)])[0, :, 1, 1].tolist()]
     [-0.5, 0.5]
     """
     start = pixel_grid(flow)
