@@ -10,10 +10,15 @@ from torch import Tensor, nn
 
 from ..errors import UsageError
 from ..models import load_model
+from ..models.construct import parameters_of
+from ..models.registry import MODELS, PTLFLOW
 from ..models.tiling import TiledModel
 from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.fit import fitted_values, unfitted_flow
 from ..models.torch.model import NetworkModel
+from ..models.torch.module_net import ModuleNet
+from .data.loader import Batch
+from .losses.own import checked_loss
 from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
 from .recipe import Recipe
 
@@ -60,6 +65,60 @@ class TrainedNetwork(nn.Module):
         flows = self.net.predictions(first, second)
         return [unfitted_flow(flow, self._convention, height, width) for flow in flows]
 
+    def matched(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
+        """Flows likewise, and how sure the network is of the matches that the first flow came from: (N, P, P) for P
+        pixels of 1/8.
+
+        Raises:
+            UsageError: a network that does not match.
+        """
+        first, second = self._exact(image1, image2)
+        return self._asked("matched_predictions", "sequence+matching")(first, second)
+
+    def denoised(self, image1: Tensor, image2: Tensor, truth: Tensor, time: int, noise: Tensor) -> list[Tensor]:
+        """Flows from the truth with noise of a time; see `FlowDiffuser.denoised_predictions`.
+
+        Raises:
+            UsageError: a network that does not denoise.
+        """
+        first, second = self._exact(image1, image2)
+        return self._asked("denoised_predictions", "denoising")(first, second, truth, time, noise)
+
+    @property
+    def has_own_loss(self) -> bool:
+        """Whether the user's own module has a method `loss(batch)`."""
+        return isinstance(self.net, ModuleNet) and callable(getattr(self.net.module, "loss", None))
+
+    def own_loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
+        """What the user's own module says its loss is.
+
+        Args:
+            batch: the module gets a dictionary: `image1` and `image2` float (N, 3, H, W) as it declares that it takes
+                images, `flow` (N, 2, H, W) in pixels, `valid` (N, H, W), 1 where the flow is known.
+
+        Raises:
+            UsageError: it returned no loss, or the crop is not one that it takes.
+        """
+        first, second = self._exact(batch.image1, batch.image2)
+        module: Any = self._inner
+        return checked_loss(module.loss({"image1": first, "image2": second, "flow": batch.flow, "valid": batch.valid}))
+
+    def _exact(self, image1: Tensor, image2: Tensor) -> tuple[Tensor, Tensor]:
+        """The images as the network takes them, where no padding comes between it and the ground truth."""
+        first, second = (fitted_values(image, self._convention) for image in (image1, image2))
+        if first.shape != image1.shape:
+            height, width = first.shape[2:]
+            raise UsageError(
+                f"this loss compares the network's own pixels with the ground truth, and a crop of {image1.shape[2]}x"
+                f"{image1.shape[3]} would be padded to {height}x{width}; give --crop {height}x{width}"
+            )
+        return first, second
+
+    def _asked(self, method: str, loss: str) -> Any:
+        if not hasattr(self.net, method):
+            raise UsageError(f"the loss '{loss}' needs a network with a method {method}; take the loss 'sequence'")
+        return getattr(self.net, method)
+
     def weights(self) -> dict[str, Tensor]:
         """The network's state under the names of its authors' files, which `run --checkpoint` reads."""
         return {name: value.detach().cpu() for name, value in self._inner.state_dict().items()}
@@ -90,8 +149,8 @@ def load_network(
         UsageError: a model that cannot be trained.
     """
     given = {**(options or {}), "device": device}
-    own = ":" in recipe.method
-    if recipe.iterations is not None and not own:
+    own = ":" in recipe.method and not recipe.method.startswith(PTLFLOW)
+    if recipe.iterations is not None and not own and _takes_iterations(recipe.method):
         given["iterations"] = recipe.iterations
     if not (own and str(start) == RANDOM):  # a module of the user's own has the weights that it was made with
         given["checkpoint"] = str(start)
@@ -106,3 +165,7 @@ def load_network(
 def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
     """The parameters that learn."""
     return [value for value in network.parameters() if value.requires_grad]
+
+
+def _takes_iterations(method: str) -> bool:
+    return method not in MODELS or "iterations" in parameters_of(MODELS.get(method))

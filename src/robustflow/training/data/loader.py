@@ -23,6 +23,8 @@ class Batch:
         flow: float32 (B, 2, H, W), pixels.
         valid: float32 (B, H, W), 0 or 1.
         names: of the pairs.
+        time: from which the truth is denoised, 0 (clean) to 999 (noise); None where the loss does not denoise.
+        noise: for that, standard normal, (B, 2, H / 8, W / 8).
     """
 
     image1: Tensor
@@ -30,6 +32,8 @@ class Batch:
     flow: Tensor
     valid: Tensor
     names: tuple[str, ...]
+    time: int | None = None
+    noise: Tensor | None = None
 
     def to(self, device: torch.device) -> Batch:
         """On another device."""
