@@ -22,6 +22,13 @@ from .losses.own import checked_loss
 from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
 from .recipe import Recipe
 
+_NEEDED = {
+    "sequence": ("predictions", "the flow of every iteration"),
+    "sequence+matching": ("matched_predictions", "the flow of every iteration, and how sure it is of its matches"),
+    "denoising": ("denoised_predictions", "the flows that it denoises from the truth"),
+}
+"""What a network must have for each loss."""
+
 
 class TrainedNetwork(nn.Module):
     """A network as the loop calls it: RGB images 0..255 in, the flow after every iteration out.
@@ -31,15 +38,16 @@ class TrainedNetwork(nn.Module):
         recipe: says how its normalisation layers behave.
 
     Raises:
-        UsageError: a network without `predictions(image1, image2) -> list of flows`.
+        UsageError: a network without the method that the recipe's loss needs.
     """
 
     def __init__(self, model: NetworkModel, recipe: Recipe) -> None:
         super().__init__()
-        if not hasattr(model.net, "predictions"):
+        method, returns = _NEEDED[recipe.loss]
+        if not hasattr(model.net, method):
             raise UsageError(
-                f"model '{model.name}' cannot be trained: its network has no method predictions(image1, image2) that "
-                "returns the flow of every iteration"
+                f"model '{model.name}' cannot be trained with the loss '{recipe.loss}': its network has no method "
+                f"{method} that returns {returns}"
             )
         self.net = model.net
         for name, value in self.net.named_parameters():
@@ -67,22 +75,16 @@ class TrainedNetwork(nn.Module):
 
     def matched(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
         """Flows likewise, and how sure the network is of the matches that the first flow came from: (N, P, P) for P
-        pixels of 1/8.
-
-        Raises:
-            UsageError: a network that does not match.
-        """
+        pixels of 1/8."""
         first, second = self._exact(image1, image2)
-        return self._asked("matched_predictions", "sequence+matching")(first, second)
+        flows, confidence = self.net.matched_predictions(first, second)
+        return flows, confidence
 
     def denoised(self, image1: Tensor, image2: Tensor, truth: Tensor, time: int, noise: Tensor) -> list[Tensor]:
-        """Flows from the truth with noise of a time; see `FlowDiffuser.denoised_predictions`.
-
-        Raises:
-            UsageError: a network that does not denoise.
-        """
+        """Flows from the truth with noise of a time; see `FlowDiffuser.denoised_predictions`."""
         first, second = self._exact(image1, image2)
-        return self._asked("denoised_predictions", "denoising")(first, second, truth, time, noise)
+        flows: list[Tensor] = self.net.denoised_predictions(first, second, truth, time, noise)
+        return flows
 
     @property
     def has_own_loss(self) -> bool:
@@ -113,11 +115,6 @@ class TrainedNetwork(nn.Module):
                 f"{image1.shape[3]} would be padded to {height}x{width}; give --crop {height}x{width}"
             )
         return first, second
-
-    def _asked(self, method: str, loss: str) -> Any:
-        if not hasattr(self.net, method):
-            raise UsageError(f"the loss '{loss}' needs a network with a method {method}; take the loss 'sequence'")
-        return getattr(self.net, method)
 
     def weights(self) -> dict[str, Tensor]:
         """The network's state under the names of its authors' files, which `run --checkpoint` reads."""
