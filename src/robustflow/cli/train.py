@@ -101,18 +101,20 @@ def train(
         accumulate=accumulate,
         precision=precision,
     )
+    from ..training.data.find import needs_data
+
     if plan:
         from ..training.plan import plan_text
 
         typer.echo(plan_text(chosen, data or []))
         return
-    if not data:
+    if not data and needs_data(chosen):
         raise UsageError("nothing to train on: give --data FOLDER, which holds the data sets; --plan says which")
     from ..training.session import Request, run_training
 
     request = Request(
         recipe=chosen,
-        data=data,
+        data=data or [],
         output=output or Path("trainings") / f"{method}-{recipe}",
         start=init,
         start_trained_on=init_trained_on,

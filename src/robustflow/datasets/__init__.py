@@ -2,6 +2,15 @@
 
 from .base import Dataset, FromClips, PreCorrupted
 from .facts import DatasetFacts
-from .registry import DATASETS, dataset_facts, load_dataset
+from .registry import DATASETS, dataset_facts, load_dataset, needs_folder
 
-__all__ = ["DATASETS", "Dataset", "DatasetFacts", "FromClips", "PreCorrupted", "dataset_facts", "load_dataset"]
+__all__ = [
+    "DATASETS",
+    "Dataset",
+    "DatasetFacts",
+    "FromClips",
+    "PreCorrupted",
+    "dataset_facts",
+    "load_dataset",
+    "needs_folder",
+]

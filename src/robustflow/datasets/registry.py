@@ -27,6 +27,7 @@ _TARGETS = {
     "flyingthings3d": "flyingthings3d:FlyingThings3D",
     "gopro": "gopro:GoPro",
     "folder": "folder:open_folder",
+    "shapes": "shapes.dataset:FlyingShapes",
     "kitti_fc_released": "kitti_fc_released:KittiFCReleased",
     "gopro_fc_prepared": "gopro_fc_prepared:GoProFCPrepared",
     "gopro_fc_released": "gopro_fc_released:GoProFCReleased",
@@ -57,7 +58,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     """
     factory = DATASETS.get(name)
     parameters = inspect.signature(factory).parameters
-    takes_root = "root" in parameters
+    takes_root = needs_folder(name)
     if takes_root and root is None:
         raise UsageError(f"dataset '{name}' is in a folder of yours: name it with --data FOLDER (root=... in Python)")
     if root is not None and not takes_root:
@@ -66,6 +67,15 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
         if option == "root" or option not in parameters:
             raise unknown_name(f"option of dataset '{name}'", option, [p for p in parameters if p != "root"])
     return factory(root, **options) if takes_root else factory(**options)
+
+
+def needs_folder(name: str) -> bool:
+    """Whether a dataset is read from a folder of the user's.
+
+    >>> needs_folder("sintel"), needs_folder("shapes")
+    (True, False)
+    """
+    return "root" in inspect.signature(DATASETS.get(name)).parameters
 
 
 def dataset_facts(name: str) -> DatasetFacts:

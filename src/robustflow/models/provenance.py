@@ -28,6 +28,7 @@ TRAINING_SETS = {
     "M": "middlebury",
     "G": "gopro",
     "YT": "youtube-vos",
+    "FS": "flyingshapes",
     "IN": "imagenet",
     "X": "other",
 }

@@ -10,9 +10,9 @@ import tomllib
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from ..digest import digest_of_value
 from ..errors import UsageError, unknown_name
@@ -75,7 +75,7 @@ class Recipe(_Table):
         accumulate: steps for one update of the weights.
         devices: over how many the original's batch was spread, which decides what a BatchNorm sees.
         crop: (H, W), pixels.
-        iterations: of a recurrent network; None for one without.
+        iterations: of a recurrent network; None, in a file "none", for one without.
         loss: "sequence"; "sequence+matching", with GMFlowNet's loss of its matching; or "denoising", the sequence loss
             of flows that are denoised from the truth (FlowDiffuser).
         gamma: of the sequence loss.
@@ -103,7 +103,9 @@ class Recipe(_Table):
     learning_rate: float = Field(gt=0)
     schedule: Literal["one_cycle", "constant", "constant_then_decay"] = "one_cycle"
     optimizer: Optimizer
-    iterations: int | None = Field(12, ge=1)
+    iterations: Annotated[int | None, BeforeValidator(lambda value: None if value == "none" else value)] = Field(
+        12, ge=1
+    )
     loss: Literal["sequence", "sequence+matching", "denoising"] = "sequence"
     gamma: float = Field(0.8, gt=0, le=1)
     noise: float = Field(0.0, ge=0)

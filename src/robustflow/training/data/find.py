@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...datasets import DATASETS, load_dataset
+from ...datasets import DATASETS, load_dataset, needs_folder
 from ...datasets.base import Dataset
 from ...datasets.split import kitti_split
 from ...errors import DataError, UsageError
 from ...layout import user_path
-from ..recipe import Part
+from ..recipe import Part, Recipe, mix_parts
 
 _FOLDERS = {
     "flyingchairs": ("flyingchairs", "flyingchairsrelease", "chairs"),
@@ -44,6 +44,16 @@ class OpenPart:
         return len(self.keys) * self.part.times
 
 
+def needs_data(recipe: Recipe) -> bool:
+    """Whether any part of a recipe's mix is read from a folder of the user's.
+
+    >>> from robustflow.training.recipe import load_recipe
+    >>> needs_data(load_recipe("raft", "ood")), needs_data(load_recipe("tiny", "shapes"))
+    (True, False)
+    """
+    return any(needs_folder(part.data) for part in mix_parts(recipe.mix))
+
+
 def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
     """Open a part's data set where it is.
 
@@ -57,7 +67,10 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
     """
     named, roots = _parted(data)
     folder = named.get(part.data)
-    dataset = _search(part, roots) if folder is None else load_dataset(part.data, folder, **part.options)
+    if needs_folder(part.data):
+        dataset = _search(part, roots) if folder is None else load_dataset(part.data, folder, **part.options)
+    else:
+        dataset = load_dataset(part.data, folder, **part.options)
     keys = dataset.keys()
     if part.keys == "training":
         keys = kitti_split(keys).training

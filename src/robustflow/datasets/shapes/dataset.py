@@ -1,0 +1,112 @@
+"""`shapes`: textured layers that move over a moving background, after FlyingChairs' idea, made from a seed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...errors import UsageError
+from ...random.rng import Rng
+from ...sample import Sample
+from ..facts import DatasetFacts
+from ..samples import Samples
+from .render import render_pair
+from .scene import draw_scene
+from .textures import picture_files, picture_textures, procedural_textures
+
+SPLITS = ("test", "train")
+_SMALLEST, _LARGEST = 16, 4096
+_MOST_PAIRS = 10_000_000
+
+
+class FlyingShapes(Samples):
+    """Pairs with exact flow and occlusion. A pair is a function of seed, split, size, motion and textures alone.
+
+    Args:
+        pairs: how many; the first ones are the same whatever this is.
+        size: HEIGHTxWIDTH of the frames, 16 to 4096 pixels a side.
+        seed: of everything.
+        split: "test" or "train": pairs of one share no texture and no draw with those of the other.
+        motion: factor on all translations. At 1 the flow has a mean length of some 5 % of the frame's height, a few
+            pairs several times that.
+        textures: a folder of pictures to take textures from, in place of the procedural ones.
+
+    Raises:
+        UsageError: one of these out of range, or a folder without pictures.
+
+    >>> pairs = FlyingShapes(pairs=2, size="64x96")
+    >>> sample = pairs.load("000001")
+    >>> sample.shape, sample.flow.shape, bool(sample.valid.all()), sample.occluded.dtype.name
+    ((64, 96), (64, 96, 2), True, 'bool')
+    """
+
+    name = "shapes"
+    has_flow = True
+    facts = DatasetFacts(
+        title="Flying shapes",
+        description="Textured layers that move over a moving background, made from a seed with exact flow; "
+        "as many pairs as you ask for.",
+        licence="made by this package; no terms",
+        citation="after Dosovitskiy et al., FlowNet: Learning Optical Flow with Convolutional Networks, ICCV 2015",
+        layout="no root needed",
+        training_set="flyingshapes",
+    )
+
+    def __init__(
+        self,
+        pairs: int = 200,
+        size: str = "384x512",
+        seed: int = 0,
+        split: str = "test",
+        motion: float = 1.0,
+        textures: str | None = None,
+    ) -> None:
+        if type(pairs) is not int or not 1 <= pairs <= _MOST_PAIRS:
+            raise UsageError(f"pairs must be a whole number from 1 to {_MOST_PAIRS}, not {pairs!r}")
+        if type(seed) is not int:
+            raise UsageError(f"seed must be a whole number, not {seed!r}")
+        if split not in SPLITS:
+            raise UsageError(f"split must be test or train, not {split!r}")
+        if isinstance(motion, bool) or not isinstance(motion, int | float) or not 0 <= motion <= 10:
+            raise UsageError(f"motion must be a number from 0 to 10, not {motion!r}")
+        self._pairs, self._seed, self._split, self._motion = pairs, seed, split, float(motion)
+        self._shape = _parsed(size)
+        self._textures = None if textures is None else str(textures)
+        if self._textures is not None:
+            picture_files(self._textures)
+
+    def keys(self) -> list[str]:
+        """See `Dataset.keys`."""
+        return [f"{index:06d}" for index in range(self._pairs)]
+
+    def files(self, key: str) -> list[Path]:
+        """See `Dataset.files`: the pictures that textures are taken from, none for procedural ones."""
+        self._checked(key)
+        return [] if self._textures is None else picture_files(self._textures)
+
+    def load(self, key: str) -> Sample:
+        """See `Dataset.load`."""
+        index = self._checked(key)
+        if self._textures is None:
+            textures = procedural_textures(self._seed, self._split)
+        else:
+            textures = picture_textures(self._textures)
+        rng = Rng.of(self._seed, "shapes", self._split, "pair", index)
+        frames, flow, occluded = render_pair(draw_scene(rng, self._shape, self._motion, textures))
+        valid = occluded | True
+        return Sample(key, frames, flow, valid, occluded)
+
+    def _checked(self, key: str) -> int:
+        if len(key) >= 6 and key.isdecimal() and key == f"{int(key):06d}" and int(key) < self._pairs:
+            return int(key)
+        raise UsageError(f"shapes has no sample '{key}'; its keys are '000000' to '{self._pairs - 1:06d}'")
+
+
+def _parsed(size: str) -> tuple[int, int]:
+    height, cross, width = str(size).lower().partition("x")
+    if cross and height.isdecimal() and width.isdecimal() and len(height) < 6 and len(width) < 6:
+        shape = int(height), int(width)
+        if all(_SMALLEST <= side <= _LARGEST for side in shape):
+            return shape
+    raise UsageError(
+        f"size must be HEIGHTxWIDTH, {_SMALLEST} to {_LARGEST} pixels a side, for example 384x512, not {size!r}"
+    )

@@ -1,0 +1,71 @@
+"""How a layer moves: an affine map and a smooth wave, and its inverse to rounding. For use inside compiled loops.
+
+A layer's own coordinates are those of frame 1. A point m of it is at T(m) = c + t + A (m - c + d(m)) in frame 2; d is a
+wave of each axis, made of parabolas instead of sines, because only the four operations and the square root give the
+same bits on every machine. Its slope is kept below 1/2, so that T can be inverted everywhere.
+
+The numbers of a motion are one row of `MOTION` float64 values:
+
+    cx cy  tx ty  a b c d (A by rows)  e f g h (its inverse)  ax px qx sx  ay py qy sy
+    (d_x = ax w(px x + qx y + sx), ...)
+    and two circles that hold the layer: radius in frame 1, radius in frame 2, its centre there
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+MOTION = 24
+"""Numbers of a motion."""
+_STEPS = 30
+_CLOSE = 1e-24
+"""Square of a step, in pixels, after which the inverse is found."""
+
+
+@njit(cache=True, nogil=True, inline="always")
+def wave(turns: Any) -> Any:
+    """A wave of period 1 and height 1 made of parabolas, with a continuous slope: 0 at 0, 1 at 1/4."""
+    u = turns - np.floor(turns + 0.5)
+    return 8.0 * u * (1.0 - 2.0 * abs(u))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _slope(turns: Any) -> Any:
+    u = turns - np.floor(turns + 0.5)
+    return 8.0 * (1.0 - 4.0 * abs(u))
+
+
+@njit(cache=True, nogil=True)
+def forward(m: Any, x: Any, y: Any) -> Any:
+    """Where the point (x, y) of frame 1 is in frame 2."""
+    u = x - m[0] + m[12] * wave(m[13] * x + m[14] * y + m[15])
+    v = y - m[1] + m[16] * wave(m[17] * x + m[18] * y + m[19])
+    return m[0] + m[2] + m[4] * u + m[5] * v, m[1] + m[3] + m[6] * u + m[7] * v
+
+
+@njit(cache=True, nogil=True)
+def backward(m: Any, x: Any, y: Any) -> Any:
+    """Which point of frame 1 is at (x, y) in frame 2: Newton's method, to rounding."""
+    u, v = x - m[0] - m[2], y - m[1] - m[3]
+    goal_x, goal_y = m[0] + m[8] * u + m[9] * v, m[1] + m[10] * u + m[11] * v
+    if m[12] == 0.0 and m[16] == 0.0:
+        return goal_x, goal_y
+    px, py = goal_x, goal_y
+    for _ in range(_STEPS):
+        turns_x, turns_y = m[13] * px + m[14] * py + m[15], m[17] * px + m[18] * py + m[19]
+        miss_x = px + m[12] * wave(turns_x) - goal_x
+        miss_y = py + m[16] * wave(turns_y) - goal_y
+        slope_x, slope_y = m[12] * _slope(turns_x), m[16] * _slope(turns_y)
+        a, b = 1.0 + slope_x * m[13], slope_x * m[14]
+        c, d = slope_y * m[17], 1.0 + slope_y * m[18]
+        determinant = a * d - b * c
+        step_x = (d * miss_x - b * miss_y) / determinant
+        step_y = (a * miss_y - c * miss_x) / determinant
+        px -= step_x
+        py -= step_y
+        if step_x * step_x + step_y * step_y < _CLOSE:
+            break
+    return px, py

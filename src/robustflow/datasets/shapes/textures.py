@@ -1,0 +1,147 @@
+"""Textures for the shapes: dead leaves (shapes covering shapes, as in photographs) under noise of several sizes.
+
+Dead leaves with radii r distributed as r^-3 have the spectrum and the edges of natural images (Lee, Mumford and Huang,
+IJCV 2001). A texture repeats without a seam. Only the four operations and the square root are used, so the bytes
+are the same on every machine.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ...errors import UsageError
+from ...images.io import IMAGE_SUFFIXES, read_image
+from ...layout import user_path
+from ...random.rng import Rng
+
+SIZE = 512
+"""Texels a side."""
+COUNT = 32
+"""Textures that the layers of all scenes choose from."""
+_LEAVES = 4000
+_RADII = (4.0, 140.0)
+_MOST_PICTURES = 256
+"""Of the user's own: 200 MB."""
+
+Textures = npt.NDArray[np.uint8]
+"""(count, SIZE, SIZE, 3), RGB."""
+
+
+@lru_cache(maxsize=2)
+def procedural_textures(seed: int, split: str) -> Textures:
+    """The textures of a seed, the same for all its pairs; made once in a process, in about a second."""
+    return np.stack([_texture(Rng.of(seed, "shapes", split, "texture", index)) for index in range(COUNT)])
+
+
+@lru_cache(maxsize=2)
+def picture_textures(folder: str) -> Textures:
+    """The pictures of a folder as textures, each scaled to cover the square and cropped to its middle.
+
+    Raises:
+        UsageError: no folder, no picture in it, or too many.
+        DataError: a picture that cannot be read.
+    """
+    files = picture_files(folder)
+    return np.stack([_covering(read_image(path)) for path in files])
+
+
+def picture_files(folder: str) -> list[Path]:
+    """The pictures that `picture_textures` reads, sorted."""
+    root = user_path(folder)
+    if not root.is_dir():
+        raise UsageError(f"textures={folder}: no such folder; give one that holds pictures")
+    files = sorted(path for path in root.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    if not 1 <= len(files) <= _MOST_PICTURES:
+        raise UsageError(f"textures={folder}: {len(files)} pictures in it; give 1 to {_MOST_PICTURES}")
+    return files
+
+
+def _covering(picture: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    height, width = picture.shape[:2]
+    side = min(height, width)
+    top, left = (height - side) // 2, (width - side) // 2
+    square = picture[top : top + side, left : left + side]
+    shrinks = side > SIZE
+    return np.asarray(
+        cv2.resize(square, (SIZE, SIZE), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR), np.uint8
+    )
+
+
+def _texture(rng: Rng) -> npt.NDArray[np.uint8]:
+    contrast = 0.15 + 0.85 * rng.uniform()
+    grey = rng.uniform(50, 205)
+    base = np.array([grey + rng.uniform(-40, 40) for _ in range(3)])
+    numbers = rng.uniforms(_LEAVES * 11).reshape(_LEAVES, 11)
+    leaves = np.full((SIZE, SIZE, 3), -1.0)
+    _paint(numbers, base, contrast, *_RADII, leaves)
+    noise = np.zeros((SIZE, SIZE))
+    strength = rng.uniform(2, 26)
+    for cells, part in ((8, 1.0), (32, 0.7), (128, 0.5), (256, 0.4)):
+        _add_noise(rng.uniforms(cells * cells).reshape(cells, cells) - 0.5, strength * part, noise)
+    return np.rint(np.clip(leaves + noise[..., None], 0, 255)).astype(np.uint8)
+
+
+@njit(cache=True, nogil=True)
+def _paint(numbers: Any, base: Any, contrast: Any, smallest: Any, largest: Any, out: Any) -> None:
+    """Leaves from front to back: each fills what is still free of it, across the seam too."""
+    size = out.shape[0]
+    free = size * size
+    ratio = (smallest / largest) ** 2
+    for leaf in range(numbers.shape[0]):
+        n = numbers[leaf]
+        radius = smallest / np.sqrt(1.0 - n[0] * (1.0 - ratio))
+        cx, cy = n[1] * size, n[2] * size
+        turn = 2.0 * n[3] - 1.0
+        cosine, sine = (1.0 - turn * turn) / (1.0 + turn * turn), 2.0 * turn / (1.0 + turn * turn)
+        flat = 0.25 + 0.75 * n[4]
+        box = n[5] < 0.5
+        lean = 60.0 * contrast * (n[6] - 0.5) / radius
+        shade = (n[7] - 0.5) * 300.0 * contrast
+        reach = int(np.ceil(radius * (1.5 if box else 1.0)))
+        for dy in range(-reach, reach + 1):
+            row = int(np.floor(cy + dy)) % size
+            for dx in range(-reach, reach + 1):
+                column = int(np.floor(cx + dx)) % size
+                if out[row, column, 0] >= 0.0:
+                    continue
+                u, v = (cosine * dx + sine * dy) / radius, (cosine * dy - sine * dx) / (radius * flat)
+                if max(abs(u), abs(v)) > 1.0 if box else u * u + v * v > 1.0:
+                    continue
+                for channel in range(3):
+                    value = base[channel] + shade + 90.0 * contrast * (n[8 + channel] - 0.5) + lean * (dx + dy)
+                    out[row, column, channel] = min(max(value, 0.0), 255.0)
+                free -= 1
+        if free == 0:
+            return
+    for row in range(size):
+        for column in range(size):
+            if out[row, column, 0] < 0.0:
+                for channel in range(3):
+                    out[row, column, channel] = base[channel]
+
+
+@njit(cache=True, nogil=True)
+def _add_noise(lattice: Any, strength: Any, out: Any) -> None:
+    """Values at lattice points, between them bilinear; repeats without a seam."""
+    size, cells = out.shape[0], lattice.shape[0]
+    step = cells / size
+    for row in range(size):
+        v = row * step
+        r0 = int(v)
+        v -= r0
+        r1 = (r0 + 1) % cells
+        for column in range(size):
+            u = column * step
+            c0 = int(u)
+            u -= c0
+            c1 = (c0 + 1) % cells
+            above = lattice[r0, c0] * (1.0 - u) + lattice[r0, c1] * u
+            below = lattice[r1, c0] * (1.0 - u) + lattice[r1, c1] * u
+            out[row, column] += strength * (above * (1.0 - v) + below * v)

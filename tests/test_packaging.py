@@ -1,0 +1,135 @@
+"""What the package says of itself: pins that its extras resolve to, versions that agree, a wheel with every file."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+import robustflow
+
+packaging = pytest.importorskip("packaging", reason="needs the extra dev")
+yaml = pytest.importorskip("yaml", reason="needs the extra dev")
+
+from packaging.requirements import Requirement  # noqa: E402
+from packaging.utils import canonicalize_name  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+OPTIONAL = PROJECT["optional-dependencies"]
+APART = {"bench", "optics-test"}
+"""Extras for environments of their own, whose libraries the tests do not have."""
+
+
+def pins():
+    """constraints.txt: canonical name -> version."""
+    lines = [line.partition("#")[0].strip() for line in (ROOT / "constraints.txt").read_text().splitlines()]
+    return {canonicalize_name(name): version for name, _, version in (line.partition("==") for line in lines if line)}
+
+
+def test_constraints_are_names_and_versions_alone():
+    for line in (ROOT / "constraints.txt").read_text().splitlines():
+        assert re.fullmatch(r"#.*|[\w.-]+==[\w.+-]+", line), line
+
+
+@pytest.mark.parametrize("extra", ["", *OPTIONAL])
+def test_an_extra_resolves_to_its_pins(extra):
+    known = pins()
+    requirements = [Requirement(text) for text in (OPTIONAL[extra] if extra else PROJECT["dependencies"])]
+    for requirement in requirements:
+        name = canonicalize_name(requirement.name)
+        if name == "robustflow":
+            assert requirement.extras <= set(OPTIONAL)
+        elif extra not in APART:
+            assert name in known, f"{requirement} of [{extra}] has no line in constraints.txt"
+        if name in known:
+            assert known[name] in requirement.specifier, f"{requirement} of [{extra}] against {name}=={known[name]}"
+
+
+@pytest.mark.parametrize("name", ["lightning", "pytorch-lightning"])
+def test_compromised_releases_are_excluded(name):
+    (requirement,) = [r for r in map(Requirement, OPTIONAL["ptlflow"]) if r.name == name]
+    assert not {"2.6.2", "2.6.3"} & set(requirement.specifier.filter(["2.6.1", "2.6.2", "2.6.3", "2.6.4"]))
+    assert pins()[name] not in {"2.6.2", "2.6.3"}
+
+
+def test_versions_agree():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    newest = re.search(r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert newest is not None
+    assert citation["version"] == newest[1] == robustflow.__version__
+
+
+def test_the_paper_is_cited_as_it_is_printed(shared):
+    paper = (shared("paper") / "paper.tex").read_text()
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())["preferred-citation"]
+    assert "\\title{" + cited["title"] + "}" in paper
+    (authors,) = re.findall(r"\\author\{(.*?)\\\\\\normalsize", paper.replace("\n", ""))
+    printed = re.findall(r"([A-Z][a-z]+ [A-Z][a-z]+)(?=\$|,|\\thanks)", re.sub(r"\\thanks\{.*?\}\.?\}?", "", authors))
+    assert [f"{one['given-names']} {one['family-names']}" for one in cited["authors"]] == printed
+    assert cited["repository-code"] in paper
+
+
+def test_the_workflow_runs_what_every_machine_runs():
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())
+    (job,) = workflow["jobs"].values()
+    assert [step["run"] for step in job["steps"] if "run" in step] == [".ci/run"]
+    assert os.access(ROOT / ".ci" / "run", os.X_OK)
+
+
+def test_the_dockerfile_copies_what_there_is_and_what_it_lets_through():
+    dockerfile = (ROOT / "Dockerfile").read_text()
+    passed = {line[1:] for line in (ROOT / ".dockerignore").read_text().splitlines() if line.startswith("!")}
+    copied = {
+        source for line in re.findall(r"^COPY (?!--from)(.+) \S+$", dockerfile, re.MULTILINE) for source in line.split()
+    }
+    assert copied == passed
+    assert all((ROOT / name).exists() for name in copied)
+    (extras,) = re.findall(r"^ARG EXTRAS=(\S+)$", dockerfile, re.MULTILINE)
+    assert set(extras.split(",")) <= set(OPTIONAL)
+
+
+@pytest.mark.skipif(shutil.which("hadolint") is None, reason="needs hadolint (extra dev)")
+def test_the_dockerfile_is_linted():
+    linted = subprocess.run(["hadolint", str(ROOT / "Dockerfile")], capture_output=True, text=True)
+    assert linted.returncode == 0, linted.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("build") is None, reason="needs the library build (extra dev)")
+def test_wheel_and_source_hold_every_file_and_run(tmp_path):
+    subprocess.run([sys.executable, "-m", "build", "--outdir", str(tmp_path), str(ROOT)], check=True, timeout=600)
+    (wheel,), (source,) = tmp_path.glob("*.whl"), tmp_path.glob("*.tar.gz")
+    package = {
+        path.relative_to(ROOT / "src").as_posix()
+        for path in (ROOT / "src" / "robustflow").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert packed == package
+    assert "robustflow/py.typed" in packed
+    assert wheel.stat().st_size < 4 << 20
+    with tarfile.open(source) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    assert {"constraints.txt", "LICENSE", "README.md", "docs/add-your-model.md", "tests/test_guides.py"} <= names
+
+    installed = tmp_path / "installed"
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(installed), str(wheel)]
+    subprocess.run(pip, check=True, timeout=300)
+    command = [sys.executable, "-m", "robustflow", "run", "--model", "dis", "-c", "fog", "-s", "3", "--output", "run"]
+    environment = {**os.environ, "PYTHONPATH": str(installed)}
+    subprocess.run(command, cwd=tmp_path, env=environment, check=True, timeout=300)
+    assert (tmp_path / "run" / "report.html").is_file()
+    where = [sys.executable, "-c", "import robustflow; print(robustflow.__file__)"]
+    imported = subprocess.run(where, cwd=tmp_path, env=environment, check=True, capture_output=True, text=True).stdout
+    assert Path(imported.strip()).is_relative_to(installed)
