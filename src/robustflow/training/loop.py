@@ -22,15 +22,15 @@ from ..random.rng import key_of
 from .checkpoint import BEST, LAST, Progressed, save_training, save_weights
 from .data.loader import Batch, Share, batches
 from .data.pairs import TrainingPairs
+from .draws import prepared
 from .log import MetricsLog
-from .loss_of_batch import loss_of_batch, noisy
+from .network_with_loss import NetworkWithLoss
 from .networks import TrainedNetwork, learning_parameters
 from .optimizers import set_rate
 from .processes import Process
 from .progress import TrainingProgress
 from .recipe import Recipe
 from .schedules import SCHEDULES
-from .unsupervised.build import build_objective
 from .unsupervised.objective import Moment
 
 
@@ -83,7 +83,7 @@ def train(training: Training, state: State, process: Process, progress: Training
         DataError: a pair cannot be read, or a file not be written.
     """
     recipe, network = training.recipe, state.network
-    called: nn.Module = network if recipe.objective is None else build_objective(network, recipe)
+    called: nn.Module = NetworkWithLoss(network, recipe)
     if process.world > 1:
         called = DistributedDataParallel(called, find_unused_parameters=True)  # GMA has some
     first, last = state.done.updates, recipe.updates
@@ -126,12 +126,12 @@ def _update(
     for part in range(recipe.accumulate):
         step = update * recipe.accumulate + part
         batch = next(stream).to(device)
-        batch = noisy(batch, recipe, training.seed, step, share.positions(step))
+        batch = prepared(batch, recipe, training.seed, step, share.positions(step))
         torch.manual_seed(key_of(training.seed, "network", step, share.rank) % 2**63)
         moment = Moment(training.seed, step, tuple(share.positions(step)), update / recipe.updates)
         last = part == recipe.accumulate - 1
         with nullcontext() if last or share.world == 1 else called.no_sync():
-            loss, numbers = loss_of_batch(called, batch, recipe, moment)
+            loss, numbers = called(batch, moment)
             numbers["loss"] = loss.item()
             _check_finite("loss", numbers["loss"], update, batch)
             state.scaler.scale(loss / recipe.accumulate).backward()

@@ -86,11 +86,15 @@ class Recipe(Table):
         devices: over how many the original's batch was spread, which decides what a BatchNorm sees.
         crop: (H, W), pixels.
         iterations: of a recurrent network; None, in a file "none", for one without.
+        loss: "sequence"; "sequence+matching", with GMFlowNet's loss of its matching; or "denoising", the sequence loss
+            of flows that are denoised from the truth (FlowDiffuser).
         gamma: of the sequence loss.
         objective: what is minimised by a method that learns without labels, instead of the sequence loss.
         noise: the largest standard deviation, in grey levels, of the noise added to both frames; 0 for none.
         frozen_norms: "none", "batchnorm" (running statistics stay) or "all".
         frozen: parts of the network, by the beginning of their parameters' names, that do not learn.
+        unused: parts, likewise, that the network has and never computes with, in the original too: no gradient comes
+            to them.
         precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
         source: where this comes from.
         unverified: what of it could not be checked.
@@ -111,12 +115,13 @@ class Recipe(Table):
     schedule: Literal["one_cycle", "constant", "constant_then_decay"] = "one_cycle"
     optimizer: Optimizer
     iterations: Annotated[int | None, _NONE] = Field(12, ge=1)
-    loss: Literal["sequence"] = "sequence"
+    loss: Literal["sequence", "sequence+matching", "denoising"] = "sequence"
     gamma: float = Field(0.8, gt=0, le=1)
     objective: Objective | None = None
     noise: float = Field(0.0, ge=0)
     frozen_norms: Literal["none", "batchnorm", "all"] = "none"
     frozen: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
     precision: Literal["fp32", "fp16", "bf16"] = "fp32"
     source: str
     unverified: str = ""
@@ -129,7 +134,7 @@ class Recipe(Table):
 
     def digest(self) -> str:
         """32 hexadecimal digits that name everything that decides the weights."""
-        words = {"source", "unverified", "differs"}
+        words = {"source", "unverified", "differs", "unused"}
         later = {"objective"} if self.objective is None else set()  # a field that came later leaves older digests alone
         return digest_of_value(self.model_dump(mode="json", exclude=words | later), size=16)
 
@@ -160,7 +165,7 @@ def load_recipe(method: str, stage: str) -> Recipe:
 
 @cache
 def recipes_of(method: str) -> dict[str, Recipe]:
-    """Every stage of a method, in the order of its file.
+    """Every stage of a method, in the order of its file, which may say that the model has another name.
 
     Raises:
         UsageError: no recipe for the method.
@@ -170,7 +175,7 @@ def recipes_of(method: str) -> dict[str, Recipe]:
     document = dict(_read(method))
     common = document.pop("all", {})
     return {
-        stage: _validated(_merged(common, {**entry, "method": method, "stage": stage}))
+        stage: _validated(_merged({"method": method, **common}, {**entry, "stage": stage}))
         for stage, entry in document.items()
     }
 

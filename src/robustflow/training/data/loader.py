@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -44,6 +44,8 @@ class Batch:
         flow: float32 (B, 2, H, W), pixels.
         valid: float32 (B, H, W), 0 or 1.
         names: of the pairs.
+        time: from which the truth is denoised, 0 (clean) to 999 (noise); None where the loss does not denoise.
+        noise: for that, standard normal, (B, 2, H / 8, W / 8).
         whole, changed: see `TrainingPair`.
     """
 
@@ -52,6 +54,8 @@ class Batch:
     flow: Tensor
     valid: Tensor
     names: tuple[str, ...]
+    time: int | None = None
+    noise: Tensor | None = None
     whole: WholeFrames | None = None
     changed: tuple[Tensor, Tensor] | None = None
 
@@ -67,7 +71,7 @@ class Batch:
                 self.changed[0].to(device, non_blocking=True),
                 self.changed[1].to(device, non_blocking=True),
             )
-        return Batch(image1, image2, flow, valid, self.names, whole, changed)
+        return replace(self, image1=image1, image2=image2, flow=flow, valid=valid, whole=whole, changed=changed)
 
 
 @dataclass(frozen=True)
@@ -151,8 +155,8 @@ def _collated(pairs: Sequence[TrainingPair]) -> Batch:
         flow,
         valid,
         tuple(pair.name for pair in pairs),
-        _whole([pair.whole for pair in pairs if pair.whole is not None]),
-        (both[0], both[1]) if both else None,
+        whole=_whole([pair.whole for pair in pairs if pair.whole is not None]),
+        changed=(both[0], both[1]) if both else None,
     )
 
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ...random.rng import Rng
+from ...random.rng import Rng, key_of
 from ..augmentation.affine import draw_moves, moved, moved_flow
 from ..data.loader import Batch
+from ..draws import normal
 from ..losses.unsupervised import UnsupervisedLoss, unsupervised_loss
 from ..networks import TrainedNetwork
-from ..noise import normal
 from ..objectives import ArflowObjective
 from ..recipe import Recipe
 from .objective import LabelFree, Moment
@@ -67,5 +67,6 @@ class Arflow(LabelFree):
 
 
 def _noisy(images: Tensor, deviation: float, moment: Moment, which: int) -> Tensor:
-    drawn = [normal((moment.seed, "second pass", position, which), images[0]) for position in moment.positions]
+    shape = images.shape[1:]
+    drawn = [normal(key_of(moment.seed, "second pass", position, which), shape) for position in moment.positions]
     return (images + deviation * torch.stack(drawn).to(images.device)).clamp(0.0, 1.0)

@@ -11,11 +11,9 @@ from torch import Tensor, nn
 from ...errors import UsageError
 from ...models.torch.fit import fitted_values
 from ..data.loader import Batch
+from ..loss_of_batch import DTYPES
 from ..networks import TrainedNetwork
 from ..recipe import Recipe
-
-DTYPES = {"bf16": torch.bfloat16, "fp16": torch.float16}
-"""What a mixed precision computes in."""
 
 
 @dataclass(frozen=True)
