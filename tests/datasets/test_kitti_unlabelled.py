@@ -43,8 +43,9 @@ def test_a_scene_gives_15_pairs_of_a_camera(multiview):
         ({}, 8),
     ):
         dataset = load_dataset("kitti_multiview", multiview, **options)
-        assert len(dataset.keys()) == 15 * scenes
-    for key in dataset:
+        keys = dataset.keys()
+        assert len(keys) == 15 * scenes
+    for key in keys:
         first, second = (int(path.stem[-2:]) for path in dataset.files(key))
         assert second == first + 1
         assert not {first, second} & {9, 10, 11, 12}
