@@ -39,6 +39,6 @@ class NetworkWithLoss(nn.Module):
             return loss_of_batch(self.network, batch, self._recipe)
         loss, terms = self._objective(batch, moment)
         flow = terms.pop("flow").detach()
-        numbers = {name: float(value) for name, value in terms.items()}
+        numbers = {name: value.item() for name, value in terms.items()}
         error = end_point_error(flow, batch.flow, batch.valid).item()
         return loss, numbers if math.isnan(error) else {**numbers, "epe": error}
