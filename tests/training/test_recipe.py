@@ -53,7 +53,11 @@ def test_every_recipe_is_of_a_model_that_runs_and_of_data_that_are_known(method)
     assert method in MODELS or method == "gmflownet_mix"
     for stage, recipe in recipes_of(method).items():
         assert (recipe.method.removeprefix("ptlflow:"), recipe.stage) == (method, stage)
-        assert recipe.start in ("random", "chairs", "things", "sintel", "ood", *recipes_of(method))
+        assert (
+            recipe.start == "random"
+            or recipe.start in recipes_of(method)
+            or recipe.start in ("chairs", "things", "sintel")
+        )
         assert all(part.data in DATASETS for part in mix_parts(recipe.mix))
         assert recipe.source
 
