@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import Tensor, nn
 
 from ..errors import UsageError
@@ -17,6 +18,7 @@ from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.fit import fitted_values, unfitted_flow
 from ..models.torch.model import NetworkModel
 from ..models.torch.module_net import ModuleNet
+from ..models.torch.network import weights_seeded
 from .data.loader import Batch
 from .losses.own import checked_loss
 from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
@@ -131,7 +133,11 @@ class TrainedNetwork(nn.Module):
 
 
 def load_network(
-    recipe: Recipe, start: str | Path, device: str = "cpu", options: Mapping[str, Any] | None = None
+    recipe: Recipe,
+    start: str | Path,
+    device: str = "cpu",
+    options: Mapping[str, Any] | None = None,
+    seed: int = 0,
 ) -> tuple[NetworkModel, TrainedNetwork]:
     """The model of a recipe with the weights it starts from, and its network ready to learn.
 
@@ -140,6 +146,7 @@ def load_network(
         start: a checkpoint as `run --checkpoint` takes it, or "random".
         device: as `run --device` takes it.
         options: of the model, besides.
+        seed: of random weights.
 
     Raises:
         ModelError: no such checkpoint, or one of another network.
@@ -151,7 +158,9 @@ def load_network(
         given["iterations"] = recipe.iterations
     if not (own and str(start) == RANDOM):  # a module of the user's own has the weights that it was made with
         given["checkpoint"] = str(start)
-    model = load_model(recipe.method, **given)
+    with torch.random.fork_rng(devices=[]), weights_seeded(seed):
+        torch.default_generator.manual_seed(seed)  # of a module of the user's own
+        model = load_model(recipe.method, **given)
     while isinstance(model, TiledModel):
         model = model.model
     if not isinstance(model, NetworkModel):

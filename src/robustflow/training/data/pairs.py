@@ -13,7 +13,6 @@ from ...corruptions.transforms.transform import CorruptionTransform
 from ...datasets.base import Dataset
 from ...datasets.pairs import PairDataset, read_frames
 from ...errors import DataError
-from ...flowio import read_flow
 from ...random.rng import Rng
 from ...sample import Flow, Frame, Mask
 from ..augmentation.augment import apply_augmentation, draw_augmentation
@@ -126,14 +125,15 @@ class TrainingPairs:
 
 
 def _read(dataset: Dataset, key: str) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Frames and truth. Of a data set in files the flow file alone: the originals train on Sintel without its maps of
-    invalid pixels."""
+    """Frames and truth; see `PairDataset.training_truth`."""
     if isinstance(dataset, PairDataset):
         pair = dataset.pair(key)
         if pair.flow is None:
             raise DataError("it has no ground truth to train on")
         first, second = read_frames(pair.frames)
-        flow, valid = read_flow(pair.flow)
+        truth = dataset.training_truth(pair)
+        assert truth is not None
+        flow, valid = truth.flow, truth.valid
     else:
         sample = dataset.load(key)
         if sample.flow is None or sample.valid is None:
