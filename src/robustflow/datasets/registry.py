@@ -19,6 +19,8 @@ _TARGETS = {
     "motorcycle": "motorcycle:Motorcycle",
     "kitti2015": "kitti:Kitti2015",
     "kitti2012": "kitti:Kitti2012",
+    "kitti_multiview": "kitti_multiview:KittiMultiview",
+    "kitti_raw": "kitti_raw:KittiRaw",
     "middlebury": "middlebury:Middlebury",
     "sintel": "sintel:Sintel",
     "hd1k": "hd1k:HD1K",

@@ -36,7 +36,7 @@ def _noisy(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[i
     deviation = Rng.of(seed, "noise", step).uniform(0.0, recipe.noise)
     images = []
     for which, image in enumerate((batch.image1, batch.image2)):
-        drawn = [_normal(key_of(seed, "noise", position, which), image.shape[1:]) for position in positions]
+        drawn = [normal(key_of(seed, "noise", position, which), image.shape[1:]) for position in positions]
         images.append((image + deviation * torch.stack(drawn).to(image.device)).clamp(0.0, 255.0))
     return replace(batch, image1=images[0], image2=images[1])
 
@@ -47,10 +47,11 @@ def _with_denoising(batch: Batch, recipe: Recipe, seed: int, step: int, position
         return batch
     time = Rng.of(seed, "denoising", step).integer(0, DENOISING_STEPS)
     height, width = batch.flow.shape[2] // 8, batch.flow.shape[3] // 8
-    drawn = [_normal(key_of(seed, "denoising", position), (2, height, width)) for position in positions]
+    drawn = [normal(key_of(seed, "denoising", position), (2, height, width)) for position in positions]
     return replace(batch, time=time, noise=torch.stack(drawn).to(batch.flow.device))
 
 
-def _normal(key: int, shape: tuple[int, ...]) -> Tensor:
+def normal(key: int, shape: tuple[int, ...]) -> Tensor:
+    """Standard normal numbers on the CPU, the same for the same key."""
     generator = torch.Generator().manual_seed(key % 2**63)
     return torch.randn(shape, generator=generator)

@@ -31,6 +31,7 @@ from .processes import Process
 from .progress import TrainingProgress
 from .recipe import Recipe
 from .schedules import SCHEDULES
+from .unsupervised.objective import Moment
 
 
 @dataclass(frozen=True)
@@ -127,9 +128,10 @@ def _update(
         batch = next(stream).to(device)
         batch = prepared(batch, recipe, training.seed, step, share.positions(step))
         torch.manual_seed(key_of(training.seed, "network", step, share.rank) % 2**63)
+        moment = Moment(training.seed, step, tuple(share.positions(step)), update / recipe.updates)
         last = part == recipe.accumulate - 1
         with nullcontext() if last or share.world == 1 else called.no_sync():
-            loss, numbers = called(batch)
+            loss, numbers = called(batch, moment)
             numbers["loss"] = loss.item()
             _check_finite("loss", numbers["loss"], update, batch)
             state.scaler.scale(loss / recipe.accumulate).backward()

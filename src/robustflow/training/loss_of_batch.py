@@ -11,7 +11,8 @@ from .losses.sequence import end_point_error, sequence_loss
 from .networks import TrainedNetwork
 from .recipe import Recipe
 
-_DTYPES = {"bf16": torch.bfloat16, "fp16": torch.float16}
+DTYPES = {"bf16": torch.bfloat16, "fp16": torch.float16}
+"""What a mixed precision computes in."""
 
 
 def loss_of_batch(network: TrainedNetwork, batch: Batch, recipe: Recipe) -> tuple[Tensor, dict[str, float]]:
@@ -27,7 +28,7 @@ def loss_of_batch(network: TrainedNetwork, batch: Batch, recipe: Recipe) -> tupl
     """
     matching: Tensor | None = None
     device = batch.image1.device.type
-    with torch.autocast(device, _DTYPES.get(recipe.precision), enabled=recipe.precision in _DTYPES):
+    with torch.autocast(device, DTYPES.get(recipe.precision), enabled=recipe.precision in DTYPES):
         if network.has_own_loss:
             return network.own_loss(batch)
         if recipe.loss == "denoising":

@@ -19,9 +19,11 @@ from ..models.torch.fit import fitted_values, unfitted_flow
 from ..models.torch.model import NetworkModel
 from ..models.torch.module_net import ModuleNet
 from ..models.torch.network import weights_seeded
+from .corrector import Corrector
 from .data.loader import Batch
 from .losses.own import checked_loss
 from .norms import freeze_all_norms, freeze_batchnorm, group_batchnorm
+from .objectives import BrightflowObjective
 from .recipe import Recipe
 
 _NEEDED = {
@@ -30,6 +32,8 @@ _NEEDED = {
     "denoising": ("denoised_predictions", "the flows that it denoises from the truth"),
 }
 """What a network must have for each loss."""
+_CORRECTOR = "corrector."
+"""How the names of BrightFlow's corrector begin, in its authors' files too."""
 
 
 class TrainedNetwork(nn.Module):
@@ -46,17 +50,26 @@ class TrainedNetwork(nn.Module):
     def __init__(self, model: NetworkModel, recipe: Recipe) -> None:
         super().__init__()
         method, returns = _NEEDED[recipe.loss]
-        if not hasattr(model.net, method):
+        if recipe.objective is None and not hasattr(model.net, method):
             raise UsageError(
                 f"model '{model.name}' cannot be trained with the loss '{recipe.loss}': its network has no method "
                 f"{method} that returns {returns}"
+            )
+        if recipe.objective is not None and not hasattr(model.net, "both"):
+            raise UsageError(
+                f"model '{model.name}' cannot be trained without labels: its network has no method both(image1, "
+                "image2) that returns the flows of both directions"
             )
         self.net = model.net
         for name, value in self.net.named_parameters():
             value.requires_grad_(not name.startswith(recipe.frozen))
         group_batchnorm(self.net, recipe.devices)
-        self._convention = model.convention
+        self.convention = model.convention
         self._norms = recipe.frozen_norms
+        self._labelled = recipe.objective is None
+        self.corrector: nn.Module | None = None
+        if isinstance(recipe.objective, BrightflowObjective):
+            self.corrector = _seeded_corrector().to(model.device)
 
     def train(self, mode: bool = True) -> TrainedNetwork:
         """Training or evaluation mode; norms that the recipe freezes stay in the latter."""
@@ -71,9 +84,9 @@ class TrainedNetwork(nn.Module):
     def forward(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
         """Flows of float (N, 2, H, W) in pixels, the last one final, from RGB images float (N, 3, H, W) in 0..255."""
         height, width = image1.shape[2:]
-        first, second = (fitted_values(image, self._convention) for image in (image1, image2))
+        first, second = (fitted_values(image, self.convention) for image in (image1, image2))
         flows = self.net.predictions(first, second)
-        return [unfitted_flow(flow, self._convention, height, width) for flow in flows]
+        return [unfitted_flow(flow, self.convention, height, width) for flow in flows]
 
     def matched(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
         """Flows likewise, and how sure the network is of the matches that the first flow came from: (N, P, P) for P
@@ -109,7 +122,7 @@ class TrainedNetwork(nn.Module):
 
     def _exact(self, image1: Tensor, image2: Tensor) -> tuple[Tensor, Tensor]:
         """The images as the network takes them, where no padding comes between it and the ground truth."""
-        first, second = (fitted_values(image, self._convention) for image in (image1, image2))
+        first, second = (fitted_values(image, self.convention) for image in (image1, image2))
         if first.shape != image1.shape:
             height, width = first.shape[2:]
             raise UsageError(
@@ -120,16 +133,31 @@ class TrainedNetwork(nn.Module):
 
     def weights(self) -> dict[str, Tensor]:
         """The network's state under the names of its authors' files, which `run --checkpoint` reads."""
-        return {name: value.detach().cpu() for name, value in self._inner.state_dict().items()}
+        state = self._inner.state_dict()
+        if self.corrector is not None:
+            state |= {f"{_CORRECTOR}{name}": value for name, value in self.corrector.state_dict().items()}
+        return {name: value.detach().cpu() for name, value in state.items()}
 
     def load_weights(self, weights: dict[str, Tensor]) -> None:
         """Put back what `weights` gave."""
-        self._inner.load_state_dict(weights)
+        own = {name: value for name, value in weights.items() if not name.startswith(_CORRECTOR)}
+        self._inner.load_state_dict(own)
+        if self.corrector is not None:
+            rest = {name.removeprefix(_CORRECTOR): weights[name] for name in weights.keys() - own.keys()}
+            self.corrector.load_state_dict(rest)
 
     @property
     def _inner(self) -> nn.Module:
+        if not self._labelled:
+            return self.net
         wrapped: Any = getattr(self.net, "model", None) or getattr(self.net, "module", None)
         return wrapped if isinstance(wrapped, nn.Module) else self.net
+
+
+def _seeded_corrector() -> Corrector:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        return Corrector()
 
 
 def load_network(
@@ -165,7 +193,22 @@ def load_network(
         model = model.model
     if not isinstance(model, NetworkModel):
         raise UsageError(f"model '{recipe.method}' is not a PyTorch network of this package, so it cannot be trained")
+    if recipe.objective is not None and recipe.objective.kind != "brightflow" and str(start) == RANDOM:
+        kaiming(model.net, seed)
     return model, TrainedNetwork(model, recipe)
+
+
+def kaiming(network: nn.Module, seed: int = 0) -> None:
+    """The weights that ARFlow and UPFlow begin with: He et al.'s normal ones, no biases; the same for the same seed."""
+    generator = torch.Generator().manual_seed(seed)
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d):
+            drawn = torch.empty(module.weight.shape)
+            nn.init.kaiming_normal_(drawn, generator=generator)
+            with torch.no_grad():
+                module.weight.copy_(drawn)
+                if module.bias is not None:
+                    module.bias.zero_()
 
 
 def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
