@@ -58,8 +58,15 @@ def _settings(recipe: Recipe) -> list[str]:
         f"{recipe.crop[0]}x{recipe.crop[1]}, {recipe.precision}{iterations}",
         f"{optimizer.name}, rate {recipe.learning_rate:g} ({recipe.schedule}), weight decay "
         f"{optimizer.weight_decay:g}, {clip}",
-        f"{recipe.loss} loss, gamma {recipe.gamma:g}; {norms}{noise}",
+        f"{_loss(recipe)}; {norms}{noise}",
     ]
+
+
+def _loss(recipe: Recipe) -> str:
+    if recipe.objective is None:
+        return f"{recipe.loss} loss, gamma {recipe.gamma:g}"
+    said = recipe.objective.model_dump(exclude={"kind", "appearance", "spatial"})
+    return "no labels: " + ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in said.items())
 
 
 def _title(part: Part) -> str:
@@ -69,4 +76,6 @@ def _title(part: Part) -> str:
 
 def _augmented(part: Part) -> str:
     flips = "flips" if part.flip else "no flips"
+    if part.augmentation in ("stretched", "cropped"):
+        return f"{part.augmentation} to the crop, {flips}, half of the pairs exchanged"
     return f"{part.augmentation} augmentation, scale 2^{part.log2_scale[0]:g} to 2^{part.log2_scale[1]:g}, {flips}"

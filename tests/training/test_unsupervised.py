@@ -1,0 +1,135 @@
+"""Training without labels: real steps of each method on real pairs, exact resume, and a pair learned by heart."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from robustflow.errors import UsageError  # noqa: E402
+from robustflow.models import load_model  # noqa: E402
+from robustflow.training.networks import load_network  # noqa: E402
+from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
+from robustflow.training.session import Request, run_training  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch]
+
+STEPS = 3
+STEPS_BY_HEART = 200
+MIXES = {
+    "arflow": 'augmentation = "stretched"',
+    "upflow": 'augmentation = "cropped", margin = 8',
+    "brightflow": 'augmentation = "dense", log2_scale = [-0.2, 0.6]',
+}
+
+
+def mix(folder: Path, augmentation: str, data: str = "kitti2015") -> str:
+    path = folder / "mix.toml"
+    path.write_text(f'parts = [{{data = "{data}", {augmentation}, flip = true}}]\n', encoding="utf-8")
+    return str(path)
+
+
+def small(method: str, folder: Path, **changes) -> Recipe:
+    """The method's recipe with a small crop."""
+    recipe = load_recipe(method, "unsupervised")
+    assert recipe.objective is not None
+    objective = recipe.objective.model_dump()
+    if method == "brightflow":
+        objective["border"] = 16
+    values = {"steps": STEPS, "batch": 2, "crop": (64, 128), "objective": objective}
+    if "mix" not in changes:
+        values["mix"] = mix(folder, MIXES[method])
+    return recipe.changed(**{**values, **changes}, iterations=2 if recipe.iterations else None)
+
+
+def entries(folder: Path) -> list[dict]:
+    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("precision", ["fp32", "bf16"])
+@pytest.mark.parametrize("method", MIXES)
+def test_three_steps(method, precision, shared, tmp_path):
+    recipe = small(method, tmp_path, precision=precision)
+    request = Request(recipe, [shared("data")], tmp_path / "out", start="random", device="cpu", loaders=0)
+    last = run_training(request)
+    lines = entries(request.output)
+    assert len(lines) == STEPS
+    assert all(math.isfinite(line["loss"]) and line["gradient_norm"] > 0 for line in lines)
+    if method != "upflow":
+        assert lines[-1]["self_supervision"] > 0
+    _, network = load_network(recipe, "random")
+    before, after = network.weights(), torch.load(last, weights_only=True)["model"]
+    assert before.keys() == after.keys()
+    assert [name for name in before if torch.equal(before[name], after[name])] == []
+    frame = torch.zeros(64, 128, 3, dtype=torch.uint8).numpy()
+    assert load_model(method, checkpoint=str(last), device="cpu").predict(frame, frame).shape == (64, 128, 2)
+
+
+def test_stopped_and_resumed_it_is_the_undisturbed_training(request_for, tmp_path):
+    recipe = small("arflow", tmp_path, steps=2, mix=mix(tmp_path, MIXES["arflow"], "flyingchairs"))
+    whole = replace(request_for("whole"), recipe=recipe)
+    run_training(whole)
+    parted = replace(request_for("parted"), recipe=recipe)
+    run_training(parted, lambda: True)
+    assert len(entries(parted.output)) == 1
+    run_training(replace(parted, resume=True))
+    first, second = (torch.load(request.output / "last.pth", weights_only=True)["model"] for request in (whole, parted))
+    assert all(torch.equal(first[name], second[name]) for name in first)
+    lines = [{key: value for key, value in line.items() if key != "seconds"} for line in entries(whole.output)]
+    again = [{key: value for key, value in line.items() if key != "seconds"} for line in entries(parted.output)]
+    assert lines == again
+
+
+@pytest.mark.parametrize(
+    ("method", "crop", "says"),
+    [
+        ("arflow", (96, 128), "crop 96x128: arflow trains on multiples of 64; give another --crop"),
+        ("brightflow", (128, 192), "so it needs 256 at least; give another --crop"),
+    ],
+)
+def test_a_crop_that_cannot_be(method, crop, says, request_for, tmp_path):
+    recipe = load_recipe(method, "unsupervised").changed(
+        crop=crop, batch=2, mix=mix(tmp_path, MIXES["arflow"], "flyingchairs")
+    )
+    with pytest.raises(UsageError, match=says):
+        run_training(replace(request_for("crop"), recipe=recipe))
+
+
+@pytest.mark.parametrize("stage", ["raw", "unsupervised"])
+def test_the_stages_of_arflow(stage, request_for, tmp_path):
+    recipe = load_recipe("arflow", stage)
+    assert recipe.updates == 1000 * 1001
+    assert round(recipe.objective.census_from * recipe.updates) == (50 * 1001 if stage == "raw" else 0)
+    assert (recipe.objective.self_supervision > 0) == (stage == "unsupervised")
+    assert (recipe.start == "random") == (stage == "raw")
+
+
+@pytest.mark.slow
+def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
+    """Without labels: the photometric loss falls, and the end-point error below half of its start."""
+    folder = tmp_path / "data"
+    for path in shared("data/middlebury").rglob("*"):
+        if path.is_file() and path.parent.name == "RubberWhale":
+            place = folder / path.relative_to(shared("data/middlebury"))
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.symlink_to(path)
+    recipe = load_recipe("arflow", "raw").changed(
+        steps=STEPS_BY_HEART,
+        batch=1,
+        crop=(128, 192),
+        learning_rate=1e-3,
+        mix=mix(tmp_path, MIXES["arflow"], "middlebury").replace("flip = true", "flip = false"),
+    )
+    request = Request(recipe, [f"middlebury={folder}"], tmp_path / "out", start="random", device="cpu", loaders=0)
+    run_training(replace(request, save_every=1000))
+    lines = entries(request.output)
+    census = [line["photometric"] for line in lines[len(lines) // 20 + 1 :]]  # after the change of loss
+    errors = [line["epe"] for line in lines if "epe" in line]  # a pair that is exchanged has no truth
+    assert sum(census[-10:]) < 0.9 * sum(census[:10])
+    assert sum(errors[-5:]) < 0.5 * sum(errors[:5])
