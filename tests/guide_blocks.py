@@ -1,7 +1,7 @@
 """The code blocks of the documentation, and how a reader would run them.
 
-A block in `python` or `bash` is run, in the order of its page, in a folder of its own; what stands in a comment on the line
-before it says otherwise:
+A block in `python` or `bash` is run, in the order of its page, in a folder of its own; a comment on the line before it
+says otherwise:
 
     <!-- not run: WHY -->      it cannot be
     <!-- file: NAME -->        it is the content of a file of that name
@@ -124,9 +124,8 @@ class Reader:
             self.runs.append(words[words.index("--output" if "--output" in words else "-o") + 1])
             words = [*words, "--no-examples"]  # their pictures are tested elsewhere, and take seconds
         self._patch.setattr(sys, "argv", words)
-        try:
+        with pytest.raises(SystemExit) as stop:
             main()
-        except SystemExit as stop:
-            captured = self._capsys.readouterr()
-            assert stop.code in (0, None), f"{' '.join(words)}: {captured.err}"
-            self.printed.append(captured.out)
+        captured = self._capsys.readouterr()
+        assert stop.value.code in (0, None), f"{' '.join(words)}: {captured.err}"
+        self.printed.append(captured.out)

@@ -94,7 +94,7 @@ def test_a_page_for_each_corruption_has_notes_and_runs(generated, tmp_path, monk
         parameters = pages.load_corruption(name).severities
         count = len(parameters[0]) if isinstance(parameters[0], tuple) else 1
         assert len(notes[name].parameters) == count, name
-        if name not in pages.CLIP:
+        if name in ("contrast", "fog", "snow", "impulse_noise", "gaussian_blur"):
             _, script = blocks(pages._use(name))
             exec(compile(script.code, name, "exec"), {})
 

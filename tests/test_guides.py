@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+
 import pytest
 
 import robustflow as rf
@@ -99,8 +100,9 @@ def test_add_your_dataset(reader):
 
 
 def test_a_block_of_a_page_is_found_with_what_is_said_of_it():
-    page = "a\n\n<!-- torch, file: m.py -->\n```python\nx = 1\n```\n\n```\nrobustflow list\n```\n<!-- not run: long -->\n```bash\nb\n```\n"
-    first, second, third = blocks(page)
+    marked = "a\n\n<!-- torch, file: m.py -->\n```python\nx = 1\n```\n\n"
+    bare, slow = "```\nrobustflow list\n```\n", "<!-- not run: long -->\n```bash\nb\n```\n"
+    first, second, third = blocks(marked + bare + slow)
     assert (first.torch, first.file, first.language, first.runs) == (True, "m.py", "python", True)
     assert second.hidden_command
     assert (third.why_not, third.runs, third.language in RUNNABLE) == ("long", False, True)

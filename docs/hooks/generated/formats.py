@@ -67,7 +67,8 @@ def _rows() -> str:
     return "\n\n".join(
         [
             "# Rows",
-            f"`RUN/rows/*.parquet`, `Result.rows`, and `rows.csv` of a record. Schema version {rows.ROW_SCHEMA_VERSION}.",
+            "`RUN/rows/*.parquet`, `Result.rows`, and `rows.csv` of a record. "
+            f"Schema version {rows.ROW_SCHEMA_VERSION}.",
             doc.partition("\n\n")[2],
             "## Columns",
             table(("column", "type", "region", "since version", "meaning"), listed),
@@ -83,8 +84,8 @@ def _summary() -> str:
         "# summary.json",
         f"The means of a run, version {summary.SUMMARY_VERSION}. In Python: `Result.summary` (as objects) and "
         "`Result.document()` (as in the file).",
-        "The file is the first table below with three things beside it: `pooled` (the same means over the pixels of all "
-        "images at once), which run it is, and its setting.",
+        "The file is the first table below with three things beside it: `pooled` (the same means over the pixels of "
+        "all images at once), which run it is, and its setting.",
     ]
     for model in (
         summary.Summary,
@@ -111,8 +112,8 @@ def _manifest() -> str:
 def _record() -> str:
     parts = [
         "# Records",
-        f"`record.json` of a `.robustflow` file, version {contents.VERSION}. [The guide](../records.md) says what else is "
-        "in the file, what `verify` checks, and what it cannot show. `manifest.json` is [here](manifest.md), the "
+        f"`record.json` of a `.robustflow` file, version {contents.VERSION}. [The guide](../records.md) says what else "
+        "is in the file, what `verify` checks, and what it cannot show. `manifest.json` is [here](manifest.md), the "
         "columns of `rows.csv` are [those of rows](rows.md), `summary.json` is [here](summary.md).",
     ]
     for model in (contents.Record, contents.Entry):
