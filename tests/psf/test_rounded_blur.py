@@ -80,11 +80,29 @@ def test_kernels_with_negative_values_in_every_row():
     assert (rounded_blur(frame, field) == exact(frame, field)).all()
 
 
-def test_close_values_are_computed_exactly(monkeypatch):
-    """A margin that catches one value in five, each of them repaired alone."""
+def test_noise_is_what_the_quick_sum_lacks():
+    frame, field = image("black and white", 80, 131), shipped_field(1)
+    total, left = module._near_blur(frame, field, 1)
+    wanted, values, kernels = blur(frame, field), ExactValues(frame, field), module._lag_kernels(field, 80, 131)
+    rng = np.random.default_rng(3)
+    lacking = []
+    for _ in range(40):
+        y, x, channel = (int(rng.integers(size)) for size in (80, 131, 3))
+        near = total[channel, y, left + x]
+        lacking.append(wanted[y, x, channel] - near)
+        assert (
+            abs(near + values.noise(y, x, channel, module.GREY, kernels.kernel) - wanted[y, x, channel])
+            < module.FINE / 10
+        )
+    assert np.std(lacking) > module.FINE
+
+
+@pytest.mark.parametrize("fine", [0.0, 1.0])
+def test_values_are_repaired_with_the_noise_or_alone(monkeypatch, fine):
     frame, field = image("photograph", 20, 31), shipped_field(4)
     monkeypatch.setattr(module, "MARGIN", 0.1)
     monkeypatch.setattr(module, "MOST", 10**6)
+    monkeypatch.setattr(module, "FINE", fine)
     monkeypatch.setattr(module, "blur", lambda *_: pytest.fail("the whole image was computed again"))
     assert (rounded_blur(frame, field) == exact(frame, field)).all()
 
@@ -101,6 +119,7 @@ def test_an_image_with_many_close_values_goes_to_the_exact_blur(monkeypatch, mos
 def test_a_tie_goes_to_the_exact_blur(monkeypatch):
     frame, field = image("noise", 24, 24), shipped_field(2)
     monkeypatch.setattr(module, "MARGIN", 0.01)
+    monkeypatch.setattr(module, "FINE", 1.0)
     monkeypatch.setattr(ExactValues, "value", lambda *_: 3.5)
     assert (rounded_blur(frame, field) == exact(frame, field)).all()
 

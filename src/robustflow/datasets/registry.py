@@ -27,6 +27,7 @@ _TARGETS = {
     "spring": "spring:Spring",
     "flyingchairs": "flyingchairs:FlyingChairs",
     "flyingthings3d": "flyingthings3d:FlyingThings3D",
+    "tartanair": "tartanair:TartanAir",
     "gopro": "gopro:GoPro",
     "folder": "folder:open_folder",
     "shapes": "shapes.dataset:FlyingShapes",

@@ -47,6 +47,7 @@ class KernelCache(Generic[Entry]):
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self._entries: OrderedDict[tuple[str, int, int], Entry] = OrderedDict()
+        self._nbytes = 0
         self._lock = threading.Lock()
 
     def get(self, key: tuple[str, int, int]) -> Entry | None:
@@ -61,15 +62,17 @@ class KernelCache(Generic[Entry]):
         if entry.nbytes > self.limit:
             return
         with self._lock:
+            before = self._entries.pop(key, None)
             self._entries[key] = entry
-            while sum(entry.nbytes for entry in self._entries.values()) > self.limit:
-                self._entries.popitem(last=False)
+            self._nbytes += entry.nbytes - (before.nbytes if before is not None else 0)
+            while self._nbytes > self.limit:
+                self._nbytes -= self._entries.popitem(last=False)[1].nbytes
 
     @property
     def nbytes(self) -> int:
         """Bytes held."""
         with self._lock:
-            return sum(entry.nbytes for entry in self._entries.values())
+            return self._nbytes
 
 
 CACHE: KernelCache[npt.NDArray[np.complex64]] = KernelCache(limit=192 * 2**20)

@@ -155,3 +155,17 @@ def round_all(total: Any, left: Any, margin: Any, rounded: Any, close: Any) -> A
                         close[count, 0], close[count, 1], close[count, 2] = y, x, channel
                     count += 1
     return count
+
+
+@njit("float64(int16[:,::1], uint8[:,::1], float64, int64[::1], int64[::1], int64[::1], int64[::1])", cache=True)
+def dot(kernel: Any, plane: Any, grey: Any, lags_y: Any, inputs_y: Any, lags_x: Any, inputs_x: Any) -> Any:
+    """The sum of pixels of (H, W), less `grey`, times the elements of a kernel (N, N) that belong to them.
+
+    `lags` are the indices into the kernel and `inputs` those into the plane, (N,) of either axis.
+    """
+    total = 0.0
+    for i in range(lags_y.size):
+        line, pixels = kernel[lags_y[i]], plane[inputs_y[i]]
+        for j in range(lags_x.size):
+            total += line[lags_x[j]] * (pixels[inputs_x[j]] - grey)
+    return total

@@ -18,6 +18,7 @@ from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.fit import fitted_values, unfitted_flow
 from ..models.torch.model import NetworkModel
 from ..models.torch.module_net import ModuleNet
+from ..models.torch.network import weights_seeded
 from .corrector import Corrector
 from .data.loader import Batch
 from .losses.own import checked_loss
@@ -160,7 +161,11 @@ def _seeded_corrector() -> Corrector:
 
 
 def load_network(
-    recipe: Recipe, start: str | Path, device: str = "cpu", options: Mapping[str, Any] | None = None
+    recipe: Recipe,
+    start: str | Path,
+    device: str = "cpu",
+    options: Mapping[str, Any] | None = None,
+    seed: int = 0,
 ) -> tuple[NetworkModel, TrainedNetwork]:
     """The model of a recipe with the weights it starts from, and its network ready to learn.
 
@@ -169,6 +174,7 @@ def load_network(
         start: a checkpoint as `run --checkpoint` takes it, or "random".
         device: as `run --device` takes it.
         options: of the model, besides.
+        seed: of random weights.
 
     Raises:
         ModelError: no such checkpoint, or one of another network.
@@ -180,19 +186,21 @@ def load_network(
         given["iterations"] = recipe.iterations
     if not (own and str(start) == RANDOM):  # a module of the user's own has the weights that it was made with
         given["checkpoint"] = str(start)
-    model = load_model(recipe.method, **given)
+    with torch.random.fork_rng(devices=[]), weights_seeded(seed):
+        torch.default_generator.manual_seed(seed)  # of a module of the user's own
+        model = load_model(recipe.method, **given)
     while isinstance(model, TiledModel):
         model = model.model
     if not isinstance(model, NetworkModel):
         raise UsageError(f"model '{recipe.method}' is not a PyTorch network of this package, so it cannot be trained")
     if recipe.objective is not None and recipe.objective.kind != "brightflow" and str(start) == RANDOM:
-        kaiming(model.net)
+        kaiming(model.net, seed)
     return model, TrainedNetwork(model, recipe)
 
 
-def kaiming(network: nn.Module) -> None:
-    """The weights that ARFlow and UPFlow begin with: He et al.'s normal ones, no biases; always the same."""
-    generator = torch.Generator().manual_seed(0)
+def kaiming(network: nn.Module, seed: int = 0) -> None:
+    """The weights that ARFlow and UPFlow begin with: He et al.'s normal ones, no biases; the same for the same seed."""
+    generator = torch.Generator().manual_seed(seed)
     for module in network.modules():
         if isinstance(module, nn.Conv2d):
             drawn = torch.empty(module.weight.shape)

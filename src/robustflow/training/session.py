@@ -104,7 +104,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         _check_process(recipe, process)
         start = RANDOM if request.resume else _start(request)
         parted = recipe.changed(devices=max(1, recipe.devices // process.world))  # each process is one of them already
-        model, network = load_network(parted, start, str(process.device), dict(request.options))
+        model, network = load_network(parted, start, str(process.device), dict(request.options), request.seed)
         identity = _identity(request, parts)
         if done is None:
             done = Progressed(0, {**identity, **_start_record(model, request)})

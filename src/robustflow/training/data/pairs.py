@@ -13,7 +13,6 @@ from ...corruptions.transforms.transform import CorruptionTransform
 from ...datasets.base import Dataset
 from ...datasets.pairs import PairDataset, read_frames
 from ...errors import DataError
-from ...flowio import read_flow
 from ...random.rng import Rng
 from ...sample import Flow, Frame, Mask
 from ..augmentation.appearance import apply_look, draw_look
@@ -185,14 +184,15 @@ class TrainingPairs:
 
 
 def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Frames and truth. Of a data set in files the flow file alone: the originals train on Sintel without its maps of
-    invalid pixels. Without labels, a pair that has no truth has no valid pixel."""
+    """Frames and truth; see `PairDataset.training_truth`. Without labels, a pair that has no truth has no valid
+    pixel."""
     flow: Flow | None
     valid: Mask | None
     if isinstance(dataset, PairDataset):
         pair = dataset.pair(key)
         first, second = read_frames(pair.frames)
-        flow, valid = read_flow(pair.flow) if pair.flow is not None else (None, None)
+        truth = dataset.training_truth(pair)
+        flow, valid = (truth.flow, truth.valid) if truth is not None else (None, None)
     else:
         sample = dataset.load(key)
         (first, second), flow, valid = sample.frames[:2], sample.flow, sample.valid

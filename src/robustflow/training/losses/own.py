@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from ...errors import UsageError
@@ -22,4 +23,4 @@ def checked_loss(returned: object) -> tuple[Tensor, dict[str, float]]:
             f"the network's method loss(batch) returned {type(returned).__name__}; return one number as a tensor, or "
             "that and a dictionary of numbers for the log"
         )
-    return loss.reshape(()), {str(name): float(value) for name, value in numbers.items()}
+    return loss.reshape(()), {str(name): float(torch.as_tensor(value).detach()) for name, value in numbers.items()}
