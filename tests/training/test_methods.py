@@ -22,7 +22,7 @@ from robustflow.training.session import Request, run_training  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.slow]
 
 STEPS = 3
-SUPERVISED = [name for name in trained_methods() if {"ood", "chairs"} & recipes_of(name).keys()]
+SUPERVISED = [name for name in trained_methods() if "unsupervised" not in recipes_of(name)]
 LIGHT = ("raft_small",)
 """Methods small enough for half precision on a CPU, where a convolution of bfloat16 takes a minute."""
 _NO_BATCHNORM = ("flowformer", "flowformer_pp", "flowdiffuser")

@@ -20,7 +20,6 @@ from robustflow.training.session import Request, run_training  # noqa: E402
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 
 STEPS = 3
-STEPS_BY_HEART = 200
 MIXES = {
     "arflow": 'augmentation = "stretched"',
     "upflow": 'augmentation = "cropped", margin = 8',
@@ -41,6 +40,8 @@ def small(method: str, folder: Path, **changes) -> Recipe:
     objective = recipe.objective.model_dump()
     if method == "brightflow":
         objective["border"] = 16
+    elif method == "arflow":
+        objective["census_from"] = 0.5  # the check for occlusion finds nothing seen with weights that know nothing
     values = {"steps": STEPS, "batch": 2, "crop": (64, 128), "objective": objective}
     if "mix" not in changes:
         values["mix"] = mix(folder, MIXES[method])
@@ -52,8 +53,7 @@ def entries(folder: Path) -> list[dict]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("precision", ["fp32", "bf16"])
-@pytest.mark.parametrize("method", MIXES)
+@pytest.mark.parametrize(("method", "precision"), [*((method, "fp32") for method in MIXES), ("arflow", "bf16")])
 def test_three_steps(method, precision, shared, tmp_path):
     recipe = small(method, tmp_path, precision=precision)
     request = Request(recipe, [shared("data")], tmp_path / "out", start="random", device="cpu", loaders=0)
@@ -61,8 +61,9 @@ def test_three_steps(method, precision, shared, tmp_path):
     lines = entries(request.output)
     assert len(lines) == STEPS
     assert all(math.isfinite(line["loss"]) and line["gradient_norm"] > 0 for line in lines)
+    assert all(line["photometric"] > 0 for line in (lines if method != "arflow" else lines[:2]))
     if method != "upflow":
-        assert lines[-1]["self_supervision"] > 0
+        assert lines[0 if method == "arflow" else -1]["self_supervision"] > 0
     _, network = load_network(recipe, "random")
     before, after = network.weights(), torch.load(last, weights_only=True)["model"]
     assert before.keys() == after.keys()
@@ -112,24 +113,32 @@ def test_the_stages_of_arflow(stage, request_for, tmp_path):
 
 @pytest.mark.slow
 def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
-    """Without labels: the photometric loss falls, and the end-point error below half of its start."""
+    """Without labels: in the raw stage the photometric loss falls, and the end-point error far below half of its start
+    and of what no flow at all gives; the second stage goes on from there and stays there."""
     folder = tmp_path / "data"
     for path in shared("data/middlebury").rglob("*"):
-        if path.is_file() and path.parent.name == "RubberWhale":
+        if path.is_file() and path.parent.name == "Hydrangea":
             place = folder / path.relative_to(shared("data/middlebury"))
             place.parent.mkdir(parents=True, exist_ok=True)
             place.symlink_to(path)
-    recipe = load_recipe("arflow", "raw").changed(
-        steps=STEPS_BY_HEART,
-        batch=1,
-        crop=(128, 192),
-        learning_rate=1e-3,
-        mix=mix(tmp_path, MIXES["arflow"], "middlebury").replace("flip = true", "flip = false"),
+    raw, second = (load_recipe("arflow", stage) for stage in ("raw", "unsupervised"))
+    small = {"batch": 1, "crop": (128, 192), "mix": mix(tmp_path, MIXES["arflow"], "middlebury")}
+    whole = {**raw.objective.model_dump(), "census_from": 1.0}
+    first = Request(
+        raw.changed(steps=90, learning_rate=1e-3, objective=whole, **small),
+        [f"middlebury={folder}"],
+        tmp_path / "raw",
+        start="random",
+        device="cpu",
+        loaders=0,
     )
-    request = Request(recipe, [f"middlebury={folder}"], tmp_path / "out", start="random", device="cpu", loaders=0)
-    run_training(replace(request, save_every=1000))
-    lines = entries(request.output)
-    census = [line["photometric"] for line in lines[len(lines) // 20 + 1 :]]  # after the change of loss
-    errors = [line["epe"] for line in lines if "epe" in line]  # a pair that is exchanged has no truth
-    assert sum(census[-10:]) < 0.9 * sum(census[:10])
+    last = run_training(first)
+    photometric = [line["photometric"] for line in entries(first.output)]
+    errors = [line["epe"] for line in entries(first.output) if "epe" in line]  # an exchanged pair has no truth
+    assert sum(photometric[-5:]) < 0.7 * sum(photometric[:5])
     assert sum(errors[-5:]) < 0.5 * sum(errors[:5])
+    assert sum(errors[-5:]) / 5 < 0.5  # pixels; the mean length of the flow is 1.2
+    run_training(replace(first, recipe=second.changed(steps=20, **small), output=tmp_path / "second", start=str(last)))
+    again = entries(tmp_path / "second")
+    assert max(line["epe"] for line in again if "epe" in line) < 0.5
+    assert all(0 < line["self_supervision"] < 1 for line in again)
