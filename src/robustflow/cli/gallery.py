@@ -66,6 +66,7 @@ def gallery(
 def _of_pair(
     frames: tuple[Path, Path] | None, severity: int, wanted: list[str] | None, scale: str, seed: int, output: Path
 ) -> None:
+    from ..corruptions.textures import GENERATED, PHOTOGRAPHS
     from ..datasets import load_dataset
     from ..images.io import read_image
     from ..report.gallery.page import render_page
@@ -78,7 +79,8 @@ def _of_pair(
     else:
         key, what = frames[0].stem, f"{frames[0].name}, {frames[1].name}"
         pair = (read_image(frames[0]), read_image(frames[1]))
-    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale))
+    textures = PHOTOGRAPHS if frames is not None else GENERATED  # what comes with the package fetches nothing
+    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale, textures))
     title = f"Corruptions of {what}, {scale} scale"
     at = [cell for cell in cells if cell.severity == severity]
     page = render_page(pair[0], cells, severity, title)
