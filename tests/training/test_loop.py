@@ -262,6 +262,50 @@ def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypat
     assert not list(request.output.glob(".partial-*"))
 
 
+@pytest.mark.slow
+def test_a_disk_that_is_full_indeed(request_for, tmp_path):
+    """A file system in memory that has room for one checkpoint and no second one."""
+    request = request_for(steps=4, save_every=2)
+    request.output.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=18m", "tmpfs", str(request.output)]
+    if subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no right to mount a file system here")
+    try:
+        with pytest.raises(DataError, match=r"cannot write .*last\.pth.*No space left on device"):
+            run_training(request)
+        kept = torch.load(request.output / "last.pth", weights_only=True)
+        assert json.loads(kept["robustflow_training"])["updates"] == 2
+        assert not list(request.output.glob(".partial-*"))
+    finally:
+        subprocess.run(["umount", "-l", str(request.output)], check=True)
+
+
+def test_a_checkpoint_of_another_network_is_one_line(request_for, tmp_path):
+    torch.save({"model": {"fnet.conv1.weight": torch.zeros(3, 3)}}, tmp_path / "other.pth")
+    with pytest.raises(ModelError, match=r"other\.pth") as caught:
+        run_training(request_for(start=str(tmp_path / "other.pth")))
+    assert "\n" not in str(caught.value)
+    (tmp_path / "page.pth").write_text("<html>not found</html>")
+    with pytest.raises(ModelError, match=r"page\.pth") as caught:
+        run_training(request_for(start=str(tmp_path / "page.pth")))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chairs, tmp_path):
+    (tmp_path / "mixed" / "data").mkdir(parents=True)
+    for path in (chairs / "FlyingChairs_release" / "data").iterdir():
+        if path.name != "00002_img2.ppm":
+            (tmp_path / "mixed" / "data" / path.name).symlink_to(path)
+    (tmp_path / "mixed" / "training" / "image_2").mkdir(parents=True)
+    with pytest.raises(DataError, match=r"00002_img2\.ppm: missing, though .*00002_.* needs it"):
+        run_training(replace(request_for(), data=[f"flyingchairs={tmp_path / 'mixed'}"]))
+    kitti = request_for(mix="kitti")
+    with pytest.raises(DataError, match=r"kitti2015 was not found \(.*; put it into a folder kitti2015 or kitti there"):
+        run_training(replace(kitti, data=[chairs]))
+    with pytest.raises(DataError, match=r"not laid out as KITTI 2015, expected .*image_2"):
+        run_training(replace(kitti, data=[f"kitti2015={chairs}"]))
+
+
 OWN_NETWORK = """
 from torch import nn
 

@@ -9,6 +9,7 @@ from ..datasets import dataset_facts
 from ..errors import RobustFlowError
 from ..text import counted
 from .data.find import OpenPart, open_part
+from .memory import expected_memory
 from .recipe import Part, Recipe, mix_parts
 
 
@@ -19,7 +20,12 @@ def plan_text(recipe: Recipe, data: Sequence[str | Path]) -> str:
         recipe: with the user's changes.
         data: see `open_part`.
     """
-    lines = [f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})", *_settings(recipe), "data:"]
+    lines = [
+        f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})",
+        *_settings(recipe),
+        _memory(recipe),
+        "data:",
+    ]
     found: list[OpenPart] = []
     missing: list[tuple[Part, str]] = []
     for part in mix_parts(recipe.mix):
@@ -68,6 +74,17 @@ def _loss(recipe: Recipe) -> str:
     said = recipe.objective.model_dump(exclude={"kind", "appearance", "spatial"})
     words = {name: f"{value:.4g}" if isinstance(value, float) else str(value).lower() for name, value in said.items()}
     return "no labels: " + ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in words.items())
+
+
+def _memory(recipe: Recipe) -> str:
+    expected = expected_memory(recipe)
+    if expected is None:
+        return "memory: not measured for this network"
+    less = "" if recipe.precision == "fp32" else f", less in {recipe.precision}"
+    return (
+        f"memory: about {expected:.1f} GiB for the whole batch on one device{less} (modelled from what the backward "
+        "pass keeps of one pair; workspaces come on top)"
+    )
 
 
 def _title(part: Part) -> str:
