@@ -17,6 +17,7 @@ class RobustFlowError(Exception):
     """Root of everything RobustFlow raises on purpose."""
 
     exit_code = 1
+    """What the command line exits with."""
 
 
 class UsageError(RobustFlowError, ValueError):

@@ -272,6 +272,88 @@ def test_flyingchairs(tmp_path: Path) -> None:
     refused("flyingchairs", tmp_path, r"00002_img2\.ppm: missing")
 
 
+def tartanair(root: Path, environment: str = "office", inner: bool = False) -> Path:
+    folder = root / environment / (environment if inner else ".")
+    for level, flight in (("Easy", "P000"), ("Hard", "P001")):
+        place = folder / level / flight
+        for number in (0, 1, 2):
+            picture(place / "image_left" / f"{number:06d}_left.png")
+        (place / "flow").mkdir()
+        for number in (0, 1):
+            name = place / "flow" / f"{number:06d}_{number + 1:06d}"
+            values = np.arange(HEIGHT * WIDTH * 2, dtype=np.float32).reshape(HEIGHT, WIDTH, 2) / 8 + number
+            values[0, 0] = np.nan
+            np.save(f"{name}_flow.npy", values)
+            np.save(f"{name}_mask.npy", np.eye(HEIGHT, WIDTH, dtype=np.uint8) * 100)
+    return folder
+
+
+@pytest.mark.parametrize("inner", [False, True])
+def test_tartanair(tmp_path: Path, inner: bool) -> None:
+    folder = tartanair(tmp_path, inner=inner)
+    for root in (tmp_path, tmp_path / "office"):
+        dataset = load_dataset("tartanair", root)
+        keys = [f"office/{level}/{n:06d}" for level in ("Easy/P000", "Hard/P001") for n in (0, 1)]
+        assert dataset.keys() == keys
+    assert load_dataset("tartanair", tmp_path, difficulty="Hard").keys() == keys[2:]
+    sample = dataset.load("office/Hard/P001/000001")
+    place = folder / "Hard" / "P001"
+    stored = np.load(place / "flow" / "000001_000002_flow.npy")
+    stored[0, 0] = 0
+    np.testing.assert_array_equal(sample.flow, stored)
+    assert not sample.valid[0, 0]
+    assert sample.valid.sum() == HEIGHT * WIDTH - 1
+    np.testing.assert_array_equal(sample.occluded, np.eye(HEIGHT, WIDTH, dtype=bool))
+    for frame, number in zip(sample.frames, (1, 2), strict=True):
+        np.testing.assert_array_equal(frame, read_image(place / "image_left" / f"{number:06d}_left.png"))
+    np.save(place / "flow" / "000000_000001_flow.npy", np.zeros((2, 2), np.float32))
+    (place / "flow" / "000001_000002_flow.npy").write_bytes(b"no array")
+    with pytest.raises(DataError, match=r"expected \(H, W, 2\)"):
+        dataset.load("office/Hard/P001/000000")
+    with pytest.raises(DataError, match=r"not a NumPy array that can be read"):
+        dataset.load("office/Hard/P001/000001")
+    (place / "flow" / "000001_000002_mask.npy").unlink()
+    refused("tartanair", tmp_path, r"000001_000002_mask\.npy: missing")
+
+
+def test_the_subset_of_flyingthings3d(tmp_path: Path) -> None:
+    for number in (0, 1, 2, 3, 4):  # 0 to 2 and 3 to 4 are scenes
+        picture(tmp_path / "train/image_final/right" / f"{number:07d}.png")
+    for number in (0, 1, 3):
+        flow(tmp_path / "train/flow/right/into_future" / f"{number:07d}.flo")
+        flow(tmp_path / "train/flow/right/into_past" / f"{number + 1:07d}.flo")
+    options = {"render_pass": "final", "side": "right"}
+    dataset = load_dataset("flyingthings3d", tmp_path, **options)
+    assert dataset.keys() == [f"train/{n:07d}" for n in (0, 1, 3)]
+    images, flows = tmp_path / "train/image_final/right", tmp_path / "train/flow/right"
+    check(dataset, "train/0000001", *(images / f"{n:07d}.png" for n in (1, 2)), flows / "into_future/0000001.flo")
+    past = load_dataset("flyingthings3d", tmp_path, direction="past", **options)
+    check(past, "train/0000004", *(images / f"{n:07d}.png" for n in (4, 3)), flows / "into_past/0000004.flo")
+    refused("flyingthings3d", tmp_path, r"train/image_final/left: no such folder", render_pass="final")
+    refused("flyingthings3d", tmp_path, r"or of the subset train/image_clean/ and train/flow/")
+    (images / "0000002.png").unlink()
+    refused("flyingthings3d", tmp_path, r"0000002\.png: missing", **options)
+
+
+def test_networks_train_on_the_flow_file_alone_save_where_it_needs_more(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    folder = sintel(tmp_path / "sintel")
+    dataset = load_dataset("sintel", tmp_path / "sintel")
+    pair = dataset.pair(dataset.keys()[0])
+    truth = dataset.training_truth(pair)
+    assert truth.valid.all()
+    assert not dataset.load(dataset.keys()[0]).valid.all()
+    spring(tmp_path / "spring")
+    tartanair(tmp_path / "tartanair")
+    for name in ("spring", "tartanair"):
+        dataset = load_dataset(name, tmp_path / name)
+        key = dataset.keys()[0]
+        truth, sample = dataset.training_truth(dataset.pair(key)), dataset.load(key)
+        assert truth.flow.shape[:2] == sample.frames[0].shape[:2]
+        np.testing.assert_array_equal(truth.flow, sample.flow)
+    assert folder.is_dir()
+
+
 def test_flyingthings3d(tmp_path: Path) -> None:
     for split, scene in (("TRAIN", "A/0000"), ("TRAIN", "C/0012"), ("TEST", "B/0001")):
         for side in ("left", "right"):
@@ -348,8 +430,8 @@ def test_one_level_too_high_or_low_is_pointed_out(tmp_path: Path, name: str) -> 
 
 @pytest.mark.parametrize(
     "name",
-    ["kitti2015", "kitti2012", "middlebury", "sintel", "hd1k", "spring", "flyingchairs", "flyingthings3d", "gopro",
-     "kitti_fc_released", "folder"],
+    ["kitti2015", "kitti2012", "middlebury", "sintel", "hd1k", "spring", "flyingchairs", "flyingthings3d", "tartanair",
+     "gopro", "kitti_fc_released", "folder"],
 )  # fmt: skip
 def test_missing_and_empty_roots(tmp_path: Path, name: str) -> None:
     refused(name, tmp_path / "missing", "missing: no such folder")

@@ -262,6 +262,50 @@ def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypat
     assert not list(request.output.glob(".partial-*"))
 
 
+@pytest.mark.slow
+def test_a_disk_that_is_full_indeed(request_for, tmp_path):
+    """A file system in memory that has room for one checkpoint and no second one."""
+    request = request_for(steps=4, save_every=2)
+    request.output.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=18m", "tmpfs", str(request.output)]
+    if subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no right to mount a file system here")
+    try:
+        with pytest.raises(DataError, match=r"cannot write .*last\.pth.*No space left on device"):
+            run_training(request)
+        kept = torch.load(request.output / "last.pth", weights_only=True)
+        assert json.loads(kept["robustflow_training"])["updates"] == 2
+        assert not list(request.output.glob(".partial-*"))
+    finally:
+        subprocess.run(["umount", "-l", str(request.output)], check=True)
+
+
+def test_a_checkpoint_of_another_network_is_one_line(request_for, tmp_path):
+    torch.save({"model": {"fnet.conv1.weight": torch.zeros(3, 3)}}, tmp_path / "other.pth")
+    with pytest.raises(ModelError, match=r"other\.pth") as caught:
+        run_training(request_for(start=str(tmp_path / "other.pth")))
+    assert "\n" not in str(caught.value)
+    (tmp_path / "page.pth").write_text("<html>not found</html>")
+    with pytest.raises(ModelError, match=r"page\.pth") as caught:
+        run_training(request_for(start=str(tmp_path / "page.pth")))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chairs, tmp_path):
+    (tmp_path / "mixed" / "data").mkdir(parents=True)
+    for path in (chairs / "FlyingChairs_release" / "data").iterdir():
+        if path.name != "00002_img2.ppm":
+            (tmp_path / "mixed" / "data" / path.name).symlink_to(path)
+    (tmp_path / "mixed" / "training" / "image_2").mkdir(parents=True)
+    with pytest.raises(DataError, match=r"00002_img2\.ppm: missing, though .*00002_.* needs it"):
+        run_training(replace(request_for(), data=[f"flyingchairs={tmp_path / 'mixed'}"]))
+    kitti = request_for(mix="kitti")
+    with pytest.raises(DataError, match=r"kitti2015 was not found \(.*; put it into a folder kitti2015 or kitti there"):
+        run_training(replace(kitti, data=[chairs]))
+    with pytest.raises(DataError, match=r"not laid out as KITTI 2015, expected .*image_2"):
+        run_training(replace(kitti, data=[f"kitti2015={chairs}"]))
+
+
 OWN_NETWORK = """
 from torch import nn
 
@@ -295,6 +339,67 @@ def test_a_network_of_ones_own(request_for, tmp_path, monkeypatch):
     assert len(lines(own.output)) == own.recipe.updates
     model = rf.load_model("own_net_for_test:Net", checkpoint=str(path), device="cpu", **dict(options))
     assert torch.equal(model.net.module.last.weight, state["last.weight"])
+
+
+@pytest.mark.parametrize("kind", ["raft_small", "own_net_for_seed:Net"])
+def test_the_seed_is_that_of_the_first_weights_too(request_for, tmp_path, monkeypatch, kind):
+    from robustflow.training.networks import load_network
+
+    (tmp_path / "own_net_for_seed.py").write_text(OWN_NETWORK)
+    monkeypatch.syspath_prepend(tmp_path)
+    recipe = request_for().recipe.changed(method=kind)
+    options = {"scaling": "-1-1", "order": "rgb", "layout": "pair"} if ":" in kind else {}
+    first, again, other = (load_network(recipe, "random", "cpu", options, seed)[1].weights() for seed in (3, 3, 4))
+    assert all(torch.equal(first[key], again[key]) for key in first)
+    assert any(not torch.equal(first[key], other[key]) for key in first)
+    if ":" not in kind:
+        import robustflow as rf
+
+        plain = rf.load_model(kind, checkpoint="random", device="cpu").net.model.state_dict()
+        assert all(torch.equal(plain[key], value) for key, value in load_network(recipe, "random")[1].weights().items())
+
+
+OWN_LOSS = """
+import torch
+from torch import nn
+
+class Net(nn.Module):
+    def __init__(self):
+        super().__init__()
+        self.last = nn.Conv2d(6, 2, 3, padding=1)
+
+    def forward(self, image1, image2):
+        return self.last(torch.cat([image1, image2], dim=1))
+
+    def loss(self, batch):
+        assert set(batch) == {"image1", "image2", "flow", "valid"}
+        assert batch["image1"].min() >= -1 and batch["image1"].max() <= 1
+        flow = self(batch["image1"], batch["image2"])
+        error = (flow - batch["flow"]).square().sum(1)[batch["valid"] > 0].mean()
+        return RETURNED
+"""
+
+
+def test_a_network_that_says_its_loss_itself(request_for, tmp_path, monkeypatch):
+    (tmp_path / "own_loss_for_test.py").write_text(OWN_LOSS.replace("RETURNED", 'error, {"squared": error}'))
+    (tmp_path / "bad_loss_for_test.py").write_text(OWN_LOSS.replace("RETURNED", "[error]"))
+    monkeypatch.syspath_prepend(tmp_path)
+    options = (("scaling", "-1-1"), ("order", "rgb"), ("layout", "pair"))
+    request = request_for(options=options, steps=2)
+    own = replace(request, recipe=request.recipe.changed(method="own_loss_for_test:Net"))
+    run_training(own)
+    entries = lines(own.output)
+    assert all(entry["loss"] == pytest.approx(entry["squared"]) for entry in entries)
+    from robustflow.training.networks import load_network
+
+    _, first = load_network(own.recipe, "random", "cpu", dict(options))
+    assert not torch.equal(first.weights()["last.weight"], weights(own.output / "last.pth")["last.weight"])
+    bad = replace(own, recipe=own.recipe.changed(method="bad_loss_for_test:Net"), output=tmp_path / "bad")
+    with pytest.raises(UsageError, match=r"method loss\(batch\) returned list; return one number"):
+        run_training(bad)
+    odd = replace(own, recipe=own.recipe.changed(crop=(124, 140)), output=tmp_path / "odd")
+    with pytest.raises(UsageError, match=r"would be padded to 128x144; give --crop 128x144"):
+        run_training(odd)
 
 
 def test_a_mix_of_ones_own_and_one_that_cannot_be_read(request_for, tmp_path):

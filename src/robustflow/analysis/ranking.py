@@ -7,10 +7,9 @@ the same way, of the mean of the two. This rule gives every rank the paper print
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from bisect import bisect_left, bisect_right
+from collections.abc import Hashable, Mapping, Sequence
 from typing import TypeVar
-
-from scipy.stats import rankdata
 
 Name = TypeVar("Name", bound=Hashable)
 
@@ -21,7 +20,22 @@ def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
     >>> competition_ranks({"a": 2.0, "b": 1.0, "c": 2.0, "d": 3.0})
     {'a': 2, 'b': 1, 'c': 2, 'd': 4}
     """
-    return dict(zip(values, map(int, rankdata(list(values.values()), method="min")), strict=True))
+    ordered = sorted(values.values())
+    if any(value != value for value in ordered):
+        raise ValueError("values that are not numbers have no ranks")
+    return {name: bisect_left(ordered, value) + 1 for name, value in values.items()}
+
+
+def middle_ranks(values: Sequence[float]) -> list[float]:
+    """1 for the smallest; equal values share the mean of the ranks that they take up.
+
+    >>> middle_ranks([2.0, 1.0, 2.0, 3.0])
+    [2.5, 1.0, 2.5, 4.0]
+    """
+    ordered = sorted(values)
+    if any(value != value for value in ordered):
+        return [float("nan")] * len(ordered)
+    return [(bisect_left(ordered, value) + bisect_right(ordered, value) + 1) / 2 for value in values]
 
 
 def average_ranks(*rankings: Mapping[Name, int]) -> dict[Name, int]:

@@ -12,12 +12,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from typing import Any
 
+import numpy as np
 import polars as pl
-from scipy.stats import rankdata
 
 from ..corruptions.registry import PAPER_ORDER
 from ..errors import unknown_name
 from ..metrics.rows import CLEAN, complete_rows
+from .ranking import middle_ranks
 from .results import AVERAGE
 
 LEAST_IMAGES = 5
@@ -172,7 +173,7 @@ def spearman(first: Iterable[float], second: Iterable[float]) -> float | None:
     >>> spearman([1, 2, 3], [10, 30, 20])
     0.5
     """
-    a, b = (rankdata(list(values)) for values in (first, second))
+    a, b = (np.array(middle_ranks(list(values))) for values in (first, second))
     a, b = a - a.mean(), b - b.mean()
     scale = math.sqrt(float(a @ a) * float(b @ b))
     return float(a @ b) / scale if scale else None

@@ -91,7 +91,7 @@ def train(
     from ..training.recipe import load_recipe
 
     chosen = load_recipe(like or method, recipe).changed(
-        method=method,
+        method=method if like else None,
         mix=mix,
         steps=steps,
         batch=batch_size,
@@ -139,7 +139,7 @@ def train(
         kept = f"robustflow: stopped; {checkpoint} is kept. Give the same command with --resume to continue."
         typer.echo(kept, err=True)
         raise typer.Exit(130)
-    typer.echo(f"trained; measure it with: robustflow run --model {method} --checkpoint {checkpoint}")
+    typer.echo(f"trained; measure it with: robustflow run --model {chosen.method} --checkpoint {checkpoint}")
 
 
 class _Interrupted:

@@ -3,6 +3,11 @@
     frames_cleanpass/TRAIN/A/0000/left/0006.png ...     (frames_finalpass; .webp in the smaller download)
     optical_flow/TRAIN/A/0000/into_future/left/OpticalFlowIntoFuture_0006_L.pfm ...
 
+Or its subset, as its authors give it for optical flow, without the most extreme scenes:
+
+    train/image_clean/left/0000000.png ...          (image_final; val for the test scenes)
+    train/flow/left/into_future/0000000.flo ...     none where the next frame is another scene's
+
 Source: Mayer et al., CVPR 2016.
 """
 
@@ -10,13 +15,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..errors import DataError
 from ..layout import choice, consecutive, folders, locate, numbered, partner
 from .facts import NON_COMMERCIAL, DatasetFacts
 from .pairs import Pair, PairDataset
 
 
 class FlyingThings3D(PairDataset):
-    """FlyingThings3D. `root` holds `frames_cleanpass/` or `frames_finalpass/`, and `optical_flow/`.
+    """FlyingThings3D. `root` holds `frames_cleanpass/` or `frames_finalpass/`, and `optical_flow/`; or the subset's
+    `train/` and `val/`.
 
     Args:
         render_pass: "clean" or "final".
@@ -54,7 +61,11 @@ class FlyingThings3D(PairDataset):
         choice("side", side, ("left", "right"))
         choice("direction", direction, ("future", "past"))
         images = f"frames_{render_pass}pass/{split}"
-        folder = locate("FlyingThings3D", root, [images], expected=f"{images}/A/0000/ and optical_flow/{split}/")
+        part = Path(root).expanduser() / {"TRAIN": "train", "TEST": "val"}[split]
+        if (part / f"image_{render_pass}").is_dir():
+            super().__init__(_subset(part, render_pass, side, direction), part)
+            return
+        folder = locate("FlyingThings3D", root, [images], expected=_expected(images, split, part.name, render_pass))
         pairs: dict[str, Pair] = {}
         for letter in folders(folder / images):
             for scene in folders(letter):
@@ -74,4 +85,21 @@ def _scene(images: Path, flows: Path, group: str, side: str, direction: str) -> 
         name = f"OpticalFlowInto{direction.capitalize()}_{first:04d}_{side[0].upper()}.pfm"
         flow = partner(flows / name, frames[first])
         pairs[f"{group}/{first:04d}"] = Pair((frames[first], frames[second]), flow, group=group)
+    return pairs
+
+
+def _expected(images: str, split: str, part: str, render_pass: str) -> str:
+    return f"{images}/A/0000/ and optical_flow/{split}/, or of the subset {part}/image_{render_pass}/ and {part}/flow/"
+
+
+def _subset(part: Path, render_pass: str, side: str, direction: str) -> dict[str, Pair]:
+    images, flows = part / f"image_{render_pass}" / side, part / "flow" / side / f"into_{direction}"
+    for needed in (images, flows):
+        if not needed.is_dir():
+            raise DataError(f"{needed}: no such folder; unpack that part of the FlyingThings3D subset there")
+    ahead = 1 if direction == "future" else -1
+    pairs = {}
+    for number, flow in numbered(flows, r"(\d{7})\.flo").items():
+        first, second = (partner(images / f"{one:07d}.png", flow) for one in (number, number + ahead))
+        pairs[f"{part.name}/{number:07d}"] = Pair((first, second), flow, group=part.name)
     return pairs

@@ -11,7 +11,7 @@ _MARKS = {
     "hd1k": ("hd1k_input/image_2",),
     "spring": ("train/0001/frame_left",),
     "middlebury": ("other-gt-flow",),
-    "flyingthings3d": ("frames_cleanpass", "frames_finalpass"),
+    "flyingthings3d": ("frames_cleanpass", "frames_finalpass", "train/image_clean"),
     "gopro-fc": ("gopro_fc.json",),
 }
 """For a benchmark: what lies in its folder and in no other's."""

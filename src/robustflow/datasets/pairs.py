@@ -126,6 +126,11 @@ class PairDataset(Samples):
         """The ground truth of a pair; override where more than a flow file is read."""
         return None if pair.flow is None else Truth(*read_flow(pair.flow))
 
+    def training_truth(self, pair: Pair) -> Truth | None:
+        """The ground truth that networks are trained on: the flow file alone, without maps of what is hidden or not
+        reliable, as the originals do; override where the flow needs more than its file."""
+        return PairDataset.truth(self, pair)
+
     def describe(self, pair: Pair) -> dict[str, Any]:
         """What `Sample.meta` says about the ground truth."""
         return {}

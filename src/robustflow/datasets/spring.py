@@ -62,6 +62,10 @@ class Spring(PairDataset):
             raise DataError(f"{pair.flow}: {flow.shape[1]}x{flow.shape[0]} vectors; Spring has two per pixel and side")
         return Truth(flow[::2, ::2].copy(), valid[::2, ::2].copy())
 
+    def training_truth(self, pair: Pair) -> Truth | None:
+        """The same."""
+        return self.truth(pair)
+
 
 def _train(root: Path, expected: str) -> Path:
     root = root.expanduser()

@@ -16,6 +16,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -26,41 +27,55 @@ from .psf_field import PsfField
 from .threads import allowed_threads
 from .tiles import SUPPORT, Axis, grid_of, kernels_at
 
-_REACH = SUPPORT // 2
+REACH = SUPPORT // 2
 
 
-class KernelCache:
-    """Kernel spectra by (field, image size), the least recently used dropped to stay within a number of bytes."""
+class Sized(Protocol):
+    """What says how much memory it takes."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes."""
+
+
+Entry = TypeVar("Entry", bound=Sized)
+
+
+class KernelCache(Generic[Entry]):
+    """What was made of kernels by (field, image size); the least recently used go, to stay within a number of bytes."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
-        self._entries: OrderedDict[tuple[str, int, int], npt.NDArray[np.complex64]] = OrderedDict()
+        self._entries: OrderedDict[tuple[str, int, int], Entry] = OrderedDict()
+        self._nbytes = 0
         self._lock = threading.Lock()
 
-    def get(self, key: tuple[str, int, int]) -> npt.NDArray[np.complex64] | None:
-        """The spectra of a key, or None."""
+    def get(self, key: tuple[str, int, int]) -> Entry | None:
+        """What is kept under a key, or None."""
         with self._lock:
             if key in self._entries:
                 self._entries.move_to_end(key)
             return self._entries.get(key)
 
-    def put(self, key: tuple[str, int, int], spectra: npt.NDArray[np.complex64]) -> None:
-        """Keep spectra, unless they alone exceed the limit."""
-        if spectra.nbytes > self.limit:
+    def put(self, key: tuple[str, int, int], entry: Entry) -> None:
+        """Keep something, unless it alone exceeds the limit."""
+        if entry.nbytes > self.limit:
             return
         with self._lock:
-            self._entries[key] = spectra
-            while sum(entry.nbytes for entry in self._entries.values()) > self.limit:
-                self._entries.popitem(last=False)
+            before = self._entries.pop(key, None)
+            self._entries[key] = entry
+            self._nbytes += entry.nbytes - (before.nbytes if before is not None else 0)
+            while self._nbytes > self.limit:
+                self._nbytes -= self._entries.popitem(last=False)[1].nbytes
 
     @property
     def nbytes(self) -> int:
         """Bytes held."""
         with self._lock:
-            return sum(entry.nbytes for entry in self._entries.values())
+            return self._nbytes
 
 
-CACHE = KernelCache(limit=192 * 2**20)
+CACHE: KernelCache[npt.NDArray[np.complex64]] = KernelCache(limit=192 * 2**20)
 
 
 def _spectra(field: PsfField, rows: Axis, columns: Axis, transform: int, column: int) -> npt.NDArray[np.complex64]:
@@ -72,7 +87,7 @@ def _spectra(field: PsfField, rows: Axis, columns: Axis, transform: int, column:
     return np.asarray(scipy.fft.rfft2(kernels, (transform, transform)), np.complex64)
 
 
-def _reflected(length: int, margin: int) -> npt.NDArray[np.intp]:
+def reflected(length: int, margin: int) -> npt.NDArray[np.intp]:
     """Indices that extend an axis by `margin` on both sides, mirrored about its end pixels (reflect-101)."""
     period = max(2 * (length - 1), 1)
     place = np.abs(np.arange(-margin, length + margin)) % period
@@ -97,9 +112,9 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
     pitch, transform = grid_of(height, width)
     window = 2 * pitch
     rows, columns = Axis.of(height, pitch), Axis.of(width, pitch)
-    margin_y, margin_x = (axis.starts[-1] + transform - _REACH - axis.length for axis in (rows, columns))
+    margin_y, margin_x = (axis.starts[-1] + transform - REACH - axis.length for axis in (rows, columns))
     planes = np.ascontiguousarray(frame.transpose(2, 0, 1))
-    padded = planes[:, _reflected(height, margin_y)][:, :, _reflected(width, margin_x)]
+    padded = planes[:, reflected(height, margin_y)][:, :, reflected(width, margin_x)]
     mirrored = np.stack([padded, padded[..., ::-1]])
 
     key = (field.digest, height, width)
@@ -118,7 +133,7 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
             spectra = _spectra(field, rows, columns, transform, column)
             if fill is not None:
                 fill[column] = spectra
-        left = columns.starts[column] + margin_x - _REACH
+        left = columns.starts[column] + margin_x - REACH
         along_rows = scipy.fft.rfft(mirrored[..., left : left + transform].astype(np.float64), overwrite_x=True)
         sums = np.zeros_like(along_rows)
         patches = np.empty((2, 3, transform, transform // 2 + 1), np.complex128)
@@ -127,19 +142,19 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
             kernels = kernels.astype(np.complex128)
             weights = rows.windows[row][:, None]
             for upright in (slice(None), slice(None, None, -1)):
-                patches[...] = along_rows[..., upright, :][..., top - _REACH : top - _REACH + transform, :]
+                patches[...] = along_rows[..., upright, :][..., top - REACH : top - REACH + transform, :]
                 transformed = scipy.fft.fft(patches, axis=-2, overwrite_x=True)
                 transformed *= kernels
-                back = scipy.fft.ifft(transformed, axis=-2, overwrite_x=True)[..., 2 * _REACH :, :].view(np.float64)
+                back = scipy.fft.ifft(transformed, axis=-2, overwrite_x=True)[..., 2 * REACH :, :].view(np.float64)
                 back *= weights
                 sums.view(np.float64)[..., upright, :][..., top : top + window, :] += back
         inside = sums[..., margin_y : margin_y + height, :]
-        blurred = scipy.fft.irfft(inside, transform, overwrite_x=True)[..., 2 * _REACH :]
+        blurred = scipy.fft.irfft(inside, transform, overwrite_x=True)[..., 2 * REACH :]
         blurred *= columns.windows[column]
         return np.asarray(blurred, np.float64)
 
     total = np.zeros((3, height, padded.shape[2]))
-    for column, (plain, mirror) in enumerate(_in_order(strip, nodes[1], threads or allowed_threads())):
+    for column, (plain, mirror) in enumerate(in_order(strip, nodes[1], threads or allowed_threads())):
         left = columns.starts[column] + margin_x
         total[..., left : left + window] += plain
         total[..., ::-1][..., left : left + window] += mirror
@@ -148,7 +163,7 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
     return total[..., margin_x : margin_x + width].transpose(1, 2, 0)
 
 
-def _in_order(work, count: int, threads: int) -> Iterator[npt.NDArray[np.float64]]:  # type: ignore[no-untyped-def]
+def in_order(work, count: int, threads: int) -> Iterator[npt.NDArray[np.float64]]:  # type: ignore[no-untyped-def]
     """Results of work(0) .. work(count - 1) in order, at most `threads` + 1 of them alive."""
     if threads == 1:
         yield from (work(number) for number in range(count))

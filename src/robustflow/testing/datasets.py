@@ -38,8 +38,11 @@ class TexturePairs(Samples):
     """
 
     name = "texture_pairs"
+    """What it is called in results."""
     has_flow = True
+    """Every pair has ground truth."""
     facts = DatasetFacts(title="Moving textures", description="Textures that move by whole pixels, for tests.")
+    """What a reader of a result needs to know about it."""
 
     def __init__(self, count: int = 3, size: tuple[int, int] = (64, 96), reach: int = 4, seed: int = 0) -> None:
         if count < 1 or not 0 <= reach < min(size):

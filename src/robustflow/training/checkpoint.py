@@ -11,7 +11,7 @@ import json
 import pickle
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import torch
 from torch import Tensor
@@ -46,7 +46,7 @@ def save_weights(path: Path, weights: dict[str, Tensor], about: Progressed, trai
     Raises:
         DataError: the folder cannot be written, or the disk is full.
     """
-    write_with(path, lambda file: torch.save(_content(weights, about, trained_on), file))
+    write_with(path, lambda file: _save(_content(weights, about, trained_on), file))
 
 
 def save_training(
@@ -59,7 +59,7 @@ def save_training(
 ) -> None:
     """Likewise with what going on needs."""
     state = {"optimizer": optimizer.state_dict(), "scaler": scaler.state_dict()}
-    write_with(path, lambda file: torch.save({**_content(weights, about, trained_on), **state}, file))
+    write_with(path, lambda file: _save({**_content(weights, about, trained_on), **state}, file))
 
 
 def read_progress(path: Path) -> tuple[dict[str, Any], Progressed]:
@@ -83,6 +83,16 @@ def read_progress(path: Path) -> tuple[dict[str, Any], Progressed]:
         raise RunError(
             f"{path} holds weights but no training that could go on; start from them with --init {path}"
         ) from error
+
+
+def _save(content: dict[str, Any], file: BinaryIO) -> None:
+    try:
+        torch.save(content, file)
+    except RuntimeError as error:
+        # Where the disk is full torch fails twice: on a write, and again when it closes the archive that was cut short.
+        if isinstance(error.__context__, OSError):
+            raise error.__context__ from None
+        raise
 
 
 def _content(weights: dict[str, Tensor], about: Progressed, trained_on: str | None) -> dict[str, Any]:

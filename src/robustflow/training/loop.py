@@ -22,14 +22,16 @@ from ..random.rng import key_of
 from .checkpoint import BEST, LAST, Progressed, save_training, save_weights
 from .data.loader import Batch, Share, batches
 from .data.pairs import TrainingPairs
+from .draws import prepared
 from .log import MetricsLog
-from .loss_of_batch import loss_of_batch, noisy
+from .network_with_loss import NetworkWithLoss
 from .networks import TrainedNetwork, learning_parameters
 from .optimizers import set_rate
 from .processes import Process
 from .progress import TrainingProgress
 from .recipe import Recipe
 from .schedules import SCHEDULES
+from .unsupervised.objective import Moment
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,9 @@ def train(training: Training, state: State, process: Process, progress: Training
         DataError: a pair cannot be read, or a file not be written.
     """
     recipe, network = training.recipe, state.network
-    called: nn.Module = network
+    called: nn.Module = NetworkWithLoss(network, recipe)
     if process.world > 1:
-        called = DistributedDataParallel(network, find_unused_parameters=True)  # GMA has some
+        called = DistributedDataParallel(called, find_unused_parameters=True)  # GMA has some
     first, last = state.done.updates, recipe.updates
     share = Share(recipe.batch, process.rank, process.world)
     steps = range(first * recipe.accumulate, last * recipe.accumulate)
@@ -124,11 +126,12 @@ def _update(
     for part in range(recipe.accumulate):
         step = update * recipe.accumulate + part
         batch = next(stream).to(device)
-        batch = noisy(batch, recipe, training.seed, step, share.positions(step))
+        batch = prepared(batch, recipe, training.seed, step, share.positions(step))
         torch.manual_seed(key_of(training.seed, "network", step, share.rank) % 2**63)
+        moment = Moment(training.seed, step, tuple(share.positions(step)), update / recipe.updates)
         last = part == recipe.accumulate - 1
         with nullcontext() if last or share.world == 1 else called.no_sync():
-            loss, numbers = loss_of_batch(called, batch, recipe)
+            loss, numbers = called(batch, moment)
             numbers["loss"] = loss.item()
             _check_finite("loss", numbers["loss"], update, batch)
             state.scaler.scale(loss / recipe.accumulate).backward()

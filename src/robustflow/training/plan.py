@@ -9,6 +9,7 @@ from ..datasets import dataset_facts
 from ..errors import RobustFlowError
 from ..text import counted
 from .data.find import OpenPart, open_part
+from .memory import expected_memory
 from .recipe import Part, Recipe, mix_parts
 
 
@@ -19,7 +20,12 @@ def plan_text(recipe: Recipe, data: Sequence[str | Path]) -> str:
         recipe: with the user's changes.
         data: see `open_part`.
     """
-    lines = [f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})", *_settings(recipe), "data:"]
+    lines = [
+        f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})",
+        *_settings(recipe),
+        _memory(recipe),
+        "data:",
+    ]
     found: list[OpenPart] = []
     missing: list[tuple[Part, str]] = []
     for part in mix_parts(recipe.mix):
@@ -58,8 +64,26 @@ def _settings(recipe: Recipe) -> list[str]:
         f"{recipe.crop[0]}x{recipe.crop[1]}, {recipe.precision}{iterations}",
         f"{optimizer.name}, rate {recipe.learning_rate:g} ({recipe.schedule}), weight decay "
         f"{optimizer.weight_decay:g}, {clip}",
-        f"{recipe.loss} loss, gamma {recipe.gamma:g}; {norms}{noise}",
+        f"{_loss(recipe)}; {norms}{noise}",
     ]
+
+
+def _loss(recipe: Recipe) -> str:
+    if recipe.objective is None:
+        return f"{recipe.loss} loss, gamma {recipe.gamma:g}"
+    said = recipe.objective.model_dump(exclude={"kind", "appearance", "spatial"})
+    return "no labels: " + ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in said.items())
+
+
+def _memory(recipe: Recipe) -> str:
+    expected = expected_memory(recipe)
+    if expected is None:
+        return "memory: not measured for this network"
+    less = "" if recipe.precision == "fp32" else f", less in {recipe.precision}"
+    return (
+        f"memory: about {expected:.1f} GiB for the whole batch on one device{less} (modelled from what the backward "
+        "pass keeps of one pair; workspaces come on top)"
+    )
 
 
 def _title(part: Part) -> str:
@@ -69,4 +93,6 @@ def _title(part: Part) -> str:
 
 def _augmented(part: Part) -> str:
     flips = "flips" if part.flip else "no flips"
+    if part.augmentation in ("stretched", "cropped"):
+        return f"{part.augmentation} to the crop, {flips}, half of the pairs exchanged"
     return f"{part.augmentation} augmentation, scale 2^{part.log2_scale[0]:g} to 2^{part.log2_scale[1]:g}, {flips}"

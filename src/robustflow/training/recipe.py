@@ -12,21 +12,23 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 
 from ..digest import digest_of_value
 from ..errors import UsageError, unknown_name
+from .objectives import Objective
+from .table import Table
 
 FOLDER = "recipes"
 MIXES = "mixes"
 """Name of the file that holds the mixes of data; the others are methods."""
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+_NONE = BeforeValidator(lambda value: None if value == "none" else value)
+"""A TOML file has no None and says "none"."""
 
 
-class Optimizer(_Table):
+class Optimizer(Table):
     """The optimiser's settings, besides the learning rate."""
 
     name: Literal["adamw", "adam"] = "adamw"
@@ -35,11 +37,11 @@ class Optimizer(_Table):
     eps: float = Field(1e-8, gt=0)
     betas: tuple[float, float] = (0.9, 0.999)
     amsgrad: bool = False
-    clip: float | None = Field(1.0, gt=0)
-    """Norm of all gradients that is not exceeded; None for no clipping."""
+    clip: Annotated[float | None, _NONE] = Field(1.0, gt=0)
+    """Norm of all gradients that is not exceeded; None, in a file "none", for no clipping."""
 
 
-class Part(_Table):
+class Part(Table):
     """A data set's part in a mix.
 
     Attributes:
@@ -47,26 +49,34 @@ class Part(_Table):
         options: of the data set.
         keys: "all", or "training" for those that the project's split leaves for training.
         times: how often each pair comes in an epoch.
-        augmentation: "dense" or "sparse" (see `augmentation/`).
-        log2_scale: from and to which power of two frames are scaled.
+        augmentation: "dense" or "sparse" (see `augmentation/`); for training without labels also "stretched" to the
+            crop's size, or "cropped", in both with half of the pairs exchanged.
+        log2_scale: from and to which power of two frames are scaled; not for the last two.
         flip: whether frames are flipped.
+        margin: pixels of a "cropped" frame's border that no crop reaches.
     """
 
     data: str
     options: dict[str, str | int] = Field(default_factory=dict)
     keys: Literal["all", "training"] = "all"
     times: int = Field(1, ge=1)
-    augmentation: Literal["dense", "sparse"]
-    log2_scale: tuple[float, float]
+    augmentation: Literal["dense", "sparse", "stretched", "cropped"]
+    log2_scale: tuple[float, float] = (0.0, 0.0)
     flip: bool
+    margin: int = Field(0, ge=0)
+
+    def spelled(self) -> str:
+        """As the identity of a training spells it: without a margin of 0, which older trainings do not have."""
+        return self.model_dump_json(exclude=None if self.margin else {"margin"})
 
 
-class Recipe(_Table):
+class Recipe(Table):
     """One stage of one method.
 
     Attributes:
         method: the model's registered name.
-        stage: "chairs", "things", "sintel", "kitti" of the originals, "ood" or "id" of the paper.
+        stage: "chairs", "things", "sintel", "kitti" of the originals, "ood" or "id" of the paper; "unsupervised" and
+            others of methods that learn without labels.
         start: which weights it begins with: "random", or a stage.
         mix: of `recipes/mixes.toml`, or a file like it.
         steps: as the source counts them: batches.
@@ -76,10 +86,15 @@ class Recipe(_Table):
         devices: over how many the original's batch was spread, which decides what a BatchNorm sees.
         crop: (H, W), pixels.
         iterations: of a recurrent network; None, in a file "none", for one without.
+        loss: "sequence"; "sequence+matching", with GMFlowNet's loss of its matching; or "denoising", the sequence loss
+            of flows that are denoised from the truth (FlowDiffuser).
         gamma: of the sequence loss.
+        objective: what is minimised by a method that learns without labels, instead of the sequence loss.
         noise: the largest standard deviation, in grey levels, of the noise added to both frames; 0 for none.
         frozen_norms: "none", "batchnorm" (running statistics stay) or "all".
         frozen: parts of the network, by the beginning of their parameters' names, that do not learn.
+        unused: parts, likewise, that the network has and never computes with, in the original too: no gradient comes
+            to them.
         precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
         source: where this comes from.
         unverified: what of it could not be checked.
@@ -99,14 +114,14 @@ class Recipe(_Table):
     learning_rate: float = Field(gt=0)
     schedule: Literal["one_cycle", "constant", "constant_then_decay"] = "one_cycle"
     optimizer: Optimizer
-    iterations: Annotated[int | None, BeforeValidator(lambda value: None if value == "none" else value)] = Field(
-        12, ge=1
-    )
-    loss: Literal["sequence"] = "sequence"
+    iterations: Annotated[int | None, _NONE] = Field(12, ge=1)
+    loss: Literal["sequence", "sequence+matching", "denoising"] = "sequence"
     gamma: float = Field(0.8, gt=0, le=1)
+    objective: Objective | None = None
     noise: float = Field(0.0, ge=0)
     frozen_norms: Literal["none", "batchnorm", "all"] = "none"
     frozen: tuple[str, ...] = ()
+    unused: tuple[str, ...] = ()
     precision: Literal["fp32", "fp16", "bf16"] = "fp32"
     source: str
     unverified: str = ""
@@ -119,8 +134,9 @@ class Recipe(_Table):
 
     def digest(self) -> str:
         """32 hexadecimal digits that name everything that decides the weights."""
-        words = {"source", "unverified", "differs"}
-        return digest_of_value(self.model_dump(mode="json", exclude=words), size=16)
+        words = {"source", "unverified", "differs", "unused"}
+        later = {"objective"} if self.objective is None else set()  # a field that came later leaves older digests alone
+        return digest_of_value(self.model_dump(mode="json", exclude=words | later), size=16)
 
     def changed(self, **changes: Any) -> Recipe:
         """This recipe with other values, checked again; those that are None are left as they are.
@@ -149,7 +165,7 @@ def load_recipe(method: str, stage: str) -> Recipe:
 
 @cache
 def recipes_of(method: str) -> dict[str, Recipe]:
-    """Every stage of a method, in the order of its file.
+    """Every stage of a method, in the order of its file, which may say that the model has another name.
 
     Raises:
         UsageError: no recipe for the method.
@@ -159,7 +175,7 @@ def recipes_of(method: str) -> dict[str, Recipe]:
     document = dict(_read(method))
     common = document.pop("all", {})
     return {
-        stage: _validated(_merged(common, {**entry, "method": method, "stage": stage}))
+        stage: _validated(_merged({"method": method, **common}, {**entry, "stage": stage}))
         for stage, entry in document.items()
     }
 

@@ -96,13 +96,15 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
     recipe, folder = request.recipe, user_path(request.output)
     parts = [open_part(part, request.data) for part in mix_parts(recipe.mix)]
     order = Order(sum(map(len, parts)), recipe.batch * recipe.accumulate, request.seed)
-    pairs = TrainingPairs(parts, order, recipe.crop, request.seed, _corruption(request), request.skip_bad)
+    pairs = TrainingPairs(
+        parts, order, recipe.crop, request.seed, _corruption(request), request.skip_bad, recipe.objective
+    )
     content, done = _earlier(folder, request)
     with this_process(request.device) as process:
         _check_process(recipe, process)
         start = RANDOM if request.resume else _start(request)
         parted = recipe.changed(devices=max(1, recipe.devices // process.world))  # each process is one of them already
-        model, network = load_network(parted, start, str(process.device), dict(request.options))
+        model, network = load_network(parted, start, str(process.device), dict(request.options), request.seed)
         identity = _identity(request, parts)
         if done is None:
             done = Progressed(0, {**identity, **_start_record(model, request)})
@@ -168,7 +170,8 @@ def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None
         name = dataset_facts(part.dataset.name).training_set
         if seen is None or name not in TRAINING_SETS.values():
             return None
-        sets.append(name + (":train" if part.part.keys == "training" else ""))
+        apart = part.part.keys == "training" or getattr(part.dataset, "leaves_out_evaluated", False)
+        sets.append(name + (":train" if apart else ""))
     return "+".join(dict.fromkeys(sets))
 
 
@@ -176,7 +179,7 @@ def _identity(request: Request, parts: Sequence[OpenPart]) -> dict[str, Any]:
     """What decides the weights, besides those it begins with."""
     keys = hashlib.blake2b(digest_size=8)
     for part in parts:
-        keys.update("\x1f".join((part.dataset.name, part.part.model_dump_json(), *part.keys)).encode())
+        keys.update("\x1f".join((part.dataset.name, part.part.spelled(), *part.keys)).encode())
     return {
         "recipe": request.recipe.digest(),
         "seed": request.seed,

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from statistics import median
 
-from scipy.stats import spearmanr
-
 from ..cost_ranks import cost_ranks
 from ..uncertainty.sentences import p_text
 from ..uncoupled import coupling
@@ -18,6 +16,8 @@ _LEAST = 5
 
 def accuracy_and_robustness(evidence: Evidence) -> Observation:
     """1: corrupted EPE and CRE grow with the clean EPE, setting by setting (Spearman, one-sided p < 0.05)."""
+    from scipy.stats import spearmanr  # takes a second to load: not before it is needed
+
     parts = []
     settings = [setting for setting in evidence.settings() if len(evidence.discussed(setting)) >= _LEAST]
     for name, value in (("corrupted EPE", evidence.epe), ("CRE", evidence.cre)):
@@ -50,6 +50,8 @@ def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Part]:
         )
         correlation = coupling(clean, cre, ratio)
         if correlation is not None and correlation.cre is not None and correlation.log_ratio is not None:
+            from scipy.stats import spearmanr
+
             p = float(spearmanr(clean, ratio, alternative="greater").pvalue)
             says = (
                 f"{setting}: Spearman with clean EPE {correlation.cre:+.2f} for CRE, {correlation.log_ratio:+.2f} for "

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import polars as pl
-from scipy.stats import kendalltau, rankdata
 
 from ...errors import RunError
+from ..ranking import competition_ranks
 
 STANDINGS_SCHEMA: dict[str, Any] = {
     "model": pl.String,
@@ -62,11 +62,8 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
             better, worse = (row["first"], row["second"])[:: 1 if row["difference"] < 0 else -1]
             beats[better] += 1
             beaten[worse] += 1
-    ranks = rankdata([values[name] for name in names], method="min")
-    records = [
-        (name, values[name], int(rank), beaten[name] + 1, len(names) - beats[name])
-        for name, rank in zip(names, ranks, strict=True)
-    ]
+    ranks = competition_ranks({name: values[name] for name in names})
+    records = [(name, values[name], ranks[name], beaten[name] + 1, len(names) - beats[name]) for name in names]
     return pl.DataFrame(records, schema=STANDINGS_SCHEMA, orient="row").sort("rank", "model")
 
 
@@ -85,13 +82,12 @@ def rank_stability(scores: Mapping[str, Mapping[str, float]]) -> pl.DataFrame:
     >>> rank_stability({"seed 0": {"a": 1.0, "b": 2.0}, "seed 1": {"a": 3.0, "b": 2.0}})["moved"].to_list()
     [0, 0, 1, -1]
     """
+    from scipy.stats import kendalltau  # takes a second to load, and only here
+
     models = [name for name in next(iter(scores.values()), {}) if all(name in one for one in scores.values())]
     if len(scores) < 2 or len(models) < 2:
         raise RunError("the order of models needs two models that were both run under two conditions")
-    ranks = {
-        condition: dict(zip(models, map(int, rankdata([one[m] for m in models], method="min")), strict=True))
-        for condition, one in scores.items()
-    }
+    ranks = {condition: competition_ranks({m: one[m] for m in models}) for condition, one in scores.items()}
     first = next(iter(ranks.values()))
     records = []
     for condition, of_model in ranks.items():

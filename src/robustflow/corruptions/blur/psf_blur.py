@@ -13,6 +13,7 @@ from ...errors import UsageError
 from ...psf.blur import blur
 from ...psf.psf_field import PsfField
 from ...psf.reference_stack import reference_field
+from ...psf.rounded_blur import rounded_blur
 from ...psf.shipped import shipped_field
 from ...random.rng import Rng
 from ...sample import Frame
@@ -78,11 +79,10 @@ class PsfBlur(Corruption):
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
         """Blur one frame."""
+        if self.variant != "reference":
+            return rounded_blur(frame, self.field(state))
         blurred = blur(frame, self.field(state))
-        if self.variant == "reference":
-            np.floor(blurred + 1e-6, out=blurred)  # a whole number must not fall by the FFT's last bit
-        else:
-            np.rint(blurred, out=blurred)
+        np.floor(blurred + 1e-6, out=blurred)  # a whole number must not fall by the FFT's last bit
         return np.clip(blurred, 0.0, 255.0).astype(np.uint8)
 
 

@@ -38,14 +38,27 @@ class PtlflowNet(nn.Module):
         Raises:
             ModelError: a network of ptlflow that keeps its intermediate flows to itself.
         """
+        return self._in_training(image1, image2)[0]
+
+    def matched_predictions(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
+        """Likewise, with GMFlowNet's confidence (N, P, P) that a pixel of 1/8 matches one of the other frame.
+
+        Raises:
+            ModelError: a network that does not match.
+        """
+        flows, outputs = self._in_training(image1, image2)
+        if "soft_corr_map" not in outputs:
+            raise ModelError("this network of ptlflow matches nothing before its iterations; take the loss 'sequence'")
+        return flows, outputs["soft_corr_map"]
+
+    def _in_training(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], dict[str, Tensor]]:
         images = torch.stack([image1, image2], dim=1).contiguous() / 255
         outputs = self.model({"images": images})
         if "flow_preds" not in outputs:
             raise ModelError(
                 "this network of ptlflow keeps the flows of its iterations to itself; it cannot be trained here"
             )
-        flows: list[Tensor] = list(outputs["flow_preds"])
-        return flows
+        return list(outputs["flow_preds"]), outputs
 
     def _flow(self, images: Tensor) -> Tensor:
         flows: Tensor = self.model({"images": images})["flows"]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +14,21 @@ from ..extras import require
 from ..input_convention import InputConvention
 from .find_checkpoint import RANDOM, find_checkpoint, refuse_missing_file
 
+_SEED = ContextVar("seed of random weights", default=0)
+
 if TYPE_CHECKING:
     from .checkpoint import Checkpoint
     from .model import NetworkModel
+
+
+@contextmanager
+def weights_seeded(seed: int) -> Iterator[None]:
+    """Within it the checkpoint "random" stands for the random weights of this seed, outside for those of seed 0."""
+    token = _SEED.set(seed)
+    try:
+        yield
+    finally:
+        _SEED.reset(token)
 
 
 def network_model(
@@ -60,7 +74,8 @@ def network_model(
     if checkpoint == RANDOM:
         from .model import NetworkModel
 
-        return NetworkModel(name, _seeded(build), convention, {"checkpoint": RANDOM, **settings}, execution)
+        seed = {"seed_of_weights": _SEED.get()} if _SEED.get() else {}
+        return NetworkModel(name, _seeded(build), convention, {"checkpoint": RANDOM, **seed, **settings}, execution)
     path, known = find_checkpoint(name, checkpoint, published or {}, source)
     from .checkpoint import read_checkpoint
     from .model import NetworkModel
@@ -81,5 +96,5 @@ def _seeded(build: Callable[[], Any]) -> Any:
     import torch
 
     with torch.random.fork_rng(devices=[]):
-        torch.default_generator.manual_seed(0)
+        torch.default_generator.manual_seed(_SEED.get())
         return build()

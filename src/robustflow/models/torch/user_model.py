@@ -121,6 +121,7 @@ class TorchModel(NetworkModel):
             )
         self.declared = declared
         self.trained_on = trained_on
+        """Its training sets, in the letters of the literature; None where they are not declared."""
         convention = named_convention(
             order=declared.order or "rgb",
             scaling=declared.scaling or "0-1",

@@ -6,15 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...errors import DataError
 from ...random.rng import Rng
 from ...sample import Flow, Frame, Mask
 from ..recipe import Part
 from .eraser import Rectangle, draw_eraser, erase
-from .geometry import Geometry, draw_geometry, warp_dense, warp_frame, warp_sparse
+from .geometry import Geometry, draw_geometry, scaled_size, warp_dense, warp_frame, warp_sparse
 from .jitter import DENSE, SPARSE, Jitter, apply_jitter, draw_jitter
 
 _ASYMMETRIC = 0.2
 """Probability of another jitter for each frame of a dense pair."""
+_EVEN = 0.5
+"""Probability of a flip, and of an exchange of the frames, where there are no labels."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +25,12 @@ class Augmentation:
     """One draw.
 
     Attributes:
-        jitters: one for both frames, or one for each.
+        jitters: one for both frames, or one for each; none for frames whose colours stay.
         rectangles: erased from the second frame.
         geometry: scale, flips, crop.
         crop: (H, W).
         sparse: how the flow is scaled.
+        swapped: the frames are exchanged at the end, and the truth is lost.
     """
 
     jitters: tuple[Jitter, ...]
@@ -34,10 +38,17 @@ class Augmentation:
     geometry: Geometry
     crop: tuple[int, int]
     sparse: bool
+    swapped: bool = False
 
 
 def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
-    """What happens to a pair of this part of a mix; `shape` and `crop` are (H, W)."""
+    """What happens to a pair of this part of a mix; `shape` and `crop` are (H, W).
+
+    Raises:
+        DataError: frames smaller than a crop that is cut out of them.
+    """
+    if part.augmentation in ("stretched", "cropped"):
+        return _draw_plain(rng, part, shape, crop)
     sparse = part.augmentation == "sparse"
     strength = SPARSE if sparse else DENSE
     jitters = 2 if not sparse and rng.uniform() < _ASYMMETRIC else 1
@@ -50,10 +61,28 @@ def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[
     )
 
 
+def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, int]) -> Augmentation:
+    """Stretched to the crop's size, or cropped anywhere; flipped and exchanged (ARFlow, UPFlow)."""
+    scale, top, left = None, 0, 0
+    if part.augmentation == "stretched":
+        scale = (crop[1] / shape[1], crop[0] / shape[0])
+    else:
+        margin = part.margin
+        free = (shape[0] - 2 * margin - crop[0], shape[1] - 2 * margin - crop[1])
+        if min(free) < 0:
+            raise DataError(
+                f"its frames are {shape[1]}x{shape[0]}, smaller than the crop of {crop[1]}x{crop[0]}"
+                + (f" with {margin} pixels around it" if margin else "")
+            )
+        top, left = margin + rng.integer(0, free[0] + 1), margin + rng.integer(0, free[1] + 1)
+    mirrored = part.flip and rng.uniform() < _EVEN
+    return Augmentation((), (), Geometry(scale, mirrored, False, top, left), crop, False, rng.uniform() < _EVEN)
+
+
 def apply_augmentation(
     frames: tuple[Frame, Frame], flow: Flow, valid: Mask, drawn: Augmentation
 ) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """The pair as the network sees it.
+    """A pair with labels as the network sees it.
 
     Args:
         frames: RGB uint8 (H, W, 3).
@@ -75,7 +104,29 @@ def apply_augmentation(
     )
 
 
+def augmented_whole(frames: tuple[Frame, Frame], drawn: Augmentation) -> tuple[Frame, Frame]:
+    """The frames of a pair likewise, but not yet cropped: the crop begins at the geometry's top and left in them."""
+    first, second = _jittered(frames, drawn.jitters)
+    second = erase(second, drawn.rectangles)
+    shape = first.shape[:2]
+    if drawn.geometry.scale is not None:
+        width, height = scaled_size(shape, drawn.geometry.scale)
+        shape = (height, width)
+    geometry = drawn.geometry._replace(top=0, left=0)
+    first, second = warp_frame(first, geometry, shape), warp_frame(second, geometry, shape)
+    return (second, first) if drawn.swapped else (first, second)
+
+
+def augmented_truth(flow: Flow, valid: Mask, drawn: Augmentation) -> tuple[Flow, Mask]:
+    """Flow and mask of the crop; without a valid pixel where the frames were exchanged."""
+    warp = warp_sparse if drawn.sparse else warp_dense
+    flow, valid = warp(flow, valid, drawn.geometry, drawn.crop)
+    return flow, np.zeros_like(valid) if drawn.swapped else valid
+
+
 def _jittered(frames: tuple[Frame, Frame], jitters: tuple[Jitter, ...]) -> tuple[Frame, Frame]:
+    if not jitters:
+        return frames
     if len(jitters) == 2:
         return apply_jitter(frames[0], jitters[0]), apply_jitter(frames[1], jitters[1])
     both = apply_jitter(np.concatenate(frames), jitters[0])  # stacked: contrast takes the mean of both

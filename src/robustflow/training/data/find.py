@@ -21,6 +21,9 @@ _FOLDERS = {
     "hd1k": ("hd1k", "hd1kfull"),
     "kitti2015": ("kitti2015", "kitti", "kittisceneflow", "datasceneflow"),
     "kitti2012": ("kitti2012", "datastereoflow"),
+    "kitti_multiview": ("kittimultiview", "datasceneflowmultiview", "kitti2015", "kitti"),
+    "kitti_raw": ("kittiraw", "rawdata"),
+    "folder": ("frames", "sintelraw"),
 }
 """How folders of data sets are called, in small letters and digits; any other data set is looked for under its name."""
 
@@ -104,7 +107,8 @@ def _search(part: Part, roots: list[Path]) -> Dataset:
             reasons.append(f"{root}: no such folder")
             continue
         candidates = [child for child in sorted(root.iterdir()) if child.is_dir() and _plain(child.name) in names]
-        for folder in [*candidates, root]:
+        anything = part.data == "folder"  # a folder of any pictures: not the first one that comes
+        for folder in candidates if anything else [*candidates, root]:
             try:
                 return load_dataset(part.data, folder, **part.options)
             except DataError as error:

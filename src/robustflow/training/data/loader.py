@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -11,7 +11,28 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from .pairs import TrainingPair, TrainingPairs
+from .pairs import TrainingPair, TrainingPairs, Whole
+
+
+@dataclass(frozen=True)
+class WholeFrames:
+    """What the pairs of a batch were cut from, one under the other with zeros at the right and below.
+
+    Attributes:
+        image1, image2: float32 (B, 3, H', W'), RGB 0..255.
+        corners: float32 (B, 2), x and y of each crop's first pixel.
+        sizes: float32 (B, 2), width and height of each frame.
+    """
+
+    image1: Tensor
+    image2: Tensor
+    corners: Tensor
+    sizes: Tensor
+
+    def to(self, device: torch.device) -> WholeFrames:
+        """On another device."""
+        parts = (self.image1, self.image2, self.corners, self.sizes)
+        return WholeFrames(*(value.to(device, non_blocking=True) for value in parts))
 
 
 @dataclass(frozen=True)
@@ -23,6 +44,9 @@ class Batch:
         flow: float32 (B, 2, H, W), pixels.
         valid: float32 (B, H, W), 0 or 1.
         names: of the pairs.
+        time: from which the truth is denoised, 0 (clean) to 999 (noise); None where the loss does not denoise.
+        noise: for that, standard normal, (B, 2, H / 8, W / 8).
+        whole, changed: see `TrainingPair`.
     """
 
     image1: Tensor
@@ -30,13 +54,24 @@ class Batch:
     flow: Tensor
     valid: Tensor
     names: tuple[str, ...]
+    time: int | None = None
+    noise: Tensor | None = None
+    whole: WholeFrames | None = None
+    changed: tuple[Tensor, Tensor] | None = None
 
     def to(self, device: torch.device) -> Batch:
         """On another device."""
         image1, image2, flow, valid = (
             value.to(device, non_blocking=True) for value in (self.image1, self.image2, self.flow, self.valid)
         )
-        return Batch(image1, image2, flow, valid, self.names)
+        whole = None if self.whole is None else self.whole.to(device)
+        changed = None
+        if self.changed is not None:
+            changed = (
+                self.changed[0].to(device, non_blocking=True),
+                self.changed[1].to(device, non_blocking=True),
+            )
+        return replace(self, image1=image1, image2=image2, flow=flow, valid=valid, whole=whole, changed=changed)
 
 
 @dataclass(frozen=True)
@@ -112,7 +147,34 @@ def _collated(pairs: Sequence[TrainingPair]) -> Batch:
         torch.from_numpy(np.stack(arrays))
         for arrays in zip(*((pair.frame1, pair.frame2, pair.flow, pair.valid) for pair in pairs), strict=True)
     )
-    return Batch(image1, image2, flow, valid, tuple(pair.name for pair in pairs))
+    changed = [pair.changed for pair in pairs if pair.changed is not None]
+    both = tuple(torch.from_numpy(np.stack(arrays)) for arrays in zip(*changed, strict=True))
+    return Batch(
+        image1,
+        image2,
+        flow,
+        valid,
+        tuple(pair.name for pair in pairs),
+        whole=_whole([pair.whole for pair in pairs if pair.whole is not None]),
+        changed=(both[0], both[1]) if both else None,
+    )
+
+
+def _whole(frames: Sequence[Whole]) -> WholeFrames | None:
+    if not frames:
+        return None
+    sizes = [one.frame1.shape[1:] for one in frames]
+    height, width = (max(sides) for sides in zip(*sizes, strict=True))
+    images = torch.zeros(2, len(frames), 3, height, width)
+    for number, (one, (rows, columns)) in enumerate(zip(frames, sizes, strict=True)):
+        images[0, number, :, :rows, :columns] = torch.from_numpy(one.frame1)
+        images[1, number, :, :rows, :columns] = torch.from_numpy(one.frame2)
+    return WholeFrames(
+        images[0],
+        images[1],
+        torch.tensor([one.corner for one in frames], dtype=torch.float32),
+        torch.tensor([(columns, rows) for rows, columns in sizes], dtype=torch.float32),
+    )
 
 
 def _quiet_worker(number: int) -> None:

@@ -13,10 +13,17 @@ from ...corruptions.transforms.transform import CorruptionTransform
 from ...datasets.base import Dataset
 from ...datasets.pairs import PairDataset, read_frames
 from ...errors import DataError
-from ...flowio import read_flow
 from ...random.rng import Rng
 from ...sample import Flow, Frame, Mask
-from ..augmentation.augment import apply_augmentation, draw_augmentation
+from ..augmentation.appearance import apply_look, draw_look
+from ..augmentation.augment import (
+    Augmentation,
+    apply_augmentation,
+    augmented_truth,
+    augmented_whole,
+    draw_augmentation,
+)
+from ..objectives import ArflowObjective, Objective
 from .find import OpenPart
 from .order import Order
 
@@ -24,6 +31,19 @@ _LONGEST = 1000.0
 """Pixels of one component, from which the truth of a dense pair is not valid (RAFT)."""
 _ATTEMPTS = 20
 """Unreadable pairs in a row after which the data set is given up."""
+
+
+class Whole(NamedTuple):
+    """The frames that a crop was cut from.
+
+    Attributes:
+        frame1, frame2: float32 (3, H', W'), RGB 0..255.
+        corner: (x, y) of the crop's first pixel in them.
+    """
+
+    frame1: npt.NDArray[np.float32]
+    frame2: npt.NDArray[np.float32]
+    corner: tuple[int, int]
 
 
 class TrainingPair(NamedTuple):
@@ -34,6 +54,8 @@ class TrainingPair(NamedTuple):
         flow: float32 (2, H, W), pixels.
         valid: float32 (H, W), 1 where the truth is known.
         name: data set and key.
+        whole: what the crop was cut from, for objectives without labels; else None.
+        changed: the frames in other colours, for ARFlow's second pass; else None.
     """
 
     frame1: npt.NDArray[np.float32]
@@ -41,6 +63,8 @@ class TrainingPair(NamedTuple):
     flow: npt.NDArray[np.float32]
     valid: npt.NDArray[np.float32]
     name: str
+    whole: Whole | None = None
+    changed: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
 
 
 class TrainingPairs:
@@ -53,6 +77,8 @@ class TrainingPairs:
         seed: of the augmentation.
         corruption: laid over the augmented frames, or None.
         skip_bad: take another pair, with a warning, in place of one that cannot be read.
+        objective: of a training without labels, which decides what it is given besides the frames; None for one with
+            labels, which every pair must have then.
     """
 
     def __init__(
@@ -63,6 +89,7 @@ class TrainingPairs:
         seed: int,
         corruption: CorruptionTransform | None = None,
         skip_bad: bool = False,
+        objective: Objective | None = None,
     ) -> None:
         self._parts = tuple(parts)
         self._order = order
@@ -70,6 +97,7 @@ class TrainingPairs:
         self._seed = seed
         self._corruption = corruption
         self._skip_bad = skip_bad
+        self._objective = objective
 
     def __len__(self) -> int:
         """Places in an epoch."""
@@ -107,10 +135,12 @@ class TrainingPairs:
         raise IndexError(place)
 
     def _augmented(self, position: int, part: OpenPart, key: str) -> TrainingPair:
-        frames, flow, valid = _read(part.dataset, key)
+        frames, flow, valid = _read(part.dataset, key, self._objective is None)
         drawn = draw_augmentation(
             Rng.of(self._seed, "augmentation", position), part.part, frames[0].shape[:2], self._crop
         )
+        if self._objective is not None:
+            return self._without_labels(position, f"{part.dataset.name} {key}", frames, flow, valid, drawn)
         frames, flow, valid = apply_augmentation(frames, flow, valid, drawn)
         if part.part.augmentation == "dense":
             valid = valid & (np.abs(flow) < _LONGEST).all(axis=2)
@@ -124,21 +154,52 @@ class TrainingPairs:
             f"{part.dataset.name} {key}",
         )
 
+    def _without_labels(
+        self, position: int, name: str, frames: tuple[Frame, Frame], flow: Flow, valid: Mask, drawn: Augmentation
+    ) -> TrainingPair:
+        """The pair for a training without labels; its truth, where it has any, is for the log alone."""
+        whole = augmented_whole(frames, drawn)
+        if self._corruption is not None:
+            whole = tuple(self._corruption(list(whole), key=f"training {self._seed} {position}"))
+        flow, valid = augmented_truth(flow, valid, drawn)
+        (height, width), top, left = drawn.crop, drawn.geometry.top, drawn.geometry.left
+        cut = [frame[top : top + height, left : left + width] for frame in whole]
+        changed = None
+        if isinstance(self._objective, ArflowObjective):
+            if self._objective.self_supervision:
+                look = draw_look(Rng.of(self._seed, "appearance", position), self._objective.appearance)
+                changed = (_channels_first(apply_look(cut[0], look)), _channels_first(apply_look(cut[1], look)))
+            around = None
+        else:
+            around = Whole(_channels_first(whole[0]), _channels_first(whole[1]), (left, top))
+        return TrainingPair(
+            _channels_first(cut[0]),
+            _channels_first(cut[1]),
+            _channels_first(flow),
+            valid.astype(np.float32),
+            name,
+            around,
+            changed,
+        )
 
-def _read(dataset: Dataset, key: str) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Frames and truth. Of a data set in files the flow file alone: the originals train on Sintel without its maps of
-    invalid pixels."""
+
+def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Frame], Flow, Mask]:
+    """Frames and truth; see `PairDataset.training_truth`. Without labels, a pair that has no truth has no valid
+    pixel."""
+    flow: Flow | None
+    valid: Mask | None
     if isinstance(dataset, PairDataset):
         pair = dataset.pair(key)
-        if pair.flow is None:
-            raise DataError("it has no ground truth to train on")
         first, second = read_frames(pair.frames)
-        flow, valid = read_flow(pair.flow)
+        truth = dataset.training_truth(pair)
+        flow, valid = (truth.flow, truth.valid) if truth is not None else (None, None)
     else:
         sample = dataset.load(key)
-        if sample.flow is None or sample.valid is None:
-            raise DataError("it has no ground truth to train on")
         (first, second), flow, valid = sample.frames[:2], sample.flow, sample.valid
+    if flow is None or valid is None:
+        if labelled:
+            raise DataError("it has no ground truth to train on")
+        flow, valid = np.zeros((*first.shape[:2], 2), np.float32), np.zeros(first.shape[:2], bool)
     if flow.shape[:2] != first.shape[:2]:
         raise DataError(f"its flow is {flow.shape[1]}x{flow.shape[0]}, its frames {first.shape[1]}x{first.shape[0]}")
     return (first, second), flow, valid

@@ -1,1 +1,1 @@
-"""Losses of the recipes: supervised sequence loss, GMFlowNet's matching loss, and those without labels."""
+"""Losses of the recipes, as functions of flows and images: with labels and without."""

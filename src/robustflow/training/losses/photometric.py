@@ -6,7 +6,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional as F
 
-_LUMA = (0.2989, 0.5870, 0.1140)
+Luma = tuple[float, float, float]
+
+LUMA: Luma = (0.2989, 0.5870, 0.1140)
+"""Weights of red, green and blue in grey."""
 
 
 def ssim_distance(first: Tensor, second: Tensor) -> Tensor:
@@ -37,19 +40,49 @@ def census_distance(first: Tensor, second: Tensor, radius: int = 1) -> Tensor:
     Returns:
         (N, 1, H, W), 0 to 1.
     """
-    squared = (_census(first, radius) - _census(second, radius)).square()
-    distance = (squared / (0.1 + squared)).mean(dim=1, keepdim=True)
-    inside = F.pad(torch.ones_like(distance[:, :, radius:-radius, radius:-radius]), [radius] * 4)
-    return distance * inside
+    distance = _differing(first, second, radius, LUMA, 255.0).mean(dim=1, keepdim=True)
+    return distance * inner(distance, radius)
+
+
+def census_sum(first: Tensor, second: Tensor, radius: int = 3, luma: Luma = LUMA, levels: float = 255.0) -> Tensor:
+    """The same distance as a sum over the window, borders included: (N, 1, H, W), 0 to the window's pixels.
+
+    Args:
+        first, second: RGB (N, 3, H, W).
+        radius: of the window, pixels.
+        luma: weights of red, green and blue.
+        levels: what a value of 1 is multiplied by; the census knows changes of about 1 from none.
+
+    >>> image = torch.rand(1, 3, 9, 9)
+    >>> census_sum(image, image).max().item()
+    0.0
+    """
+    return _differing(first, second, radius, luma, levels).sum(dim=1, keepdim=True)
+
+
+def inner(maps: Tensor, border: int) -> Tensor:
+    """1 where a pixel is at least `border` pixels inside, else 0; of the maps' shape (N, C, H, W)."""
+    return F.pad(torch.ones_like(maps[:, :, border:-border, border:-border]), [border] * 4)
+
+
+def robust(differences: Tensor, exponent: float = 0.4) -> Tensor:
+    """(|x| + 0.01)^q, which large differences raise little (Liu et al., DDFlow, AAAI 2019)."""
+    return (differences.abs() + 0.01) ** exponent
 
 
 def _mean(maps: Tensor) -> Tensor:
     return F.avg_pool2d(maps, 3, stride=1)
 
 
-def _census(image: Tensor, radius: int) -> Tensor:
+def _differing(first: Tensor, second: Tensor, radius: int, luma: Luma, levels: float) -> Tensor:
+    """How much each place of the two windows around a pixel differs, 0..1: (N, (2 radius + 1)^2, H, W)."""
+    squared = (_census(first, radius, luma, levels) - _census(second, radius, luma, levels)).square()
+    return squared / (0.1 + squared)
+
+
+def _census(image: Tensor, radius: int, luma: Luma, levels: float) -> Tensor:
     """Each pixel's window less the pixel, softly cut to -1..1: (N, (2 radius + 1)^2, H, W)."""
-    grey = 255 * (image * image.new_tensor(_LUMA).view(1, 3, 1, 1)).sum(dim=1, keepdim=True)
+    grey = levels * (image * image.new_tensor(luma).view(1, 3, 1, 1)).sum(dim=1, keepdim=True)
     side = 2 * radius + 1
     windows = F.unfold(grey, side, padding=radius).unflatten(2, grey.shape[2:])
     difference = windows - grey

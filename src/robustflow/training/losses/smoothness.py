@@ -24,6 +24,28 @@ def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) ->
     return (weight_x * x.abs()).mean() / 2 + (weight_y * y.abs()).mean() / 2
 
 
+def robust_smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) -> Tensor:
+    """Likewise with sqrt(d^2 + 0.001^2) of each difference d, as SMURF and BrightFlow have it, a scalar.
+
+    The edges that weigh second differences are those between the outer two of their three pixels. Arguments as for
+    `smoothness`; the flow is in pixels.
+    """
+    x, y = _steps(flow)
+    if second_order:
+        x, y = _steps(x)[0], _steps(y)[1]
+        edges = image[:, :, :, 2:] - image[:, :, :, :-2], image[:, :, 2:] - image[:, :, :-2]
+    else:
+        edges = _steps(image)
+    weight_x, weight_y = ((-alpha * step.abs().mean(dim=1, keepdim=True)).exp() for step in edges)
+    along_x, along_y = (weight_x * charbonnier(x)).mean(), (weight_y * charbonnier(y)).mean()
+    return (along_x + along_y) / 2
+
+
+def charbonnier(differences: Tensor) -> Tensor:
+    """sqrt(x^2 + 0.001^2), an absolute value with a gradient at 0."""
+    return (differences.square() + 1e-6).sqrt()
+
+
 def _steps(maps: Tensor) -> tuple[Tensor, Tensor]:
     """Differences of neighbours along x and along y."""
     return maps[:, :, :, 1:] - maps[:, :, :, :-1], maps[:, :, 1:] - maps[:, :, :-1]

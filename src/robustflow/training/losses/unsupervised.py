@@ -111,4 +111,4 @@ def _photometric(image: Tensor, reconstructed: Tensor, seen: Tensor, weights: Un
         total = total + weights.ssim * ssim_distance(reconstructed * seen, image * seen).mean()
     if weights.census:
         total = total + weights.census * census_distance(reconstructed * seen, image * seen).mean()
-    return total / seen.mean()
+    return total / seen.mean().clamp_min(1e-7)  # a network that has not learned yet may see nothing

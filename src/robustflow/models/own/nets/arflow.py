@@ -54,6 +54,11 @@ class ARFlow(nn.Module):
         """The flow from image 1 to image 2, (N, 2, H, W) in pixels."""
         return self.flows(self.features(image1), self.features(image2))[0]
 
+    def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+        """The flows of both directions per level, as `flows` gives them."""
+        features1, features2 = self.features(image1), self.features(image2)
+        return self.flows(features1, features2), self.flows(features2, features1)
+
     def features(self, image: Tensor) -> list[Tensor]:
         """The pyramid of an image, finest (1/2) first."""
         return self.feature_pyramid_extractor(image)

@@ -61,6 +61,10 @@ class BrightFlow(nn.Module):
         """The flow after each iteration, (N, 2, H, W) in pixels."""
         return [self._enlarge(flow, state) for flow, state in self._iterate(image1, image2)]
 
+    def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+        """The flows of both directions after each iteration."""
+        return self.flows(image1, image2), self.flows(image2, image1)
+
     def _iterate(self, image1: Tensor, image2: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
         features1, features2 = self.model["fnet"](image1), self.model["fnet"](image2)
         state, context = self.model["cnet"](image1).split((HIDDEN, CONTEXT), dim=1)

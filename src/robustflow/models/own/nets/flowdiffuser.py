@@ -16,6 +16,8 @@ from .sk_update import MaskHead, SkUpdate
 from .window_volume import WindowVolume
 
 _ITERATIONS = 6
+_REACH = 0.1
+"""Share of the map's size that a sample of 1 moves a pixel by."""
 
 
 class FlowDiffuser(nn.Module):
@@ -67,50 +69,101 @@ class FlowDiffuser(nn.Module):
             flow at 1/4 (N, 2, H / 4, W / 4), in its own pixels.
         """
         image1, image2 = 2 * image1 / 255 - 1, 2 * image2 / 255 - 1
+        pyramid, features4, context8, context4 = self._encoded(image1, image2)
+        if noise is None:
+            noise = initial_noise(self.seed, *context8.shape[2:]).to(image1.device).expand(len(image1), -1, -1, -1)
+        net, flow, flows = self._denoise(pyramid, context8, noise)
+        net, fine = self._refined(features4, context4, net, flow)[-1]
+        return [*flows, convex_upsample(fine, self.um4(net), factor=4)], fine
+
+    def denoised_predictions(
+        self, image1: Tensor, image2: Tensor, truth: Tensor, time: int, noise: Tensor
+    ) -> list[Tensor]:
+        """What it is trained on: one denoising step from the true flow under noise, and the refinement.
+
+        Args:
+            image1, image2: as for `flows`.
+            truth: (N, 2, H, W) in pixels.
+            time: of the noise, 0 (hardly any) to 999.
+            noise: standard normal, (N, 2, H / 8, W / 8).
+
+        Returns:
+            The flow after each iteration at full resolution: six of the denoising step, six of the refinement.
+        """
+        image1, image2 = 2 * image1 / 255 - 1, 2 * image2 / 255 - 1
+        pyramid, features4, context8, context4 = self._encoded(image1, image2)
+        inp, net, size = self.C_inp(context8), self.C_net(context8), _size(context8)
+        attention = self.update.aggregator.attention(inp)
+        start = pixel_grid(context8)
+        small = F.interpolate(truth, size=context8.shape[2:], mode="bilinear", align_corners=True) / 8
+        kept = self.alphas_cumprod[time]
+        sample = kept.sqrt() * self.scale * small / size + (1 - kept).sqrt() * noise
+        target = start + sample.clamp(-1, 1).to(start.dtype) * _REACH * size
+        coarse = self._rounds(pyramid, inp, attention, net, target, time)
+        net, target = coarse[-1]
+        fine = self._refined(features4, context4, net, target - start)
+        return [convex_upsample(moved - start, self.um8(state)) for state, moved in coarse] + [
+            convex_upsample(flow, self.um4(state), factor=4) for state, flow in fine
+        ]
+
+    def _encoded(self, image1: Tensor, image2: Tensor) -> tuple[CorrelationPyramid, Tensor, Tensor, Tensor]:
+        """Correlations at 1/8, both images' features at 1/4, the context at 1/8 and at 1/4, of values -1..1."""
         features8, features4 = self.encode(self.fnet, torch.cat((image1, image2)))
         context8, context4 = self.encode(self.cnet, image1)
         features1, features2 = features8.chunk(2)
-        pyramid = CorrelationPyramid(*self.trans(features1, features2))
-        if noise is None:
-            noise = initial_noise(self.seed, *context8.shape[2:]).to(image1.device).expand(len(image1), -1, -1, -1)
-        net, start, target, flows = self._denoise(pyramid, context8, noise)
-        fine, quarter = self._refine(features4, context4, net, target - start)
-        return [*flows, fine], quarter
+        return CorrelationPyramid(*self.trans(features1, features2)), features4, context8, context4
 
     def _denoise(
         self, pyramid: CorrelationPyramid, context: Tensor, noise: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor, list[Tensor]]:
+    ) -> tuple[Tensor, Tensor, list[Tensor]]:
         inp, net = self.C_inp(context), self.C_net(context)
-        attention = self.update.aggregator.attention(inp)
         start = target = pixel_grid(context)
-        size = target.new_tensor((context.shape[3], context.shape[2]))[:, None, None]
+        attention = self.update.aggregator.attention(inp)
+        size = _size(context)
         times = sampling_times()
         sample, flows = noise, []
         for step, time in enumerate(times):
-            shift = sample.clamp(-1, 1).to(target.dtype) * 0.1 * size
+            shift = sample.clamp(-1, 1).to(target.dtype) * _REACH * size
             target = target + (shift if step == 0 else 0.2 * shift)
-            for iteration in range(_ITERATIONS):
-                target = target.detach()
-                correlation = pyramid.lookup(target)
-                moment = int(time - time / _ITERATIONS * iteration)
-                net = self.update_dfm(self.update, net, inp, correlation, target - start, attention, moment)
-                target = target + self.update.flow_head(net)
-            flows.append(convex_upsample(target - start, self.um8(net)))
-            clean = (self.scale * (target - start) / size).clamp(-0.5, 0.5)
+            net, target = self._rounds(pyramid, inp, attention, net, target, time)[-1]
+            flow = target - start
+            flows.append(convex_upsample(flow, self.um8(net)))
+            clean = (self.scale * flow / size).clamp(-0.5, 0.5)
             following = times[step + 1] if step + 1 < len(times) else -1
             sample = renoise(sample, clean, self.alphas_cumprod[time], self.alphas_cumprod[following])
-        return net, start, target, flows
+        return net, flow, flows
 
-    def _refine(self, features: Tensor, context: Tensor, net: Tensor, flow: Tensor) -> tuple[Tensor, Tensor]:
+    def _rounds(
+        self, pyramid: CorrelationPyramid, inp: Tensor, attention: Tensor, net: Tensor, target: Tensor, time: int
+    ) -> list[tuple[Tensor, Tensor]]:
+        """State and target after each iteration of a denoising step."""
+        start, states = pixel_grid(inp), []
+        for iteration in range(_ITERATIONS):
+            target = target.detach()
+            correlation = pyramid.lookup(target)
+            moment = int(time - time / _ITERATIONS * iteration)
+            net = self.update_dfm(self.update, net, inp, correlation, target - start, attention, moment)
+            target = target + self.update.flow_head(net)
+            states.append((net, target))
+        return states
+
+    def _refined(self, features: Tensor, context: Tensor, net: Tensor, flow: Tensor) -> list[tuple[Tensor, Tensor]]:
+        """State and flow at 1/4, in its own pixels, after each iteration of the refinement."""
         enlarge = {"size": context.shape[2:], "mode": "bilinear", "align_corners": True}
         flow, net = F.interpolate(2 * flow, **enlarge), F.interpolate(net, **enlarge)
         start = pixel_grid(context)
         target = start + flow
         features1, features2 = features.chunk(2)
-        volume = WindowVolume(features1, features2, target)
+        volume, states = WindowVolume(features1, features2, target), []
         for _ in range(_ITERATIONS):
             target = target.detach()
             motion = self.update.encoder(target - start, volume.lookup(target))
             net = self.update(net, context, motion, motion)
             target = target + self.update.flow_head(net)
-        return convex_upsample(target - start, self.um4(net), factor=4), target - start
+            states.append((net, target - start))
+        return states
+
+
+def _size(context: Tensor) -> Tensor:
+    """(W, H) of a map (N, C, H, W), (2, 1, 1)."""
+    return context.new_tensor((context.shape[3], context.shape[2]))[:, None, None]

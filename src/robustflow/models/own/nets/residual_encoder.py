@@ -32,19 +32,20 @@ class ResidualEncoder(nn.Module):
 
     Args:
         outputs: channels at 1/8.
+        inputs: channels of the image.
 
     Keys: `conv1`, `layer<1..3>.<0|1>.*`, `conv2`.
     """
 
-    def __init__(self, outputs: int = 256) -> None:
+    def __init__(self, outputs: int = 256, inputs: int = 3) -> None:
         super().__init__()
-        self.conv1 = nn.Conv2d(3, 64, 7, stride=2, padding=3)
+        self.conv1 = nn.Conv2d(inputs, 64, 7, stride=2, padding=3)
         self.layer1 = nn.Sequential(ResidualBlock(64, 64, 1), ResidualBlock(64, 64, 1))
         self.layer2 = nn.Sequential(ResidualBlock(64, 96, 2), ResidualBlock(96, 96, 1))
         self.layer3 = nn.Sequential(ResidualBlock(96, 128, 2), ResidualBlock(128, 128, 1))
         self.conv2 = nn.Conv2d(128, outputs, 1)
 
     def forward(self, image: Tensor) -> Tensor:
-        """(N, 3, H, W) in -1..1 to (N, outputs, H / 8, W / 8)."""
+        """(N, inputs, H, W) in -1..1 to (N, outputs, H / 8, W / 8)."""
         x = F.relu(F.instance_norm(self.conv1(image)))
         return self.conv2(self.layer3(self.layer2(self.layer1(x))))

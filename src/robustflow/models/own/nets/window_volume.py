@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+from torch.utils.checkpoint import checkpoint
 
 from ..blocks.allpairs import sample_window
 
@@ -52,10 +53,17 @@ class WindowVolume:
         x, y = self.centre.long().permute(1, 0, 2, 3).flatten(1)
         image = torch.arange(n, device=x.device).repeat_interleave(height * width)
         side = 2 * self.HALF + 1
-        volume = rows1.new_empty(len(rows1), side * side)
-        for index in range(side * side):
+
+        def column(index: int, rows1: Tensor, rows2: Tensor) -> Tensor:
             to_y, to_x = y + index // side - self.HALF, x + index % side - self.HALF
             outside = (to_y < 0) | (to_y >= height) | (to_x < 0) | (to_x >= width)
             target = ((image * height + to_y) * width + to_x).masked_fill(outside, len(rows2) - 1)
-            volume[:, index] = (rows1 * rows2[target]).sum(dim=1)
+            return (rows1 * rows2[target]).sum(dim=1)
+
+        if torch.is_grad_enabled() and rows1.requires_grad:  # each column's products would be kept for backward
+            columns = [checkpoint(column, i, rows1, rows2, use_reentrant=False) for i in range(side * side)]
+            return torch.stack(columns, dim=1).view(-1, 1, side, side)
+        volume = rows1.new_empty(len(rows1), side * side)
+        for index in range(side * side):
+            volume[:, index] = column(index, rows1, rows2)
         return volume.view(-1, 1, side, side)

@@ -1,0 +1,76 @@
+"""What a training keeps for its backward pass, method by method: the table behind `train --plan`.
+
+    python bench/training_memory.py [METHOD ...] > src/robustflow/training/memory.csv
+
+For each method the bytes of all tensors that autograd keeps after a forward pass are counted, once each and without the
+weights, for one pair at two crops and with one and three iterations. Four numbers follow from the four counts: what is
+kept for each pixel and for each pair of pixels, at all and for each iteration. Such a count does not depend on the
+device; half precision keeps less.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import torch
+from scipy.optimize import nnls
+
+from robustflow.training.data.loader import Batch
+from robustflow.training.loss_of_batch import loss_of_batch
+from robustflow.training.networks import load_network
+from robustflow.training.recipe import load_recipe, recipes_of, trained_methods
+
+CROPS, ITERATIONS = ((224, 224), (224, 336)), (1, 3)
+"""Crops that windows of 7 pixels at 1/8 divide, so that no padding is counted."""
+
+_SCALES = np.array([1e3, 1e-2, 1e3, 1e-2])
+
+
+def kept_bytes(method: str, crop: tuple[int, int], iterations: int) -> tuple[int, int, int]:
+    """Bytes kept for one pair, numbers of the weights that learn, and of those that do not."""
+    recipe = load_recipe(method, list(recipes_of(method))[-1])
+    recipe = recipe.changed(crop=crop, batch=1, iterations=iterations, precision="fp32", devices=1)
+    _, network = load_network(recipe, "random")
+    network.train()
+    weights = {value.untyped_storage().data_ptr() for value in [*network.parameters(), *network.buffers()]}
+    kept: dict[int, torch.UntypedStorage] = {}
+
+    def keep(tensor: torch.Tensor) -> torch.Tensor:
+        storage = tensor.untyped_storage()
+        if storage.data_ptr() not in weights:
+            kept[storage.data_ptr()] = storage  # held, so that no other takes its place
+        return tensor
+
+    images = torch.rand(2, 1, 3, *crop) * 255
+    noise = torch.randn(1, 2, crop[0] // 8, crop[1] // 8)
+    flow = torch.zeros(1, 2, *crop)
+    batch = Batch(images[0], images[1], flow, flow[:, 0] + 1, ("",), time=500, noise=noise)
+    with torch.autograd.graph.saved_tensors_hooks(keep, lambda tensor: tensor):
+        loss_of_batch(network, batch, recipe)
+    learning = sum(value.numel() for value in network.parameters() if value.requires_grad)
+    rest = sum(value.numel() for value in network.parameters()) - learning
+    return sum(storage.nbytes() for storage in kept.values()), learning, rest
+
+
+def row(method: str) -> str:
+    """A line of the table."""
+    counts, terms, learning, rest = [], [], 0, 0
+    for crop in CROPS:
+        for iterations in ITERATIONS:
+            number, learning, rest = kept_bytes(method, crop, iterations)
+            pixels = crop[0] * crop[1]
+            counts.append(number)
+            terms.append([pixels, pixels**2, iterations * pixels, iterations * pixels**2])
+    weights = 1 / np.array(counts, float)
+    solved, _ = nnls(np.array(terms, float) * weights[:, None] * _SCALES, np.ones(len(counts)))
+    solved *= _SCALES
+    return ",".join([method, str(learning), str(rest), *(f"{value:.6g}" if value > 1e-9 else "0" for value in solved)])
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    print("method,learning,frozen,pixel,pixel_pair,iteration_pixel,iteration_pixel_pair")
+    labelled = [name for name in trained_methods() if all(one.objective is None for one in recipes_of(name).values())]
+    for name in sys.argv[1:] or labelled:
+        print(row(name), flush=True)

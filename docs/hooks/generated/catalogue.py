@@ -1,0 +1,80 @@
+"""What can be named: models with their checkpoints, benchmarks, data sets, recipes; from the registries."""
+
+from __future__ import annotations
+
+from robustflow.benchmarks import BENCHMARKS, benchmark_facts
+from robustflow.benchmarks.setting import setting_of
+from robustflow.datasets import DATASETS, dataset_facts
+from robustflow.models.catalog import checkpoints, methods
+from robustflow.models.provenance import training_of_entry
+from robustflow.training.recipe import recipes_of, trained_methods
+
+from .tables import table
+
+
+def files() -> dict[str, str]:
+    """One page."""
+    parts = [
+        "# Catalogue",
+        "Everything that can be named on the command line; `robustflow list` prints the same, with what is installed "
+        "here. The corruptions have [pages of their own](../corruptions/index.md).",
+        "## Models",
+        "Besides these: `module.path:Attribute` of your own, an exported network (`.onnx`, `.pt2`), a folder of flow "
+        "files, and any other model of ptlflow as `ptlflow:NAME`.",
+        _methods(),
+        "### Checkpoints",
+        "What each published checkpoint has seen, and so its setting on KITTI-FC: OOD saw nothing of KITTI, ID none of "
+        "the pairs that are evaluated, LEAKED those pairs.",
+        _checkpoints(),
+        "## Benchmarks",
+        _benchmarks(),
+        "## Data sets",
+        "Each is a benchmark as well, by its name, under every corruption of image pairs.",
+        _datasets(),
+        "## Training recipes",
+        _recipes(),
+    ]
+    return {"reference/catalogue.md": "\n\n".join(parts) + "\n"}
+
+
+def _methods() -> str:
+    rows = [
+        (f"`{m.model}`", m.method, m.year, m.type, m.frames, m.source, m.extra and f"`{m.extra}`", m.code_licence)
+        for m in methods().values()
+    ]
+    return table(("name", "method", "year", "type", "frames", "implementation", "extra", "licence of the code"), rows)
+
+
+def _checkpoints() -> str:
+    rows = [
+        (f"`{c.model}`", f"`{c.checkpoint}`", c.trained_on, setting_of(training_of_entry(c), "kitti-fc"), c.note)
+        for c in checkpoints()
+    ]
+    return table(("model", "checkpoint", "trained on", "on KITTI-FC", "note"), rows)
+
+
+def _benchmarks() -> str:
+    rows = []
+    for name in BENCHMARKS.names():
+        facts = benchmark_facts(name)
+        measured = "EPE, CRE, CREr, RCRE" if facts.has_flow else "RCRE"
+        rows.append((f"`{name}`", facts.description, measured, facts.data, len(facts.paper_corruptions)))
+    return table(("name", "what", "metrics", "`--data`", "corruptions in the paper's mean"), rows)
+
+
+def _datasets() -> str:
+    rows = []
+    for name in DATASETS.names():
+        f = dataset_facts(name)
+        what = f"{f.title}. {f.description}".strip()
+        rows.append((f"`{name}`", what, f.pairs, f.ground_truth, f.clips, f.layout, f.licence, f.citation))
+    return table(("name", "what", "pairs", "ground truth", "further frames", "layout", "licence", "citation"), rows)
+
+
+def _recipes() -> str:
+    rows = []
+    for name in trained_methods():
+        for stage, r in recipes_of(name).items():
+            crop, rate = f"{r.crop[0]}x{r.crop[1]}", f"{r.learning_rate:g}"
+            rows.append((f"`{name}`", f"`{stage}`", r.updates, r.batch, crop, rate, r.start, r.mix))
+    return table(("model", "recipe", "updates", "pairs each", "crop", "learning rate", "begins with", "data"), rows)

@@ -1,0 +1,107 @@
+"""What DIS sees of a corruption: on the demonstration pair, or on a short clip made of it for what needs a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import cv2
+import numpy as np
+
+from robustflow import corrupt, load_dataset, load_model
+from robustflow.corruptions import SEVERITIES, load_corruption
+from robustflow.corruptions.calibration.ssim import Ssim
+from robustflow.corruptions.registry import CLIP
+from robustflow.video.object_motion import mean_of_windows
+from robustflow.video.short_clip import ShortClip
+
+KEY = "motorcycle"
+_FRAMES, _RATE = 64, Fraction(960)
+_PAIR = (16, 48)
+"""Frames of the clip that make the pair: 32 apart, as in GoPro-FC."""
+_STEP = (0.25, 0.125)
+"""Pixels that the view moves from frame to frame, right and down."""
+_SIZE = (240, 360)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One severity: the corrupted frame, DIS's flow on the pair, and its errors in pixels."""
+
+    severity: int
+    frame: Any
+    index: int
+    flow: Any
+    ssim: float
+    epe: float
+    epe_clean: float
+    rcre: float
+
+
+def seen(name: str) -> list[Seen]:
+    """All severities of one corruption."""
+    clip = name in CLIP
+    frames, truth, valid, clean = clean_pair(clip)
+    similarity = [Ssim(frame) for frame in frames]
+    pairs = _clip_pairs(name) if clip else (corrupt(*frames, name, severity, key=KEY) for severity in SEVERITIES)
+    cells = []
+    for severity, pair in zip(SEVERITIES, pairs, strict=True):
+        index = int(np.array_equal(pair[0], frames[0]) and not np.array_equal(pair[1], frames[1]))
+        flow = _model().predict(*pair)
+        errors = (_distance(flow, truth, valid), _distance(clean, truth, valid), _distance(flow, clean, valid))
+        cells.append(Seen(severity, pair[index], index, flow, similarity[index](pair[index]), *errors))
+    return cells
+
+
+@cache
+def clean_pair(clip: bool) -> tuple[Any, Any, Any, Any]:
+    """Frames, true flow, where it is known, and DIS's flow."""
+    if clip:
+        frames = tuple(_view(number) for number in _PAIR)
+        moved = [-(_PAIR[1] - _PAIR[0]) * step for step in _STEP]
+        truth, valid = np.full((*_SIZE, 2), moved, np.float32), np.ones(_SIZE, bool)
+    else:
+        sample = load_dataset(KEY).load(KEY)
+        frames, truth, valid = sample.frames, sample.flow, sample.valid
+    return frames, truth, valid, _model().predict(*frames)
+
+
+@cache
+def _model() -> Any:
+    return load_model("dis")
+
+
+def _distance(flow: Any, other: Any, valid: Any) -> float:
+    return float(np.linalg.norm((flow - other).astype(np.float64), axis=2)[valid].mean())
+
+
+@cache
+def _photograph() -> Any:
+    return load_dataset(KEY).load(KEY).frames[0]
+
+
+@cache
+def _view(number: int) -> Any:
+    """Frame `number` of the clip: a window that moves over the photograph."""
+    right, down = (8 + number * step for step in _STEP)
+    move = np.float32([[1, 0, -right], [0, 1, -down]])
+    return cv2.warpAffine(_photograph(), move, _SIZE[::-1], flags=cv2.INTER_CUBIC)
+
+
+def _clip_pairs(name: str) -> Iterator[tuple[Any, Any]]:
+    parameters = [load_corruption(name).parameter(severity) for severity in SEVERITIES]
+    if name == "object_motion_blur":
+        first, second = (mean_of_windows(_view, centre, parameters) for centre in _PAIR)
+        yield from ((first[reach], second[reach]) for reach in parameters)
+        return
+    wanted = range(_PAIR[0], _PAIR[1] + 1)
+    with TemporaryDirectory() as folder:
+        clip = ShortClip((_view(number) for number in range(_FRAMES)), _RATE, Path(folder))
+        for parameter in parameters:
+            frames, _ = clip.corrupted(name, parameter, wanted)
+            yield frames[0], frames[-1]

@@ -1,0 +1,178 @@
+"""The formats that users read: rows, summary.json, manifest.json, records; fields and types from their declarations."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import types
+import typing
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import BaseModel
+
+from robustflow.metrics import regions, rows, summary
+from robustflow.records import contents
+
+from .tables import table
+
+_COLUMNS = {
+    "sample": "The sample's key, the same on every machine.",
+    "group": "What samples that are not independent share (a video); the key itself otherwise.",
+    "corruption": "Its name, or `clean`.",
+    "severity": "1 to 5; 0 of the clean row.",
+    "frames_digest": "Hash (BLAKE2b, hexadecimal) of the two frames that the model was given.",
+    "height": "Of the frames, pixels.",
+    "width": "Of the frames, pixels.",
+    "n_invalid": "Pixels whose own prediction is not finite.",
+    "n_all": "Usable pixels.",
+    "rcre_all_sum": "Distance from the clean flow, summed over `n_all`, pixels.",
+    "pred_magnitude_sum": "Length of the predicted flow, summed over `n_all`, pixels.",
+    "n_valid": "Usable pixels with ground truth.",
+    "epe_sum": "End-point error, summed over `n_valid`, pixels.",
+    "rcre_sum": "Distance from the clean flow, summed over `n_valid`, pixels.",
+    "magnitude_sum": "Length of the true flow, summed over `n_valid`, pixels.",
+    "fl_count": "Of `n_valid`: error above 3 px and above 5 % of the true length.",
+    "px1_count": "Of `n_valid`: error above 1 px.",
+    "px3_count": "Of `n_valid`: error above 3 px.",
+    "px5_count": "Of `n_valid`: error above 5 px.",
+    "wauc_sum": "Weighted area under the inlier curve, summed over `n_valid`; 1 for a perfect pixel.",
+    "n_truth": "Pixels with ground truth, predicted or not.",
+    "clean_epe_sum": "Error of the clean prediction, summed over the same `n_valid` pixels, pixels.",
+}
+"""What each column holds; those of a region are the same inside it. A column without an entry fails the build."""
+
+
+def files() -> dict[str, str]:
+    """The four pages."""
+    return {
+        "reference/rows.md": _rows(),
+        "reference/summary.md": _summary(),
+        "reference/manifest.md": _manifest(),
+        "reference/record.md": _record(),
+    }
+
+
+def _rows() -> str:
+    doc = inspect.getdoc(rows) or ""
+    listed = []
+    for name, dtype in rows.ROW_SCHEMA.items():
+        region = next((r for r in regions.REGIONS if name.endswith(f"_{r}")), "")
+        whole = name.removesuffix(f"_{region}") if region else name
+        meaning = "Pixels of `n_valid` in the region." if whole == "n" else _COLUMNS[whole]
+        if region and whole != "n":
+            meaning = meaning.replace("`n_valid`", f"`n_{region}`")
+        since = 2 if name in rows.LATER_COLUMNS else 1
+        listed.append((f"`{name}`", dtype.__name__, region and f"`{region}`", since, meaning))
+    return "\n\n".join(
+        [
+            "# Rows",
+            "`RUN/rows/*.parquet`, `Result.rows`, and `rows.csv` of a record. "
+            f"Schema version {rows.ROW_SCHEMA_VERSION}.",
+            doc.partition("\n\n")[2],
+            "## Columns",
+            table(("column", "type", "region", "since version", "meaning"), listed),
+            "No two rows of a run share " + ", ".join(f"`{name}`" for name in rows.ROW_KEY) + ".",
+            "## Regions",
+            _attributes_or_text(regions),
+        ]
+    )
+
+
+def _summary() -> str:
+    parts = [
+        "# summary.json",
+        f"The means of a run, version {summary.SUMMARY_VERSION}. In Python: `Result.summary` (as objects) and "
+        "`Result.document()` (as in the file).",
+        "The file is the first table below with three things beside it: `pooled` (the same means over the pixels of "
+        "all images at once), which run it is, and its setting.",
+    ]
+    for model in (
+        summary.Summary,
+        summary.CorruptionScores,
+        summary.Scores,
+        summary.RegionScores,
+        summary.MissingCells,
+    ):
+        parts += _model(model)
+    return "\n\n".join(parts)
+
+
+def _manifest() -> str:
+    parts = [
+        "# manifest.json",
+        "What ran. A record holds it as below; a run's folder also has the command line and the machine's name and "
+        "system, which `robustflow pack` leaves out.",
+    ]
+    for model in (contents.Manifest, *_used_by(contents.Manifest)):
+        parts += _model(model)
+    return "\n\n".join(parts)
+
+
+def _record() -> str:
+    parts = [
+        "# Records",
+        f"`record.json` of a `.robustflow` file, version {contents.VERSION}. [The guide](../records.md) says what else "
+        "is in the file, what `verify` checks, and what it cannot show. `manifest.json` is [here](manifest.md), the "
+        "columns of `rows.csv` are [those of rows](rows.md), `summary.json` is [here](summary.md).",
+    ]
+    for model in (contents.Record, contents.Entry):
+        parts += _model(model)
+    return "\n\n".join(parts)
+
+
+def _model(model: type[BaseModel]) -> list[str]:
+    """A heading, the sentence of the docstring, and the fields: those of a base class too."""
+    doc = inspect.getdoc(model) or ""
+    meanings: dict[str, str] = {}
+    for base in reversed(model.__mro__):
+        meanings |= attributes(base.__doc__ or "")
+    listed = []
+    for name, field in model.model_fields.items():
+        default = "required" if field.is_required() else f"`{field.get_default()!r}`"
+        listed.append((f"`{field.alias or name}`", f"`{type_name(field.annotation)}`", default, meanings.get(name, "")))
+    filled = any(row[3] for row in listed)
+    heading = ("field", "type", "default", "meaning") if filled else ("field", "type", "default")
+    intro = doc.partition("\n\nAttributes:")[0]
+    return [f"## {model.__name__}", intro, table(heading, [row if filled else row[:3] for row in listed])]
+
+
+def _used_by(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    """The models among the types of another's fields, in order, each once."""
+    seen: dict[type[BaseModel], None] = {}
+    for field in model.model_fields.values():
+        for kind in (field.annotation, *typing.get_args(field.annotation)):
+            if inspect.isclass(kind) and issubclass(kind, BaseModel) and kind not in seen:
+                seen[kind] = None
+                yield kind
+                yield from (each for each in _used_by(kind) if each not in seen)
+
+
+def attributes(doc: str) -> dict[str, str]:
+    """The section "Attributes:" of a docstring: name -> meaning."""
+    section = inspect.cleandoc(doc).partition("Attributes:\n")[2].partition("\n\n")[0]
+    out = {}
+    for entry in re.split(r"\n    (?=\S)", "\n" + section):
+        names, _, meaning = entry.partition(":")
+        for name in names.split(","):
+            if name.strip():
+                out[name.strip()] = " ".join(meaning.split())
+    return out
+
+
+def type_name(kind: Any) -> str:
+    """A type as it is written."""
+    origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if origin is typing.Annotated:
+        return type_name(arguments[0])
+    if origin in (typing.Union, types.UnionType):
+        return " | ".join(type_name(each) for each in arguments)
+    if origin is typing.Literal:
+        return " | ".join(repr(each) for each in arguments)
+    if origin is not None:
+        return f"{origin.__name__}[{', '.join(type_name(each) for each in arguments)}]"
+    return "None" if kind is type(None) else str(getattr(kind, "__name__", kind))
+
+
+def _attributes_or_text(module: Any) -> str:
+    return inspect.getdoc(module) or ""

@@ -1,0 +1,91 @@
+"""What mkdocs calls while it builds the site: pages made from the code, formulas as MathML, and two checks.
+
+Everything that `src/` already says is generated and never written a second time: a page for each corruption, for each
+command, for rows, summaries and records. The checks are warnings, which `mkdocs build --strict` turns into errors:
+every public Python name is in the reference, and no page loads anything from another machine.
+"""
+
+from __future__ import annotations
+
+import html
+import re
+import sys
+import zlib
+from logging import getLogger
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+PATHS = [str(Path(__file__).parent), str(ROOT / "src")]
+sys.path[:0] = PATHS
+
+from generated import catalogue, commands, corruptions, formats, notebooks, project  # noqa: E402
+from latex2mathml.converter import convert  # noqa: E402
+from mkdocs.structure.files import File, Files  # noqa: E402
+
+log = getLogger("mkdocs.hooks.site")
+
+_PARTS = (corruptions, commands, formats, catalogue, notebooks, project)
+_FORMULA = re.compile(r'<(span|div) class="arithmatex">(?:\\\(|\\\[)(.*?)(?:\\\)|\\\])</\1>', re.DOTALL)
+_FROM_ELSEWHERE = re.compile(
+    r"<(?:script|img|iframe|link)\b[^>]*\b(?:src|href)=\"?(?:https?:)?//[^\s>]*", re.IGNORECASE
+)
+
+
+def on_config(config: Any) -> Any:
+    """Put the generated folders into the navigation."""
+    sys.path[:0] = PATHS  # again: mkdocs takes them away once this file is loaded, and processes inherit the path
+    for section in config.nav:
+        for title, children in section.items():
+            for part in (corruptions, commands):
+                if children == part.FOLDER:
+                    section[title] = part.navigation()
+                elif isinstance(children, list):
+                    for entry in children:
+                        if isinstance(entry, dict) and part.FOLDER in entry.values():
+                            entry[next(iter(entry))] = part.navigation()
+    return config
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the generated pages and pictures."""
+    for part in _PARTS:
+        for path, content in part.files().items():
+            files.append(File.generated(config, path, content=content))
+    return files
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Turn formulas into MathML, which browsers draw themselves."""
+    return _FORMULA.sub(
+        lambda match: convert(html.unescape(match[2]).strip(), display="block" if match[1] == "div" else "inline"),
+        content,
+    )
+
+
+def on_post_page(output: str, page: Any, **_: Any) -> str:
+    """Warn of what a page would load from another machine."""
+    for match in _FROM_ELSEWHERE.finditer(output):
+        if 'rel="canonical"' not in match[0]:
+            log.warning("%s loads from another machine: %s", page.file.src_uri, match[0][:120])
+    return output
+
+
+def on_post_build(config: Any) -> None:
+    """Warn of public names that the reference lacks."""
+    missing = public_names() - inventory(Path(config.site_dir) / "objects.inv")
+    if missing:
+        log.warning("not in the reference: %s", ", ".join(sorted(missing)))
+
+
+def public_names() -> set[str]:
+    """Dotted Python names of tests/public_surface.txt, without what every exception inherits."""
+    lines = (ROOT / "tests" / "public_surface.txt").read_text(encoding="utf-8").splitlines()
+    names = {line.partition("(")[0] for line in lines if "." in line.partition("(")[0].partition(" ")[0]}
+    return {name for name in names if name.rpartition(".")[2] not in dir(Exception)}
+
+
+def inventory(path: Path) -> set[str]:
+    """The names in a Sphinx inventory, which mkdocstrings writes of everything it documents."""
+    body = path.read_bytes().split(b"\n", 4)[4]
+    return {line.split(" ", 1)[0] for line in zlib.decompress(body).decode().splitlines()}

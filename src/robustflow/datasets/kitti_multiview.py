@@ -1,0 +1,84 @@
+"""KITTI 2015's multi-view extension: 21 frames of each scene, without ground truth but for training without labels.
+
+    training/image_2/000000_00.png ... 000000_20.png    left camera; image_3 right; 200 scenes
+    testing/image_2/...                                 200 more
+
+Frames 10 and 11 are the pair that is evaluated. As ARFlow and UPFlow do, no pair here has a frame from 09 to 12, so a
+scene gives 15 pairs of a camera.
+Source: Menze and Geiger, CVPR 2015.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ..errors import DataError
+from ..layout import choice, following, locate
+from .facts import DatasetFacts
+from .pairs import Pair, PairDataset
+
+EVALUATED = range(9, 13)
+"""Frames that no pair has: the evaluated ones and their neighbours."""
+_CAMERAS = {"left": ("image_2",), "right": ("image_3",), "both": ("image_2", "image_3")}
+_PARTS = {"training": ("training",), "testing": ("testing",), "all": ("training", "testing")}
+
+
+class KittiMultiview(PairDataset):
+    """The multi-view extension. `root` holds `training/` and `testing/`.
+
+    Args:
+        part: "training", "testing" or "all".
+        camera: "left", "right" or "both".
+
+    Raises:
+        DataError: another layout, or a folder with frames 10 and 11 alone.
+    """
+
+    name = "kitti_multiview"
+    has_flow = False
+    leaves_out_evaluated = True
+    facts = DatasetFacts(
+        title="KITTI 2015 multi-view",
+        description="21 frames of each scene of KITTI 2015, without those evaluated and their neighbours.",
+        ground_truth="none",
+        clips="always",
+        licence="CC BY-NC-SA 3.0",
+        citation="Menze and Geiger, Object Scene Flow for Autonomous Vehicles, CVPR 2015",
+        layout="training/image_2, training/image_3, testing/image_2, testing/image_3, with frames _00 to _20",
+        training_set="kitti-raw",
+        same_domain=("kitti2015", "kitti2012"),
+    )
+
+    def __init__(self, root: str | Path, part: str = "all", camera: str = "both") -> None:
+        parts, cameras = (
+            _PARTS[choice("part", part, tuple(_PARTS))],
+            _CAMERAS[choice("camera", camera, tuple(_CAMERAS))],
+        )
+        markers = [f"{one}/{images}" for one in parts for images in cameras]
+        expected = " and ".join(f"{marker}/" for marker in markers) + " with frames 000000_00.png to 000000_20.png"
+        folder = locate("KITTI 2015 multi-view", root, markers, ("", "data_scene_flow_multiview"), expected)
+        pairs: dict[str, Pair] = {}
+        for marker in markers:
+            if not (folder / marker).is_dir():
+                raise DataError(f"{folder}: no {marker}/; unpack data_scene_flow_multiview.zip whole")
+            pairs |= _pairs(folder, marker)
+        if not pairs:
+            raise DataError(
+                f"{folder}: no two frames in a row without those from 09 to 12; unpack data_scene_flow_multiview.zip "
+                "there, which holds _00 to _20 of each scene"
+            )
+        super().__init__(pairs, folder)
+
+
+def _pairs(folder: Path, marker: str) -> dict[str, Pair]:
+    scenes: dict[str, dict[int, Path]] = {}
+    for path in (folder / marker).iterdir():
+        if (match := re.fullmatch(r"(\d{6})_(\d\d)\.png", path.name)) and int(match[2]) not in EVALUATED:
+            scenes.setdefault(match[1], {})[int(match[2])] = path
+    part = marker.partition("/")[0]
+    return {
+        f"{marker}/{first.stem}": Pair((first, second), group=f"{part}/{scene}")
+        for scene, frames in scenes.items()
+        for first, second in following(frames)
+    }

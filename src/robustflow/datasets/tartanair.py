@@ -1,0 +1,110 @@
+"""TartanAir: 369 flights through 18 rendered environments, 640x480, dense ground truth; left camera.
+
+    abandonedfactory/Easy/P000/image_left/000000_left.png ...
+    abandonedfactory/Easy/P000/flow/000000_000001_flow.npy ...      float32 (H, W, 2), pixels
+    abandonedfactory/Easy/P000/flow/000000_000001_mask.npy ...      uint8 (H, W), 0 where the pixel is seen in the next
+                                                                    frame too
+
+Also with an environment's own folder inside, as its archives unpack (abandonedfactory/abandonedfactory/Easy).
+Source: Wang et al., IROS 2020.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DataError
+from ..layout import choice, folders, following, locate, numbered, partner
+from .facts import DatasetFacts
+from .pairs import Pair, PairDataset, Truth
+
+_DIFFICULTIES = ("Easy", "Hard")
+_EXPECTED = "ENVIRONMENT/Easy/P000/image_left/ and ENVIRONMENT/Easy/P000/flow/"
+
+
+class TartanAir(PairDataset):
+    """TartanAir. `root` holds the folders of the environments, or is one of them.
+
+    Args:
+        difficulty: "all", "Easy" or "Hard".
+
+    Raises:
+        DataError: another layout, or a pair without its flow.
+    """
+
+    name = "tartanair"
+    facts = DatasetFacts(
+        title="TartanAir",
+        description="369 flights through 18 rendered environments, 640x480.",
+        pairs=306268,
+        clips="always",
+        licence="CC BY 4.0",
+        citation="Wang et al., TartanAir: A Dataset to Push the Limits of Visual SLAM, IROS 2020",
+        layout="abandonedfactory/Easy/P000/image_left, abandonedfactory/Easy/P000/flow",
+        training_set="tartanair",
+    )
+
+    def __init__(self, root: str | Path, difficulty: str = "all") -> None:
+        choice("difficulty", difficulty, ("all", *_DIFFICULTIES))
+        folder = Path(root).expanduser()
+        pairs: dict[str, Pair] = {}
+        for environment, place in _environments(folder):
+            for level in _DIFFICULTIES if difficulty == "all" else (difficulty,):
+                for flight in folders(place / level):
+                    pairs.update(_flight(flight, f"{environment}/{level}/{flight.name}"))
+        if not pairs:
+            locate("TartanAir", folder, ["no environment"], expected=_EXPECTED)
+        super().__init__(pairs, folder)
+
+    def truth(self, pair: Pair) -> Truth | None:
+        """Flow and mask; occluded pixels have true flow, as KITTI's do."""
+        if pair.flow is None or pair.occlusion is None:
+            return None
+        flow = _array(pair.flow)
+        mask = _array(pair.occlusion)
+        if flow.ndim != 3 or flow.shape[2] != 2 or mask.shape != flow.shape[:2]:
+            raise DataError(f"{pair.flow}: {flow.shape}, with a mask of {mask.shape}; expected (H, W, 2) and (H, W)")
+        valid = np.isfinite(flow).all(axis=2)
+        flow = np.where(valid[..., None], flow, 0).astype(np.float32)
+        return Truth(flow, valid, mask != 0)
+
+    def training_truth(self, pair: Pair) -> Truth | None:
+        """The same."""
+        return self.truth(pair)
+
+
+def _environments(root: Path) -> list[tuple[str, Path]]:
+    """Name and folder of each environment."""
+    found = []
+    for folder in [root, *folders(root)]:
+        for place in (folder, folder / folder.name):
+            if any((place / level).is_dir() for level in _DIFFICULTIES):
+                found.append((folder.name, place))
+    return found
+
+
+def _flight(flight: Path, group: str) -> dict[str, Pair]:
+    images, flows = flight / "image_left", flight / "flow"
+    if not images.is_dir():
+        return {}
+    pairs = {}
+    for first, second in following(numbered(images, r"(\d{6})_left\.png")):
+        name = f"{first.name[:6]}_{second.name[:6]}"
+        flow = partner(flows / f"{name}_flow.npy", first)
+        mask = partner(flows / f"{name}_mask.npy", first)
+        pairs[f"{group}/{first.name[:6]}"] = Pair((first, second), flow, occlusion=mask, group=group)
+    return pairs
+
+
+def _array(path: Path) -> npt.NDArray[Any]:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise DataError(f"{path}: not a NumPy array that can be read ({error}); restore the file") from error
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiub":
+        raise DataError(f"{path}: not an array of numbers; restore the file")
+    return array

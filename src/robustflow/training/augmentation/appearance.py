@@ -1,0 +1,54 @@
+"""Other colours and blur for ARFlow's second pass: what is drawn, and how it is applied (Liu et al., CVPR 2020)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from PIL import Image, ImageFilter
+
+from ...random.rng import Rng
+from ...sample import Frame
+from ..objectives import Appearance
+from .jitter import Jitter, Strength, apply_jitter, draw_jitter
+
+_BLURRED = 0.5
+"""Probability of a blur."""
+
+
+class Look(NamedTuple):
+    """One draw, for both frames.
+
+    Attributes:
+        jitter: of the colours; operations of no strength are not in its order.
+        blur: radius in pixels, 0 for none.
+        gamma: exponent of values 0..1.
+    """
+
+    jitter: Jitter
+    blur: float
+    gamma: float
+
+
+def draw_look(rng: Rng, settings: Appearance) -> Look:
+    """As ARFlow draws it.
+
+    >>> draw_look(Rng.of("example"), Appearance()).jitter.order
+    ('brightness',)
+    """
+    strength = Strength(settings.brightness, settings.contrast, settings.saturation, 0.0)
+    drawn = draw_jitter(rng, strength)
+    drawn = drawn._replace(order=tuple(name for name in drawn.order if getattr(strength, name) > 0))
+    blur = rng.uniform(0.0, settings.blur) if rng.uniform() < _BLURRED else 0.0
+    return Look(drawn, blur, rng.uniform(*settings.gamma) if settings.gamma is not None else 1.0)
+
+
+def apply_look(frame: Frame, look: Look) -> Frame:
+    """The frame so changed; RGB uint8 (H, W, 3), a new array. The blur is Pillow's, as in the original."""
+    changed = apply_jitter(frame, look.jitter)
+    if look.blur > 0:
+        changed = np.array(Image.fromarray(changed).filter(ImageFilter.GaussianBlur(look.blur)))
+    if look.gamma != 1.0:
+        table = np.rint(255 * (np.arange(256) / 255) ** look.gamma).astype(np.uint8)
+        changed = table[changed]
+    return changed.copy() if changed is frame else changed

@@ -1,0 +1,57 @@
+"""What a step draws besides its pairs: functions of the seed, the step and the position, like everything drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from torch import Tensor
+
+from ..random.rng import Rng, key_of
+from .data.loader import Batch
+from .recipe import Recipe
+
+DENOISING_STEPS = 1000
+"""Of FlowDiffuser's schedule."""
+
+
+def prepared(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
+    """The batch with what its recipe draws for it.
+
+    Args:
+        batch: pairs of one step, or a process's share of them.
+        recipe: says whether frames are noisy, and whether the loss denoises.
+        seed: of the training.
+        step: counted from 0.
+        positions: of the batch's pairs, see `Share`.
+    """
+    return _with_denoising(_noisy(batch, recipe, seed, step, positions), recipe, seed, step, positions)
+
+
+def _noisy(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
+    """Noise on both frames: one standard deviation, uniform from 0 to the recipe's, for all pairs of a step
+    (FlowFormer)."""
+    if not recipe.noise:
+        return batch
+    deviation = Rng.of(seed, "noise", step).uniform(0.0, recipe.noise)
+    images = []
+    for which, image in enumerate((batch.image1, batch.image2)):
+        drawn = [normal(key_of(seed, "noise", position, which), image.shape[1:]) for position in positions]
+        images.append((image + deviation * torch.stack(drawn).to(image.device)).clamp(0.0, 255.0))
+    return replace(batch, image1=images[0], image2=images[1])
+
+
+def _with_denoising(batch: Batch, recipe: Recipe, seed: int, step: int, positions: list[int]) -> Batch:
+    """The time from which the truth is to be denoised, one for all pairs of a step, and the noise (FlowDiffuser)."""
+    if recipe.loss != "denoising":
+        return batch
+    time = Rng.of(seed, "denoising", step).integer(0, DENOISING_STEPS)
+    height, width = batch.flow.shape[2] // 8, batch.flow.shape[3] // 8
+    drawn = [normal(key_of(seed, "denoising", position), (2, height, width)) for position in positions]
+    return replace(batch, time=time, noise=torch.stack(drawn).to(batch.flow.device))
+
+
+def normal(key: int, shape: tuple[int, ...]) -> Tensor:
+    """Standard normal numbers on the CPU, the same for the same key."""
+    generator = torch.Generator().manual_seed(key % 2**63)
+    return torch.randn(shape, generator=generator)

@@ -1,0 +1,44 @@
+"""Boundary-dilated warping: what a crop's flow points at is fetched from the whole frame, so that a pixel that leaves
+the crop is not lost (Luo et al., "OccInpFlow", 2020, taken up by UPFlow, CVPR 2021)."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ...models.own.blocks.allpairs import pixel_grid
+
+
+def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) -> tuple[Tensor, Tensor]:
+    """Sample whole frames bilinearly at corner + pixel + flow.
+
+    Args:
+        whole: (N, C, H', W'); values beyond a frame's size mean nothing.
+        flow: (N, 2, H, W) of the crops, pixels.
+        corners: (N, 2), x and y of each crop's first pixel in its frame.
+        sizes: (N, 2), width and height of each frame.
+
+    Returns:
+        (N, C, H, W), 0 outside the frame, and float (N, 1, H, W), 1 inside it.
+
+    >>> whole = torch.arange(6.0).view(1, 1, 1, 6).repeat(1, 1, 2, 1)
+    >>> flow = torch.tensor([2.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 3)
+    >>> found, inside = dilated_warp(whole, flow, torch.tensor([[2.0, 0.0]]), torch.tensor([[6.0, 2.0]]))
+    >>> found.flatten().tolist(), inside.flatten().tolist()
+    ([4.0, 5.0, 0.0], [1.0, 1.0, 0.0])
+    """
+    height, width = whole.shape[2:]
+    x, y = (pixel_grid(flow) + flow.float() + corners[:, :, None, None]).unbind(dim=1)
+    last = (sizes - 1)[:, :, None, None]
+    inside = ((x >= 0) & (x <= last[:, 0]) & (y >= 0) & (y <= last[:, 1]))[:, None].float()
+    grid = torch.stack((2 * x / max(width - 1, 1) - 1, 2 * y / max(height - 1, 1) - 1), dim=-1)
+    found = F.grid_sample(whole.float(), grid, mode="bilinear", padding_mode="border", align_corners=True)
+    return found * inside, inside
+
+
+def leaves(flow: Tensor) -> Tensor:
+    """float (N, 1, H, W): 1 where a flow (N, 2, H, W) points out of its own crop."""
+    height, width = flow.shape[2:]
+    x, y = (pixel_grid(flow) + flow).split(1, dim=1)
+    return ((x < 0) | (x > width - 1) | (y < 0) | (y > height - 1)).float()

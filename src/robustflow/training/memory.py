@@ -1,0 +1,42 @@
+"""How much memory a training takes: modelled from a count of what autograd keeps (`bench/training_memory.py`)."""
+
+from __future__ import annotations
+
+import csv
+from functools import cache
+from importlib.resources import files
+
+from ..models.registry import PTLFLOW
+from .recipe import Recipe
+
+TABLE = "memory.csv"
+_COPIES = 4
+"""Of a weight that learns: itself, its gradient and AdamW's two moments."""
+_BYTES = 4
+
+
+def expected_memory(recipe: Recipe) -> float | None:
+    """GiB for weights, gradients, moments and what is kept for the backward pass, with the whole batch on one device
+    and in single precision; None for a network that was not measured.
+
+    Mixed precision takes less; the workspaces of convolutions and what a device's libraries take come on top.
+
+    >>> from robustflow.training.recipe import load_recipe
+    >>> recipe = load_recipe("raft", "ood")
+    >>> 13 < expected_memory(recipe) < 15, expected_memory(recipe.changed(batch=1)) < 2.6
+    (True, True)
+    """
+    row = _table().get(recipe.method.removeprefix(PTLFLOW))
+    if row is None:
+        return None
+    pixels, rounds = recipe.crop[0] * recipe.crop[1], recipe.iterations or 1
+    kept = (row["pixel"] + rounds * row["iteration_pixel"]) * pixels
+    kept += (row["pixel_pair"] + rounds * row["iteration_pixel_pair"]) * pixels**2
+    weights = _BYTES * (_COPIES * row["learning"] + row["frozen"])
+    return (recipe.batch * kept + weights) / 2**30
+
+
+@cache
+def _table() -> dict[str, dict[str, float]]:
+    lines = files(__package__).joinpath(TABLE).read_text(encoding="utf-8").splitlines()
+    return {row.pop("method"): {key: float(value) for key, value in row.items()} for row in csv.DictReader(lines)}

@@ -1,0 +1,1 @@
+"""Training without labels: what ARFlow, UPFlow and BrightFlow minimise."""

@@ -1,0 +1,32 @@
+"""Put an objective together with its network."""
+
+from __future__ import annotations
+
+from ...errors import UsageError
+from ..networks import TrainedNetwork
+from ..objectives import ArflowObjective, BrightflowObjective, UpflowObjective
+from ..recipe import Recipe
+from .arflow import Arflow
+from .brightflow import Brightflow
+from .objective import LabelFree
+from .upflow import Upflow
+
+
+def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
+    """The module that gives the loss of a recipe without labels.
+
+    Raises:
+        UsageError: a crop that the method cannot take.
+    """
+    settings = recipe.objective
+    if isinstance(settings, ArflowObjective):
+        return Arflow(network, recipe, settings)
+    if isinstance(settings, BrightflowObjective):
+        if min(recipe.crop) < 4 * settings.border:
+            raise UsageError(
+                f"crop {recipe.crop[0]}x{recipe.crop[1]}: the student of brightflow sees it without {settings.border} "
+                f"pixels on each side, so it needs {4 * settings.border} at least; give another --crop"
+            )
+        return Brightflow(network, recipe, settings)
+    assert isinstance(settings, UpflowObjective)
+    return Upflow(network, recipe, settings)

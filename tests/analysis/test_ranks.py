@@ -1,0 +1,33 @@
+"""Ranks against those of SciPy, which takes a second to load."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import rankdata
+
+from robustflow.analysis.ranking import competition_ranks, middle_ranks
+
+VALUES = st.lists(st.integers(-4, 4) | st.floats(allow_nan=False), max_size=30)
+
+
+@given(VALUES)
+def test_ranks_are_those_of_scipy_to_the_bit(values):
+    numbered = dict(enumerate(values))
+    assert list(competition_ranks(numbered).values()) == rankdata(values, method="min").tolist()
+    assert middle_ranks(values) == rankdata(values).tolist()
+
+
+def test_values_that_are_not_numbers_have_no_ranks():
+    with pytest.raises(ValueError, match="no ranks"):
+        competition_ranks({"a": 1.0, "b": float("nan")})
+    assert all(rank != rank for rank in middle_ranks([1.0, float("nan")]))
+
+
+def test_a_run_and_its_report_do_without_scipy_stats():
+    code = "import sys, robustflow.api, robustflow.report.site; sys.exit('scipy.stats' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

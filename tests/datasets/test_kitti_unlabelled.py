@@ -1,0 +1,93 @@
+"""KITTI's multi-view extension and raw data: which pairs there are, and what a wrong folder is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow.datasets import load_dataset
+from robustflow.errors import DataError, UsageError
+
+
+def picture(path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), np.full((8, 12, 3), len(path.name), np.uint8))
+
+
+@pytest.fixture
+def multiview(tmp_path) -> Path:
+    for part in ("training", "testing"):
+        for camera in ("image_2", "image_3"):
+            for scene in range(2):
+                for frame in range(21):
+                    picture(tmp_path / part / camera / f"{scene:06d}_{frame:02d}.png")
+    return tmp_path
+
+
+@pytest.fixture
+def raw(tmp_path) -> Path:
+    for drive in ("2011_09_26_drive_0009_sync", "2011_09_26_drive_0099_sync"):  # 0009 holds pairs of KITTI 2015
+        for camera in ("image_02", "image_03"):
+            for frame in (0, 1, 2, 4, 5):  # 3 is missing, as frames of some drives are
+                picture(tmp_path / "2011_09_26" / drive / camera / "data" / f"{frame:010d}.png")
+    return tmp_path
+
+
+def test_a_scene_gives_15_pairs_of_a_camera(multiview):
+    for options, scenes in (
+        ({"part": "training", "camera": "both"}, 4),  # ARFlow: both cameras of the training scenes
+        ({"part": "all", "camera": "left"}, 4),  # UPFlow: the left camera of all scenes
+        ({}, 8),
+    ):
+        dataset = load_dataset("kitti_multiview", multiview, **options)
+        keys = dataset.keys()
+        assert len(keys) == 15 * scenes
+    for key in keys:
+        first, second = (int(path.stem[-2:]) for path in dataset.files(key))
+        assert second == first + 1
+        assert not {first, second} & {9, 10, 11, 12}
+    assert dataset.load("testing/image_3/000001_13").flow is None
+
+
+def test_a_folder_with_the_pairs_alone(tmp_path):
+    for frame in (10, 11):
+        picture(tmp_path / "training" / "image_2" / f"000000_{frame}.png")
+    with pytest.raises(DataError, match=r"no two frames in a row .* unpack data_scene_flow_multiview.zip"):
+        load_dataset("kitti_multiview", tmp_path, part="training", camera="left")
+    with pytest.raises(DataError, match=r"no training/image_3/; unpack data_scene_flow_multiview.zip whole"):
+        load_dataset("kitti_multiview", tmp_path, part="training", camera="both")
+    with pytest.raises(DataError, match="expected testing/image_2/ with frames"):
+        load_dataset("kitti_multiview", tmp_path, part="testing", camera="left")
+    with pytest.raises(UsageError, match="camera 'middle' does not exist"):
+        load_dataset("kitti_multiview", tmp_path, camera="middle")
+
+
+def test_drives_of_evaluated_pairs_are_left_out(raw):
+    apart = load_dataset("kitti_raw", raw)
+    assert apart.keys() == [f"2011_09_26_drive_0099_sync/image_02/{frame:010d}" for frame in (0, 1, 4)]
+    assert apart.leaves_out_evaluated
+    every = load_dataset("kitti_raw", raw, drives="all", camera="both")
+    assert len(every.keys()) == 12
+    assert not every.leaves_out_evaluated
+    assert load_dataset("kitti_raw", raw / "2011_09_26").keys() == apart.keys()  # a day is enough
+
+
+def test_a_list_of_pairs(raw, tmp_path):
+    names = [f"2011_09_26/2011_09_26_drive_0009_sync/image_02/data/{frame:010d}.png" for frame in (0, 2)]
+    (tmp_path / "pairs.txt").write_text(" ".join(names) + "\n")
+    dataset = load_dataset("kitti_raw", raw, listing=str(tmp_path / "pairs.txt"))
+    (key,) = dataset.keys()
+    assert [path.name for path in dataset.files(key)] == ["0000000000.png", "0000000002.png"]
+    (tmp_path / "pairs.txt").write_text(names[0])
+    with pytest.raises(DataError, match="line 1: one name"):
+        load_dataset("kitti_raw", raw, listing=str(tmp_path / "pairs.txt"))
+
+
+def test_another_layout(tmp_path):
+    with pytest.raises(DataError, match="not laid out as KITTI raw, expected 2011_09_26/2011_09_26_drive_0001_sync/"):
+        load_dataset("kitti_raw", tmp_path)
+    with pytest.raises(DataError, match="no such folder"):
+        load_dataset("kitti_raw", tmp_path / "nowhere")

@@ -1,0 +1,161 @@
+"""What the site is made of: the reference has every public name, pages are made from the code, notebooks run."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+import typer
+
+from robustflow.cli.main import app
+from robustflow.corruptions.registry import SHIPPED
+
+from .guide_blocks import DOCS, blocks
+from .public_surface import surface
+
+ROOT = DOCS.parent
+NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
+NAVIGATION = (ROOT / "mkdocs.yml").read_text().partition("\nnav:")[2]
+
+
+@pytest.fixture
+def generated(monkeypatch):
+    """docs/hooks/generated/, importable."""
+    monkeypatch.syspath_prepend(DOCS / "hooks")
+
+    def module(name):
+        return __import__(f"generated.{name}", fromlist=["files"])
+
+    return module
+
+
+def test_the_reference_names_everything_public():
+    documented = {
+        name for page in ("python", "testing") for name in re.findall(r"^::: (\S+)", _page(page), re.MULTILINE)
+    }
+    names = {line.partition("(")[0] for line in surface() if not line.startswith("robustflow ") and "." in line}
+    whole = {name for name in names if not any(name.startswith(f"{other}.") for other in names)}
+    assert not sorted(whole - documented)
+    assert not sorted(name for name in documented - whole if ".errors." not in name and "TorchModel" not in name)
+
+
+def _page(name):
+    return (DOCS / "reference" / f"{name}.md").read_text()
+
+
+def test_every_page_is_in_the_navigation():
+    pages = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    assert not sorted(page for page in pages if not re.search(rf"[:-] {re.escape(page)}$", NAVIGATION, re.MULTILINE))
+
+
+def test_every_command_and_option_has_its_line(generated):
+    pages = generated("commands").files()
+    missing = []
+    for line in surface():
+        if not line.startswith("robustflow "):
+            continue
+        words = line.split()[1:]
+        option = words.pop() if words[-1].startswith(("-", "<")) else ""
+        page = pages.get(f"reference/cli/{'-'.join(words) or 'index'}.md")
+        if page is not None and option and not option.startswith("<"):
+            missing += [line] if f"`{option}`" not in page else []
+        elif page is None and not any(path.startswith(f"reference/cli/{words[0]}-") for path in pages):
+            missing.append(line)
+    assert not missing
+
+
+def test_every_example_of_the_command_line_is_a_command(generated):
+    """Parsed, not run: names of commands and options, and values of their types."""
+    commands = dict(generated("commands").commands())
+    examples = [
+        (path, line)
+        for path, command in commands.items()
+        for line in generated("commands")._text(command.help)[1]
+        if line.startswith("robustflow ")
+    ]
+    assert len(examples) > 50
+    for path, line in examples:
+        words = shlex.split(line.partition("&&")[0])[1:]
+        assert words[: len(path.split())] == path.split(), line
+        commands[path].make_context(path, words[len(path.split()) :])
+
+
+def test_a_page_for_each_corruption_has_notes_and_runs(generated, tmp_path, monkeypatch):
+    notes = generated("corruption_notes").NOTES
+    assert set(notes) == set(SHIPPED)
+    pages = generated("corruptions")
+    for name in SHIPPED:
+        parameters = pages.load_corruption(name).severities
+        count = len(parameters[0]) if isinstance(parameters[0], tuple) else 1
+        assert len(notes[name].parameters) == count, name
+        if name in ("contrast", "fog", "snow", "impulse_noise", "gaussian_blur"):
+            _, script = blocks(pages._use(name))
+            exec(compile(script.code, name, "exec"), {})
+
+
+def test_what_a_page_measures_is_what_a_run_measures(generated, tmp_path):
+    import robustflow as rf
+
+    (cell,) = [cell for cell in generated("demonstration").seen("contrast") if cell.severity == 5]
+    run = rf.evaluate("dis", corruptions=["contrast"], severities=[5], output=tmp_path, progress=False)
+    assert (cell.epe, cell.epe_clean, cell.rcre) == pytest.approx((run.epe, run.epe_clean, run.rcre), rel=1e-9)
+
+
+def test_formats_name_every_field(generated):
+    from robustflow.metrics.rows import ROW_SCHEMA
+    from robustflow.metrics.summary import Summary
+    from robustflow.records.contents import Identity, Manifest, Record
+
+    pages = generated("formats").files()
+    assert all(f"| `{name}` |" in pages["reference/rows.md"] for name in ROW_SCHEMA)
+    for model, page in ((Summary, "summary"), (Record, "record"), (Manifest, "manifest"), (Identity, "manifest")):
+        names = [field.alias or name for name, field in model.model_fields.items()]
+        assert all(f"| `{name}` |" in pages[f"reference/{page}.md"] for name in names)
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_kept_as_it_ran(notebook):
+    cells = [cell for cell in json.loads(notebook.read_text())["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    assert not [output for cell in cells for output in cell["outputs"] if output["output_type"] == "error"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_and_prints_what_it_shows(notebook, tmp_path):
+    nbformat = pytest.importorskip("nbformat", reason="needs the extra docs")
+    client = pytest.importorskip("nbclient", reason="needs the extra docs")
+    pytest.importorskip("ipykernel", reason="needs the extra docs")
+    kept = nbformat.read(notebook, as_version=4)
+    again = nbformat.from_dict(kept)
+    client.NotebookClient(again, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    for before, after in zip(kept.cells, again.cells, strict=True):
+        assert _texts(before) == _texts(after)
+
+
+def _texts(cell):
+    """What a cell prints; figures and pages are drawn by libraries, whose versions change their bytes."""
+    outputs = cell.get("outputs", [])
+    return [output.get("text", output.get("data", {}).get("text/plain")) for output in outputs]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("mkdocstrings") is None, reason="needs the extra docs")
+def test_the_site_builds_without_a_warning(tmp_path):
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
+    assert built.returncode == 0, built.stderr[-3000:]
+    assert not re.search(r'(?:src|href)="https?://[^"]*\.(?:js|css|woff2?)', (tmp_path / "site/index.html").read_text())
+    assert {f"{name}.html" for name in SHIPPED} <= {path.name for path in Path(tmp_path, "site/corruptions").iterdir()}
+
+
+def test_typer_still_tells_what_the_pages_show():
+    """Pages of commands read typer's own objects; where they change, the pages would be empty."""
+    run = typer.main.get_command(app).commands["run"]
+    assert any(option.type_descriptor.annotation for option in run.params)

@@ -1,0 +1,53 @@
+"""The memory that a plan expects, against a count at another crop and number of iterations than the table's."""
+
+from __future__ import annotations
+
+import pytest
+
+from robustflow.training.memory import expected_memory
+from robustflow.training.plan import plan_text
+from robustflow.training.recipe import load_recipe, trained_methods
+
+pytestmark = pytest.mark.training
+
+
+def test_the_count_of_another_crop():
+    torch = pytest.importorskip("torch", reason="needs the torch extra")
+    pytest.importorskip("torchvision", reason="needs the torch extra")
+    from robustflow.training.losses.sequence import sequence_loss
+    from robustflow.training.networks import load_network
+
+    recipe = load_recipe("raft_small", "things").changed(crop=(160, 224), batch=2, iterations=2, devices=1)
+    _, network = load_network(recipe, "random")
+    network.train()
+    known = {value.untyped_storage().data_ptr() for value in [*network.parameters(), *network.buffers()]}
+    kept = {}
+
+    def keep(tensor):
+        storage = tensor.untyped_storage()
+        if storage.data_ptr() not in known:
+            kept[storage.data_ptr()] = storage
+        return tensor
+
+    images = torch.rand(2, 2, 3, 160, 224) * 255
+    with torch.autograd.graph.saved_tensors_hooks(keep, lambda tensor: tensor):
+        sequence_loss(network(*images), torch.zeros(2, 2, 160, 224), torch.ones(2, 160, 224))
+    weights = 16 * sum(value.numel() for value in network.parameters())
+    counted = (sum(storage.nbytes() for storage in kept.values()) + weights) / 2**30
+    assert expected_memory(recipe) == pytest.approx(counted, rel=0.03)
+
+
+def test_every_measured_method_has_a_recipe_and_a_plan_says_what_it_expects(tmp_path):
+    known = [name for name in trained_methods() if expected_memory(load_recipe_of(name)) is not None]
+    assert {"raft", "gma", "skflow", "gmflownet", "gmflownet_mix"} <= set(known)
+    text = plan_text(load_recipe("raft", "ood"), [tmp_path])
+    assert f"memory: about {expected_memory(load_recipe('raft', 'ood')):.1f} GiB for the whole batch" in text
+    assert "less in fp16" in plan_text(load_recipe("gma", "ood"), [tmp_path])
+    own = load_recipe("raft", "ood").changed(method="somewhere:Net")
+    assert "memory: not measured for this network" in plan_text(own, [tmp_path])
+
+
+def load_recipe_of(name: str):
+    from robustflow.training.recipe import recipes_of
+
+    return next(iter(recipes_of(name).values()))

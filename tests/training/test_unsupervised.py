@@ -1,0 +1,144 @@
+"""Training without labels: real steps of each method on real pairs, exact resume, and a pair learned by heart."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from robustflow.errors import UsageError  # noqa: E402
+from robustflow.models import load_model  # noqa: E402
+from robustflow.training.networks import load_network  # noqa: E402
+from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
+from robustflow.training.session import Request, run_training  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch]
+
+STEPS = 3
+MIXES = {
+    "arflow": 'augmentation = "stretched"',
+    "upflow": 'augmentation = "cropped", margin = 8',
+    "brightflow": 'augmentation = "dense", log2_scale = [-0.2, 0.6]',
+}
+
+
+def mix(folder: Path, augmentation: str, data: str = "kitti2015") -> str:
+    path = folder / "mix.toml"
+    path.write_text(f'parts = [{{data = "{data}", {augmentation}, flip = true}}]\n', encoding="utf-8")
+    return str(path)
+
+
+def small(method: str, folder: Path, **changes) -> Recipe:
+    """The method's recipe with a small crop."""
+    recipe = load_recipe(method, "unsupervised")
+    assert recipe.objective is not None
+    objective = recipe.objective.model_dump()
+    if method == "brightflow":
+        objective["border"] = 16
+    elif method == "arflow":
+        objective["census_from"] = 0.5  # the check for occlusion finds nothing seen with weights that know nothing
+    values = {"steps": STEPS, "batch": 2, "crop": (64, 128), "objective": objective}
+    if "mix" not in changes:
+        values["mix"] = mix(folder, MIXES[method])
+    return recipe.changed(**{**values, **changes}, iterations=2 if recipe.iterations else None)
+
+
+def entries(folder: Path) -> list[dict]:
+    return [json.loads(line) for line in (folder / "metrics.jsonl").read_text().splitlines()]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "precision"), [*((method, "fp32") for method in MIXES), ("arflow", "bf16")])
+def test_three_steps(method, precision, shared, tmp_path):
+    recipe = small(method, tmp_path, precision=precision)
+    request = Request(recipe, [shared("data")], tmp_path / "out", start="random", device="cpu", loaders=0)
+    last = run_training(request)
+    lines = entries(request.output)
+    assert len(lines) == STEPS
+    assert all(math.isfinite(line["loss"]) and line["gradient_norm"] > 0 for line in lines)
+    assert all(line["photometric"] > 0 for line in (lines if method != "arflow" else lines[:2]))
+    if method != "upflow":
+        assert lines[0 if method == "arflow" else -1]["self_supervision"] > 0
+    _, network = load_network(recipe, "random")
+    before, after = network.weights(), torch.load(last, weights_only=True)["model"]
+    assert before.keys() == after.keys()
+    assert [name for name in before if torch.equal(before[name], after[name])] == []
+    frame = torch.zeros(64, 128, 3, dtype=torch.uint8).numpy()
+    assert load_model(method, checkpoint=str(last), device="cpu").predict(frame, frame).shape == (64, 128, 2)
+
+
+def test_stopped_and_resumed_it_is_the_undisturbed_training(request_for, tmp_path):
+    recipe = small("arflow", tmp_path, steps=2, mix=mix(tmp_path, MIXES["arflow"], "flyingchairs"))
+    whole = replace(request_for("whole"), recipe=recipe)
+    run_training(whole)
+    parted = replace(request_for("parted"), recipe=recipe)
+    run_training(parted, lambda: True)
+    assert len(entries(parted.output)) == 1
+    run_training(replace(parted, resume=True))
+    first, second = (torch.load(request.output / "last.pth", weights_only=True)["model"] for request in (whole, parted))
+    assert all(torch.equal(first[name], second[name]) for name in first)
+    lines = [{key: value for key, value in line.items() if key != "seconds"} for line in entries(whole.output)]
+    again = [{key: value for key, value in line.items() if key != "seconds"} for line in entries(parted.output)]
+    assert lines == again
+
+
+@pytest.mark.parametrize(
+    ("method", "crop", "says"),
+    [
+        ("arflow", (96, 128), "crop 96x128: arflow trains on multiples of 64; give another --crop"),
+        ("brightflow", (128, 192), "so it needs 256 at least; give another --crop"),
+    ],
+)
+def test_a_crop_that_cannot_be(method, crop, says, request_for, tmp_path):
+    recipe = load_recipe(method, "unsupervised").changed(
+        crop=crop, batch=2, mix=mix(tmp_path, MIXES["arflow"], "flyingchairs")
+    )
+    with pytest.raises(UsageError, match=says):
+        run_training(replace(request_for("crop"), recipe=recipe))
+
+
+@pytest.mark.parametrize("stage", ["raw", "unsupervised"])
+def test_the_stages_of_arflow(stage, request_for, tmp_path):
+    recipe = load_recipe("arflow", stage)
+    assert recipe.updates == 1000 * 1001
+    assert round(recipe.objective.census_from * recipe.updates) == (50 * 1001 if stage == "raw" else 0)
+    assert (recipe.objective.self_supervision > 0) == (stage == "unsupervised")
+    assert (recipe.start == "random") == (stage == "raw")
+
+
+@pytest.mark.slow
+def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
+    """Without labels: in the raw stage the photometric loss falls, and the end-point error far below half of its start
+    and of what no flow at all gives; the second stage goes on from there and stays there."""
+    folder = tmp_path / "data"
+    for path in shared("data/middlebury").rglob("*"):
+        if path.is_file() and path.parent.name == "Hydrangea":
+            place = folder / path.relative_to(shared("data/middlebury"))
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.symlink_to(path)
+    raw, second = (load_recipe("arflow", stage) for stage in ("raw", "unsupervised"))
+    small = {"batch": 1, "crop": (128, 192), "mix": mix(tmp_path, MIXES["arflow"], "middlebury")}
+    whole = {**raw.objective.model_dump(), "census_from": 1.0}
+    first = Request(
+        raw.changed(steps=90, learning_rate=1e-3, objective=whole, **small),
+        [f"middlebury={folder}"],
+        tmp_path / "raw",
+        start="random",
+        device="cpu",
+        loaders=0,
+    )
+    last = run_training(first)
+    photometric = [line["photometric"] for line in entries(first.output)]
+    errors = [line["epe"] for line in entries(first.output) if "epe" in line]  # an exchanged pair has no truth
+    assert sum(photometric[-5:]) < 0.7 * sum(photometric[:5])
+    assert sum(errors[-5:]) < 0.5 * sum(errors[:5])
+    assert sum(errors[-5:]) / 5 < 0.5  # pixels; the mean length of the flow is 1.2
+    run_training(replace(first, recipe=second.changed(steps=20, **small), output=tmp_path / "second", start=str(last)))
+    again = entries(tmp_path / "second")
+    assert max(line["epe"] for line in again if "epe" in line) < 0.5
+    assert all(0 < line["self_supervision"] < 1 for line in again)

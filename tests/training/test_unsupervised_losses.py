@@ -1,0 +1,238 @@
+"""Losses and transforms of training without labels, against formulas written down once more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage, stats
+
+from robustflow.random.rng import Rng
+from robustflow.training.augmentation.appearance import apply_look, draw_look
+from robustflow.training.augmentation.augment import augmented_whole, draw_augmentation
+from robustflow.training.objectives import Appearance, Spatial
+from robustflow.training.recipe import Part
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from robustflow.training.augmentation.affine import Moves, draw_moves, moved, moved_flow  # noqa: E402
+from robustflow.training.losses.brightflow import masked_census, self_supervised, student_image  # noqa: E402
+from robustflow.training.losses.dilated_warp import dilated_warp  # noqa: E402
+from robustflow.training.losses.photometric import LUMA, census_sum  # noqa: E402
+from robustflow.training.losses.smoothness import robust_smoothness  # noqa: E402
+from robustflow.training.losses.upflow import OneWay, distillation, edge_aware  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch]
+
+
+def images(count: int, height: int, width: int, seed: int = 0) -> torch.Tensor:
+    """Smooth random images (count, 3, height, width) in 0..1."""
+    noise = np.random.default_rng(seed).random((count, 3, height, width))
+    smooth = ndimage.gaussian_filter(noise, (0, 0, 3, 3))
+    low, high = smooth.min(), smooth.max()
+    return torch.from_numpy((smooth - low) / (high - low)).float()
+
+
+@pytest.mark.parametrize(("levels", "radius"), [(255.0, 3), (1.0, 3), (255.0, 1)])
+def test_the_census_is_that_of_a_naive_loop(levels, radius):
+    first, second = images(1, 9, 11, 1), images(1, 9, 11, 2)
+
+    def grey(image: torch.Tensor) -> np.ndarray:
+        return np.pad(levels * np.tensordot(LUMA, image[0].double().numpy(), 1), radius)
+
+    one, other = grey(first), grey(second)
+    expected = np.zeros((9, 11))
+    for y in range(9):
+        for x in range(11):
+            for dy in range(2 * radius + 1):
+                for dx in range(2 * radius + 1):
+                    codes = []
+                    for plane in (one, other):
+                        difference = plane[y + dy, x + dx] - plane[y + radius, x + radius]
+                        codes.append(difference / np.sqrt(0.81 + difference**2))
+                    squared = (codes[0] - codes[1]) ** 2
+                    expected[y, x] += squared / (0.1 + squared)
+    found = census_sum(first, second, radius, LUMA, levels)[0, 0].numpy()
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_the_masked_census_does_not_see_what_is_hidden():
+    first, second = images(1, 20, 24, 1), images(1, 20, 24, 2)
+    seen = torch.zeros(1, 1, 20, 24)
+    seen[..., :10] = 1
+    before = masked_census(first, second, seen)
+    hidden = second.clone()
+    hidden[..., 13:] = 0.5  # three pixels, the window's radius, from what is seen
+    assert masked_census(first, hidden, seen) == before
+    assert masked_census(first, second, torch.zeros_like(seen)) == 0
+
+
+def test_the_dilated_warp_fetches_from_the_whole_frame():
+    """Against SciPy's sampling of the whole frame, for two frames of other sizes in one batch."""
+    rng = np.random.default_rng(3)
+    sizes = [(30, 40), (26, 44)]
+    frames = [rng.random((3, *size)).astype(np.float32) for size in sizes]
+    whole = torch.full((2, 3, 30, 44), 7.0)  # beyond a frame there are values that mean nothing
+    for number, frame in enumerate(frames):
+        whole[number, :, : frame.shape[1], : frame.shape[2]] = torch.from_numpy(frame)
+    corners = torch.tensor([[5.0, 8.0], [20.0, 3.0]])
+    flow = torch.from_numpy(rng.uniform(-25, 25, (2, 2, 12, 16)).astype(np.float32))
+    found, inside = dilated_warp(whole, flow, corners, torch.tensor([[40.0, 30.0], [44.0, 26.0]]))
+    y, x = np.mgrid[:12, :16]
+    for number, frame in enumerate(frames):
+        columns = x + flow[number, 0].numpy() + corners[number, 0].item()
+        rows = y + flow[number, 1].numpy() + corners[number, 1].item()
+        height, width = frame.shape[1:]
+        mask = (columns >= 0) & (columns <= width - 1) & (rows >= 0) & (rows <= height - 1)
+        assert 0.2 < mask.mean() < 0.9
+        np.testing.assert_array_equal(inside[number, 0].numpy() > 0, mask)
+        for channel in range(3):
+            expected = ndimage.map_coordinates(frame[channel], [rows, columns], order=1, mode="nearest")
+            np.testing.assert_allclose(found[number, channel].numpy()[mask], expected[mask], atol=2e-5)
+        assert (found[number].numpy()[:, ~mask] == 0).all()
+
+
+def test_a_flow_that_leaves_the_crop_is_paid_for_by_nothing_where_the_whole_frame_has_its_target():
+    frame = images(1, 40, 60, 5)
+    shift = 9
+    crop = frame[..., 10:30, 30 : 60 - shift]
+    flow = torch.zeros(1, 2, *crop.shape[2:])
+    flow[:, 0] = shift
+    moving = frame.roll(shift, dims=3)
+    found, inside = dilated_warp(moving, flow, torch.tensor([[30.0, 10.0]]), torch.tensor([[60.0, 40.0]]))
+    assert inside.all()
+    np.testing.assert_allclose(found.numpy(), crop.numpy(), atol=1e-5)
+
+
+def test_the_smoothness_of_second_order_leaves_affine_motion_alone():
+    y, x = torch.meshgrid(torch.arange(20.0), torch.arange(30.0), indexing="ij")
+    flow = torch.stack((0.3 * x - 0.1 * y, 0.2 * y))[None]
+    flat = torch.full((1, 3, 20, 30), 0.5)
+    assert robust_smoothness(flow, flat, 150.0, second_order=True).item() == pytest.approx(1e-3, rel=1e-3)
+    first = robust_smoothness(flow, flat, 150.0, second_order=False).item()
+    assert first == pytest.approx((0.3 + 0.0) / 2 / 2 + (0.1 + 0.2) / 2 / 2, rel=5e-3)
+    edge = flat.clone()
+    edge[..., 15:] = 0.9
+    step = torch.zeros(1, 2, 20, 30)
+    step[..., 15:] = 4.0
+    assert robust_smoothness(step, edge, 150.0, False) < 0.1 * robust_smoothness(step, flat, 150.0, False)
+    assert edge_aware(step, edge).item() == pytest.approx(4.0 / 29 * np.exp(-0.4), rel=1e-5)
+
+
+def test_the_distillation_moves_the_levels_and_not_the_teacher():
+    torch.manual_seed(0)
+    flow, level = torch.randn(1, 2, 16, 24, requires_grad=True), torch.randn(1, 2, 4, 6, requires_grad=True)
+    image, seen = images(1, 16, 24), torch.ones(1, 1, 16, 24)
+    distillation(OneWay(flow, [level], image, image, seen)).backward()
+    assert flow.grad is None
+    assert level.grad is not None
+    assert level.grad.abs().sum() > 0
+    same = torch.full((1, 2, 16, 24), 3.0)
+    quarter = torch.full((1, 2, 4, 6), 3.0 / 4)
+    nothing = 2 * 0.01**0.4  # two components, each (0 + 0.01)^0.4
+    assert distillation(OneWay(same, [quarter], image, image, seen)).item() == pytest.approx(nothing, rel=1e-4)
+
+
+def test_the_student_is_asked_for_the_teachers_flow_in_its_own_pixels():
+    teacher = torch.full((1, 2, 32, 48), 4.0)
+    enlarged = torch.empty(1, 2, 32, 48)
+    enlarged[:, 0], enlarged[:, 1] = 4.0 * 48 / 32, 4.0 * 32 / 16
+    assert self_supervised([enlarged], teacher, 8).item() == pytest.approx(1e-3, rel=1e-2)
+    assert self_supervised([enlarged, enlarged + 1], teacher, 8).item() == pytest.approx(1.0 + 0.8e-3, rel=1e-3)
+    image = images(1, 32, 48)
+    assert student_image(image, 8).shape == image.shape
+    assert torch.allclose(student_image(image, 8)[..., 0, 0], image[..., 8, 8], atol=1e-6)
+
+
+SPATIAL = Spatial(
+    translation=0.2,
+    zoom=(1.0, 1.5),
+    squeeze=(0.86, 1.16),
+    rotation=(-0.2, 0.2),
+    relative_translation=0.015,
+    relative_zoom=(0.985, 1.015),
+    relative_rotation=(-0.015, 0.015),
+    vertical=True,
+)
+
+
+def test_moved_frames_hold_nothing_from_outside_and_half_of_them_are_flipped():
+    flipped = 0
+    for number in range(300):
+        moves = draw_moves(Rng.of("moves", number), SPATIAL, (48, 80))
+        flipped += moves.first[0, 0] < 0
+        for move in moves:
+            assert moved(torch.ones(1, 1, 48, 80), [move]).min() > 0.999
+    assert stats.binomtest(int(flipped), 300, 0.5).pvalue > 1e-4
+
+
+def test_the_relative_rotation_is_the_originals_constant_unless_it_is_switched_off():
+    def relative(settings: Spatial) -> list[float]:
+        drawn = [draw_moves(Rng.of("angle", number), settings, (200, 200)) for number in range(60)]
+        steps = [one.second @ np.linalg.inv(one.first) for one in drawn]
+        return [float(np.arctan2(step[0, 1], step[1, 1])) for step in steps]
+
+    plain = Spatial(horizontal=False, zoom=(1.2, 1.4))
+    assert relative(plain) == pytest.approx([-0.01] * 60, abs=1e-9)
+    angles = relative(plain.model_copy(update={"constant_rotation": False}))
+    assert stats.kstest(angles, stats.uniform(-0.01, 0.02).cdf).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_the_moved_flow_is_true_to_the_moved_frames(number):
+    """What the moved flow points at in the moved second frame is the moved first frame."""
+    height, width = 96, 128
+    frame = images(1, height + 40, width + 40, number)
+    first, second = frame[..., 20 : 20 + height, 20 : 20 + width], frame[..., 17 : 17 + height, 24 : 24 + width]
+    flow = torch.empty(1, 2, height, width)
+    flow[:, 0], flow[:, 1] = -4.0, 3.0  # first(x) = second(x + flow)
+    moves = [draw_moves(Rng.of("true", number), SPATIAL, (height, width))]
+    moved1, moved2 = moved(first, [moves[0].first]), moved(second, [moves[0].second])
+    whole = torch.tensor([[float(width), float(height)]])
+    found, inside = dilated_warp(moved2, moved_flow(flow, moves), torch.zeros(1, 2), whole)
+    still, _ = dilated_warp(moved2, torch.zeros_like(flow), torch.zeros(1, 2), whole)
+    inside[..., :2, :] = inside[..., -2:, :] = inside[..., :2] = inside[..., -2:] = 0
+    off = ((found - moved1).abs() * inside).sum() / inside.sum()
+    off_still = ((still - moved1).abs() * inside).sum() / inside.sum()
+    assert off < 0.1 * off_still
+
+
+def test_a_look_changes_both_frames_alike_and_leaves_them_alone():
+    frame = np.random.default_rng(0).integers(60, 180, (24, 32, 3), dtype=np.uint8)
+    before = frame.copy()
+    looks = [draw_look(Rng.of("look", number), Appearance()) for number in range(400)]
+    assert stats.binomtest(sum(look.blur > 0 for look in looks), 400, 0.5).pvalue > 1e-4
+    assert stats.kstest([look.blur for look in looks if look.blur], stats.uniform(0, 3).cdf).pvalue > 1e-4
+    assert stats.kstest([look.jitter.brightness for look in looks], stats.uniform(0.5, 1).cdf).pvalue > 1e-4
+    assert {look.gamma for look in looks} == {1.0}
+    for look in looks[:5]:
+        np.testing.assert_array_equal(apply_look(frame, look), apply_look(frame, look))
+    np.testing.assert_array_equal(frame, before)
+    sharp = next(look for look in looks if not look.blur)
+    expected = np.floor(np.clip(frame.astype(np.float32) * np.float32(sharp.jitter.brightness), 0, 255))
+    np.testing.assert_array_equal(apply_look(frame, sharp), expected)
+    gamma = draw_look(Rng.of("gamma"), Appearance(brightness=0, blur=0, gamma=(2.0, 2.0)))
+    np.testing.assert_array_equal(apply_look(frame, gamma), np.rint(255 * (frame / 255) ** 2))
+
+
+@pytest.mark.parametrize(("augmentation", "margin"), [("stretched", 0), ("cropped", 8)])
+def test_plain_augmentation(augmentation, margin):
+    part = Part(data="kitti_multiview", augmentation=augmentation, flip=True, margin=margin)
+    shape, crop = (120, 200), (64, 128)
+    drawn = [draw_augmentation(Rng.of("plain", number), part, shape, crop) for number in range(400)]
+    for flag in ([one.swapped for one in drawn], [one.geometry.mirrored for one in drawn]):
+        assert stats.binomtest(sum(flag), 400, 0.5).pvalue > 1e-4
+    frames = tuple(np.random.default_rng(n).integers(0, 255, (*shape, 3), dtype=np.uint8) for n in (0, 1))
+    if augmentation == "stretched":
+        assert {frame.shape for one in drawn[:4] for frame in augmented_whole(frames, one)} == {(*crop, 3)}
+        return
+    assert min(one.geometry.left for one in drawn) == min(one.geometry.top for one in drawn) == margin
+    assert max(one.geometry.left for one in drawn) == 200 - 128 - margin
+    swapped = next(one for one in drawn if one.swapped and not one.geometry.mirrored)
+    np.testing.assert_array_equal(augmented_whole(frames, swapped)[0], frames[1])
+
+
+def test_identity_moves_change_nothing():
+    still = np.eye(3)
+    frame, flow = images(1, 20, 30), torch.randn(1, 2, 20, 30)
+    assert torch.allclose(moved(frame, [still]), frame, atol=1e-5)
+    assert torch.allclose(moved_flow(flow, [Moves(still, still)]), flow, atol=1e-4)
