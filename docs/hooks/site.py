@@ -57,10 +57,14 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_content(content: str, **_: Any) -> str:
     """Turn formulas into MathML, which browsers draw themselves."""
-    return _FORMULA.sub(
-        lambda match: convert(html.unescape(match[2]).strip(), display="block" if match[1] == "div" else "inline"),
-        content,
-    )
+    return _FORMULA.sub(_formula, content)
+
+
+def _formula(match: re.Match[str]) -> str:
+    source = html.unescape(match[2]).strip()
+    if match[1] == "span":
+        return convert(source)
+    return f'<div class="formula" tabindex="0">{convert(source, display="block")}</div>'
 
 
 def on_post_page(output: str, page: Any, **_: Any) -> str:

@@ -25,7 +25,7 @@ STEPS = 3
 SUPERVISED = [name for name in trained_methods() if "unsupervised" not in recipes_of(name)]
 LIGHT = ("raft_small",)
 """Methods small enough for half precision on a CPU, where a convolution of bfloat16 takes a minute."""
-_NO_BATCHNORM = ("flowformer", "flowformer_pp", "flowdiffuser")
+_NO_BATCHNORM = ("flowformer", "flowformer_pp", "flowdiffuser", "tiny")
 
 
 def three_steps(method: str, precision: str, folder: Path, data: Path) -> Request:
@@ -72,7 +72,10 @@ def assert_learned(request: Request) -> None:
     }
     assert without == {name for name in learning if recipe.unused and name.startswith(recipe.unused)}
     same = {name for name in before if torch.equal(before[name], after[name])}
-    assert not (set(learning) - without) & same
+    # What has not moved had a gradient below AdamW's epsilon, which is rounding: that of a key's bias, which adds the
+    # same to every score that softmax compares.
+    still = [number for number, name in enumerate(learning) if name in same and name not in without]
+    assert all(moments[number]["exp_avg"].abs().max() < 1e-8 for number in still)
     frozen = {name for name in before if recipe.frozen and name.startswith(recipe.frozen)}
     assert frozen <= same
     assert bool(frozen) == bool(recipe.frozen)
@@ -153,7 +156,7 @@ def test_raft_small_learns_one_pair_by_heart(shared, tmp_path):
             place.parent.mkdir(parents=True, exist_ok=True)
             place.symlink_to(path)
     recipe = load_recipe("raft_small", "chairs").changed(
-        steps=600, batch=1, crop=(128, 192), iterations=6, mix=str(mix), learning_rate=4e-4, devices=1
+        steps=2000, batch=1, crop=(128, 192), iterations=4, mix=str(mix), learning_rate=4e-4, devices=1
     )
     request = Request(recipe, [f"middlebury={folder}"], tmp_path / "out", start="random", device="cpu", loaders=1)
     run_training(replace(request, save_every=1000))

@@ -72,7 +72,8 @@ def _loss(recipe: Recipe) -> str:
     if recipe.objective is None:
         return f"{recipe.loss} loss, gamma {recipe.gamma:g}"
     said = recipe.objective.model_dump(exclude={"kind", "appearance", "spatial"})
-    return "no labels: " + ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in said.items())
+    words = {name: f"{value:.4g}" if isinstance(value, float) else str(value).lower() for name, value in said.items()}
+    return "no labels: " + ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in words.items())
 
 
 def _memory(recipe: Recipe) -> str:

@@ -1,0 +1,73 @@
+"""The documentation site as it is built: no warning, nothing from elsewhere, readable by everybody on any screen."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from robustflow.corruptions.registry import SHIPPED
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = (
+    "index",
+    "corruptions/index",
+    "corruptions/snow",
+    "reference/python",
+    "reference/cli/run",
+    "reference/catalogue",
+    "tutorials/reading-a-run",
+    "design/metrics",
+)
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("mkdocstrings") is None, reason="needs the extra docs"),
+]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, built as CI builds it."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    built = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900)
+    assert built.returncode == 0, built.stderr[-3000:]
+    return folder
+
+
+def test_a_page_for_each_corruption_with_its_pictures(site):
+    for name in SHIPPED:
+        page = (site / "corruptions" / f"{name}.html").read_text()
+        pictures = re.findall(r'<img src="(images/[^"]+)"', page)
+        assert len(pictures) == 12, name
+        assert all((site / "corruptions" / picture).is_file() for picture in pictures)
+        assert "<math" in page
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("name", PAGES)
+def test_no_serious_violation_and_nothing_from_elsewhere(visit, site, name, scheme):
+    axe = pytest.importorskip(
+        "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed (the dev extra has it)"
+    )
+    seen = visit(color_scheme=scheme)
+    seen.page.goto((site / f"{name}.html").as_uri())
+    found = axe.Axe().run(seen.page).response["violations"]
+    assert [(v["id"], v["nodes"][0]["html"][:200]) for v in found if v["impact"] in ("serious", "critical")] == []
+    assert seen.outside() == []
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_fits_a_phone(visit, site, name):
+    page = visit(width=390, height=844).page
+    page.goto((site / f"{name}.html").as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
