@@ -50,7 +50,7 @@ class FlyingShapes(Samples):
         licence="made by this package; no terms",
         citation="after Dosovitskiy et al., FlowNet: Learning Optical Flow with Convolutional Networks, ICCV 2015",
         layout="no root needed",
-        training_set="flyingshapes",
+        training_set="shapes",
     )
 
     def __init__(

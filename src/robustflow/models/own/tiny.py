@@ -1,7 +1,7 @@
 """`tiny` and its variants: the project's own small network with the weights that come with the package.
 
-With the torch extra PyTorch computes, otherwise NumPy; the flows agree within 1e-4 px, and a run's identity says which
-it was.
+With the torch extra PyTorch computes, otherwise NumPy. The flows agree within 1e-4 px at 99.9 % of pixels and within
+5e-4 px at all, which is what single precision leaves of either, and a run's identity says which it was.
 """
 
 from __future__ import annotations

@@ -86,12 +86,19 @@ def resized(flow: Maps, height: int, width: int) -> Maps:
 
 @njit(cache=True, nogil=True)
 def warp(maps: Any, flow: Any, out: Any) -> None:
-    """Fetch `maps` (C, H, W) at pixel + `flow` (2, H, W), bilinear, the border repeated, into `out` (C, H, W)."""
+    """Fetch `maps` (C, H, W) at pixel + `flow` (2, H, W), bilinear, the border repeated, into `out` (C, H, W).
+
+    Coordinates go through -1..1 in single precision, as PyTorch's sampler takes them, so that both round alike.
+    """
     channels, height, width = maps.shape
+    one, two = np.float32(1), np.float32(2)
+    right, bottom = np.float32(width - 1), np.float32(height - 1)
     for row in range(height):
         for column in range(width):
-            x = min(max(np.float64(column) + flow[0, row, column], 0.0), width - 1.0)
-            y = min(max(np.float64(row) + flow[1, row, column], 0.0), height - 1.0)
+            x = two * (np.float32(column) + flow[0, row, column]) / max(right, one) - one
+            y = two * (np.float32(row) + flow[1, row, column]) / max(bottom, one) - one
+            x = min(max((x + one) / two * right, np.float32(0)), right)
+            y = min(max((y + one) / two * bottom, np.float32(0)), bottom)
             x0, y0 = int(x), int(y)
             x1, y1 = min(x0 + 1, width - 1), min(y0 + 1, height - 1)
             u, v = np.float32(x - x0), np.float32(y - y0)

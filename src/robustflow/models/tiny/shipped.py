@@ -30,7 +30,7 @@ class ShippedWeights:
     arrays: Mapping[str, Weights]
     sha256: str
     about: Mapping[str, str]
-    trained_on: str = "flyingshapes"
+    trained_on: str = "shapes"
 
 
 def shipped_weights(name: str) -> ShippedWeights:
