@@ -168,7 +168,7 @@ def evaluate(
     ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
-    from .runner.default_folder import default_folder, warn_of_edited_corruptions
+    from .runner.default_folder import default_folder, warn_of_a_fresh_start
     from .runner.engines.child import refuse_unguarded_script
     from .runner.engines.choose import choose_engine
     from .runner.fill import fill
@@ -194,7 +194,7 @@ def evaluate(
     compute = choose_engine(engine, workers, timeout, address, setup.model)
     if output is None:
         output = default_folder(setup.plan, setup.model.spec)
-        warn_of_edited_corruptions(output, setup.plan)
+        warn_of_a_fresh_start(output, setup.plan)
     folder = RunFolder(output)
     folder.lock()
     try:

@@ -140,6 +140,8 @@ def _measured(name: str, cells: list[Seen]) -> str:
     )
     clean = cells[0].epe_clean
     intro = f"OpenCV's DIS on {where}. Its end-point error on the clean frames is {clean:.2f} px."
+    if name == "bit_error":
+        intro += " The amounts are counted in bytes: of a clip this short few are hit, or none."
     rows = [(c.severity, f"{c.ssim:.2f}", f"{c.epe:.2f}", f"{c.epe - clean:.2f}", f"{c.rcre:.2f}") for c in cells]
     heading = ("severity", "SSIM", "EPE (px)", "CRE (px)", "RCRE (px)")
     return "\n\n".join([intro, table(heading, rows), "What the columns are: [metrics](../design/metrics.md)."])

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from ..benchmarks import benchmark_facts
+from ..corruptions.textures import KEY as TEXTURES
 from ..metrics.summary import Scores, has_gaps
 from ..severity import SEVERITIES
 from ..text import counted
@@ -126,6 +127,9 @@ def sample_set(run: Run) -> str:
 def _sample_set(run: Run) -> str:
     identity = run.manifest["identity"]
     parts = {key: identity.get(key) for key in _OF_FRAMES}
+    parts |= (
+        {TEXTURES: identity[TEXTURES]} if TEXTURES in identity else {}
+    )  # runs from before textures could be chosen lack it
     parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
     clean = run.rows.filter(corruption=CLEAN).select("sample", "frames_digest")
     parts["frames"] = sorted(clean.iter_rows())

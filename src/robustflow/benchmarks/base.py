@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..corruptions import SEVERITIES, Corruption, corruption_name, load_corruption
+from ..corruptions.textures import PHOTOGRAPHS, Textures
 from ..datasets.base import Dataset
 from ..errors import UsageError
 from ..severity import check_severity
@@ -25,6 +26,7 @@ class Benchmark:
         severities: 1 to 5 unless narrowed.
         protocol: whatever else decides the numbers (which split, which ground truth), for the run's identity.
         closed: the corrupted frames come from files, so no other corruption or severity can be asked for.
+        textures: of frost: "photographs", the paper's, which are fetched on first use, or "generated".
         facts: title, whether there is ground truth, what the paper measured.
     """
 
@@ -35,6 +37,7 @@ class Benchmark:
     severities: tuple[int, ...] = SEVERITIES
     protocol: dict[str, Any] = field(default_factory=dict)
     closed: bool = False
+    textures: Textures = PHOTOGRAPHS
     facts: BenchmarkFacts = NEUTRAL
 
     def narrowed(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..corruptions import IMAGE_PAIR
+from ..corruptions.textures import GENERATED
 from ..datasets import load_dataset
 from ..errors import UsageError
 from .base import Benchmark
@@ -12,7 +13,10 @@ from .facts import BenchmarkFacts
 
 
 class Demo:
-    """The Middlebury 2014 motorcycle pair (741 x 500); its ground truth is disparity, so all motion is horizontal."""
+    """The Middlebury 2014 motorcycle pair (741 x 500); its ground truth is disparity, so all motion is horizontal.
+
+    Nothing is fetched: frost has generated textures instead of the paper's photographs, which its runs record.
+    """
 
     facts = BenchmarkFacts(
         title="demo",
@@ -28,4 +32,4 @@ class Demo:
                 "the demo benchmark brings its own pair: leave out --data and --split, or name a --benchmark"
             )
         dataset = load_dataset("motorcycle", None)
-        return Benchmark("demo", dataset, tuple(dataset.keys()), IMAGE_PAIR, facts=Demo.facts)
+        return Benchmark("demo", dataset, tuple(dataset.keys()), IMAGE_PAIR, textures=GENERATED, facts=Demo.facts)

@@ -13,9 +13,10 @@ from .options import Corruptions, PsfDir, Seed, SeverityScale, names, use_psf_di
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from ..corruptions.textures import Textures
     from ..report.gallery.clip import ClipCell
     from ..report.gallery.pictures import CorruptedPicture
-    from ..sample import Frame
+    from ..sample import Frame, Sample
 
 
 def gallery(
@@ -35,6 +36,10 @@ def gallery(
     severity_scale: SeverityScale = "paper",
     psf_dir: PsfDir = None,
     seed: Seed = 0,
+    model: Annotated[
+        str | None,
+        typer.Option("--model", "-m", help="Also draw strip.webp: what this model makes of each, flow and error."),
+    ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("gallery"),
 ) -> None:
     """Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over all five.
@@ -45,6 +50,7 @@ def gallery(
     \b
     Examples:
       robustflow gallery --severity 4
+      robustflow gallery --model dis --corruptions fog,frost,snow
       robustflow gallery --frames a.png b.png --corruptions fog,snow --severity-scale calibrated -o out
       robustflow gallery --clip clip.mp4 --start 12.5s --corruptions snow,spatter,h264_crf
     """
@@ -54,35 +60,76 @@ def gallery(
         raise UsageError("--frames and --clip are both given; choose one")
     if clip is None and not (start is None and stop is None and length is None):
         raise UsageError("--start, --stop and --length are for a clip: give --clip")
+    if clip is not None and model is not None:
+        raise UsageError("--model draws what becomes of two frames; leave out --clip, or use `robustflow predict`")
     check_severity(severity)
     use_psf_dir(psf_dir)
     wanted = names(corruptions)
     if clip is None:
-        _of_pair(frames, severity, wanted, severity_scale, seed, output)
+        _of_pair(frames, severity, wanted, severity_scale, seed, output, model)
     else:
         _of_clip(clip, start, stop, length, severity, wanted, severity_scale, seed, output)
 
 
 def _of_pair(
-    frames: tuple[Path, Path] | None, severity: int, wanted: list[str] | None, scale: str, seed: int, output: Path
+    frames: tuple[Path, Path] | None,
+    severity: int,
+    wanted: list[str] | None,
+    scale: str,
+    seed: int,
+    output: Path,
+    model: str | None,
 ) -> None:
+    from ..corruptions.textures import GENERATED, PHOTOGRAPHS
     from ..datasets import load_dataset
     from ..images.io import read_image
     from ..report.gallery.page import render_page
     from ..report.gallery.pictures import gallery as cells_of
+    from ..sample import Sample
     from ..severity import SEVERITIES
 
     if frames is None:
         key, what = "motorcycle", "the motorcycle pair"
-        pair = load_dataset("motorcycle", None).load(key).frames
+        sample = load_dataset("motorcycle", None).load(key)
     else:
         key, what = frames[0].stem, f"{frames[0].name}, {frames[1].name}"
-        pair = (read_image(frames[0]), read_image(frames[1]))
-    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale))
+        sample = Sample(key, (read_image(frames[0]), read_image(frames[1])))
+    pair = sample.frames
+    textures = PHOTOGRAPHS if frames is not None else GENERATED  # what comes with the package fetches nothing
+    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale, textures))
     title = f"Corruptions of {what}, {scale} scale"
     at = [cell for cell in cells if cell.severity == severity]
     page = render_page(pair[0], cells, severity, title)
     _write(output, pair[0], at, f"{title}, severity {severity}", page)
+    if model is not None:
+        _write_strip(
+            output, sample, model, [cell.name for cell in at if cell.frame is not None], severity, seed, scale, textures
+        )
+
+
+def _write_strip(
+    output: Path,
+    sample: Sample,
+    model: str,
+    corruptions: list[str],
+    severity: int,
+    seed: int,
+    scale: str,
+    textures: Textures,
+) -> None:
+    from ..atomic import write_bytes
+    from ..corruptions import load_corruption
+    from ..models import load_model
+    from ..models.base import FlowModel
+    from ..report.gallery.strip import draw_strip, strip_columns
+
+    loaded = load_model(model)
+    if not isinstance(loaded, FlowModel):
+        raise UsageError(f"model '{model}' is not one that predicts from two frames; the strip needs one that does")
+    chosen = [load_corruption(name, scale=scale).with_textures(textures) for name in corruptions]
+    columns = strip_columns(sample.frames[:2], loaded.predict, chosen, severity, seed, sample.key)
+    write_bytes(output / "strip.webp", draw_strip(sample, columns, model))
+    typer.echo(str(output / "strip.webp"))
 
 
 def _of_clip(

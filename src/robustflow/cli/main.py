@@ -28,6 +28,7 @@ from .predict import predict
 from .prepare import prepare
 from .profile import profile
 from .report import report
+from .reproduce import reproduce
 from .run import run
 from .show import show
 from .train import train
@@ -48,6 +49,7 @@ app.command("examples")(examples)
 app.command("train")(train)
 app.command("profile")(profile)
 app.command("report")(report)
+app.command("reproduce")(reproduce)
 app.command("compare")(compare)
 app.command("leaderboard")(leaderboard)
 app.command("audit")(audit)

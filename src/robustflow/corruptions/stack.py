@@ -17,6 +17,7 @@ from .base import Corruption
 from .own import adopt_target, is_known
 from .registry import CORRUPTIONS, SHIPPED
 from .scale import calibrated_levels
+from .textures import Textures
 
 _PLUS, _COLON = "+", ":"
 
@@ -125,15 +126,20 @@ class Stack(Corruption):
         free = [part.severities for part, level in parts if level is None]
         lacking = [any(own[level - 1] is None for own in free) for level in SEVERITIES]
         super().__init__(
-            parts[0][0].variant,
+            "default",
             tuple(None if none else name for none, name in zip(lacking, self.paper_severities, strict=True)),
         )
+        self.variant = parts[0][0].variant
         for part, level in parts:
             if level is not None:
                 part.parameter(level)
         self._parts = parts
         spelled = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
         self.name = _PLUS.join(spelled)  # type: ignore[misc]  # a stack's name is its own
+
+    def with_textures(self, textures: Textures) -> Stack:
+        """Every part with these textures."""
+        return Stack([(part.with_textures(textures), level) for part, level in self._parts])
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> list[Any]:
         """One state per part."""

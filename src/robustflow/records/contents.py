@@ -73,6 +73,7 @@ class Identity(_Strict):
     window: dict[str, JsonValue] | None = None
     corruptions: dict[_Text, _Text] | None = None
     common_draws: bool | None = None
+    frost: _Text | None = None
 
 
 class Selection(_Strict):

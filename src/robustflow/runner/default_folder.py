@@ -6,9 +6,10 @@ import warnings
 from pathlib import Path
 
 from ..corruptions.sources import OWN
+from ..corruptions.textures import KEY as TEXTURES
 from ..errors import RunError
 from ..models import ModelSpec
-from ..runs.identity import edited_corruptions
+from ..runs.identity import describe_difference, differing, edited_corruptions
 from ..runs.plan import Plan
 from ..runs.store import RunFolder
 from ..text import file_name
@@ -20,15 +21,16 @@ def default_folder(plan: Plan, spec: ModelSpec | None) -> Path:
     return Path("runs") / f"{plan.benchmark.name}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"
 
 
-def warn_of_edited_corruptions(folder: Path, plan: Plan) -> None:
-    """Warn that a run starts in a folder of its own because the source of a corruption of the user's was edited.
+def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
+    """Warn that a run starts in a folder of its own because the source of a corruption of the user's was edited, or
+    because an earlier version laid other textures of frost over the frames.
 
     Args:
         folder: the `default_folder` of the run.
         plan: of the run.
     """
     identity = plan.identity()
-    if folder.exists() or OWN not in identity:
+    if folder.exists() or not {OWN, TEXTURES} & {*identity}:
         return
     for other in sorted(folder.parent.glob(f"{folder.name.rpartition('_')[0]}_*")):
         try:
@@ -36,6 +38,10 @@ def warn_of_edited_corruptions(folder: Path, plan: Plan) -> None:
         except RunError:
             continue
         edited = [] if before is None else edited_corruptions(identity, before["identity"])
+        if before is not None and differing(identity, before["identity"]) == TEXTURES:
+            why = describe_difference(identity, before["identity"])
+            warnings.warn(f"{other} is not continued: {why}; a new run starts in {folder}", stacklevel=3)
+            return
         if edited:
             warnings.warn(
                 f"the source of the corruption {', '.join(edited)} has changed since {other}; a new run starts "

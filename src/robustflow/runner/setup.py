@@ -14,6 +14,7 @@ from ..corruptions import load_corruption
 from ..corruptions.own import is_known, own_among
 from ..corruptions.scale import calibration_digest
 from ..corruptions.sources import OWN, recorded_sources, user_sources
+from ..corruptions.textures import Textures, recorded_textures
 from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
@@ -79,7 +80,9 @@ def set_up(
         )
     named = name_model(model)
     window = window_on(named.model, benchmark.dataset)
-    options = _options(seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws)
+    options = _options(
+        seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws, benchmark.textures
+    )
     training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
     provenance = training_record(training, benchmark.name, benchmark.keys, benchmark.protocol)
@@ -182,7 +185,16 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
                 "known here: name it with --own-corruption MODULE:ATTRIBUTE, or install its package"
             )
     common_draws = bool(identity.get("common_draws", False))
-    return _options(identity["seed"], identity["variant"], scale, identity["allow_invalid"], window, own, common_draws)
+    return _options(
+        identity["seed"],
+        identity["variant"],
+        scale,
+        identity["allow_invalid"],
+        window,
+        own,
+        common_draws,
+        recorded_textures(identity),
+    )
 
 
 def _options(
@@ -193,6 +205,9 @@ def _options(
     window: Window | None,
     corruptions: Sequence[str],
     common_draws: bool,
+    textures: Textures,
 ) -> RunOptions:
     sources = user_sources(variant, corruptions)
-    return RunOptions(seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions))
+    return RunOptions(
+        seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions), textures
+    )

@@ -12,6 +12,7 @@ from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
 from ..corruptions.scale import calibration_digest
 from ..corruptions.stack import levels_of
+from ..corruptions.textures import PHOTOGRAPHS, Textures, textures_record
 from ..datasets import DATASETS
 from ..metrics.rows import CLEAN, ROW_MEANING_VERSION
 from ..models.window import Window
@@ -52,6 +53,8 @@ class RunOptions:
     """One draw for the five severities of a pair, instead of one each."""
     own: tuple[Any, ...] = ()
     """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
+    textures: Textures = PHOTOGRAPHS
+    """Of frost: the paper's photographs, or those that need no network."""
     pictures: Path | None = None
     """Where workers keep small pictures of corrupted frames; None for nowhere. It changes no number."""
 
@@ -113,6 +116,7 @@ class Plan:
         return (
             scale
             | draws
+            | textures_record(self.options.textures)
             | dict(self.options.sources)
             | window
             | {

@@ -155,7 +155,8 @@ def common_rows(first: pl.DataFrame, second: pl.DataFrame, names: tuple[str, str
         sample, corruption, severity = other.sort(keys).select(keys).row(0)
         raise RunError(
             f"{names[0]} and {names[1]} saw different frames under the same name (sample '{sample}', {corruption} "
-            f"severity {severity}; {other.height} differ); compare runs of the same data, seed and variant"
+            f"severity {severity}; {other.height} differ); "
+            "compare runs of the same data, seed, variant and frost textures"
         )
     common = both.select(keys)
     return first.join(common, on=keys, how="semi"), second.join(common, on=keys, how="semi")

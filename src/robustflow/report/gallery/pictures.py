@@ -10,6 +10,7 @@ import numpy as np
 from ...corruptions import IMAGE_PAIR, Corruption, corrupt_clip, load_corruption
 from ...corruptions.calibration.ssim import Ssim
 from ...corruptions.stack import levels_of
+from ...corruptions.textures import PHOTOGRAPHS, Textures
 from ...sample import Frame, Sample
 
 
@@ -41,6 +42,7 @@ def gallery(
     seed: int = 0,
     key: str = "",
     scale: str = "paper",
+    textures: Textures = PHOTOGRAPHS,
 ) -> Iterator[CorruptedPicture]:
     """The cells, corruption by corruption.
 
@@ -50,6 +52,7 @@ def gallery(
         corruptions: names or stacks; every image-pair corruption by default.
         seed, key: of the draws; the frames equal those of `corrupt`.
         scale: "paper" or "calibrated".
+        textures: of frost; the generated ones need no network.
 
     Raises:
         UsageError: an unknown corruption or scale, or one that needs a clip.
@@ -60,7 +63,8 @@ def gallery(
     [('contrast', 1, 0), ('contrast', 2, 0)]
     """
     pair = Sample(key or "pair", (frame1, frame2)).frames
-    chosen = [load_corruption(name, scale=scale) for name in (IMAGE_PAIR if corruptions is None else corruptions)]
+    loaded = (load_corruption(name, scale=scale) for name in (IMAGE_PAIR if corruptions is None else corruptions))
+    chosen = [corruption.with_textures(textures) for corruption in loaded]
     similarity = [Ssim(frame) for frame in pair]
     for corruption in chosen:
         for severity in severities:

@@ -1,0 +1,134 @@
+"""Frost textures that are computed, where photographs cannot be fetched: fern-like crystals over a cloudy pane.
+
+Five pictures with the mean, the spread and the fineness of the five photographs, drawn from streams of their own: the
+same bytes on every machine, whatever the seed of a benchmark. They are not the paper's, and numbers measured with them
+are kept apart from those measured with the photographs.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from ...random.rng import Rng
+from ...sample import Frame
+from ..kernels.plasma import plasma_corner
+from ..textures import GENERATED_VERSION
+
+SHAPE = (500, 750)
+"""(H, W) of every texture."""
+
+_STEMS = 6
+_SIXTIETH = (0.5, 0.8660254037844386)
+"""Cosine and sine of 60 degrees, at which ice branches."""
+_CLOUDS = 0.55
+"""Share of the pane in the texture's spread; the rest is crystals."""
+
+
+class Look(NamedTuple):
+    """What tells one texture from another; after the photograph of the same slot."""
+
+    mean: float
+    """Grey levels."""
+    spread: float
+    """Standard deviation, grey levels."""
+    tint: tuple[float, float, float]
+    """Factors of red, green and blue."""
+    crystals: int
+    length: int
+    """Of a stem, in pixels."""
+    spacing: int
+    """Between the branches of a stem, in pixels."""
+
+
+LOOKS = (
+    Look(128.0, 22.0, (0.82, 1.03, 1.15), 500, 36, 5),
+    Look(205.0, 22.0, (0.98, 1.0, 1.02), 420, 60, 7),
+    Look(190.0, 26.0, (0.97, 1.0, 1.03), 900, 30, 4),
+    Look(152.0, 29.0, (0.91, 1.0, 1.09), 1100, 24, 4),
+    Look(122.0, 43.0, (0.92, 1.0, 1.08), 700, 40, 4),
+)
+
+
+def generated_texture(slot: int) -> Frame:
+    """Texture `slot` (0 to 4), RGB uint8 (500, 750, 3).
+
+    >>> one = generated_texture(0)
+    >>> one.shape, one.dtype.name, bool((one == generated_texture(0)).all())
+    ((500, 750, 3), 'uint8', True)
+    """
+    look, rng = LOOKS[slot], Rng.of("robustflow", "generated frost", GENERATED_VERSION, slot)
+    clouds = _standardised(plasma_corner(rng.spawn("clouds"), *SHAPE, 1.7).astype(np.float64))
+    ice = _crystals(rng.spawn("crystals"), look)
+    ice = _standardised(ice / (1.0 + np.abs(ice)))  # where many lie over each other they do not outshine the rest
+    grey = _standardised(_CLOUDS * clouds + (1.0 - _CLOUDS) * ice) * look.spread + look.mean
+    return np.clip(np.rint(grey[..., None] * np.array(look.tint)), 0, 255).astype(np.uint8)
+
+
+def _crystals(rng: Rng, look: Look) -> npt.NDArray[np.float64]:
+    """Light and shade of all crystals, float64 (H, W): six stems each, with branches at 60 degrees on both sides."""
+    count = look.crystals
+    height, width = SHAPE
+    y0, x0 = height * rng.uniforms(count), width * rng.uniforms(count)
+    along = _directions(rng, count)
+    stems = np.stack([_turned(along, place) for place in range(_STEMS)], axis=1)  # (crystal, stem, 2)
+    sizes = 0.3 + 0.7 * rng.uniforms(count * _STEMS).reshape(count, _STEMS)
+    light = 0.5 + rng.uniforms(count)
+    knots = np.arange(look.spacing, look.length, look.spacing)
+    out = np.zeros(height * width)
+    steps = np.arange(look.length)
+    for stem in range(_STEMS):
+        ray, size = stems[:, stem], sizes[:, stem]
+        reach = np.where(steps[None] < size[:, None] * look.length, light[:, None], 0.0)
+        _splat(out, y0[:, None] + ray[:, 1:] * steps, x0[:, None] + ray[:, :1] * steps, reach)
+        for side, shade in ((1, 0.9), (-1, -0.7)):  # lit from one side
+            twig = _turned(ray, side)
+            for knot in knots:
+                length = 0.45 * (size * look.length - knot)
+                inner = np.arange(1, max(2, look.length // 2))
+                weight = np.where(inner[None] < length[:, None], shade * light[:, None], 0.0)
+                y = y0[:, None] + ray[:, 1:] * knot + twig[:, 1:] * inner
+                x = x0[:, None] + ray[:, :1] * knot + twig[:, :1] * inner
+                _splat(out, y, x, weight)
+    return out.reshape(SHAPE)
+
+
+def _directions(rng: Rng, count: int) -> npt.NDArray[np.float64]:
+    """Unit vectors (x, y), float64 (count, 2), by square roots alone, which are the same everywhere."""
+    across = np.stack([rng.uniforms(count) - 0.5, rng.uniforms(count) - 0.5], axis=1)
+    across[:, 0] += np.where(across[:, 0] < 0, -0.01, 0.01)
+    return across / np.sqrt(across[:, :1] * across[:, :1] + across[:, 1:] * across[:, 1:])
+
+
+def _turned(ray: npt.NDArray[np.float64], sixths: int) -> npt.NDArray[np.float64]:
+    """Vectors turned by multiples of 60 degrees."""
+    cosine, sine = _SIXTIETH
+    for _ in range(sixths % _STEMS):
+        ray = np.stack([cosine * ray[:, 0] - sine * ray[:, 1], sine * ray[:, 0] + cosine * ray[:, 1]], axis=1)
+    return ray
+
+
+def _splat(out: npt.NDArray[np.float64], y: npt.NDArray[np.float64], x: npt.NDArray[np.float64],
+           weight: npt.NDArray[np.float64]) -> None:  # fmt: skip
+    """Add points to the four pixels around each, in proportion; what leaves on one side enters on the other."""
+    height, width = SHAPE
+    drawn = weight != 0
+    y, x, weight = y[drawn], x[drawn], weight[drawn]
+    top, left = np.floor(y), np.floor(x)
+    down, right = y - top, x - left
+    rows, columns = top.astype(np.int64), left.astype(np.int64)
+    for dy, vertical in ((0, 1.0 - down), (1, down)):
+        for dx, horizontal in ((0, 1.0 - right), (1, right)):
+            place = (rows + dy) % height * width + (columns + dx) % width
+            out += np.bincount(place, weight * vertical * horizontal, height * width)
+
+
+def _standardised(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """The values with mean 0 and standard deviation 1, by sums of whole numbers, whose order does not matter."""
+    whole = np.rint(values * 2.0**20).astype(np.int64)
+    mean = int(whole.sum()) / whole.size
+    squares = int(((whole >> 8) ** 2).sum()) * 2.0**16
+    spread = np.sqrt(squares / whole.size - mean * mean)
+    return (whole - mean) / spread
