@@ -17,6 +17,7 @@ from .compare import compare
 from .corrupt import corrupt
 from .displacement import displacement
 from .examples import examples
+from .experiment import app as experiment
 from .export import export
 from .gallery import gallery
 from .leaderboard import leaderboard
@@ -63,6 +64,7 @@ app.command("displacement")(displacement)
 app.command("calibrate")(calibrate)
 app.add_typer(prepare, name="prepare")
 app.add_typer(optics, name="optics")
+app.add_typer(experiment, name="experiment")
 
 
 def _version(wanted: bool) -> None:
