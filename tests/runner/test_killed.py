@@ -81,6 +81,7 @@ def _compare(tmp_path: Path, kills: int) -> None:
     assert not list((tmp_path / "killed").rglob(".partial-*"))
 
 
+@pytest.mark.slow
 def test_killed_and_resumed(tmp_path):
     _kill_and_resume(tmp_path, kills=3, seed=0)
 
@@ -114,7 +115,10 @@ def test_interrupted_run_says_what_is_kept(tmp_path):
     assert "Run the same command again" in run.stderr.read().decode()
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.15, 0.6, 1.2])
+_SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize("delay", [0.0, *(pytest.param(delay, marks=_SLOW) for delay in (0.15, 0.6, 1.2))])
 def test_ctrl_c_while_workers_start_is_one_line(tmp_path, delay):
     """Ctrl-C reaches every process of the terminal, those that are still importing too; only one of them speaks."""
     command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "run", "--model", "dis"]

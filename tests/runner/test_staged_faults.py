@@ -89,7 +89,7 @@ def _wait(condition, seconds=60):
         time.sleep(0.02)
 
 
-@pytest.mark.parametrize("trouble", ["", "hangs"])
+@pytest.mark.parametrize("trouble", [pytest.param("", marks=pytest.mark.slow), "hangs"])
 def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_goes_on(tmp_path, trouble):
     """Also where the model hangs: its process would never look at a pipe again."""
     before = set(os.listdir("/dev/shm"))

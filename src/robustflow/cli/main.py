@@ -17,6 +17,7 @@ from .compare import compare
 from .corrupt import corrupt
 from .displacement import displacement
 from .examples import examples
+from .experiment import app as experiment
 from .export import export
 from .gallery import gallery
 from .leaderboard import leaderboard
@@ -27,6 +28,7 @@ from .predict import predict
 from .prepare import prepare
 from .profile import profile
 from .report import report
+from .reproduce import reproduce
 from .run import run
 from .show import show
 from .train import train
@@ -47,6 +49,7 @@ app.command("examples")(examples)
 app.command("train")(train)
 app.command("profile")(profile)
 app.command("report")(report)
+app.command("reproduce")(reproduce)
 app.command("compare")(compare)
 app.command("leaderboard")(leaderboard)
 app.command("audit")(audit)
@@ -61,6 +64,7 @@ app.command("displacement")(displacement)
 app.command("calibrate")(calibrate)
 app.add_typer(prepare, name="prepare")
 app.add_typer(optics, name="optics")
+app.add_typer(experiment, name="experiment")
 
 
 def _version(wanted: bool) -> None:

@@ -133,7 +133,7 @@ def train(
         corrupt_probability=corrupt_probability,
         skip_bad=skip_bad,
     )
-    interrupted = _Interrupted()
+    interrupted = Interrupted()
     checkpoint = run_training(request, interrupted)
     if interrupted():
         kept = f"robustflow: stopped; {checkpoint} is kept. Give the same command with --resume to continue."
@@ -142,7 +142,7 @@ def train(
     typer.echo(f"trained; measure it with: robustflow run --model {chosen.method} --checkpoint {checkpoint}")
 
 
-class _Interrupted:
+class Interrupted:
     """Whether Ctrl-C or a request to terminate came; the second one ends the process at once."""
 
     def __init__(self) -> None:

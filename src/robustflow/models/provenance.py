@@ -28,7 +28,7 @@ TRAINING_SETS = {
     "M": "middlebury",
     "G": "gopro",
     "YT": "youtube-vos",
-    "FS": "flyingshapes",
+    "FS": "shapes",
     "IN": "imagenet",
     "X": "other",
 }

@@ -13,6 +13,8 @@ MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
 MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
+for _name in ("tiny", "tiny_no_weather", "tiny_all"):
+    MODELS.add(_name, f"robustflow.models.own.tiny:{_name}")
 for _name in OWN:
     MODELS.add(_name, f"robustflow.models.own.networks:{_name}")
 for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):

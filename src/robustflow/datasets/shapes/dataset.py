@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from ...errors import UsageError
 from ...random.rng import Rng
 from ...sample import Sample
@@ -48,7 +50,7 @@ class FlyingShapes(Samples):
         licence="made by this package; no terms",
         citation="after Dosovitskiy et al., FlowNet: Learning Optical Flow with Convolutional Networks, ICCV 2015",
         layout="no root needed",
-        training_set="flyingshapes",
+        training_set="shapes",
     )
 
     def __init__(
@@ -92,8 +94,7 @@ class FlyingShapes(Samples):
             textures = picture_textures(self._textures)
         rng = Rng.of(self._seed, "shapes", self._split, "pair", index)
         frames, flow, occluded = render_pair(draw_scene(rng, self._shape, self._motion, textures))
-        valid = occluded | True
-        return Sample(key, frames, flow, valid, occluded)
+        return Sample(key, frames, flow, np.ones_like(occluded), occluded)
 
     def _checked(self, key: str) -> int:
         if len(key) >= 6 and key.isdecimal() and key == f"{int(key):06d}" and int(key) < self._pairs:

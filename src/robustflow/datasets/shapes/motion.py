@@ -6,8 +6,8 @@ same bits on every machine. Its slope is kept below 1/2, so that T can be invert
 
 The numbers of a motion are one row of `MOTION` float64 values:
 
-    cx cy  tx ty  a b c d (A by rows)  e f g h (its inverse)  ax px qx sx  ay py qy sy
-    (d_x = ax w(px x + qx y + sx), ...)
+    cx cy  tx ty  a b c d (A by rows)  e f g h (its inverse)
+    ax px qx sx  ay py qy sy (d_x = ax w(px x + qx y + sx), ...)
     and two circles that hold the layer: radius in frame 1, radius in frame 2, its centre there
 """
 

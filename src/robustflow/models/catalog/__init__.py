@@ -16,6 +16,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 _FROZEN = ConfigDict(frozen=True, extra="forbid")
 
+_ADDRESSES = {
+    "ptlflow": "https://github.com/hmorimitsu/ptlflow/releases/download/weights1/",
+    "torchvision": "https://download.pytorch.org/models/",
+}
+"""Where the libraries' checkpoints are published."""
+
 
 class MethodEntry(BaseModel):
     """A method that can be loaded by name.
@@ -69,6 +75,16 @@ class CheckpointEntry(BaseModel):
     trained_on: str = Field(pattern=r"^[a-z0-9+-]+$")
     confidence: Literal["high", "medium"]
     note: str
+
+    @property
+    def address(self) -> str:
+        """Where the file is published.
+
+        >>> checkpoints()[0].address
+        'https://github.com/hmorimitsu/ptlflow/releases/download/weights1/raft-chairs-590f38f7.ckpt'
+        """
+        method = methods().get(self.model)
+        return _ADDRESSES["ptlflow" if method is None else method.source] + self.file
 
 
 @cache

@@ -135,12 +135,6 @@ OWN = {
         fixed={"size": "huge"},
         options={"finetuned": Option(False, check_switch), "iterations": _ITERATIONS},
     ),
-    # The project's own; its weights come with the package.
-    "tiny": OwnNetwork(
-        "tiny:Tiny",
-        "a file of robustflow train tiny",
-        InputConvention(mean=(127.5, 127.5, 127.5), scale=2 / 255, fit="pad", multiple=32),
-    ),
     # Luo et al., CVPR 2024, at the frame's own size; its numbers of steps and iterations are part of the method. Every
     # pair of one size starts from the same noise, drawn from `seed`. vertical: where rows are added, "bottom" as the
     # authors do on KITTI, "both" as on Sintel.

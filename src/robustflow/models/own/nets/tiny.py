@@ -9,23 +9,12 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from ...tiny.plan import CHANNELS, DECODER, EPSILON, FINEST, RADIUS, REDUCED
 from ...torch.resize import resize_flow
 from ..blocks.convex_upsample import convex_upsample
 from ..blocks.local_correlation import local_correlation
 from ..blocks.pwc import FeaturePyramid, conv
 from ..blocks.warp import warp
-
-CHANNELS = (3, 16, 32, 48, 64, 80)
-"""Of the image, then of the levels 1/2 to 1/32."""
-RADIUS = 3
-"""Of the correlation, in pixels of a level."""
-REDUCED = 32
-"""Channels of a level's features in the decoder."""
-DECODER = ((80, 1), (64, 2), (48, 4), (32, 1))
-"""Channels and dilation of the decoder's convolutions."""
-FINEST = 4
-"""The flow is decoded down to 1/4 of the frame's size."""
-EPSILON = 1e-6
 
 
 class Tiny(nn.Module):
@@ -42,6 +31,11 @@ class Tiny(nn.Module):
         self.decoder = nn.Sequential(*layers)
         self.flow = conv(inputs, 2, linear=True)
         self.mask = conv(inputs, 9 * FINEST * FINEST, kernel=1, linear=True)
+        for layer in self.modules():
+            if isinstance(layer, nn.Conv2d):  # PyTorch's own initialisation lets features shrink to their biases
+                nn.init.kaiming_normal_(layer.weight, 0.1, nonlinearity="leaky_relu")
+                nn.init.zeros_(layer.bias)
+        self.flow[0].weight.data.mul_(0.1)
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
         """The flow from image 1 to image 2, (N, 2, H, W) in pixels."""

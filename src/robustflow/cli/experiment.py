@@ -1,0 +1,68 @@
+"""`robustflow experiment`: questions that need networks to be trained."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import UsageError
+from .options import numbers
+
+app = typer.Typer(no_args_is_help=True, help="Questions that need networks to be trained.")
+
+
+@app.command("robust-training")
+def robust_training(
+    init: Annotated[str, typer.Option("--init", help="Weights that all begin with: last.pth of 'train tiny'.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
+    data: Annotated[
+        list[str] | None,
+        typer.Option("--data", "-d", help="NAME=FOLDER of real pairs to measure on besides; several times."),
+    ] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Trainings of each kind.")] = 3,
+    steps: Annotated[int | None, typer.Option(min=1, help="Of each training, instead of the recipe's.")] = None,
+    severities: Annotated[str, typer.Option(help="That are measured, e.g. 1,3,5.")] = "3",
+    shapes: Annotated[int, typer.Option(min=1, help="Held-out pairs of flying shapes.")] = 50,
+    size: Annotated[str, typer.Option(help="Of those, HEIGHTxWIDTH.")] = "160x224",
+    loaders: Annotated[int, typer.Option(help="Processes that read ahead.")] = 1,
+) -> None:
+    """Does training with corruptions help against those that training did not have? Leaves one family out at a time.
+
+    Trains `tiny` on with no corruption, with all, and with all families but one, each for several seeds, and measures
+    every network on unseen pairs. Ctrl-C stops it; the same command goes on.
+
+    \b
+    Examples:
+      robustflow train tiny --recipe shapes --output trainings/shapes
+      robustflow experiment robust-training --init trainings/shapes/last.pth --data middlebury=~/middlebury
+    """
+    from ..models.extras import require
+
+    require("torch", "torch", "tiny")
+    from ..atomic import write_bytes
+    from ..experiments.findings import findings
+    from ..experiments.robust_training import Plan, measured_sets, run_experiment
+    from .train import Interrupted
+
+    if not Path(init).expanduser().is_file():
+        raise UsageError(f"--init {init}: no such file; make one with: robustflow train tiny --recipe shapes")
+    plan = Plan(
+        output.expanduser(),
+        str(Path(init).expanduser().resolve()),
+        measured_sets(data or [], shapes, size),
+        seeds=seeds,
+        steps=steps,
+        severities=tuple(numbers(severities) or (3,)),
+        loaders=loaders,
+    )
+    stop = Interrupted()
+    runs = run_experiment(plan, lambda text: typer.echo(f"robustflow: {text}", err=True), stop)
+    if runs is None:
+        typer.echo(f"robustflow: stopped; {plan.output} is kept. Give the same command to continue.", err=True)
+        raise typer.Exit(130)
+    text, table = findings(runs, seeds)
+    write_bytes(plan.output / "effects.csv", table.write_csv().encode())
+    write_bytes(plan.output / "findings.md", text.encode())
+    typer.echo(text)

@@ -1,0 +1,167 @@
+"""`robustflow reproduce`: a table or figure of the paper again, as far as there is data and there are weights."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .options import Corruptions, Data, Device, Limit, Severities, names, numbers
+
+if TYPE_CHECKING:
+    from ..api import Result
+    from ..report.table import Table
+    from ..reproduce.artefacts import Artefact
+    from ..reproduce.plan import Missing, Runnable
+
+    Measured = tuple[Runnable, Result] | Missing
+
+
+def reproduce(
+    what: Annotated[
+        str | None, typer.Argument(metavar="[TABLE]", help="tab1 to tab8 or fig1 to fig9; lists them by default.")
+    ] = None,
+    data: Data = None,
+    checkpoints: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--checkpoints", help="Folder of checkpoints: the catalogue's, or named as raft-ood.pth. Repeatable."
+        ),
+    ] = None,
+    models: Annotated[str | None, typer.Option("--models", help="Comma-separated; all by default.")] = None,
+    random: Annotated[
+        bool, typer.Option("--random", help="Random weights where there are none: a trial without meaning.")
+    ] = False,
+    limit: Limit = None,
+    corruptions: Corruptions = None,
+    severities: Severities = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of runs and results.")] = Path("reproduced"),
+    device: Device = None,
+    workers: Annotated[int | None, typer.Option("--workers", "-w", help="Processes, as for run.")] = None,
+    batch_size: Annotated[int, typer.Option("--batch-size", help="As for run.")] = 1,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Say what can be run and what is missing, and stop.")
+    ] = False,
+    format: Annotated[str, typer.Option("--format", "-f", help="As for report, without page.")] = "terminal",
+) -> None:
+    """Measure a table or figure of the paper again, beside the published values.
+
+    Finds which of the paper's models can be run here, runs them or goes on with their runs, and prints what differs,
+    what is missing and how to get it. Without --data it shows what the paper printed.
+
+    \b
+    Examples:
+      robustflow reproduce
+      robustflow reproduce tab2
+      robustflow reproduce tab2 --checkpoints ~/ckpts --dry-run
+      robustflow reproduce tab2 --data ~/kitti --checkpoints ~/ckpts --device cuda
+      robustflow reproduce tab2 --data ~/kitti --models dis,raft --random --limit 1 --corruptions fog,snow
+      robustflow reproduce fig4 --data ~/kitti --checkpoints ~/ckpts --output reproduced
+    """
+    from ..report.render import renderer
+    from ..reproduce.artefacts import artefact_of
+    from ..reproduce.plan import choose
+    from ..reproduce.side_by_side import comparison_table, published_pair
+    from ..reproduce.variants import paper_variants
+    from ..reproduce.weights import weights_in
+    from ..reproduce.words import contents, needs_data, plan_table, summary_sentence
+
+    renderer(format)
+    if what is None:
+        typer.echo("\n".join(contents()))
+        return
+    artefact = artefact_of(what)
+    if not artefact.benchmark:
+        typer.echo(f"{artefact.name}: {artefact.title}. No models are compared in it. Instead: {artefact.instead}")
+        return
+    variants = paper_variants(artefact.benchmark, names(models))
+    choices = choose(variants, artefact.benchmark, weights_in(checkpoints or []), random=random)
+    if data is None or dry_run:
+        published = [published_pair(artefact, variant) for variant in variants]
+        _print(plan_table(artefact, choices) if dry_run else comparison_table(artefact, published), format)
+        typer.echo(summary_sentence(choices))
+        if data is None:
+            typer.echo(needs_data(artefact))
+        if artefact.table and artefact.instead:
+            typer.echo(f"Besides, {artefact.instead}")
+        return
+    options = {
+        "data": data,
+        "limit": limit,
+        "corruptions": names(corruptions),
+        "severities": numbers(severities),
+        "workers": workers,
+        "batch_size": batch_size,
+    }
+    measured = _measured(artefact, choices, output, device, options)
+    _show(artefact, measured, output, format)
+
+
+def _measured(
+    artefact: Artefact,
+    choices: list[Runnable | Missing],
+    output: Path,
+    device: str | None,
+    options: dict[str, Any],
+) -> list[Measured]:
+    from ..reproduce.measure import measure
+    from ..runner.progress import TerminalProgress
+
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
+    progress, measured = TerminalProgress(), []
+    try:
+        with progress:
+            for each in measure(artefact, choices, output, device, progress=progress, **options):
+                measured.append(each)
+    except KeyboardInterrupt:
+        typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)
+        raise typer.Exit(130) from None
+    return measured
+
+
+def _show(artefact: Artefact, measured: list[Measured], output: Path, format: str) -> None:
+    """What was run beside the published values, then what was not; all of it as a file, and the figure where it is
+    one."""
+    from ..atomic import write_bytes
+    from ..reproduce.plan import Missing
+    from ..reproduce.side_by_side import comparison_csv, comparison_table, pair_of, published_pair
+    from ..reproduce.words import plan_table, summary_sentence
+
+    missing = [each for each in measured if isinstance(each, Missing)]
+    ran = [each for each in measured if not isinstance(each, Missing)]
+    pairs = [
+        published_pair(artefact, each.variant) if isinstance(each, Missing) else pair_of(artefact, *each)
+        for each in measured
+    ]
+    if ran:
+        _print(comparison_table(artefact, [pair for pair in pairs if pair.here]), format)
+    if missing:
+        _print(plan_table(artefact, missing), format)
+    typer.echo(summary_sentence([each if isinstance(each, Missing) else each[0] for each in measured]))
+    written = output / f"{artefact.name}.csv"
+    write_bytes(written, comparison_csv(artefact, pairs).encode())
+    typer.echo(f"all values: {written}")
+    if artefact.table and artefact.instead:
+        typer.echo(f"Besides, {artefact.instead}")
+    if artefact.figure and ran:
+        for path in _draw(artefact, list({run.path: run for _, run in ran}.values()), output):
+            typer.echo(str(path))
+
+
+def _draw(artefact: Artefact, runs: list[Result], output: Path) -> list[Path]:
+    """The figure of the published values, and that of the runs."""
+    from ..report.assemble import figures_of
+    from ..report.figures import write_figures
+
+    drawn = figures_of(runs, published=True)
+    mine = {name: figure for name, figure in drawn.items() if name.startswith(artefact.figure)}
+    return write_figures(mine, output / "figures", ("png", "svg"))
+
+
+def _print(table: Table, format: str) -> None:
+    from ..report.render import render
+    from .tables import for_stdout
+
+    typer.echo(for_stdout(table) if format == "terminal" else render(table, format), nl=False)

@@ -1,0 +1,1 @@
+"""Experiments that train networks and measure them, as commands that can be stopped and continued."""

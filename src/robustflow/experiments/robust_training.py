@@ -1,0 +1,149 @@
+"""Does training with corruptions make flow robust, also against those that training did not have?
+
+From one set of weights, `tiny` is trained on with each arm's corruptions, once for each seed, and every result is
+measured on held-out flying shapes and on real pairs. A training or a run that is complete is not made again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..api import evaluate
+from ..atomic import make_folder
+from ..corruptions import IMAGE_PAIR
+from ..datasets import dataset_facts, load_dataset
+from ..errors import UsageError
+from ..models import ModelSpec
+from ..runs.run import Run
+from ..training.checkpoint import LAST
+from ..training.recipe import load_recipe
+from ..training.session import Request, run_training
+from .arms import Arm, arms
+
+METHOD, STAGE = "tiny", "robust"
+SHAPES = "shapes"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A set of pairs that every network is measured on.
+
+    Attributes:
+        dataset: its registered name.
+        data: its folder; None for flying shapes.
+        options: of the data set.
+    """
+
+    dataset: str
+    data: Path | None = None
+    options: tuple[tuple[str, str | int], ...] = ()
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The experiment.
+
+    Attributes:
+        output: folder of everything it writes.
+        start: weights that every arm begins with: a file of `train tiny`.
+        measured: on what.
+        seeds: how many, from 0: of order, augmentation and corruption of the training.
+        steps: of each training; None for the recipe's.
+        severities: that are measured.
+        loaders: processes that read ahead.
+    """
+
+    output: Path
+    start: str
+    measured: tuple[Measured, ...]
+    seeds: int = 3
+    steps: int | None = None
+    severities: tuple[int, ...] = (3,)
+    loaders: int = 1
+
+
+def measured_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Measured, ...]:
+    """Held-out flying shapes, and each NAME=FOLDER.
+
+    Raises:
+        UsageError: not NAME=FOLDER, a name that no data set has, or one without ground truth.
+        DataError: another layout.
+    """
+    sets = [Measured(SHAPES, options=(("pairs", shapes), ("size", size), ("split", "test")))]
+    for entry in data:
+        name, equals, folder = entry.partition("=")
+        if not equals:
+            raise UsageError(f"--data {entry}: say which data set it is: NAME=FOLDER, for example kitti2015={entry}")
+        if not load_dataset(name, folder).has_flow:
+            raise UsageError(f"--data {entry}: {dataset_facts(name).title} has no ground truth; give pairs that have")
+        sets.append(Measured(name, Path(folder).expanduser().resolve()))
+    return tuple(sets)
+
+
+def run_experiment(
+    plan: Plan, say: Callable[[str], None], stop: Callable[[], bool] = lambda: False
+) -> dict[tuple[str, str, int], Run] | None:
+    """Train and measure what is not there yet.
+
+    Args:
+        plan: of the experiment.
+        say: is told what is done.
+        stop: asked after each update; True ends there, and a later call goes on.
+
+    Returns:
+        Runs by (arm, data set, seed); None where it was stopped.
+
+    Raises:
+        UsageError, DataError, ModelError, RunError: see `run_training` and `evaluate`.
+    """
+    make_folder(plan.output)
+    runs: dict[tuple[str, str, int], Run] = {}
+    todo = [(seed, arm) for seed in range(plan.seeds) for arm in arms()]
+    for number, (seed, arm) in enumerate(todo, 1):
+        say(f"{number} of {len(todo)}: seed {seed}, {arm.name}")
+        checkpoint = _trained(plan, arm, seed, stop)
+        if checkpoint is None:
+            return None
+        for measured in plan.measured:
+            runs[arm.name, measured.dataset, seed] = _measured(plan, arm, seed, checkpoint, measured)
+    return runs
+
+
+def _trained(plan: Plan, arm: Arm, seed: int, stop: Callable[[], bool]) -> Path | None:
+    """The weights of an arm; None where its training was stopped."""
+    folder = plan.output / "trainings" / f"seed-{seed}" / arm.name
+    done = folder / "complete"
+    if done.exists():
+        return folder / LAST
+    request = Request(
+        recipe=load_recipe(METHOD, STAGE).changed(steps=plan.steps),
+        data=[],
+        output=folder,
+        start=plan.start,
+        start_trained_on="FS",
+        resume=(folder / LAST).exists(),
+        seed=seed,
+        device="auto",
+        loaders=plan.loaders,
+        corrupt=arm.corruptions,
+    )
+    checkpoint = run_training(request, stop)
+    if stop():
+        return None
+    done.touch()
+    return checkpoint
+
+
+def _measured(plan: Plan, arm: Arm, seed: int, checkpoint: Path, measured: Measured) -> Run:
+    return evaluate(
+        ModelSpec(METHOD, (("checkpoint", str(checkpoint)),)),
+        measured.dataset,
+        measured.data,
+        plan.output / "runs" / measured.dataset / f"seed-{seed}" / arm.name,
+        corruptions=IMAGE_PAIR,
+        severities=plan.severities,
+        data_options=dict(measured.options) or None,
+        name=f"{METHOD} {arm.name} {seed}",
+    )

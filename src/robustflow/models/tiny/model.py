@@ -1,0 +1,49 @@
+"""The small network as a model of the base installation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...errors import ModelError
+from ...sample import Flow, Frame
+from .network import predict
+from .shipped import ShippedWeights
+
+
+class Tiny:
+    """The small network in NumPy; satisfies `FlowModel`.
+
+    Args:
+        name: of the model.
+        weights: shipped ones.
+
+    >>> from robustflow.models.tiny.shipped import shipped_weights
+    >>> frame = np.random.default_rng(0).integers(0, 255, (40, 70, 3)).astype(np.uint8)
+    >>> Tiny("tiny", shipped_weights("tiny")).predict(frame, frame).shape
+    (40, 70, 2)
+    """
+
+    def __init__(self, name: str, weights: ShippedWeights) -> None:
+        self.name = name
+        self.trained_on = weights.trained_on
+        self._weights = weights
+
+    def identity(self) -> dict[str, Any]:
+        """See `FlowModel`: the weights' SHA-256, and that NumPy computes."""
+        return {"name": self.name, "checkpoint": self._weights.sha256, "runtime": "numpy"}
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`. Frames of any size.
+
+        Raises:
+            ModelError: frames that are not RGB uint8 of one size.
+        """
+        for frame in (frame1, frame2):
+            if frame.dtype != np.uint8 or frame.shape != frame1.shape or frame.ndim != 3 or frame.shape[2] != 3:
+                raise ModelError(
+                    f"{self.name} was given {frame1.dtype} {frame1.shape} and {frame2.dtype} {frame2.shape}; "
+                    "it needs two RGB uint8 frames (H, W, 3) of one size"
+                )
+        return predict(self._weights.arrays, frame1, frame2)

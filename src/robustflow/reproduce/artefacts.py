@@ -1,0 +1,87 @@
+"""What the paper shows, table by table and figure by figure, and what of it can be measured again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ..errors import unknown_name
+
+Columns = Literal["epe", "cre", "rcre", "crer", "means", "families"]
+"""What is compared: a metric under each corruption, overall means, or CREr by family of corruptions."""
+
+
+@dataclass(frozen=True)
+class Artefact:
+    """A table or a figure of the paper.
+
+    Attributes:
+        name: "tab2", "fig4": numbered as in the paper, through its appendix.
+        title: what it shows.
+        benchmark: what it is measured on; "" where nothing is measured.
+        columns: what is compared.
+        table: its name in `robustflow.report.tables`; "" for a figure.
+        figure: its name in `robustflow.report.figures`; "" for a table.
+        instead: of one that compares no models: the command that shows the same, or why there is none.
+    """
+
+    name: str
+    title: str
+    benchmark: str = ""
+    columns: Columns = "epe"
+    table: str = ""
+    figure: str = ""
+    instead: str = ""
+
+
+_ALL = (
+    Artefact("tab1", "The 15 evaluated methods", instead="robustflow list models"),
+    Artefact("tab2", "EPE on KITTI-FC", "kitti-fc", "epe", table="epe"),
+    Artefact(
+        "tab3",
+        "CREr beside computing cost",
+        "kitti-fc",
+        "crer",
+        table="cost",
+        instead="its parameters and FLOPs beside ours: robustflow profile --paper",
+    ),
+    Artefact("tab4", "RCRE on GoPro-FC", "gopro-fc", "rcre", table="gopro-rcre"),
+    Artefact("tab5", "Training of the supervised OOD models", instead="robustflow list recipes"),
+    Artefact("tab6", "Training of the supervised ID models", instead="robustflow list recipes"),
+    Artefact("tab7", "CRE on KITTI-FC", "kitti-fc", "cre", table="cre"),
+    Artefact("tab8", "RCRE on KITTI-FC", "kitti-fc", "rcre", table="rcre"),
+    Artefact("fig1", "The benchmarks, as a drawing", instead="a drawing of what docs/design explains"),
+    Artefact(
+        "fig2",
+        "The 24 corruptions at severity 5",
+        instead="robustflow gallery --output gallery",
+    ),
+    Artefact(
+        "fig3",
+        "How CRE and RCRE are computed, as a drawing",
+        instead="robustflow examples RUN draws frames, flows and errors of pairs of a run",
+    ),
+    Artefact("fig4", "Clean EPE, CRE and CREr on KITTI-FC", "kitti-fc", "means", figure="clean_against_cre"),
+    Artefact("fig5", "CREr by class of corruption", "kitti-fc", "families", figure="crer_by_family"),
+    Artefact("fig6", "SAM's segmentation of the frames", instead="no command: no flow is measured in it"),
+    Artefact("fig7", "The PSFs of psf_blur", instead="robustflow optics sheet"),
+    Artefact("fig8", "How far pixels move", instead="robustflow displacement"),
+    Artefact("fig9", "Clean EPE, EPE, CRE and RCRE against each other", "kitti-fc", "means", figure="relations"),
+)
+
+ARTEFACTS = {artefact.name: artefact for artefact in _ALL}
+"""Every table and figure by name."""
+
+
+def artefact_of(name: str) -> Artefact:
+    """A table or figure by name.
+
+    Raises:
+        UsageError: the paper has none of this name.
+
+    >>> artefact_of("tab2").title
+    'EPE on KITTI-FC'
+    """
+    if name.lower() not in ARTEFACTS:
+        raise unknown_name("table or figure", name, ARTEFACTS)
+    return ARTEFACTS[name.lower()]

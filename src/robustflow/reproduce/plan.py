@@ -1,0 +1,137 @@
+"""Which of the paper's variants can be run here, with which weights, and what the others need."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ..benchmarks.setting import setting_of
+from ..models import ModelSpec
+from ..models.catalog import CheckpointEntry, checkpoints, is_installed, methods
+from ..models.own.networks import OWN
+from ..models.provenance import training_of_entry
+from ..models.torch.find_checkpoint import RANDOM
+from ..training.recipe import recipes_of, trained_methods
+from .variants import Variant
+from .weights import FoundWeights
+
+_OF_PAPER = {"flyingchairs", "flyingthings3d", "sintel", "hd1k"}
+"""What the paper's OOD models have seen (its appendix; no public checkpoint has seen just these)."""
+
+_GREY = "OpenCV's DIS on grey frames; the paper ran the RGB version, dis_rgb"
+
+
+@dataclass(frozen=True)
+class Runnable:
+    """A variant that can be run.
+
+    Attributes:
+        variant: of the paper.
+        spec: what is run.
+        weights: in words, for the table; "" for a method that has none.
+        folder: of its run, below the benchmark's: the same weights always run in the same one.
+    """
+
+    variant: Variant
+    spec: ModelSpec
+    weights: str
+    folder: str
+
+    @property
+    def random(self) -> bool:
+        """Whether its weights are random, so that nothing it measures says anything of the method."""
+        return dict(self.spec.options).get("checkpoint") == RANDOM
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A variant that cannot be run: why, and how that is changed."""
+
+    variant: Variant
+    reason: str
+    remedy: str
+
+
+def choose(
+    variants: Sequence[Variant], benchmark: str, found: Sequence[FoundWeights], *, random: bool = False
+) -> list[Runnable | Missing]:
+    """What there is for each variant.
+
+    A file named as the variant is ("raft-ood.pth", or "raft-ood/last.pth" of a training) goes before one of the
+    catalogue, whose setting has to be the variant's: a checkpoint that has seen the evaluated pairs never stands in
+    for one that has not. Of several, the one whose training sets are nearest to the paper's.
+
+    Args:
+        variants: of the paper.
+        benchmark: what they are to be measured on.
+        found: in the folders of checkpoints.
+        random: whether random weights may stand in for missing ones.
+    """
+    return [_chosen(variant, benchmark, found, random) for variant in variants]
+
+
+def _chosen(variant: Variant, benchmark: str, found: Sequence[FoundWeights], random: bool) -> Runnable | Missing:
+    entry = methods()[variant.model]
+    if entry.type == "knowledge":
+        return Runnable(variant, ModelSpec(variant.model), _GREY if variant.model == "dis" else "", variant.model)
+    if not is_installed(entry):
+        return Missing(variant, f"needs {entry.extra}", f"pip install 'robustflow[{entry.extra}]'")
+    for file in found:
+        if file.claim == variant.slug:
+            return _runnable(variant, file, f"own file {file.path.name}")
+    of_catalogue = {file.entry.sha256: file for file in found if file.entry is not None}
+    nearest = _nearest(variant, benchmark, [file.entry for file in of_catalogue.values() if file.entry is not None])
+    if nearest is not None:
+        sets = ", ".join(nearest.trained_on.split("+"))
+        stand_in = f"stand-in {nearest.model} {nearest.checkpoint}, trained on {sets}"
+        return _runnable(variant, of_catalogue[nearest.sha256], stand_in)
+    if random:
+        spec = ModelSpec(variant.model, (("checkpoint", RANDOM),))
+        return Runnable(variant, spec, "RANDOM WEIGHTS: this says nothing about the method", f"{variant.model}-random")
+    return Missing(variant, _reason(variant, benchmark, found), _remedy(variant, benchmark))
+
+
+def _runnable(variant: Variant, file: FoundWeights, weights: str) -> Runnable:
+    spec = ModelSpec(variant.model, (("checkpoint", str(file.path)),))
+    return Runnable(variant, spec, weights, f"{variant.slug}-{file.sha256}")
+
+
+def _nearest(variant: Variant, benchmark: str, entries: Sequence[CheckpointEntry]) -> CheckpointEntry | None:
+    fitting = [
+        entry
+        for entry in entries
+        if entry.model == variant.model and setting_of(training_of_entry(entry), benchmark) == variant.setting
+    ]
+    # One fine-tuned on KITTI is the further from the paper's of two that have seen the same.
+    return min(fitting, key=lambda entry: (_distance(entry), entry.checkpoint == "kitti"), default=None)
+
+
+def _distance(entry: CheckpointEntry) -> int:
+    return len({*entry.trained_on.split("+")} ^ _OF_PAPER)
+
+
+def _reason(variant: Variant, benchmark: str, found: Sequence[FoundWeights]) -> str:
+    altered = [file for file in found if file.altered is not None and file.altered.model == variant.model]
+    if altered:
+        return f"{altered[0].path} has another hash than the file of this name; it is damaged or another"
+    others = {
+        setting_of(training_of_entry(file.entry), benchmark): file.path.name
+        for file in found
+        if file.entry is not None and file.entry.model == variant.model
+    }
+    said = [f"{name} is {setting} on {benchmark}, not {variant.setting}" for setting, name in others.items()]
+    return said[0] if said else "no checkpoint found"
+
+
+def _remedy(variant: Variant, benchmark: str) -> str:
+    ways = []
+    public = _nearest(variant, benchmark, checkpoints())
+    if public is not None:
+        ways.append(f"as a stand-in {public.address}")
+    elif variant.model in OWN:
+        ways.append(f"{OWN[variant.model].source}, saved as {variant.slug}.pth")
+    stages = recipes_of(variant.model) if variant.model in trained_methods() else {}
+    stage = next((stage for stage in (variant.setting.lower(), "unsupervised") if stage in stages), None)
+    if stage is not None:
+        ways.append(f"train it: robustflow train {variant.model} --recipe {stage} --output trainings/{variant.slug}")
+    return "; or ".join(ways)

@@ -1,0 +1,185 @@
+"""Ours beside the published values, with differences: as lines of a table, and as a file."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import fmean
+
+import polars as pl
+
+from ..analysis.labels import FAMILY_LABELS, FAMILY_OF, METRIC_LABELS, SETTING_LABELS, short_label
+from ..analysis.published.tables import published_costs, published_results
+from ..analysis.results import AVERAGE, CLEAN, RESULT_METRICS
+from ..analysis.scores import note_of, run_results
+from ..benchmarks import benchmark_facts
+from ..corruptions.registry import FAMILIES
+from ..report.table import Column, Line, Section, Table, TableCell, number_text
+from ..runs.run import Run
+from ..text import text_cell
+from .artefacts import Artefact
+from .plan import Runnable
+from .variants import Variant
+
+Values = Mapping[tuple[str, str], float]
+"""(metric, corruption) -> value, of one variant."""
+
+_MEANS = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A variant as the paper measured it and, where it was run, as it was measured here.
+
+    Attributes:
+        variant: of the paper.
+        published: what the paper says, over the corruptions of `here` where there is a run.
+        here: what was measured; empty where nothing was.
+        note: what a reader must know before comparing: pairs, weights, setting.
+        random: whether the weights here were random.
+    """
+
+    variant: Variant
+    published: Values
+    here: Values
+    note: str = ""
+    random: bool = False
+
+
+def pair_of(artefact: Artefact, runnable: Runnable, run: Run) -> Pair:
+    """A variant that was run, beside the published values over the same corruptions."""
+    here = _values(run_results([run], beside_published=True))
+    measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
+    setting = "training not stated" if run.setting == "undeclared" else run.setting
+    differs = setting not in (runnable.variant.setting, "untrained")
+    notes = (
+        runnable.weights,
+        f"{setting}, not the setting of this line" if differs else "",
+        note_of(run, beside_published=True),
+        "" if len(measured) == len(_of_paper(artefact)) else "the published average is over the same ones",
+    )
+    published = _published(artefact, runnable.variant, measured)
+    return Pair(runnable.variant, published, here, "; ".join(filter(None, notes)), runnable.random)
+
+
+def published_pair(artefact: Artefact, variant: Variant) -> Pair:
+    """A variant as the paper measured it, alone."""
+    return Pair(variant, _published(artefact, variant, _of_paper(artefact)), {})
+
+
+def _of_paper(artefact: Artefact) -> tuple[str, ...]:
+    return benchmark_facts(artefact.benchmark).paper_corruptions
+
+
+def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) -> Values:
+    values = dict(
+        _values(published_results().filter(benchmark=artefact.benchmark, setting=variant.setting, model=variant.method))
+    )
+    if len(measured) < len(_of_paper(artefact)):
+        for metric in RESULT_METRICS:
+            of_these = [values[metric, name] for name in measured if (metric, name) in values]
+            values.pop((metric, AVERAGE), None)
+            if of_these:
+                values[metric, AVERAGE] = fmean(of_these)
+    elif variant.method in published_costs():
+        cost = published_costs()[variant.method]
+        printed = {"OOD": cost.crer_ood, "ID": cost.crer_id}.get(variant.setting)
+        if printed is not None:
+            return values | {("crer", AVERAGE): printed}
+    if ("cre", AVERAGE) in values and values.get(("epe", CLEAN)):
+        values["crer", AVERAGE] = values["cre", AVERAGE] / values["epe", CLEAN]
+    return values
+
+
+def _values(results: pl.DataFrame) -> Values:
+    return {
+        (metric, name): value for metric, name, value in results.select("metric", "corruption", "value").iter_rows()
+    }
+
+
+def columns_of(artefact: Artefact, pairs: Sequence[Pair]) -> list[tuple[Column, tuple[str, str]]]:
+    """The columns of a table or figure that any of these variants has a value for, and where that is."""
+    if artefact.columns == "means":
+        every = [
+            (Column(("clean " if name == CLEAN else "") + METRIC_LABELS[metric]), (metric, name))
+            for metric, name in _MEANS
+        ]
+    elif artefact.columns == "families":
+        every = [(Column(FAMILY_LABELS[family], "CREr"), ("crer", family)) for family in FAMILIES]
+    elif artefact.columns == "crer":
+        every = [(Column("CREr"), ("crer", AVERAGE))]
+    else:
+        metric = artefact.columns
+        every = [(Column("Clean"), (metric, CLEAN))] if metric == "epe" else []
+        every += [
+            (Column(short_label(name), FAMILY_LABELS[FAMILY_OF[name]]), (metric, name)) for name in _of_paper(artefact)
+        ]
+        every.append((Column(f"AVG {METRIC_LABELS[metric]}"), (metric, AVERAGE)))
+    shown = [_with_families(pair.here or pair.published) for pair in pairs]
+    return [(column, key) for column, key in every if any(key in values for values in shown)]
+
+
+def _with_families(values: Values) -> Values:
+    """The values, and CREr by family under ("crer", FAMILY): the mean EPE of its corruptions against the clean one."""
+    clean, more = values.get(("epe", CLEAN)), {}
+    for family, names in FAMILIES.items():
+        epe = [values["epe", name] for name in names if ("epe", name) in values]
+        if clean and epe:
+            more["crer", family] = (fmean(epe) - clean) / clean
+    return {**values, **more}
+
+
+def comparison_table(artefact: Artefact, pairs: Sequence[Pair]) -> Table:
+    """Three lines for each variant that was run: published, here, the difference; one for each that was not."""
+    columns = columns_of(artefact, pairs)
+    keys = [key for _, key in columns]
+    sections = []
+    for setting in dict.fromkeys(pair.variant.setting for pair in pairs):
+        lines: list[Line] = []
+        for pair in (pair for pair in pairs if pair.variant.setting == setting):
+            lines += _lines(pair, keys)
+        sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
+    return Table(
+        artefact.name,
+        f"{artefact.name}: {artefact.title}",
+        tuple(column for column, _ in columns),
+        tuple(sections),
+    )
+
+
+def _lines(pair: Pair, keys: Sequence[tuple[str, str]]) -> list[Line]:
+    published, here = _with_families(pair.published), _with_families(pair.here)
+    # Over corruptions that were not run nothing is compared.
+    shown = [key for key in keys if not pair.here or key in here]
+    lines = [Line(f"{pair.variant.method}, paper", _cells({key: published.get(key) for key in shown}, keys))]
+    if pair.here:
+        name = f"{pair.variant.method}, {'RANDOM WEIGHTS' if pair.random else 'here'}"
+        lines.append(Line(name, _cells(here, keys), pair.note))
+        lines.append(Line("  difference", tuple(TableCell(_difference(published, here, key)) for key in keys)))
+    return lines
+
+
+def _cells(values: Mapping[tuple[str, str], float | None], keys: Sequence[tuple[str, str]]) -> tuple[TableCell, ...]:
+    return tuple(TableCell(number_text(values.get(key), None)) for key in keys)
+
+
+def _difference(published: Values, here: Values, key: tuple[str, str]) -> str:
+    return f"{here[key] - published[key]:+.2f}" if key in published and key in here else "-"
+
+
+def comparison_csv(artefact: Artefact, pairs: Sequence[Pair]) -> str:
+    """Every value as a line: setting, model, metric, corruption (or family), published, here, difference, note."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["setting", "model", "metric", "corruption", "published", "here", "difference", "random", "note"])
+    for pair in pairs:
+        published, here = _with_families(pair.published), _with_families(pair.here)
+        for _, key in columns_of(artefact, pairs):
+            both = (published.get(key), here.get(key))
+            difference = None if None in both else here[key] - published[key]
+            cells = ["" if value is None else f"{value:.6g}" for value in (*both, difference)]
+            note, random = (text_cell(pair.note), "yes" if pair.random else "no") if pair.here else ("", "")
+            writer.writerow([pair.variant.setting, pair.variant.method, *key, *cells, random, note])
+    return out.getvalue()

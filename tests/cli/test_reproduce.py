@@ -1,0 +1,101 @@
+"""`reproduce` on the command line."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+
+from robustflow.analysis.published.tables import published_results
+from robustflow.api import load_run
+from robustflow.reproduce.artefacts import ARTEFACTS
+from tests.datasets.layouts import flow, picture
+
+NARROW = ("--models", "dis,farneback", "--corruptions", "contrast,jpeg_compression", "--severities", "1")
+
+
+@pytest.fixture
+def data(tmp_path):
+    training = tmp_path / "kitti" / "training"
+    for key in ("000002", "000003"):
+        for frame in ("10", "11"):
+            picture(training / "image_2" / f"{key}_{frame}.png", 48, 64)
+        flow(training / "flow_occ" / f"{key}_10.png", None, 48, 64)
+    return tmp_path / "kitti"
+
+
+def _published(model, corruption):
+    found = published_results().filter(benchmark="kitti-fc", metric="epe", model=model, corruption=corruption)
+    return found["value"].item()
+
+
+def test_ours_beside_the_published_values(robustflow, data, tmp_path):
+    code, out, error = robustflow("reproduce", "tab2", "--data", data, *NARROW)
+    assert code == 0, error
+    run = load_run(tmp_path / "reproduced" / "kitti-fc" / "dis")
+    with open("reproduced/tab2.csv", newline="") as file:
+        lines = {(line["model"], line["corruption"]): line for line in csv.DictReader(file)}
+    ours = run.summary.corruptions["contrast"].epe
+    line = lines["DIS", "contrast"]
+    assert float(line["published"]) == _published("DIS", "contrast")
+    assert float(line["here"]) == pytest.approx(ours, rel=1e-5)
+    assert float(line["difference"]) == pytest.approx(ours - _published("DIS", "contrast"), rel=1e-4)
+    assert ("DIS", "fog") not in lines
+    both = (_published("DIS", "contrast") + _published("DIS", "jpeg_compression")) / 2
+    assert float(lines["DIS", "average"]["published"]) == pytest.approx(both)
+    for part in ("2 pairs, not the paper's 80", "average over 2 corruptions", "severities 1 alone", "on grey frames"):
+        assert part in line["note"]
+    assert "2 of 2 variants can be run here." in out
+    assert f"{ours - _published('DIS', 'contrast'):+.2f}" in out
+
+
+def test_a_second_call_goes_on_and_the_figure_takes_the_same_runs(robustflow, data, tmp_path):
+    few = ("--models", "dis", "--corruptions", "contrast", "--severities", "1")
+    robustflow("reproduce", "tab2", "--data", data, *few, "--limit", "1")
+    code, _, error = robustflow("reproduce", "fig4", "--data", data, *few)
+    assert code == 0
+    assert "2 of them already there" in error
+    assert load_run(tmp_path / "reproduced" / "kitti-fc" / "dis").summary.samples == 2
+    assert any(path.name.startswith("clean_against_cre") for path in (tmp_path / "reproduced" / "figures").iterdir())
+    assert ",crer,average," in (tmp_path / "reproduced" / "fig4.csv").read_text()
+
+
+def test_a_variant_that_fails_is_missing_and_the_others_run(robustflow, data, tmp_path):
+    (tmp_path / "ckpts").mkdir()
+    (tmp_path / "ckpts" / "arflow-id.pth").write_bytes(b"<html>")
+    few = ("--models", "dis,arflow", "--corruptions", "contrast", "--severities", "1", "--limit", "1")
+    code, out, _ = robustflow("reproduce", "tab2", "--data", data, "--checkpoints", tmp_path / "ckpts", *few)
+    assert code == 0
+    assert "1 of 2 variants can be run here." in out
+    pytest.importorskip("torch", reason="the file is read with the torch extra")
+    assert "failed:" in out
+
+
+def test_without_data_it_shows_what_the_paper_printed_and_says_what_it_needs(robustflow):
+    code, out, _ = robustflow("reproduce", "tab2", "-f", "csv")
+    assert code == 0
+    assert f"{_published('DIS', 'fog'):.2f}" in out
+    assert "2 of 29 variants can be run here." in out
+    assert "--data FOLDER" in out
+
+
+def test_a_dry_run_says_what_is_missing(robustflow, tmp_path):
+    code, out, _ = robustflow("reproduce", "tab4", "--dry-run", "-f", "csv")
+    assert code == 0
+    assert "0 of 11 variants can be run here." in out
+    assert not (tmp_path / "reproduced").exists()
+
+
+@pytest.mark.parametrize("name", list(ARTEFACTS))
+def test_every_table_and_figure_has_an_answer(robustflow, name):
+    code, out, _ = robustflow("reproduce", name, "--dry-run")
+    assert code == 0
+    assert ARTEFACTS[name].title in out or "can be run here" in out
+
+
+def test_what_the_paper_does_not_have(robustflow):
+    code, _, error = robustflow("reproduce", "tab99")
+    assert code == 2
+    assert "tab2" in error
+    code, out, _ = robustflow("reproduce")
+    assert out.count("\n") == len(ARTEFACTS)

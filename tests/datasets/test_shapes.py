@@ -1,0 +1,163 @@
+"""Flying shapes: exact flow, occlusion against brute force, the same bytes everywhere."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+import robustflow as rf
+from robustflow.datasets import load_dataset
+from robustflow.datasets.shapes.dataset import FlyingShapes
+from robustflow.datasets.shapes.motion import backward, forward
+from robustflow.datasets.shapes.outline import depth
+from robustflow.datasets.shapes.render import colours_at, flow_at
+from robustflow.datasets.shapes.scene import draw_scene
+from robustflow.datasets.shapes.textures import procedural_textures
+from robustflow.errors import UsageError
+from robustflow.random.rng import Rng
+from robustflow.testing import ZeroFlow, check_dataset
+
+SHAPE = (72, 96)
+
+
+def scene(number):
+    return draw_scene(Rng.of("test", number), SHAPE, 1.0, procedural_textures(0, "test"))
+
+
+def mean_length(sample):
+    return np.hypot(*sample.flow.reshape(-1, 2).T).mean()
+
+
+def depths(scene, points):
+    """How far inside each layer points of frame 1 are, (layers, points)."""
+    return np.array([[depth(outline, x, y) for x, y in points] for outline in scene.outlines])
+
+
+@given(st.integers(0, 10**6), st.tuples(st.floats(-50, 150), st.floats(-50, 150)))
+def test_a_motion_and_its_inverse(number, point):
+    for motion in scene(number).motions[-3:]:
+        np.testing.assert_allclose(backward(motion, *forward(motion, *point)), point, atol=1e-9)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_the_flow_leads_to_the_same_colour_to_rounding(number):
+    drawn = scene(number)
+    points = np.random.default_rng(number).uniform(0, 1, (4000, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
+    flow, occluded = flow_at(drawn, points)
+    difference = np.abs(colours_at(drawn, points, 0) - colours_at(drawn, points + flow, 1)).max(axis=1)
+    inside = depths(drawn, points)
+    sharp = (np.abs(inside) > 0.6).all(axis=0)  # no border of any layer within reach, in frame 1
+    there = np.stack(
+        [
+            [depth(outline, *backward(motion, *target)) for target in points + flow]
+            for outline, motion in zip(drawn.outlines, drawn.motions, strict=True)
+        ]
+    )
+    sharp &= (np.abs(there) > 0.6).all(axis=0)
+    assert (sharp & ~occluded).mean() > 0.4
+    assert difference[sharp & ~occluded].max() < 1e-7
+    assert np.abs(flow).max() > 1
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_occlusion_against_points_carried_along(number):
+    """Points in and around every layer, four a pixel along each axis, are carried to frame 2; what lies among those of
+    a layer above is covered. The inverse of a motion has no part in it."""
+    drawn = scene(number)
+    rng = np.random.default_rng(number)
+    points = rng.uniform(0, 1, (400, 2)) * (SHAPE[1] - 1, SHAPE[0] - 1)
+    flow, occluded = flow_at(drawn, points)
+    own = (depths(drawn, points) > 0).argmax(axis=0)
+    wide = 30
+    grid = np.meshgrid(np.arange(-wide, SHAPE[1] + wide, 0.25), np.arange(-wide, SHAPE[0] + wide, 0.25))
+    fine = np.stack(grid, axis=-1).reshape(-1, 2)
+    expected, doubtful = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    for layer in range(len(drawn.outlines) - 1):
+        outline, motion = drawn.outlines[layer], drawn.motions[layer]
+        near = fine[np.hypot(*(fine - outline[:2]).T) < motion[20] + 1]
+        covers = np.array([depth(outline, *point) > 0 for point in near], bool)
+        if not covers.any():
+            continue
+        moved = np.array([forward(motion, *point) for point in near])
+        inner, outer = (cKDTree(moved[which]).query(points + flow)[0] for which in (covers, ~covers))
+        above = own > layer
+        expected |= above & (inner < outer) & (inner < 1)
+        doubtful |= above & (np.abs(inner - outer) < 0.3) & (inner < 1)
+    target = points + flow
+    expected |= ~((target >= 0) & (target <= (SHAPE[1] - 1, SHAPE[0] - 1))).all(axis=1)
+    assert doubtful.mean() < 0.05
+    np.testing.assert_array_equal(occluded[~doubtful], expected[~doubtful])
+    assert 0 < expected.mean() < 0.9
+
+
+def test_a_pair_is_a_function_of_its_options():
+    few, many = FlyingShapes(3, "40x50"), FlyingShapes(1000, "40x50")
+    for other in (many, pickle.loads(pickle.dumps(few))):
+        for one, two in zip(few.load("000002").frames, other.load("000002").frames, strict=True):
+            np.testing.assert_array_equal(one, two)
+    digest = hashlib.sha256(b"".join(frame.tobytes() for frame in few.load("000002").frames)).hexdigest()[:16]
+    assert digest == "f16de49dcf4ed3af"
+    for other in (FlyingShapes(3, "40x50", seed=1), FlyingShapes(3, "40x50", split="train")):
+        assert (few.load("000002").frames[0] != other.load("000002").frames[0]).mean() > 0.5
+
+
+def test_it_keeps_what_a_dataset_promises():
+    check_dataset(FlyingShapes(2, "32x48"))
+
+
+def test_motion_scales_the_flow_and_most_of_it_is_short():
+    lengths = {
+        motion: np.array(
+            [np.hypot(*sample.flow.reshape(-1, 2).T).mean() for sample in FlyingShapes(40, "96x128", motion=motion)]
+        )
+        for motion in (0.0, 1.0, 2.0)
+    }
+    assert 1.5 * lengths[0.0].mean() < lengths[1.0].mean() < lengths[2.0].mean() / 1.3
+    assert np.median(lengths[1.0]) < lengths[1.0].mean() < 0.2 * 96
+
+
+def test_own_pictures_as_textures(tmp_path):
+    rng = np.random.default_rng(0)
+    for index in range(2):
+        cv2.imwrite(str(tmp_path / f"{index}.png"), rng.integers(0, 255, (60 + index, 90, 3)).astype(np.uint8))
+    own = FlyingShapes(2, "32x48", textures=str(tmp_path))
+    assert len(own.files("000000")) == 2
+    assert (own.load("000000").frames[0] != FlyingShapes(2, "32x48").load("000000").frames[0]).any()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"pairs": 0}, {"pairs": True}, {"size": "8x9"}, {"size": "wide"}, {"split": "val"}, {"motion": -1}, {"seed": 0.5},
+     {"textures": "nowhere"}],
+)  # fmt: skip
+def test_options_that_cannot_be_meant(options):
+    with pytest.raises(UsageError, match=next(iter(options))):
+        load_dataset("shapes", **options)
+
+
+@pytest.mark.parametrize("key", ["1", "000003", "-00001", "1e3", "00000x", "0000001"])
+def test_other_keys(key):
+    with pytest.raises(UsageError, match="000002"):
+        FlyingShapes(3).load(key)
+
+
+def test_as_a_benchmark(tmp_path):
+    result = rf.evaluate(
+        ZeroFlow(),
+        "shapes",
+        output=tmp_path / "run",
+        corruptions=["contrast"],
+        severities=[1],
+        data_options={"pairs": 2, "size": "32x48"},
+    )
+    flows = [sample.flow for sample in FlyingShapes(2, "32x48")]
+    assert result.epe_clean == pytest.approx(
+        np.mean([np.hypot(*flow.reshape(-1, 2).T).mean() for flow in flows]), rel=1e-5
+    )

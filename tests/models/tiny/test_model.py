@@ -1,0 +1,72 @@
+"""The small network by name: what it knows, with and without PyTorch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robustflow import load_model
+from robustflow.datasets import load_dataset
+from robustflow.errors import ModelError, UsageError
+from robustflow.models.tiny.shipped import SHIPPED, shipped_weights
+from robustflow.testing import check_model
+
+
+def error(flow, sample):
+    return float(np.linalg.norm(flow - sample.flow, axis=2)[sample.valid].mean())
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_on_unseen_shapes_the_error_is_a_fraction_of_zero_flows(name):
+    model = load_model(name, runtime="numpy")
+    samples = load_dataset("shapes", pairs=6, size="96x160", seed=11)
+    found = [error(model.predict(*sample.frames), sample) for sample in samples]
+    still = [error(np.zeros_like(sample.flow), sample) for sample in samples]
+    assert np.mean(found) < 0.35 * np.mean(still)
+
+
+def test_the_weights_differ_and_say_how_they_were_made():
+    shipped = [shipped_weights(name) for name in SHIPPED]
+    assert len({one.sha256 for one in shipped}) == len(SHIPPED)
+    for one in shipped:
+        assert one.about["made_by"].startswith("robustflow ")
+        assert one.trained_on == "shapes"
+
+
+def test_what_a_model_promises():
+    check_model(load_model("tiny", runtime="numpy"))
+
+
+def test_identity_names_weights_and_runtime():
+    identity = load_model("tiny", runtime="numpy").identity()
+    assert identity == {"name": "tiny", "checkpoint": shipped_weights("tiny").sha256, "runtime": "numpy"}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"runtime": "onnx"}, {"runtime": "numpy", "device": "cuda"}, {"runtime": "numpy", "precision": "bf16"},
+     {"runtime": "numpy", "checkpoint": "random"}],
+)  # fmt: skip
+def test_options_that_numpy_does_not_have(options):
+    with pytest.raises(UsageError, match=r"runtime|PyTorch"):
+        load_model("tiny", **options)
+
+
+def test_frames_of_two_sizes():
+    with pytest.raises(ModelError, match="of one size"):
+        load_model("tiny", runtime="numpy").predict(np.zeros((40, 40, 3), np.uint8), np.zeros((40, 41, 3), np.uint8))
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("size", [(96, 160), (101, 75), (33, 250)])
+def test_numpy_and_pytorch_agree(name, size):
+    """PyTorch's own single precision is off by up to 1.6e-4 px on KITTI pairs, against double precision."""
+    pytest.importorskip("torch", reason="needs the torch extra")
+    sample = load_dataset("shapes", pairs=1, size=f"{size[0]}x{size[1]}", seed=5)[0]
+    flows = [load_model(name, runtime=runtime, **device).predict(*sample.frames)
+             for runtime, device in (("numpy", {}), ("torch", {"device": "cpu"}))]  # fmt: skip
+    difference = np.abs(flows[0] - flows[1])
+    assert difference.mean() < 1e-5
+    assert np.percentile(difference, 99.9) < 1e-4
+    assert difference.max() < 5e-4

@@ -1,0 +1,116 @@
+"""Which of the paper's variants run here, with which weights."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+
+from robustflow.errors import DataError, UsageError
+from robustflow.models.catalog import checkpoints
+from robustflow.reproduce import weights as weights_module
+from robustflow.reproduce.plan import Missing, Runnable, choose
+from robustflow.reproduce.variants import Variant, paper_variants
+from robustflow.reproduce.weights import FoundWeights, weights_in
+
+RAFT = [Variant("RAFT", "OOD", "raft"), Variant("RAFT", "ID", "raft")]
+
+
+def _entry(model, checkpoint):
+    return next(entry for entry in checkpoints() if (entry.model, entry.checkpoint) == (model, checkpoint))
+
+
+def _found(model, checkpoint):
+    entry = _entry(model, checkpoint)
+    return FoundWeights(weights_module.Path(entry.file), entry.sha256, entry, entry.file.rpartition(".")[0])
+
+
+@pytest.fixture(autouse=True)
+def installed(monkeypatch):
+    """The choice does not depend on which libraries are here."""
+    monkeypatch.setattr("robustflow.reproduce.plan.is_installed", lambda method: True)
+
+
+def test_without_weights_the_two_that_learn_nothing_run():
+    choices = choose(paper_variants("kitti-fc"), "kitti-fc", [])
+    assert [choice.variant.model for choice in choices if isinstance(choice, Runnable)] == ["farneback", "dis_rgb"]
+    assert len(choices) == 29
+    missing = {choice.variant: choice for choice in choices if isinstance(choice, Missing)}
+    assert "releases/download/weights1/raft-things-802bbcfd.ckpt" in missing[RAFT[0]].remedy
+    assert "--recipe ood" in missing[RAFT[0]].remedy
+    assert "http" not in missing[RAFT[1]].remedy  # no public checkpoint is that one
+    assert "--recipe id" in missing[RAFT[1]].remedy
+    assert all(choice.remedy for choice in missing.values())
+
+
+def test_a_checkpoint_that_saw_the_evaluated_pairs_stands_in_for_nothing():
+    out, inside = choose(RAFT, "kitti-fc", [_found("raft", "kitti")])
+    assert isinstance(out, Missing)
+    assert isinstance(inside, Missing)
+    assert "LEAKED" in inside.reason
+
+
+def test_the_checkpoint_nearest_to_the_papers_is_taken():
+    found = [_found("raft", name) for name in ("chairs", "kitti", "things", "sintel")]
+    kitti = choose(RAFT[:1], "kitti-fc", found)[0]
+    gopro = choose(RAFT[:1], "gopro-fc", found)[0]
+    assert dict(kitti.spec.options)["checkpoint"] == "raft-things-802bbcfd.ckpt"
+    assert "stand-in raft things, trained on flyingchairs, flyingthings3d" in kitti.weights
+    assert dict(gopro.spec.options)["checkpoint"] == "raft-sintel-fb44381e.ckpt"
+
+
+def test_a_file_named_as_the_variant_goes_first(tmp_path):
+    training = tmp_path / "raft-id"
+    training.mkdir()
+    (training / "last.pth").write_bytes(b"of a training")
+    (tmp_path / "raft-ood.pth").write_bytes(b"mine")
+    found = [*weights_in([tmp_path]), _found("raft", "things")]
+    out, inside = choose(RAFT, "kitti-fc", found)
+    assert dict(out.spec.options)["checkpoint"] == str(tmp_path / "raft-ood.pth")
+    assert dict(inside.spec.options)["checkpoint"] == str(training / "last.pth")
+    assert out.folder == f"raft-ood-{hashlib.sha256(b'mine').hexdigest()[:8]}"
+
+
+def test_random_weights_stand_in_only_where_they_are_allowed():
+    out, inside = choose(RAFT, "kitti-fc", [], random=True)
+    assert out.random
+    assert "RANDOM" in out.weights
+    assert out.folder == inside.folder
+
+
+def test_the_catalogue_knows_a_file_by_its_content_and_a_name_is_not_enough(tmp_path, monkeypatch):
+    entry = _entry("raft", "things").model_copy(update={"sha256": hashlib.sha256(b"weights").hexdigest()[:8]})
+    monkeypatch.setattr(weights_module, "checkpoints", lambda: (entry,))
+    (tmp_path / "deep").mkdir()
+    (tmp_path / "deep" / "anything.pth").write_bytes(b"weights")
+    (tmp_path / entry.file).write_bytes(b"changed on the way")
+    (tmp_path / "README.txt").write_bytes(b"weights")
+    renamed, altered = weights_in([tmp_path])
+    assert (renamed.entry, renamed.altered) == (entry, None)
+    assert (altered.entry, altered.altered) == (None, entry)
+    assert "another hash" in choose(RAFT[:1], "kitti-fc", [altered])[0].reason
+    with pytest.raises(DataError, match="no such folder"):
+        weights_in([tmp_path / "none"])
+
+
+def test_the_papers_dis_is_the_one_on_colours_unless_asked_otherwise():
+    assert [variant.model for variant in paper_variants("kitti-fc", ["DIS"])] == ["dis_rgb"]
+    assert "grey" in choose(paper_variants("kitti-fc", ["dis"]), "kitti-fc", [])[0].weights
+    with pytest.raises(UsageError, match="one model at a time"):
+        paper_variants("kitti-fc", ["dis", "dis_rgb"])
+    with pytest.raises(UsageError, match="unknown model of the paper's 'memflow'"):
+        paper_variants("kitti-fc", ["memflow"])
+
+
+@pytest.mark.slow
+@pytest.mark.torch
+def test_the_addresses_are_those_of_the_libraries():
+    ptlflow = pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    optical_flow = pytest.importorskip("torchvision", reason="needs the torch extra").models.optical_flow
+    known = {
+        weights.url for kind in (optical_flow.Raft_Large_Weights, optical_flow.Raft_Small_Weights) for weights in kind
+    }
+    for name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
+        known |= {*ptlflow.get_model_reference(name).pretrained_checkpoints.values()}
+    published = {entry.address for entry in checkpoints() if not entry.model.startswith("ptlflow:")}
+    assert published <= known
