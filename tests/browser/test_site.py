@@ -246,7 +246,7 @@ def test_the_report_shows_its_run_first(opened):
     assert page.url.endswith(("#model=dis&panel=0", "#model=dis&panel=1"))
     drawings = page.locator("[data-scale]")
     assert [drawings.nth(index).is_visible() for index in range(2)] == [True, False]
-    page.get_by_label("Each panel with its own scale").check()
+    page.get_by_role("checkbox", name="Each panel with its own scale").check()
     assert [drawings.nth(index).is_visible() for index in range(2)] == [False, True]
 
 
