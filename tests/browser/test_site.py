@@ -239,6 +239,15 @@ def test_the_report_shows_its_run_first(opened):
     assert page.locator("article:visible .panel img").count() == 2
     _kitti(page)
     assert page.locator("#count").inner_text() == "29 of 29 rows"
+    cell = page.locator(".heat td a").first
+    where = cell.get_attribute("title").removesuffix(": frames, flow and error")
+    cell.click()
+    assert where in page.locator(".panel:focus figcaption").inner_text()
+    assert page.url.endswith(("#model=dis&panel=0", "#model=dis&panel=1"))
+    drawings = page.locator("[data-scale]")
+    assert [drawings.nth(index).is_visible() for index in range(2)] == [True, False]
+    page.get_by_label("Each panel with its own scale").check()
+    assert [drawings.nth(index).is_visible() for index in range(2)] == [False, True]
 
 
 def test_the_theme_can_be_chosen(opened):

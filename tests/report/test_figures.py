@@ -26,6 +26,7 @@ from robustflow.report.figures import (
     write_figures,
 )
 from robustflow.report.figures.crer_by_family import family_crer
+from robustflow.report.figures.severity_curves import share_scale
 
 from ..analysis.simulated import Truth, rows_of
 from .hostile import HOSTILE
@@ -106,6 +107,11 @@ def test_severity_curves_have_a_line_per_run_and_a_band():
     assert len(fog.collections) == 2
     with pytest.raises(UsageError, match="cannot be distinguished"):
         severity_curves({str(i): _rows() for i in range(9)})
+    highest = max(axes.get_ylim()[1] for axes in figure.axes)
+    assert len({axes.get_ylim() for axes in figure.axes}) > 1
+    share_scale(figure)
+    ((_, top),) = {axes.get_ylim() for axes in figure.axes}
+    assert top == highest
 
 
 _CELLS = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2\nOOD,A,epe,average,5\nOOD,A,epe,fog,4\n"

@@ -1,4 +1,4 @@
-"""`robustflow export`: a benchmark's corrupted frames as files, in the layout KITTI-FC was released in."""
+"""`robustflow export`: a benchmark's corrupted frames in the layout KITTI-FC was released in, or a run's rows."""
 
 from __future__ import annotations
 
@@ -25,9 +25,17 @@ from .options import (
 
 
 def export(
-    benchmark: Annotated[str, typer.Argument(help="kitti-fc.")],
+    benchmark: Annotated[
+        str, typer.Argument(metavar="BENCHMARK|RUN", help="kitti-fc; with --format a run's folder or record.")
+    ],
     data: Data = None,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("KITTI-FC"),
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder to write, KITTI-FC by default; of rows the file, rows.csv."),
+    ] = None,
+    format: Annotated[
+        str | None, typer.Option("--format", "-f", help="Write the rows of a run: csv or parquet.")
+    ] = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
     limit: Limit = None,
@@ -38,14 +46,19 @@ def export(
     common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
 ) -> None:
-    """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}.
+    """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}; or a run's rows as one file.
 
     Files that are already whole are left alone, so a stopped export continues where it stopped.
 
     \b
     Example:
       robustflow export kitti-fc --data ~/kitti --output ~/KITTI-FC --limit 5
+      robustflow export runs/mine --format parquet --output mine.parquet
     """
+    if format is not None:
+        _export_rows(Path(benchmark), format, output)
+        return
+    output = output or Path("KITTI-FC")
     from rich.console import Console
     from rich.progress import track
 
@@ -67,3 +80,14 @@ def export(
     typer.echo(
         f"{output}: {len(chosen.keys)} pairs; clean and corrupted, {fresh} written and {total - fresh} already there"
     )
+
+
+def _export_rows(run: Path, format: str, output: Path | None) -> None:
+    from ..atomic import write_bytes
+    from ..records.load import load_run
+    from ..runs.rows_file import rows_bytes
+
+    data = rows_bytes(load_run(run), format)
+    target = output or Path(f"rows.{format}")
+    write_bytes(target, data)
+    typer.echo(str(target))

@@ -19,7 +19,13 @@ def leaderboard(
     only_own: Annotated[
         bool, typer.Option("--only-own", help="Figures, observations and audit of the sources alone.")
     ] = False,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("leaderboard"),
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder to write; leaderboard by default.")
+    ] = None,
+    add: Annotated[
+        list[Path] | None,
+        typer.Option("--add", help="A record to verify and copy into the one SOURCE, a folder of records. Repeatable."),
+    ] = None,
 ) -> None:
     """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
 
@@ -27,27 +33,42 @@ def leaderboard(
     are not ranked against each other. A page of more than 24 runs leaves out the example pictures, which are a third of
     its size (robustflow gallery draws them). What is computed from a run is kept in its folder for the next time.
 
+    With --add the source is a folder that several people add records to: each is verified and copied into its records/,
+    and the page in it is built again from all that are there. A folder of records may be a source without --add too.
+
     \b
     Examples:
       robustflow leaderboard
       robustflow leaderboard runs/* -o site
       robustflow leaderboard mine.csv --no-published
+      robustflow leaderboard site --add mine.robustflow
+      robustflow leaderboard site -o site
     """
     from ..analysis.results import read_results, results_csv
     from ..atomic import make_folder, write_bytes
     from ..errors import UsageError
+    from ..records.collection import add_records, collected, is_collection
     from ..records.load import load_run
     from ..report.site import render_site, whole_content
     from ..report.site.content import MOST_DETAILED
     from ..report.site.embedded import embedded_slider
     from ..runs.example_list import FOLDER as EXAMPLES
 
+    if add:
+        if len(sources or []) != 1 or output not in (None, *(sources or [])):
+            raise UsageError(
+                "--add takes one folder of records, which the page is written to: leaderboard site --add FILE"
+            )
+        output = (sources or [])[0]
+        add_records(output, add)
+    sources = [path for source in sources or [] for path in (collected(source) if is_collection(source) else [source])]
+    output = output or Path("leaderboard")
     if not sources and not published:
         raise UsageError("nothing to show: name a run's folder or a results file, or leave out --no-published")
     if only_own and not sources:
         raise UsageError("--only-own needs a source: name a run's folder or a results file")
-    files = [path for path in sources or [] if path.suffix.lower() == ".csv"]
-    runs = [load_run(path) for path in sources or [] if path not in files]
+    files = [path for path in sources if path.suffix.lower() == ".csv"]
+    runs = [load_run(path) for path in sources if path not in files]
     results = [(path.name, read_results(path)) for path in files]
     content = whole_content(runs, results, published=published, only_own=only_own)
     pictured = any((run.path / EXAMPLES).is_dir() for run in runs)

@@ -38,6 +38,15 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
     assert boards["demo"].settings == (("knowledge", "knowledge-driven", "learns nothing from data"),)
 
 
+def test_the_benchmark_with_most_models_can_come_first(small_run):
+    content = whole_content([small_run])
+    orders = [
+        [board.benchmark for board in boards_of(content.entries, dict(content.group_titles), most_models_first=first)]
+        for first in (False, True)
+    ]
+    assert orders == [["demo", "kitti-fc", "gopro-fc"], ["kitti-fc", "gopro-fc", "demo"]]
+
+
 def test_a_value_given_twice_is_refused():
     of_paper = _file("OOD,RAFT,epe,clean,1.00,paper\n")
     with pytest.raises(DataError, match=r"epe of 'RAFT' \(OOD\) on clean appears twice for the sample set 'paper'"):

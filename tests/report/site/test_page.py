@@ -165,6 +165,17 @@ def test_a_report_shows_its_run(small_run):
     assert text.count("data:image/jpeg;base64,") == 1 + 4 + 2
     without_pictures = re.sub(r"data:image/jpeg;base64,[^\"]*", "", text)
     assert len(without_pictures) < 5e6
+    for panel, entry in zip(model["panels"], ("worst", "median"), strict=True):
+        label, severity = panel["cell"]
+        assert panel["title"].lower().startswith(f"{entry} sample: motorcycle, {label.lower()}, severity {severity}")
+        assert label in data["labels"]
+    assert text.count('data-scale="figure') == 2  # the severity curves, with one scale and with a scale for each panel
+
+
+def test_the_table_comes_first_but_in_a_report_of_one_run(small_run, published_page):
+    assert published_page.index('id="board"') < published_page.index('class="headline"')
+    report = render_site(run_content(small_run))
+    assert report.index('class="headline"') < report.index('id="board"')
 
 
 def test_a_hundred_models_stay_below_the_limit(many_models):

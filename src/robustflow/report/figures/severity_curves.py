@@ -78,6 +78,13 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
     return figure
 
 
+def share_scale(figure: MarkedFigure) -> None:
+    """Give every panel of a figure the vertical scale that holds all of them."""
+    limits = [axes.get_ylim() for axes in figure.axes]
+    for axes in figure.axes:
+        axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+
+
 def _mark(name: str, metric: str, row: dict[str, Any]) -> Mark:
     interval = "" if row["low"] is None else f" [{row['low']:.2f}, {row['high']:.2f}]"
     where = (("corruption", long_label(row["corruption"])), ("severity", str(row["severity"])))

@@ -87,14 +87,18 @@ _OVERVIEW = (
 )
 
 
-def boards_of(entries: Sequence[Entry], group_titles: dict[str, str]) -> list[Board]:
+def boards_of(entries: Sequence[Entry], group_titles: dict[str, str], most_models_first: bool = False) -> list[Board]:
     """A board per benchmark, in the order of the entries.
 
     Args:
         entries: from `entries_of`.
         group_titles: heading of each sample set.
+        most_models_first: whether the board of the benchmark with most models comes first, whatever the entries' order.
     """
-    benchmarks = dict.fromkeys(entry.benchmark for entry in entries)
+    benchmarks = list(dict.fromkeys(entry.benchmark for entry in entries))
+    if most_models_first:
+        models = {name: len({entry.model for entry in entries if entry.benchmark == name}) for name in benchmarks}
+        benchmarks.sort(key=lambda name: -models[name])
     return [_board(name, [e for e in entries if e.benchmark == name], group_titles) for name in benchmarks]
 
 

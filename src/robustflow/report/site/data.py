@@ -112,6 +112,7 @@ def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:
         "panels": [
             {
                 "title": panel.title,
+                "cell": (panel.corruption, str(panel.severity)),
                 "numbers": panel.numbers,
                 "picture": panel.picture,
                 "size": (panel.width, panel.height),

@@ -78,9 +78,11 @@ class Examples:
 
 @dataclass(frozen=True)
 class PanelPicture:
-    """A sample, what was predicted on it, and the errors."""
+    """A sample, what was predicted on it, and the errors; `corruption` as tables spell it."""
 
     title: str
+    corruption: str
+    severity: int
     numbers: str
     picture: str
     width: int
@@ -127,7 +129,15 @@ def _panel(folder: Path, panel: _PanelEntry) -> PanelPicture:
     title = f"{kind}: {plain(panel.key)}, {plain(long_label(panel.corruption))}, severity {panel.severity}"
     values = (("EPE", panel.epe), ("CRE", panel.cre), ("RCRE", panel.rcre))
     numbers = ", ".join(f"{label} {value:.2f} px" for label, value in values if value is not None)
-    return PanelPicture(title, numbers, jpeg_address(frame, _PANEL_WIDTH, _QUALITY), width, height)
+    return PanelPicture(
+        title,
+        plain(long_label(panel.corruption)),
+        panel.severity,
+        numbers,
+        jpeg_address(frame, _PANEL_WIDTH, _QUALITY),
+        width,
+        height,
+    )
 
 
 def _read(path: Path) -> Frame:

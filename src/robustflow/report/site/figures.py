@@ -13,6 +13,7 @@ from ...text import plain
 from ..figures import displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.canvas import SERIES
 from ..figures.marks import MarkedFigure
+from ..figures.severity_curves import share_scale
 from .content import Content
 from .entries import default_order
 from .svg import inline_svg
@@ -50,7 +51,8 @@ _MOST_LINES = 200
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure: `svg` is markup, `columns` and `lines` say the same in numbers, empty where tables elsewhere do; `head`
+    """A figure: `svg` is markup, `apart` the same with a scale for each panel where the panels of `svg` share one,
+    `columns` and `lines` say the same in numbers, empty where tables elsewhere do; `head`
     is what a line is of; `wide` where it has many panels."""
 
     id: str
@@ -58,6 +60,7 @@ class PageFigure:
     description: str
     frames: str
     svg: Markup
+    apart: Markup | None
     wide: bool
     head: str
     columns: tuple[str, ...]
@@ -121,12 +124,18 @@ def _page_figure(id_: str, frames: str, name: str, figure: MarkedFigure, content
         lines = tuple(
             (head, (plain(mark.setting, 40), *values)) for mark, (head, values) in zip(marks, lines, strict=True)
         )
+    apart = None
+    if name == "severity_curves" and len(figure.axes) > 1:
+        apart = inline_svg(figure, f"{id_}-apart", title, description, pages.get)
+        share_scale(figure)
+    svg = inline_svg(figure, id_, title, description, pages.get)
     return PageFigure(
         id=id_,
         title=title,
         description=description,
         frames=content.group_titles.get(frames, plain(frames)) + ". " if frames else "",
-        svg=inline_svg(figure, id_, title, description, pages.get),
+        svg=svg,
+        apart=apart,
         wide=figure.get_figwidth() > 9,
         head="Frames" if name == "displacement" else "Model",
         columns=columns,

@@ -33,7 +33,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
     '<!doctype html>'
     """
     examples = examples_of(content.runs) or (gallery and Examples(gallery))
-    boards = boards_of(content.entries, dict(content.group_titles))
+    boards = boards_of(content.entries, dict(content.group_titles), most_models_first=not content.alone)
     pages = model_pages(content, examples.panels if examples else {})
     return (
         _environment()

@@ -71,6 +71,13 @@ for (const chart of charts) {
     if (mark !== null) follow(mark);
   });
 }
+// Two drawings of the same curves, one of which is shown: one scale for all panels, or each its own.
+for (const choice of document.querySelectorAll("input[data-apart]")) {
+  choice.addEventListener("change", () => {
+    const drawings = document.querySelectorAll(`[data-scale="${choice.dataset.apart}"]`);
+    drawings.forEach((drawing, index) => { drawing.hidden = choice.checked !== (index === 1); });
+  });
+}
 for (const table of document.querySelectorAll(".board table")) {
   table.addEventListener("pointerover", (event) => light(event.target.closest("tr[data-page]")?.dataset.page ?? pinned));
   table.addEventListener("pointerleave", () => light(pinned));

@@ -21,13 +21,17 @@ function tableOf(head, columns, lines, cellOf) {
   return make("table", {}, make("thead", {}, heading), make("tbody", {}, ...rows));
 }
 
-function heatTable(table, name) {
-  const cell = ([text, note], index) => {
-    return make("td", { class: heat(text, table.tops[index]) }, text, note ? make("small", {}, note) : null);
+// A cell with a picture of the frames, flow and error behind it is a link to the picture.
+function heatTable(table, name, id, panels) {
+  const cell = ([text, note, label], index) => {
+    const panel = panels.findIndex((one) => one.cell[0] === label && one.cell[1] === table.columns[index]);
+    const title = `${label}, severity ${table.columns[index]}: frames, flow and error`;
+    const shown = panel < 0 ? text : make("a", { href: `#model=${id}&panel=${panel}`, title }, text);
+    return make("td", { class: heat(text, table.tops[index]) }, shown, note ? make("small", {}, note) : null);
   };
   const lines = table.lines.map(([label, texts, notes]) => [
     data.labels[label],
-    (texts ? texts.split(" ") : []).map((text, index) => [text, notes ? notes[index] : ""]),
+    (texts ? texts.split(" ") : []).map((text, index) => [text, notes ? notes[index] : "", data.labels[label]]),
   ]);
   const made = tableOf("Corruption", table.columns, lines, cell);
   return make("figure", { class: "heat" }, make("figcaption", {}, table.title), scroll(`${table.title} of ${name}`, made));
@@ -42,10 +46,10 @@ function scoresOf({ benchmark, setting, note, scores }) {
   return make("div", { class: "scores" }, head, make("dl", {}, ...tiles), meaning ? make("p", { class: "aside" }, `${data.settings[setting][0]}: ${meaning}.`) : null);
 }
 
-function panelOf({ title, numbers, picture, size: [width, height] }) {
+function panelOf({ title, numbers, picture, size: [width, height] }, id, index) {
   const alt = `Frames, corrupted frames, flow and error map side by side. ${numbers}`;
   const image = make("img", { src: picture, width, height, alt });
-  return make("figure", { class: "panel" }, make("figcaption", {}, numbers ? `${title}: ${numbers}` : title), scroll(title, image));
+  return make("figure", { class: "panel", id: `panel-${id}-${index}`, tabindex: "-1" }, make("figcaption", {}, numbers ? `${title}: ${numbers}` : title), scroll(title, image));
 }
 
 window.robustflow.modelPage = (id, primary) => {
@@ -56,7 +60,7 @@ window.robustflow.modelPage = (id, primary) => {
     make("h2", { class: "name", id: `title-${id}`, tabindex: "-1" }, name),
     make("div", { class: "all-scores" }, ...page.tiles.map(scoresOf)),
     ...page.says.map((sentence) => make("p", {}, sentence)),
-    make("div", { class: "tables" }, ...page.tables.map((table) => heatTable(table, name))),
+    make("div", { class: "tables" }, ...page.tables.map((table) => heatTable(table, name, id, page.panels))),
   ];
   if (page.anatomy !== null) {
     const { title, columns, lines, remarks } = page.anatomy;
@@ -65,7 +69,7 @@ window.robustflow.modelPage = (id, primary) => {
     parts.push(...remarks.map((remark) => make("p", { class: "aside" }, remark)));
   }
   if (page.panels.length) {
-    parts.push(make("h3", {}, "Predictions"), make("div", { class: "panels" }, ...page.panels.map(panelOf)));
+    parts.push(make("h3", {}, "Predictions"), make("div", { class: "panels" }, ...page.panels.map((panel, index) => panelOf(panel, id, index))));
   }
   const facts = page.facts.map(([label, text]) => make("div", {}, make("dt", {}, label), make("dd", {}, text)));
   parts.push(make("h3", {}, "What this is"), make("dl", { class: "facts" }, ...facts));

@@ -1,6 +1,7 @@
 "use strict";
-// What the address after # says: `model=ID` is a model's page, `key=value&...` the state of the leaderboard, anything
-// else an ordinary anchor. A change of the leaderboard replaces the address; opening a model adds to the history.
+// What the address after # says: `model=ID` is a model's page (with `panel=N` at one of its pictures), `key=value&...`
+// the state of the leaderboard, anything else an ordinary anchor. A change of the leaderboard replaces the address;
+// opening a model adds to the history.
 const overview = document.querySelectorAll("[data-overview]");
 const { data, modelPage } = window.robustflow;
 const primary = document.getElementById("primary");
@@ -36,6 +37,11 @@ function open(wanted) {
 function follow() {
   const state = parsed();
   const left = open(state?.get("model"));
+  const panel = state?.has("panel") ? document.getElementById(`panel-${shown}-${state.get("panel")}`) : null;
+  if (panel !== null) {
+    panel.scrollIntoView({ behavior: "instant" });
+    panel.focus({ preventScroll: true });
+  }
   if (state !== null && !state.has("model")) {
     for (const listener of window.robustflow.listeners) listener(state);
   }

@@ -1,0 +1,100 @@
+"""A folder of records that several people add to: what a leaderboard in a git repository is made from.
+
+    FOLDER/records/<first 16 digits of the SHA-256>.robustflow    the records, as they were handed in
+    FOLDER/records.json                                            which they are, one entry a record
+
+Nothing is stored but what verifies, and no text of a record becomes a name on disk. The list is sorted and spelled in
+one way, so that a change of it can be reviewed line by line.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..atomic import make_folder, write_bytes, write_json
+from ..errors import DataError, RunError
+from .container import read_file
+from .pack import SUFFIX
+from .read import Reader
+from .verify import verify_read
+
+LIST = "records.json"
+RECORDS = "records"
+VERSION = 1
+"""Of `records.json`."""
+
+
+def add_records(folder: Path, files: Sequence[Path]) -> list[Path]:
+    """Verify records and copy them into a collection, which is made where there is none; all of them, or none.
+
+    Returns:
+        The copies, of those that were there already too.
+
+    Raises:
+        RunError: one does not verify; the collection is as it was.
+        DataError: one cannot be read, or the folder not written.
+    """
+    before = _entries(folder)
+    contents: dict[Path, bytes] = {}
+    entries = {entry["file"]: entry for entry in before}
+    for file in files:
+        data = read_file(file)
+        verification = verify_read(Reader(data, str(file)))
+        if not verification.ok or verification.subject is None:
+            raise RunError(
+                f"{file} does not verify: {verification.first_failure()}; robustflow verify {file} says more"
+            )
+        name = f"{RECORDS}/{verification.sha256[:16]}{SUFFIX}"
+        entries[name] = {"file": name, "sha256": verification.sha256, "says": verification.subject.sentence()}
+        contents[folder / name] = data
+    make_folder(folder / RECORDS)
+    for path, data in contents.items():
+        write_bytes(path, data)
+    ordered = [entries[name] for name in sorted(entries)]
+    write_json(folder / LIST, {"version": VERSION, "records": ordered})
+    return list(contents)
+
+
+def is_collection(folder: Path) -> bool:
+    """Whether a folder has a list of records."""
+    return (folder / LIST).is_file()
+
+
+def collected(folder: Path) -> list[Path]:
+    """The records of a collection.
+
+    Raises:
+        DataError: the list is not one that this version reads, or a file of it is missing or another.
+    """
+    paths = []
+    for entry in _entries(folder):
+        paths.append(folder / entry["file"])
+        if hashlib.sha256(read_file(paths[-1])).hexdigest() != entry["sha256"]:
+            raise DataError(
+                f"{paths[-1]}: not the file that {LIST} names; restore it, or drop its entry and add it again"
+            )
+    return paths
+
+
+def _entries(folder: Path) -> list[dict[str, Any]]:
+    if not is_collection(folder):
+        return []
+    path = folder / LIST
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        entries = [{key: str(entry[key]) for key in ("file", "sha256", "says")} for entry in document["records"]]
+        version = document["version"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise DataError(f"{path}: not a list of records; restore it, or add the records to a new folder") from error
+    if version != VERSION:
+        raise DataError(f"{path}: version {str(version)[:20]} is not the {VERSION} that this RobustFlow reads")
+    for entry in entries:
+        if entry["file"] != f"{RECORDS}/{entry['sha256'][:16]}{SUFFIX}" or not entry["sha256"].isalnum():
+            raise DataError(f"{path}: {entry['file'][:60]!r} is not named after its hash; add the record again")
+        if not (folder / entry["file"]).is_file():
+            raise DataError(f"{folder / entry['file']}: listed in {LIST} but not there; restore it, or drop its entry")
+    return entries
