@@ -15,7 +15,12 @@ app = typer.Typer(no_args_is_help=True, help="Questions that need networks to be
 
 @app.command("robust-training")
 def robust_training(
-    init: Annotated[str, typer.Option("--init", help="Weights that all begin with: last.pth of 'train tiny'.")],
+    init: Annotated[
+        str,
+        typer.Option(
+            "--init", help="Weights that all begin with: last.pth of 'robustflow train tiny --recipe shapes'."
+        ),
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
     data: Annotated[
         list[str] | None,
@@ -35,8 +40,8 @@ def robust_training(
 
     \b
     Examples:
-      robustflow train tiny --recipe shapes --output trainings/shapes
-      robustflow experiment robust-training --init trainings/shapes/last.pth --data middlebury=~/middlebury
+      robustflow experiment robust-training --init trainings/shapes/last.pth
+      robustflow experiment robust-training --init trainings/shapes/last.pth --data middlebury=~/middlebury --seeds 5
     """
     from ..models.extras import require
 

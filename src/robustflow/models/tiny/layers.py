@@ -127,11 +127,14 @@ def correlate(first: Any, second: Any, radius: Any, out: Any) -> None:
                 if not 0 <= row + dy < height:
                     continue
                 left, right = max(0, -dx), min(width, width - dx)
+                sums = out[index, row, left:right]
                 for channel in range(channels):
-                    for column in range(left, right):
-                        out[index, row, column] += first[channel, row, column] * second[channel, row + dy, column + dx]
-                for column in range(left, right):
-                    out[index, row, column] /= np.float32(channels)
+                    own = first[channel, row, left:right]
+                    other = second[channel, row + dy, left + dx : right + dx]
+                    for i in range(right - left):
+                        sums[i] += own[i] * other[i]
+                for i in range(right - left):
+                    sums[i] /= np.float32(channels)
 
 
 @njit(cache=True, nogil=True)
