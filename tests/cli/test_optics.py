@@ -22,6 +22,7 @@ def invoke(*arguments):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+@pytest.mark.slow
 def test_design_writes_a_prescription(tmp_path, monkeypatch):
     search = design_module.design
     monkeypatch.setattr(design_module, "design", lambda severity, seed, report: search(severity, seed, SMALL, report))

@@ -124,6 +124,7 @@ def test_several_pictures_in_one_file(tmp_path: Path, name: str, options: dict) 
         read_image(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_a_flow_map_of_many_pixels_costs_no_memory(tmp_path: Path) -> None:
     """20 000 x 20 000 zeros fit into a small PNG and would take 12 GB."""
     path, side = tmp_path / "a.png", 20_000

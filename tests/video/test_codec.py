@@ -57,7 +57,12 @@ def test_encoding_in_memory_is_encoding_to_a_file(tmp_path, encoding):
     assert all((mine == theirs).all() for (_, mine), theirs in zip(direct, filed, strict=True))
 
 
-@pytest.mark.parametrize("encoding", [crf(30), abr(200_000), lossless("medium")])
+_SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "encoding", [crf(30), pytest.param(abr(200_000), marks=_SLOW), pytest.param(lossless("medium"), marks=_SLOW)]
+)
 def test_memory_that_nobody_wrote_does_not_matter(encoding):
     """The same stream whatever the allocator hands out: x264's fastest code fails this (see `codec.EXACT`)."""
     code = f"""

@@ -178,6 +178,7 @@ def test_the_table_comes_first_but_in_a_report_of_one_run(small_run, published_p
     assert report.index('class="headline"') < report.index('id="board"')
 
 
+@pytest.mark.slow
 def test_a_hundred_models_stay_below_the_limit(many_models):
     text = render_site(whole_content([], [("many.csv", many_models)], published=False))
     assert len(data_of(text)["models"]) == 100
