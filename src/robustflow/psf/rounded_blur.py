@@ -2,9 +2,9 @@
 
 `blur` keeps its kernels' spectra in single precision. Beside kernels that are not rounded this is noise over the whole
 transform, of 10^-6 grey levels (root mean square; at most 8 x 10^-6 in 42 million values of KITTI's, 10^-5 in
-black-and-white noise). A value that lies `MARGIN` or more from the middle between two grey levels is on the same side of
-it with either. To those that lie closer, about fifty a frame, the noise is added, from a table of its own; what is then
-still closer than `FINE` is computed as `blur` defines it, value by value, and ties by `blur` itself.
+black-and-white noise). A value that lies `MARGIN` or more from the middle between two grey levels is on the same side
+of it with either. To those that lie closer, about fifty a frame, the noise is added, from a table of its own; what is
+then still closer than `FINE` is computed as `blur` defines it, value by value, and ties by `blur` itself.
 """
 
 from __future__ import annotations
