@@ -14,6 +14,7 @@ import robustflow as rf
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.export import export
 from robustflow.corruptions import load_corruption
+from robustflow.corruptions.weather import frost_textures
 from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
 from robustflow.corruptions.weather.generated_frost import LOOKS, generated_texture
 from robustflow.errors import AssetError, RunError, UsageError
@@ -41,8 +42,9 @@ def still(frame1, frame2):
 
 @pytest.fixture
 def no_photographs(monkeypatch, tmp_path):
-    """A machine without the photographs; whoever asks for one is refused."""
+    """A machine without the photographs; whoever asks for one is refused, also where other tests had them."""
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    frost_textures.texture.cache_clear()
 
 
 def offline(tmp_path, *arguments):
