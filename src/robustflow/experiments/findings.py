@@ -9,6 +9,7 @@ import polars as pl
 
 from ..datasets import dataset_facts
 from ..metrics.rows import CLEAN
+from ..text import counted
 from .arms import ALL, TESTED
 from .effects import GUARD, Runs, effects, unguarded
 
@@ -26,7 +27,7 @@ def findings(runs: Runs, seeds: int) -> tuple[str, pl.DataFrame]:
     for dataset in dict.fromkeys(of for _, of, _ in runs):
         title = dataset_facts(dataset).title
         pairs = len(set(next(run for (_, of, _), run in runs.items() if of == dataset).rows["sample"]))
-        head = f"## {title}: {pairs} pair{'s' * (pairs != 1)}, {seeds} seed{'s' * (seeds != 1)}"
+        head = f"## {title}: {counted(pairs, 'pair')}, {counted(seeds, 'seed')}"
         failing = unguarded(runs, dataset)
         table = effects(runs, dataset, seeds)
         tables.append(table)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..errors import UsageError
+from ..errors import ModelError, UsageError
 from ..sample import Flow, Frame
 
 
@@ -47,3 +47,17 @@ def _check_pair(frame1: Frame, frame2: Frame) -> None:
             raise UsageError(f"a frame is {what}; expected RGB uint8 (H, W, 3)")
     if frame1.shape != frame2.shape:
         raise UsageError(f"frames of one pair differ in size: {frame1.shape[:2]} and {frame2.shape[:2]}")
+
+
+def check_pair(model: str, frame1: Frame, frame2: Frame) -> None:
+    """Refuse frames that are not RGB uint8 (H, W, 3) of one size.
+
+    Raises:
+        ModelError: they are not; `model` is named.
+    """
+    for frame in (frame1, frame2):
+        if frame.dtype != np.uint8 or frame.shape != frame1.shape or frame.ndim != 3 or frame.shape[2] != 3:
+            raise ModelError(
+                f"{model} was given {frame1.dtype} {frame1.shape} and {frame2.dtype} {frame2.shape}; "
+                "it needs two RGB uint8 frames (H, W, 3) of one size"
+            )

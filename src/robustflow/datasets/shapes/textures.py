@@ -36,7 +36,7 @@ Textures = npt.NDArray[np.uint8]
 
 @lru_cache(maxsize=2)
 def procedural_textures(seed: int, split: str) -> Textures:
-    """The textures of a seed, the same for all its pairs; made once in a process, in about a second."""
+    """The textures of a seed, the same for all its pairs; made once in a process, in a few seconds."""
     return np.stack([_texture(Rng.of(seed, "shapes", split, "texture", index)) for index in range(COUNT)])
 
 

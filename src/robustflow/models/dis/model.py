@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import ModelError, unknown_name
+from ...errors import unknown_name
 from ...sample import Flow, Frame
+from ..pairs import check_pair
 from .densify import densified
 from .operating_point import OPERATING_POINTS
 from .pyramid import enlarged, pyramid
@@ -51,12 +52,7 @@ class DisRgb:
         Raises:
             ModelError: frames that are not RGB uint8 of one size.
         """
-        for frame in (frame1, frame2):
-            if frame.dtype != np.uint8 or frame.shape != frame1.shape or frame.ndim != 3 or frame.shape[2] != 3:
-                raise ModelError(
-                    f"dis_rgb was given {frame1.dtype} {frame1.shape} and {frame2.dtype} {frame2.shape}; "
-                    "it needs two RGB uint8 frames (H, W, 3) of one size"
-                )
+        check_pair("dis_rgb", frame1, frame2)
         point = OPERATING_POINTS[self._number]
         height, width = frame1.shape[:2]
         coarsest, finest = point.scales(height, width)

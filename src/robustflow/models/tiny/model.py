@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from ...errors import ModelError
 from ...sample import Flow, Frame
+from ..pairs import check_pair
 from .network import predict
 from .shipped import ShippedWeights
 
@@ -40,10 +38,5 @@ class Tiny:
         Raises:
             ModelError: frames that are not RGB uint8 of one size.
         """
-        for frame in (frame1, frame2):
-            if frame.dtype != np.uint8 or frame.shape != frame1.shape or frame.ndim != 3 or frame.shape[2] != 3:
-                raise ModelError(
-                    f"{self.name} was given {frame1.dtype} {frame1.shape} and {frame2.dtype} {frame2.shape}; "
-                    "it needs two RGB uint8 frames (H, W, 3) of one size"
-                )
+        check_pair(self.name, frame1, frame2)
         return predict(self._weights.arrays, frame1, frame2)
