@@ -1,35 +1,54 @@
 """Without their extras the modules that need them are not collected for doctests; their tests skip, with a reason."""
 
-import re
+import ast
 from importlib.util import find_spec
 from pathlib import Path
 
 _ROOT = Path(__file__).parent
 _EXTRAS = ("torch", "onnx", "starlette", "uvicorn")
+_TORCH_INSIDE = ("safetensors.torch",)  # modules of other libraries that import torch
 
 
-def _imports_what_is_missing(path: Path) -> bool:
-    """Whether a module imports, as it is imported itself, a library of an extra that is not installed."""
-    missing = [library for library in _EXTRAS if find_spec(library) is None]
-    if not missing:
-        return False
-    return re.search(rf"^(import|from) ({'|'.join(missing)})\b", path.read_text(encoding="utf-8"), re.M) is not None
+def _module(path: Path) -> tuple[str, ...]:
+    """A file's dotted name, in parts: src/robustflow/api.py is ("robustflow", "api")."""
+    parts = path.relative_to(_ROOT).with_suffix("").parts
+    parts = parts[1:] if parts[0] == "src" else parts
+    return parts[:-1] if parts[-1] == "__init__" else parts
 
 
+def _imports(path: Path) -> set[str]:
+    """What a module imports as it is imported itself: names of modules, and of what is taken from them."""
+    package = _module(path) if path.name == "__init__.py" else _module(path)[:-1]
+    names = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else ()
+            module = ".".join([*above, *([node.module] if node.module else [])])
+            names |= {module, *(f"{module}.{alias.name}" for alias in node.names)}
+    return names
+
+
+def _not_importable(missing: list[str]) -> set[Path]:
+    """The modules that import a missing library, themselves or through modules of ours."""
+    imports = {path: _imports(path) for folder in ("src", "tests") for path in sorted((_ROOT / folder).rglob("*.py"))}
+    without = {*missing, *(_TORCH_INSIDE if "torch" in missing else ())}
+    affected: set[Path] = set()
+    while True:
+        more = {
+            path
+            for path, names in imports.items()
+            if path not in affected and any(name.split(".")[0] in without or name in without for name in names)
+        }
+        if not more:
+            return affected
+        affected |= more
+        without |= {".".join(_module(path)) for path in more}
+
+
+_missing = [library for library in _EXTRAS if find_spec(library) is None]
 # A test module says itself what it needs (pytest.importorskip), before its imports.
 collect_ignore = [
-    str(path)
-    for folder in ("src", "tests")
-    for path in sorted((_ROOT / folder).rglob("*.py"))
-    if not path.name.startswith("test_") and _imports_what_is_missing(path)
+    str(path) for path in (_not_importable(_missing) if _missing else ()) if not path.name.startswith("test_")
 ]
-if find_spec("torch") is None:  # these import modules that import it
-    collect_ignore += [
-        str(_ROOT / name)
-        for name in (
-            "tests/parity/samflow_case.py",
-            "src/robustflow/training/validate.py",
-            "src/robustflow/profiling/measure.py",
-            "src/robustflow/profiling/network_of.py",
-        )
-    ]

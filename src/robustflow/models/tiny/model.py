@@ -17,6 +17,7 @@ class Tiny:
         name: of the model.
         weights: shipped ones.
 
+    >>> import numpy as np
     >>> from robustflow.models.tiny.shipped import shipped_weights
     >>> frame = np.random.default_rng(0).integers(0, 255, (40, 70, 3)).astype(np.uint8)
     >>> Tiny("tiny", shipped_weights("tiny")).predict(frame, frame).shape
