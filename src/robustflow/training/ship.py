@@ -36,5 +36,5 @@ def ship(checkpoint: Path, target: Path, command: str, commit: str) -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) != 5:
-        sys.exit("usage: python -m robustflow.training.ship CHECKPOINT TARGET.safetensors 'COMMAND THAT MADE IT' COMMIT")
+        sys.exit("usage: python -m robustflow.training.ship CHECKPOINT TARGET.safetensors 'COMMAND' COMMIT")
     ship(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4])
