@@ -52,7 +52,7 @@ def test_folder_of_folders(tmp_path: Path) -> None:
 
 def test_frames_that_are_no_sequence(tmp_path: Path) -> None:
     picture(tmp_path / "a.png")
-    refused(tmp_path, r"1 frame\(s\), but pairs at a step of 1 need 2")
+    refused(tmp_path, "1 frame, but pairs at a step of 1 need 2 or more")
     picture(tmp_path / "b.png", height=9)
     refused(tmp_path, r"a\.png is 8x6, .*b\.png is 8x9")
     picture(tmp_path / "b.png")
