@@ -8,7 +8,7 @@ from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -42,6 +42,13 @@ class Seen:
     epe: float
     epe_clean: float
     rcre: float
+
+
+class Numbers(NamedTuple):
+    """DIS's end-point error under one corruption at each severity, and on the clean frames; pixels."""
+
+    epe: tuple[float, ...]
+    epe_clean: float
 
 
 def seen(name: str) -> list[Seen]:
