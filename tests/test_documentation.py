@@ -12,6 +12,7 @@ import typer
 
 from robustflow.cli.main import app
 from robustflow.corruptions.registry import SHIPPED
+from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
 
 from .guide_blocks import DOCS, blocks
 from .public_surface import surface
@@ -96,11 +97,13 @@ def test_a_page_for_each_corruption_has_notes_and_runs(generated, tmp_path, monk
             exec(compile(script.code, name, "exec"), {})
 
 
-def test_what_a_page_measures_is_what_a_run_measures(generated, tmp_path):
+@pytest.mark.parametrize("name", ["contrast", "frost"])
+def test_what_a_page_measures_is_what_a_run_measures(generated, tmp_path, monkeypatch, name):
     import robustflow as rf
 
-    (cell,) = [cell for cell in generated("demonstration").seen("contrast") if cell.severity == 5]
-    run = rf.evaluate("dis", corruptions=["contrast"], severities=[5], output=tmp_path, progress=False)
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))  # neither has photographs of frost
+    (cell,) = [cell for cell in generated("demonstration").seen(name) if cell.severity == 5]
+    run = rf.evaluate("dis", corruptions=[name], severities=[5], output=tmp_path, progress=False)
     assert (cell.epe, cell.epe_clean, cell.rcre) == pytest.approx((run.epe, run.epe_clean, run.rcre), rel=1e-9)
 
 

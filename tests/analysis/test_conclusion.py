@@ -21,19 +21,12 @@ from robustflow.report.assemble import tables_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.page import render_site
+from robustflow.testing import ConstantFlow
 
 from .simulated import Truth, rows_of
 
 OPTIONS = {"corruptions": ["contrast", "gaussian_noise"], "severities": [1, 3], "examples": False}
 WITHOUT_TRUTH = ("n_all", "n_invalid", "rcre_all_sum", "pred_magnitude_sum", "height", "width", "severity")
-
-
-class Blind:
-    """Answers the same flow whatever it sees."""
-
-    def predict(self, frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-        """(H, W, 2) float32."""
-        return np.ones((*frame1.shape[:2], 2), np.float32)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +42,7 @@ def frames(tmp_path_factory) -> Path:
 def runs(frames, tmp_path_factory) -> list[Result]:
     """Two real models and a blind one over the same frames."""
     folder = tmp_path_factory.mktemp("runs")
-    models = {"dis": "dis", "farneback": "farneback", "blind": Blind()}
+    models = {"dis": "dis", "farneback": "farneback", "blind": ConstantFlow(1, 1)}
     return [evaluate(model, "folder", frames, folder / name, **OPTIONS) for name, model in models.items()]
 
 
@@ -97,8 +90,7 @@ def test_several_runs_say_which_changes_least_under_what(runs):
 def test_a_blind_model_is_not_the_one_that_changes_least(runs):
     (said,) = conclusions(runs)
     assert runs[2].summary.rcre == 0
-    assert "blind changes least" not in said
-    assert "Blind changes least" not in said
+    assert f"{runs[2].name} changes least" not in said
     assert "No conclusion about" in said
     assert "its flow hardly depends on the frames" in said
     (alone,) = conclusions([runs[2]])

@@ -21,6 +21,7 @@ from robustflow.errors import AssetError, RunError, UsageError
 from robustflow.images.io import read_image, write_image
 from robustflow.runner.setup import set_up, set_up_frames
 from robustflow.sample import Sample
+from robustflow.testing import ZeroFlow
 
 OFFLINE = """
 import sys
@@ -34,10 +35,6 @@ from robustflow.cli.main import main
 main()
 """
 """The command line, where a connection or a call of pip is an error."""
-
-
-def still(frame1, frame2):
-    return np.zeros((*frame1.shape[:2], 2), np.float32)
 
 
 @pytest.fixture
@@ -107,14 +104,14 @@ def test_runs_with_other_textures_are_never_one_run(no_photographs, tmp_path, mo
     chosen = {"corruptions": ["contrast"], "severities": [1], "examples": False}
     demo = load_benchmark("demo")
     photographs = replace(demo, textures="photographs")
-    run = rf.evaluate(still, "demo", output=tmp_path / "generated", **chosen)
+    run = rf.evaluate(ZeroFlow(), "demo", output=tmp_path / "generated", **chosen)
     assert run.manifest["identity"]["frost"] == "generated 1"
     with pytest.raises(RunError, match="frost, whose textures were generated, and are photographs now"):
-        rf.evaluate(still, photographs, output=tmp_path / "generated", **chosen)
-    before = rf.evaluate(still, photographs, **chosen)
+        rf.evaluate(ZeroFlow(), photographs, output=tmp_path / "generated", **chosen)
+    before = rf.evaluate(ZeroFlow(), photographs, **chosen)
     assert "frost" not in before.manifest["identity"]  # as every run was recorded before textures could be chosen
     with pytest.warns(UserWarning, match="is not continued: it differs in: frost, .* a new run starts in"):
-        now = rf.evaluate(still, "demo", **chosen)
+        now = rf.evaluate(ZeroFlow(), "demo", **chosen)
     assert now.path != before.path
     assert set_up_frames(before.manifest["identity"], None, {})[1].textures == "photographs"
     assert set_up_frames(now.manifest["identity"], None, {})[1].textures == "generated"
@@ -122,8 +119,8 @@ def test_runs_with_other_textures_are_never_one_run(no_photographs, tmp_path, mo
 
 def test_other_benchmarks_keep_the_photographs(tmp_path):
     kept = replace(load_benchmark("demo"), textures="photographs", name="mine")
-    assert set_up(still, kept).options.textures == "photographs"
-    assert "frost" not in set_up(still, kept).plan.identity()
+    assert set_up(ZeroFlow(), kept).options.textures == "photographs"
+    assert "frost" not in set_up(ZeroFlow(), kept).plan.identity()
 
 
 def test_an_export_of_the_demonstration_holds_the_frames_of_its_run(no_photographs, tmp_path):

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import sys
 
-import numpy as np
 import pytest
 
 import robustflow as rf
 from robustflow.benchmarks import load_benchmark
 from robustflow.errors import RunError, UsageError
-from robustflow.testing import check_dataset
+from robustflow.testing import ZeroFlow, check_dataset
 
 MODULE = """
 from pathlib import Path
@@ -107,10 +106,6 @@ def module(tmp_path, monkeypatch):
     sys.modules.pop("own_noise", None)
 
 
-def still(frame1, frame2):
-    return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-
 def test_a_data_set_of_ones_own(module):
     benchmark = load_benchmark("demo", "own_noise:Noise", options={"count": 3})
     assert (benchmark.name, benchmark.keys, len(benchmark.corruptions)) == ("noise", ("0", "1", "2"), 20)
@@ -167,12 +162,12 @@ def test_a_benchmark_of_ones_own(module):
 
 def test_an_edited_source_never_continues_a_run(module):
     chosen = {"corruptions": ["contrast"], "severities": [1], "output": "run"}
-    first = rf.evaluate(still, data="own_noise:Noise", **chosen)
-    assert rf.evaluate(still, data="own_noise:Noise", **chosen).rows.equals(first.rows)
+    first = rf.evaluate(ZeroFlow(), data="own_noise:Noise", **chosen)
+    assert rf.evaluate(ZeroFlow(), data="own_noise:Noise", **chosen).rows.equals(first.rows)
     sys.modules.pop("own_noise")
     module.write_text(MODULE.replace("SHIFT = 1", "SHIFT = 0 # other frames"))
     with pytest.raises(RunError, match=r"differs in: protocol|holds another run"):
-        rf.evaluate(still, data="own_noise:Noise", **chosen)
+        rf.evaluate(ZeroFlow(), data="own_noise:Noise", **chosen)
 
 
 def test_a_video_alone_is_a_folder(tmp_path):

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from robustflow.errors import UsageError
-from robustflow.models.input_convention import InputConvention, parse_size
+from robustflow.models.input_convention import InputConvention
 
 
 @pytest.mark.parametrize("vertical", ["both", "bottom"])
@@ -22,15 +21,3 @@ def test_padding_reaches_the_next_multiple_and_no_further(vertical, multiple):
                 assert 0 <= fit - own < multiple
             assert right - left in (0, 1)
             assert (above == 0) if vertical == "bottom" else (below - above in (0, 1))
-
-
-@pytest.mark.parametrize("text", ["", "256", "256x", "x832", "256x832x3", "-256x832", "256 x832", "2e2x832"])
-def test_what_is_no_size(text):
-    with pytest.raises(UsageError, match=r"is not a size: write HEIGHTxWIDTH|must be multiples of 64"):
-        parse_size(text, 64)
-
-
-@pytest.mark.parametrize("text", ["0x0", "0x64", "100x832", "256x830"])
-def test_sizes_that_are_no_multiples(text):
-    with pytest.raises(UsageError, match="must be multiples of 64"):
-        parse_size(text, 64)

@@ -10,6 +10,7 @@ from robustflow.errors import ModelError, UsageError
 from robustflow.models import FlowLookup, FlowModel, FunctionModel, ModelSpec
 from robustflow.models.base import model_identity
 from robustflow.models.construct import as_model
+from robustflow.testing import ZeroFlow
 
 FRAME = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
 
@@ -93,13 +94,9 @@ def test_what_cannot_be_loaded(module, name, options, error, says):
 
 
 def test_objects_classes_and_functions_are_models():
-    class Mine:
-        def predict(self, frame1, frame2):
-            return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-    mine = Mine()
-    assert as_model(mine, "it") is mine
-    assert isinstance(as_model(Mine, "it"), Mine)
+    model = ZeroFlow()
+    assert as_model(model, "it") is model
+    assert isinstance(as_model(ZeroFlow, "it"), ZeroFlow)
     assert isinstance(as_model(lambda a, b: None, "it"), FunctionModel)
     with pytest.raises(ModelError, match="no method predict"):
         as_model(3, "it")

@@ -18,6 +18,7 @@ from robustflow.models import MODELS, ModelSpec
 from robustflow.models.catalog import checkpoints, methods
 from robustflow.models.provenance import TRAINING_SETS, parse_training_sets, training_of, training_of_entry
 from robustflow.models.registry import EXPORTED
+from robustflow.testing import BrightnessFlow
 
 
 def test_the_catalog_knows_every_model_by_name_and_no_other():
@@ -183,13 +184,10 @@ def test_a_declaration_is_shown_and_changes_no_identity(tmp_path):
     assert runs[2].rows.equals(runs[0].rows)
 
 
-class Mine:
+class Mine(BrightnessFlow):
     """Says itself what it was trained on."""
 
     trained_on = "C+T>M:train"
-
-    def predict(self, frame1, frame2):
-        return frame1[..., :2].astype("float32")
 
 
 def test_a_users_own_model_declares_itself(tmp_path):

@@ -51,7 +51,7 @@ def test_the_cost_of_a_run(profile, tmp_path):
     assert profile("--paper", "--into", run.path)[0] == 2
 
 
-@pytest.mark.parametrize("model", ["dis", "models_for_tests:still"])
+@pytest.mark.parametrize("model", ["dis", "robustflow.testing:ZeroFlow"])
 def test_what_is_not_a_network_is_refused(profile, model, monkeypatch):
     monkeypatch.syspath_prepend(Path(__file__).parents[1] / "runner")
     code, _, err = profile(model)

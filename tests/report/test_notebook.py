@@ -15,20 +15,16 @@ from PIL import Image
 from robustflow.api import evaluate
 from robustflow.errors import UsageError
 from robustflow.report.notebook import result_table
+from robustflow.testing import BrightnessFlow
 
 from .elements import Elements
 
 
-class Hostile:
+class Hostile(BrightnessFlow):
     """A model whose name is markup, a formula and an escape sequence."""
 
     def identity(self):
         return {"name": "<img src=x onerror=alert(1)>$x_$\x1b[31m"}
-
-    def predict(self, frame1, frame2):
-        flow = np.zeros((*frame1.shape[:2], 2), np.float32)
-        flow[..., 0] = -float(frame1.std())
-        return flow
 
 
 @pytest.fixture(scope="module")

@@ -64,11 +64,6 @@ class FiveFrames:
         return np.stack([u, v], axis=2).astype(np.float32) / 64
 
 
-def still(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
-    """No motion."""
-    return np.zeros((*frame1.shape[:2], 2), np.float32)
-
-
 def with_nan(frame1: np.ndarray, frame2: np.ndarray) -> np.ndarray:
     """One pixel is not a number."""
     flow = np.zeros((*frame1.shape[:2], 2), np.float32)

@@ -12,6 +12,7 @@ from robustflow.errors import DataError, ModelError, RunError, UsageError
 from robustflow.images.io import read_image, write_image
 from robustflow.models import Window, load_model
 from robustflow.models.base import model_identity
+from robustflow.testing import ZeroClipFlow, ZeroFlow
 from tests.corruptions.test_contract import picture
 from tests.video import clips
 
@@ -21,16 +22,16 @@ MODEL = "models_for_tests:FiveFrames"
 COUNT = 6
 
 
-class Recorder:
+class Recorder(ZeroClipFlow):
     """Notes what it is given."""
 
     def __init__(self, window=(2, 1)) -> None:
-        self.window = window
+        super().__init__(window)
         self.calls: list[tuple[tuple[np.ndarray, ...], int]] = []
 
     def predict_clip(self, frames, index):
         self.calls.append((frames, index))
-        return np.zeros((*frames[0].shape[:2], 2), np.float32)
+        return super().predict_clip(frames, index)
 
 
 class WithPairs(Recorder):
@@ -42,7 +43,7 @@ class WithPairs(Recorder):
 
     def predict(self, frame1, frame2):
         self.pairs += 1
-        return np.zeros((*frame1.shape[:2], 2), np.float32)
+        return ZeroFlow().predict(frame1, frame2)
 
 
 class Blackens(Recorder):

@@ -98,9 +98,9 @@ def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path, mo
     clean = RunFolder(folder).clean_path("motorcycle")
     clean.parent.mkdir(exist_ok=True)
     np.save(clean, np.ones((500, 741, 2), np.float32))  # of a run that was killed before it wrote the row of it
-    result = rf.evaluate("models_for_tests:still", output=folder, corruptions=["contrast"], severities=[2])
+    result = rf.evaluate("robustflow.testing:ZeroFlow", output=folder, corruptions=["contrast"], severities=[2])
     assert result.rcre == 0.0
-    assert result.manifest["identity"]["model"]["spec"] == "models_for_tests:still"
+    assert result.manifest["identity"]["model"]["spec"] == "robustflow.testing:ZeroFlow"
     assert result.manifest["selection"]["severities"] == [2]
 
 

@@ -17,6 +17,7 @@ import robustflow as rf
 from robustflow.errors import RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.runs.store import RunFolder
+from robustflow.testing import ZeroFlow
 
 from .conftest import FAST
 from .interrupt import hears_ctrl_c
@@ -71,12 +72,10 @@ def test_an_object_of_the_caller_travels(tmp_path):
 
 
 def test_an_object_that_cannot_travel_is_one_sentence(tmp_path):
-    class Open:
+    class Open(ZeroFlow):
         def __init__(self) -> None:
+            super().__init__()
             self.socket = socket.socket()
-
-        def predict(self, frame1, frame2):
-            return np.zeros((*frame1.shape[:2], 2), np.float32)
 
     with pytest.raises(UsageError, match=r"cannot be sent to Ray's workers .*name the model as 'module:attribute'"):
         rf.evaluate(Open(), output=tmp_path / "run", engine="ray", **SETTING)

@@ -12,6 +12,7 @@ from robustflow.errors import RobustFlowError, RunError, UsageError
 from robustflow.records.load import load_run
 from robustflow.records.pack import pack
 from robustflow.runner.recheck import recheck
+from robustflow.testing import ZeroClipFlow
 
 
 @pytest.fixture(scope="module")
@@ -81,25 +82,14 @@ def test_own_frames_and_others_of_the_same_name(tmp_path):
         recheck(identity, found.rows, tmp_path / "mine", options={"step": 2})
 
 
-class ThreeFrames:
-    """A multi-frame model; a row's digest is that of its pair."""
-
-    window = (1, 0)
-
-    def identity(self):
-        return {"name": "three"}
-
-    def predict_clip(self, frames, index):
-        return np.zeros((*frames[index].shape[:2], 2), np.float32)
-
-
 def test_a_multi_frame_run_packs_and_its_pairs_are_rechecked(tmp_path):
+    """A row's digest is that of its pair, not of the clip."""
     (tmp_path / "frames").mkdir()
     for index in range(4):
         frame = np.random.default_rng(index).integers(0, 255, (24, 32, 3), np.uint8)
         cv2.imwrite(str(tmp_path / "frames" / f"{index}.png"), frame)
     options = {"corruptions": ["snow"], "severities": [2]}
-    found = evaluate(ThreeFrames(), "folder", tmp_path / "frames", tmp_path / "run", **options)
+    found = evaluate(ZeroClipFlow((1, 0)), "folder", tmp_path / "frames", tmp_path / "run", **options)
     assert "window" in found.manifest["identity"]
     packed = load_run(pack(found, tmp_path / "a.robustflow"))
     assert "6 of 6 rows" in recheck(packed.manifest["identity"], packed.rows, tmp_path / "frames")

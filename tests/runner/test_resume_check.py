@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import measure
 from robustflow.runner.kept_rows import check_same_data, check_same_model
 from robustflow.sample import Sample
+from robustflow.testing import TexturePairs
 
 
 @pytest.fixture
@@ -42,30 +44,23 @@ def _run(tmp_path, frames, severities, model=_brightness):
     return rf.evaluate(model, "folder", frames, output, corruptions=["contrast"], severities=severities)
 
 
-class Drawn:
-    """Two samples that follow from seeds, without a file: nothing but a second look tells that they changed."""
+class Drawn(TexturePairs):
+    """Two samples, each of its own seed, without a file: nothing but a second look tells that they changed."""
 
     name = "drawn"
-    has_flow = True
 
     def __init__(self, *seeds):
+        super().__init__(len(seeds), (40, 48))
         self.seeds = seeds
-        self.truth = 1.0
-
-    def keys(self):
-        return ["a", "b"]
+        self.error = 0.0
 
     def load(self, key):
-        rng = np.random.default_rng(self.seeds["ab".index(key)])
-        frames = tuple(rng.integers(0, 256, (40, 48, 3)).astype(np.uint8) for _ in range(2))
-        return Sample(key, frames, np.full((40, 48, 2), self.truth, np.float32), np.ones((40, 48), bool))
-
-    def files(self, key):
-        return []
+        sample = TexturePairs(1, (40, 48), seed=self.seeds[int(key)]).load("0")
+        return replace(sample, key=key, flow=sample.flow + np.float32(self.error))
 
 
 def _run_drawn(tmp_path, data, severities):
-    benchmark = Benchmark("drawn", data, ("a", "b"), ("contrast",), tuple(severities))
+    benchmark = Benchmark("drawn", data, ("0", "1"), ("contrast",), tuple(severities))
     return rf.evaluate(_brightness, benchmark, output=tmp_path / "run")
 
 
@@ -83,18 +78,18 @@ def test_a_frame_of_the_same_name_and_size_with_other_bytes_stops_a_run(tmp_path
 @pytest.mark.parametrize("severities", [[1], [1, 2]], ids=["complete", "with more to do"])
 def test_frames_that_no_file_names_are_compared(tmp_path, severities):
     _run_drawn(tmp_path, Drawn(0, 1), [1])
-    with pytest.raises(RunError, match="sample 'a' has other frames than when this run measured it"):
+    with pytest.raises(RunError, match="sample '0' has other frames than when this run measured it"):
         _run_drawn(tmp_path, Drawn(9, 1), severities)
     changed = Drawn(0, 1)
-    changed.truth = 2.0
-    with pytest.raises(RunError, match="sample 'a' has other ground truth than when this run measured it"):
+    changed.error = 1.0
+    with pytest.raises(RunError, match="sample '0' has other ground truth than when this run measured it"):
         _run_drawn(tmp_path, changed, severities)
     assert _run_drawn(tmp_path, Drawn(0, 1), severities).summary.complete
 
 
 def test_every_sample_that_goes_on_is_compared_not_only_the_first(tmp_path):
     _run_drawn(tmp_path, Drawn(0, 1), [1])
-    with pytest.raises(RunError, match="sample 'b' has other frames than when this run measured it"):
+    with pytest.raises(RunError, match="sample '1' has other frames than when this run measured it"):
         _run_drawn(tmp_path, Drawn(0, 9), [1, 2])
 
 

@@ -6,7 +6,6 @@ import json
 import shutil
 from pathlib import Path
 
-import numpy as np
 import polars as pl
 import pytest
 
@@ -20,15 +19,14 @@ from robustflow.runs import run as run_module
 from robustflow.runs.made_from import FACTS, RECORD, code_digest, note_made
 from robustflow.runs.shards import list_shards, read_shard, write_shard
 from robustflow.runs.store import RunFolder
+from robustflow.testing import ConstantFlow
 
-
-def _still(frame1, frame2):
-    return np.full((*frame1.shape[:2], 2), 1.0, np.float32)
+MODEL = ConstantFlow(1, 1)
 
 
 @pytest.fixture
 def folder(tmp_path):
-    run = rf.evaluate(_still, output=tmp_path / "run", corruptions=["contrast", "high_light"], severities=[1])
+    run = rf.evaluate(MODEL, output=tmp_path / "run", corruptions=["contrast", "high_light"], severities=[1])
     return run.path
 
 
@@ -43,7 +41,7 @@ def summaries(monkeypatch):
 
 def test_nothing_is_made_again_while_nothing_changed(folder, summaries):
     files = {path: (path.read_bytes(), path.stat().st_mtime_ns) for path in folder.rglob("*") if path.is_file()}
-    again = rf.evaluate(_still, output=folder, corruptions=["contrast", "high_light"], severities=[1])
+    again = rf.evaluate(MODEL, output=folder, corruptions=["contrast", "high_light"], severities=[1])
     assert again.summary == rf.load_run(folder).summarize("image")
     assert len(summaries) == 1, "the one here"
     for name in ("report.html", "summary.json"):
@@ -53,7 +51,7 @@ def test_nothing_is_made_again_while_nothing_changed(folder, summaries):
 
 def test_kept_means_are_in_the_order_of_computed_ones(folder, summaries):
     """JSON sorts keys; tables and figures follow the order of a summary, which is the paper's."""
-    rf.evaluate(_still, output=folder, corruptions=["snow", "fog", "contrast", "elastic_transform"], severities=[1])
+    rf.evaluate(MODEL, output=folder, corruptions=["snow", "fog", "contrast", "elastic_transform"], severities=[1])
     summaries.clear()
     run = rf.load_run(folder)
     kept, computed = run.summary, run.summarize()

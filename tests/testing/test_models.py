@@ -7,7 +7,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.errors import ModelError
-from robustflow.testing import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroFlow, check_model
+from robustflow.testing import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroClipFlow, ZeroFlow, check_model
 
 
 class Batched(ConstantFlow):
@@ -15,15 +15,13 @@ class Batched(ConstantFlow):
         return [self.predict(a, b) for a, b in zip(frames1, frames2, strict=True)]
 
 
-class Clip:
-    window = (2, 1)
-
+class Clip(ZeroClipFlow):
     def predict_clip(self, frames, index):
         assert (len(frames), index) == (5, 2)
-        return np.zeros((*frames[0].shape[:2], 2), np.float32)
+        return super().predict_clip(frames, index)
 
 
-@pytest.mark.parametrize("model", [ZeroFlow, ConstantFlow(2, 1), BrightnessFlow(), Batched(1, 1), Clip()])
+@pytest.mark.parametrize("model", [ZeroFlow, ConstantFlow(2, 1), BrightnessFlow(), Batched(1, 1), Clip((2, 1))])
 def test_models_that_keep_the_rules(model):
     assert check_model(model) == (model.__name__ if isinstance(model, type) else type(model).__name__)
 

@@ -47,7 +47,7 @@ best of its column, null where the source marks nothing. `sample_set`: results c
 `note`: what a reader must know before comparing, "" for nothing.
 """
 
-ELSEWHERE = ("brightness", "motion_blur", "zoom_blur")
+ELSEWHERE = ("brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur")
 """Corruptions that other benchmarks have and this project has not: results may be of them."""
 
 RESULT_KEY = ("sample_set", "benchmark", "setting", "model", "metric", "corruption")

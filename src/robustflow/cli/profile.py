@@ -84,7 +84,6 @@ def _print_model(
 ) -> tuple[Counts, Measured | None]:
     from ..models import ModelSpec
     from ..models.catalog import methods
-    from ..models.input_convention import parse_size
     from ..models.registry import PTLFLOW
     from ..models.torch.find_checkpoint import RANDOM
     from ..profiling.counts import count
@@ -92,9 +91,10 @@ def _print_model(
     from ..profiling.network_of import network_of
     from ..runs.costs import RunCost, check_model, write_cost
     from ..runs.run import Run
+    from ..size import parse_size
 
     run = None if into is None else Run(into)
-    height, width = parse_size(size, 1)
+    height, width = parse_size(size)
     method = methods().get(name)
     learns = name.startswith(PTLFLOW) or (method is not None and method.type != "knowledge")
     asked = {**({"checkpoint": RANDOM} if learns else {}), **dict(options)}

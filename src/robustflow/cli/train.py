@@ -85,7 +85,7 @@ def train(
       torchrun --nproc-per-node 2 -m robustflow train gma --recipe ood --data ~/flow --init gma-things.pth
     """
     from ..models.extras import require
-    from ..models.input_convention import parse_size
+    from ..size import parse_size
 
     require("torch", "torch", "train")
     from ..training.recipe import load_recipe

@@ -13,7 +13,7 @@ from ..errors import DataError, UsageError
 from ..images.io import IMAGE_SUFFIXES, image_size
 from ..layout import folders, positive
 from .facts import DatasetFacts, described
-from .pairs import Pair, PairDataset
+from .pairs import Pair, PairDataset, pairs_at_step
 from .section import Place, place
 from .suffixes import VIDEO_SUFFIXES
 from .video import Video
@@ -58,8 +58,9 @@ class FrameFolder(PairDataset):
             frames = every[begin:end]
             if not every:
                 continue
-            _check(root / group, frames, step)
-            for first, second in zip(frames, frames[step:], strict=False):
+            at_step = pairs_at_step(frames, step, root / group)
+            _check(root / group, frames)
+            for first, second in at_step:
                 # Consecutive pairs are not independent, in whatever folder: statistics take them as one.
                 key, sequence = (f"{group}/{first.stem}", group) if group else (first.stem, ALONE)
                 pairs[key] = Pair((first, second), group=sequence)
@@ -113,9 +114,7 @@ def _pictures(folder: Path) -> list[Path]:
     return sorted((p for p in pictures if p.is_file()), key=lambda path: natural_order(path.name))
 
 
-def _check(folder: Path, frames: list[Path], step: int) -> None:
-    if len(frames) <= step:
-        raise DataError(f"{folder}: {len(frames)} frame(s), but pairs at a step of {step} need {step + 1} or more")
+def _check(folder: Path, frames: list[Path]) -> None:
     stems: dict[str, Path] = {}
     size = image_size(frames[0])
     for frame in frames:

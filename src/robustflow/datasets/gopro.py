@@ -13,7 +13,7 @@ from pathlib import Path
 from ..errors import DataError
 from ..layout import choice, consecutive, folders, locate, numbered, positive
 from .facts import DatasetFacts
-from .pairs import Pair, PairDataset
+from .pairs import Pair, PairDataset, pairs_at_step
 
 _FRAME = r"(\d{1,9})\.png"
 _KINDS = ("sharp", "blur", "blur_gamma")
@@ -52,7 +52,7 @@ class GoPro(PairDataset):
         pairs: dict[str, Pair] = {}
         for sequence in _sequences(root, split):
             group = sequence.relative_to(root).as_posix()
-            for first, second in _pairs(_frames(sequence, images), sequence, step):
+            for first, second in pairs_at_step(_frames(sequence, images), step, sequence):
                 pairs[f"{group}/{first.stem}"] = Pair((first, second), group=group)
         super().__init__(pairs, root)
 
@@ -77,16 +77,10 @@ def _is_sequence(folder: Path) -> bool:
     return any((folder / kind).is_dir() for kind in _KINDS) or bool(numbered(folder, _FRAME))
 
 
-def _frames(sequence: Path, images: str) -> dict[int, Path]:
+def _frames(sequence: Path, images: str) -> list[Path]:
     kinds = [kind for kind in _KINDS if (sequence / kind).is_dir()]
     if kinds and images not in kinds:
         raise DataError(f"{sequence}: no folder {images}/ in it; choose images from {', '.join(kinds)}")
-    return numbered(sequence / images if kinds else sequence, _FRAME)
-
-
-def _pairs(frames: dict[int, Path], sequence: Path, step: int) -> list[tuple[Path, Path]]:
+    frames = numbered(sequence / images if kinds else sequence, _FRAME)
     consecutive(frames, stride=None)
-    ordered = list(frames.values())
-    if len(ordered) <= step:
-        raise DataError(f"{sequence}: {len(ordered)} frames, too few for a step of {step}; take a smaller step")
-    return list(zip(ordered, ordered[step:], strict=False))
+    return list(frames.values())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
@@ -13,6 +13,7 @@ from ..errors import DataError, UsageError
 from ..flowio import read_flow
 from ..images.io import read_image
 from ..sample import Flow, Frame, Mask, Sample
+from ..text import counted
 from .samples import Samples
 
 
@@ -134,6 +135,22 @@ class PairDataset(Samples):
     def describe(self, pair: Pair) -> dict[str, Any]:
         """What `Sample.meta` says about the ground truth."""
         return {}
+
+
+def pairs_at_step(frames: Sequence[Path], step: int, where: Path) -> list[tuple[Path, Path]]:
+    """Each frame with the one `step` further on; the last `step` frames begin no pair.
+
+    Raises:
+        DataError: too few frames for a single pair.
+    """
+    if len(frames) <= step:
+        raise too_few_frames(len(frames), step, where)
+    return list(zip(frames, frames[step:], strict=False))
+
+
+def too_few_frames(count: int, step: int, where: Path) -> DataError:
+    """The error for a sequence without a single pair."""
+    return DataError(f"{where}: {counted(count, 'frame')}, but pairs at a step of {step} need {step + 1} or more")
 
 
 def read_frames(paths: tuple[Path, ...]) -> tuple[Frame, ...]:

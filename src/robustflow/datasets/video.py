@@ -6,10 +6,11 @@ from collections.abc import Iterable
 from copy import copy
 from pathlib import Path
 
-from ..errors import DataError, UsageError
+from ..errors import UsageError
 from ..layout import positive
 from ..sample import Frame, Sample
 from ..video.reader import VideoReader
+from .pairs import too_few_frames
 from .samples import Samples
 from .section import Place, place
 
@@ -43,7 +44,7 @@ class Video(Samples):
         self._end = min(end, len(self._first))
         if self._end - begin <= step:
             count = max(0, self._end - begin)
-            raise DataError(f"{path}: {count} frame(s), but pairs at a step of {step} need {step + 1}")
+            raise too_few_frames(count, step, path)
         self._begin = begin
         self._keys = [f"{index:06d}" for index in range(begin, self._end - step)]
         self._around: dict[int, VideoReader] = {}

@@ -148,22 +148,3 @@ def named_convention(
         multiple=multiple,
         size=size if any(size) else None,
     )
-
-
-def parse_size(text: str, multiple: int) -> tuple[int, int]:
-    """A size written HEIGHTxWIDTH.
-
-    >>> parse_size("256x832", 64)
-    (256, 832)
-
-    Raises:
-        UsageError: not two positive multiples of `multiple`.
-    """
-    height, cross, width = str(text).lower().partition("x")
-    if not (cross and height.isdecimal() and width.isdecimal()):
-        raise UsageError(f"'{text}' is not a size: write HEIGHTxWIDTH, for example 256x832")
-    size = int(height), int(width)
-    if min(size) < multiple or size[0] % multiple or size[1] % multiple:
-        must = "at least 1" if multiple == 1 else f"multiples of {multiple}"
-        raise UsageError(f"size {text}: height and width must be {must}, for example 256x832")
-    return size

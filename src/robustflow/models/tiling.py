@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from ..errors import UsageError
 from ..sample import Flow, Frame
+from ..size import parse_size
 from .base import AnyModel, ClipModel, FlowModel, model_identity
-from .input_convention import parse_size
 
 OVERLAP = 20
 """Pixels that neighbouring tiles share at least."""
@@ -83,7 +83,7 @@ class TiledModel:
     def __init__(self, model: FlowModel, tile: str = "432x960") -> None:
         self.model = model
         self.trained_on: str | None = getattr(model, "trained_on", None)
-        self._tile = parse_size(tile, 1)
+        self._tile = parse_size(tile)
         if min(self._tile) <= OVERLAP:
             raise UsageError(f"tile {tile}: height and width must be more than the tiles' overlap of {OVERLAP} pixels")
         if max(self._tile) > LARGEST:

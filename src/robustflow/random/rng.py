@@ -36,7 +36,8 @@ def hash64(key: Any, counter: Any) -> Any:
 
 
 @njit(cache=True, nogil=True)
-def _fill_bits(key: Any, start: Any, out: Any) -> None:
+def fill_bits(key: Any, start: Any, out: Any) -> None:
+    """Positions `start`, `start` + 1, ... of stream `key` into `out`, uint64. For use inside compiled loops."""
     for i in range(out.size):
         out[i] = hash64(key, start + np.uint64(i))
 
@@ -77,7 +78,7 @@ class Rng:
     def bits(self, count: int) -> npt.NDArray[np.uint64]:
         """The next `count` 64-bit words, uint64 (count,)."""
         out = np.empty(count, np.uint64)
-        _fill_bits(np.uint64(self.key), np.uint64(self._position), out)
+        fill_bits(np.uint64(self.key), np.uint64(self._position), out)
         self._position += count
         return out
 

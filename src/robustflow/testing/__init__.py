@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .corruptions import check_corruption
     from .datasets import TexturePairs, check_dataset
-    from .models import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroFlow, check_model
+    from .models import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroClipFlow, ZeroFlow, check_model
 
 _WHERE = {
     "check_corruption": "corruptions",
     **dict.fromkeys(("check_dataset", "TexturePairs"), "datasets"),
-    **dict.fromkeys(("check_model", "BrightnessFlow", "ConstantFlow", "ShiftedTruth", "ZeroFlow"), "models"),
+    **dict.fromkeys(
+        ("check_model", "BrightnessFlow", "ConstantFlow", "ShiftedTruth", "ZeroClipFlow", "ZeroFlow"), "models"
+    ),
 }
 
 __all__ = [
@@ -21,6 +23,7 @@ __all__ = [
     "ConstantFlow",
     "ShiftedTruth",
     "TexturePairs",
+    "ZeroClipFlow",
     "ZeroFlow",
     "check_corruption",
     "check_dataset",

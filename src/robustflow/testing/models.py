@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,29 @@ class ZeroFlow(ConstantFlow):
 
     def __init__(self) -> None:
         super().__init__()
+
+
+class ZeroClipFlow:
+    """A multi-frame model that predicts that nothing moves.
+
+    Args:
+        window: how many frames it is given before and after the pair, as (before, after) or a `Window`.
+
+    >>> frames = [np.zeros((2, 2, 3), np.uint8)] * 3
+    >>> ZeroClipFlow((1, 0)).predict_clip(frames, 1).shape
+    (2, 2, 2)
+    """
+
+    def __init__(self, window: Any = (1, 1)) -> None:
+        self.window = window
+
+    def identity(self) -> dict[str, Any]:
+        """See `ClipModel`."""
+        return {"name": "zero_clip_flow"}
+
+    def predict_clip(self, frames: Sequence[Frame], index: int) -> Flow:
+        """See `ClipModel.predict_clip`."""
+        return np.zeros((*frames[index].shape[:2], 2), np.float32)
 
 
 class ShiftedTruth:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
+
 import polars as pl
 import pytest
 
@@ -16,6 +17,7 @@ from robustflow.report.site.headline import headline
 from robustflow.report.site.models import model_pages
 from robustflow.runs.made_from import FACTS
 from robustflow.runs.run import Run
+from robustflow.testing import ConstantFlow
 
 _HEAD = "setting,model,metric,corruption,value,sample_set\n"
 
@@ -121,14 +123,14 @@ def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
     assert len(content.entries) == 1 + 29 + 11
 
 
-class Blind:
+class Blind(ConstantFlow):
     """A model that predicts no finite flow."""
+
+    def __init__(self):
+        super().__init__(math.nan, math.nan)
 
     def identity(self):
         return {"name": "blind"}
-
-    def predict(self, frame1, frame2):
-        return np.full((*frame1.shape[:2], 2), np.nan, np.float32)
 
 
 def test_a_run_that_measured_nothing_is_still_the_page_of_that_run(tmp_path):

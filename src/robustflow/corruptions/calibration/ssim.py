@@ -17,6 +17,7 @@ from numba import njit
 
 from ...errors import DataError
 from ...sample import Frame
+from ..kernels.borders import mirrored
 
 RADIUS = 5
 SIGMA = 1.5
@@ -72,20 +73,12 @@ def _moments(image: Any, other: Any) -> tuple[npt.NDArray[np.float64], ...]:
 
 
 @njit(cache=True, nogil=True)
-def _mirror(i: int, n: int) -> int:
-    if n == 1:
-        return 0
-    i = i % (2 * n - 2)
-    return min(i, 2 * n - 2 - i)
-
-
-@njit(cache=True, nogil=True)
 def _along(padded: Any, taps: Any, out: Any) -> None:
     """`padded` has its middle filled; mirrored here at both ends, then filtered into `out`."""
     width = out.size
     for j in range(RADIUS):
-        padded[RADIUS - 1 - j] = padded[RADIUS + _mirror(-1 - j, width)]
-        padded[RADIUS + width + j] = padded[RADIUS + _mirror(width + j, width)]
+        padded[RADIUS - 1 - j] = padded[RADIUS + mirrored(-1 - j, width)]
+        padded[RADIUS + width + j] = padded[RADIUS + mirrored(width + j, width)]
     out[:] = 0.0
     for k in range(taps.size):
         part = padded[k : k + width]
@@ -103,7 +96,7 @@ def _filter_moments(image: Any, other: Any, taps: Any, mean: Any, square: Any, p
         mixed = rows[2][RADIUS : RADIUS + width]
         first[:], second[:], mixed[:] = 0.0, 0.0, 0.0
         for k in range(taps.size):
-            a, b = image[_mirror(y + k - RADIUS, height)], other[_mirror(y + k - RADIUS, height)]
+            a, b = image[mirrored(y + k - RADIUS, height)], other[mirrored(y + k - RADIUS, height)]
             for x in range(width):
                 value, weighted = np.float64(a[x]), taps[k] * np.float64(a[x])
                 first[x] += weighted

@@ -12,6 +12,7 @@ from ...images.contiguous import contiguous
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
+from ..kernels.borders import mirrored_with_edge
 from ..kernels.smooth_field import SmoothField, field_row, smooth_field
 
 _BITS = 11
@@ -68,13 +69,6 @@ def displacement(state: ElasticState, shape: tuple[int, int]) -> npt.NDArray[np.
 
 
 @njit(cache=True, nogil=True)
-def _mirror(i: int, n: int) -> int:
-    """Index `i` of an axis of length `n` mirrored with its end pixels repeated."""
-    i = i % (2 * n)
-    return min(i, 2 * n - 1 - i)
-
-
-@njit(cache=True, nogil=True)
 def _warp(frame: Any, samples_y: Any, steps: Any, samples_x: Any, out: Any) -> None:
     """Positions are rounded to 1/2048 px, which moves a value by at most 1/8 of a grey level; the rest is integer."""
     height, width = frame.shape[:2]
@@ -91,8 +85,8 @@ def _warp(frame: Any, samples_y: Any, steps: Any, samples_x: Any, out: Any) -> N
             top, left = y + (down >> _BITS), x + (right >> _BITS)
             bottom, far = top + 1, left + 1
             if top < 0 or bottom >= height or left < 0 or far >= width:
-                top, bottom = _mirror(top, height), _mirror(bottom, height)
-                left, far = _mirror(left, width), _mirror(far, width)
+                top, bottom = mirrored_with_edge(top, height), mirrored_with_edge(bottom, height)
+                left, far = mirrored_with_edge(left, width), mirrored_with_edge(far, width)
             a, b = np.uint64(3 * (top * width + left)), np.uint64(3 * (top * width + far))
             c, d = np.uint64(3 * (bottom * width + left)), np.uint64(3 * (bottom * width + far))
             fy, fx = np.uint32(down & ((1 << _BITS) - 1)), np.uint32(right & ((1 << _BITS) - 1))

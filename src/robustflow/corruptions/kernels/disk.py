@@ -14,6 +14,7 @@ from numba import njit
 
 from ...images.contiguous import contiguous
 from ...sample import Frame
+from .borders import mirrored
 from .disk_kernel import disk_parts
 from .separable import FLOOR
 
@@ -36,16 +37,6 @@ def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = F
 
 
 @njit(cache=True, nogil=True)
-def _mirror(i: int, n: int) -> int:
-    """Index `i` of an axis of length `n` mirrored about its end pixels, without repeating them."""
-    if n == 1:
-        return 0
-    period = 2 * n - 2
-    i = i % period
-    return min(i, period - i)
-
-
-@njit(cache=True, nogil=True)
 def _running_sums(row: Any, start: int, sums: Any) -> None:
     """Running sums of each channel from column `start` on, columns outside the row mirrored.
 
@@ -56,7 +47,7 @@ def _running_sums(row: Any, start: int, sums: Any) -> None:
     sums[0] = sums[1] = sums[2] = 0
     for j in range(sums.size // 3 - 1):
         x = start + j
-        at = 3 * x if 0 <= x < width else 3 * _mirror(x, width)
+        at = 3 * x if 0 <= x < width else 3 * mirrored(x, width)
         r = np.int32(r + row[at])
         g = np.int32(g + row[at + 1])
         b = np.int32(b + row[at + 2])
@@ -201,10 +192,10 @@ def _convolve(source: Any, x0: int, widths: Any, taps: Any, rim: Any, rim_weight
     down = np.empty(n + 6 * g, np.float32)
     total = np.empty(n, np.float32)
     for y in range(-reach, reach - 2 * g):
-        _running_sums(source[_mirror(y, height)], x0 - reach, sums[y % window])
+        _running_sums(source[mirrored(y, height)], x0 - reach, sums[y % window])
     for y in range(-2 * g, height):
         ahead = y + g
-        _running_sums(source[_mirror(y + reach, height)], x0 - reach, sums[(y + reach) % window])
+        _running_sums(source[mirrored(y + reach, height)], x0 - reach, sums[(y + reach) % window])
         _sum_disk(sums, ahead, widths, reach - g, disks[ahead % len(disks)])
         if len(rim) > 0:
             side = sides[ahead % len(sides)]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...random.rng import Rng, hash64
+from .borders import mirrored_with_edge
 
 _SAMPLES_PER_SIGMA = 2.5
 _TRUNCATE = 3.0
@@ -62,13 +63,6 @@ def _kernel(sigma: float) -> npt.NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
-def _mirror(i: int, n: int) -> int:
-    """Index `i` of an axis of length `n` mirrored with its end samples repeated."""
-    i = i % (2 * n)
-    return min(i, 2 * n - 1 - i)
-
-
-@njit(cache=True, nogil=True)
 def _dot(a: Any, b: Any) -> Any:
     total = np.int32(0)
     for i in range(a.size):
@@ -93,9 +87,9 @@ def _blur_along(key: Any, width: int, step: int, weights: Any, out: Any) -> None
             four[3] = np.int16(bits >> np.uint64(48))
         padded[before : before + width] = noise[:width]
         for i in range(before):
-            padded[i] = noise[_mirror(i - before, width)]
+            padded[i] = noise[mirrored_with_edge(i - before, width)]
         for i in range(before + width, padded.size):
-            padded[i] = noise[_mirror(i - before, width)]
+            padded[i] = noise[mirrored_with_edge(i - before, width)]
         row = out[y]
         for j in range(row.size):
             row[j] = np.float32(_dot(padded[j * step : j * step + weights.size], weights))
@@ -108,7 +102,7 @@ def _blur_down(rows: Any, step: int, weights: Any, out: Any) -> None:
         target = out[i]
         target[:] = 0
         for k in range(weights.size):
-            row, w = rows[_mirror((i - 1) * step + k - radius, height)], weights[k]
+            row, w = rows[mirrored_with_edge((i - 1) * step + k - radius, height)], weights[k]
             for j in range(target.size):
                 target[j] += w * row[j]
 

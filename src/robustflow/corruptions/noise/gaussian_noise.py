@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ...random.rng import hash64
+from ...random.rng import fill_bits
 from ...sample import Frame
 from ..kernels.alias import alias_table, height_bits, normal_cdf
-from .noise import BLOCK, Noise, NoiseState
+from .noise import BLOCK, Noise
 
 
 class GaussianNoise(Noise):
@@ -28,17 +28,10 @@ class GaussianNoise(Noise):
     name = "gaussian_noise"
     paper_severities = (0.08, 0.12, 0.18, 0.26, 0.38)
 
-    def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
-        """Add noise to one frame."""
-        source = np.require(frame, requirements=("C", "W"))
-        out = np.empty_like(source)
-        _add_noise(
-            source.reshape(-1),
-            gaussian_table(state.parameter, self.variant == "reference"),
-            state.key(index),
-            out.reshape(-1),
-        )
-        return out
+    def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
+        """See `Noise.add`."""
+        table = gaussian_table(parameter, self.variant == "reference")
+        _add_noise(source.reshape(-1), table, key, out.reshape(-1))
 
 
 @lru_cache(maxsize=16)
@@ -60,8 +53,7 @@ def _add_noise(source: Any, table: Any, key: Any, out: Any) -> None:
     lanes = words.view(np.uint32)
     entries = np.empty(2 * BLOCK, np.uint32)
     for start in range(0, source.size, 2 * BLOCK):
-        for i in range(BLOCK):
-            words[i] = hash64(key, np.uint64(start // 2 + i))
+        fill_bits(key, np.uint64(start // 2), words)
         s = source[start : start + 2 * BLOCK]
         o = out[start : start + 2 * BLOCK]
         for i in range(s.size):

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from ...random.rng import hash64
+from ...random.rng import fill_bits
 from ...sample import Frame
-from .noise import BLOCK, Noise, NoiseState
+from .noise import BLOCK, Noise
 
 
 class ImpulseNoise(Noise):
@@ -22,16 +22,13 @@ class ImpulseNoise(Noise):
     name = "impulse_noise"
     paper_severities = (0.03, 0.06, 0.09, 0.17, 0.27)
 
-    def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
-        """Replace samples of one frame."""
-        source = np.require(frame, requirements=("C", "W"))
-        out = np.empty_like(source)
-        pepper, both = np.uint16(round(state.parameter * 2**15)), np.uint16(round(state.parameter * 2**16))
+    def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
+        """See `Noise.add`: replace samples."""
+        pepper, both = np.uint16(round(parameter * 2**15)), np.uint16(round(parameter * 2**16))
         if self.variant == "paper":
-            _impulse_pixels(source.reshape(-1, 3), pepper, both, state.key(index), out.reshape(-1, 3))
+            _impulse_pixels(source.reshape(-1, 3), pepper, both, key, out.reshape(-1, 3))
         else:
-            _impulse_samples(source.reshape(-1), pepper, both, state.key(index), out.reshape(-1))
-        return out
+            _impulse_samples(source.reshape(-1), pepper, both, key, out.reshape(-1))
 
 
 @njit(cache=True, nogil=True)
@@ -39,8 +36,7 @@ def _impulse_samples(source: Any, pepper: Any, both: Any, key: Any, out: Any) ->
     words = np.empty(BLOCK, np.uint64)
     lanes = words.view(np.uint16)
     for start in range(0, source.size, 4 * BLOCK):
-        for i in range(BLOCK):
-            words[i] = hash64(key, np.uint64(start // 4 + i))
+        fill_bits(key, np.uint64(start // 4), words)
         s = source[start : start + 4 * BLOCK]
         o = out[start : start + 4 * BLOCK]
         for i in range(s.size):
@@ -53,8 +49,7 @@ def _impulse_pixels(source: Any, pepper: Any, both: Any, key: Any, out: Any) -> 
     words = np.empty(BLOCK, np.uint64)
     lanes = words.view(np.uint16)
     for start in range(0, source.shape[0], 4 * BLOCK):
-        for i in range(BLOCK):
-            words[i] = hash64(key, np.uint64(start // 4 + i))
+        fill_bits(key, np.uint64(start // 4), words)
         s = source[start : start + 4 * BLOCK]
         o = out[start : start + 4 * BLOCK]
         for i in range(s.shape[0]):

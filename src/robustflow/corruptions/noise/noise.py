@@ -7,11 +7,13 @@ but integers is compared.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...random.rng import Rng
+from ...sample import Frame
 from ..base import Corruption
 
 BLOCK = 256
@@ -38,3 +40,21 @@ class Noise(Corruption):
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> NoiseState:
         """The amount of noise, and the stream that frames spawn theirs from."""
         return NoiseState(float(self.parameter(severity)), rng)
+
+    def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
+        """One frame with noise of its own."""
+        source = np.require(frame, requirements=("C", "W"))
+        out = np.empty_like(source)
+        self.add(source, state.parameter, state.key(index), out)
+        return out
+
+    @abstractmethod
+    def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
+        """Write `source` with noise into `out`, both contiguous.
+
+        Args:
+            source: uint8 (H, W, 3).
+            parameter: the amount of noise, as `severities` give it.
+            key: of the frame's stream.
+            out: uint8 (H, W, 3).
+        """

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from ...random.rng import hash64
+from ...random.rng import fill_bits
 from ...sample import Frame
 from ..kernels.alias import alias_table, counts_from_cdf, height_bits, poisson_cdf
 from ..kernels.rounding import to_bytes
-from .noise import BLOCK, Noise, NoiseState
+from .noise import BLOCK, Noise
 
 
 class ShotNoise(Noise):
@@ -27,14 +27,11 @@ class ShotNoise(Noise):
     name = "shot_noise"
     paper_severities = (60, 25, 12, 5, 3)
 
-    def apply(self, frame: Frame, state: NoiseState, index: int) -> Frame:
-        """Count the photons of one frame."""
-        source = np.require(frame, requirements=("C", "W"))
-        out = np.empty_like(source)
-        tables, column_bits = shot_tables(state.parameter, self.variant == "reference")
+    def add(self, source: Frame, parameter: float, key: np.uint64, out: Frame) -> None:
+        """See `Noise.add`: count the photons."""
+        tables, column_bits = shot_tables(parameter, self.variant == "reference")
         shift, height_shift = np.uint32(column_bits), np.uint32(32 - column_bits - height_bits(8))
-        _replace_levels(source.reshape(-1), tables, shift, height_shift, state.key(index), out.reshape(-1))
-        return out
+        _replace_levels(source.reshape(-1), tables, shift, height_shift, key, out.reshape(-1))
 
 
 @lru_cache(maxsize=8)
@@ -69,8 +66,7 @@ def _replace_levels(source: Any, tables: Any, column_bits: Any, height_shift: An
     lanes = words.view(np.uint32)
     entries = np.empty(2 * BLOCK, np.uint32)
     for start in range(0, source.size, 2 * BLOCK):
-        for i in range(BLOCK):
-            words[i] = hash64(key, np.uint64(start // 2 + i))
+        fill_bits(key, np.uint64(start // 2), words)
         s = source[start : start + 2 * BLOCK]
         o = out[start : start + 2 * BLOCK]
         for i in range(s.size):

@@ -9,6 +9,7 @@ import numpy as np
 from ...errors import UsageError
 from ...random.rng import Rng
 from ...sample import Sample
+from ...size import parse_size
 from ..facts import DatasetFacts
 from ..samples import Samples
 from .render import render_pair
@@ -71,7 +72,7 @@ class FlyingShapes(Samples):
         if isinstance(motion, bool) or not isinstance(motion, int | float) or not 0 <= motion <= 10:
             raise UsageError(f"motion must be a number from 0 to 10, not {motion!r}")
         self._pairs, self._seed, self._split, self._motion = pairs, seed, split, float(motion)
-        self._shape = _parsed(size)
+        self._shape = parse_size(size, smallest=_SMALLEST, largest=_LARGEST)
         self._textures = None if textures is None else str(textures)
         if self._textures is not None:
             picture_files(self._textures)
@@ -100,14 +101,3 @@ class FlyingShapes(Samples):
         if len(key) >= 6 and key.isdecimal() and key == f"{int(key):06d}" and int(key) < self._pairs:
             return int(key)
         raise UsageError(f"shapes has no sample '{key}'; its keys are '000000' to '{self._pairs - 1:06d}'")
-
-
-def _parsed(size: str) -> tuple[int, int]:
-    height, cross, width = str(size).lower().partition("x")
-    if cross and height.isdecimal() and width.isdecimal() and len(height) < 6 and len(width) < 6:
-        shape = int(height), int(width)
-        if all(_SMALLEST <= side <= _LARGEST for side in shape):
-            return shape
-    raise UsageError(
-        f"size must be HEIGHTxWIDTH, {_SMALLEST} to {_LARGEST} pixels a side, for example 384x512, not {size!r}"
-    )

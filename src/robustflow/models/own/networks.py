@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...errors import UsageError
+from ...size import parse_size
 from ..base import AnyModel
 from ..execution import Execution, with_execution
-from ..input_convention import InputConvention, parse_size
+from ..input_convention import InputConvention
 from ..option_checks import check_count, check_switch
 from ..tiling import tiled
 from ..torch.network import network_model

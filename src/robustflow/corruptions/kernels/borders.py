@@ -1,0 +1,29 @@
+"""What lies beyond the border of an image: its mirror image, with or without the edge pixel repeated."""
+
+from __future__ import annotations
+
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def mirrored(i: int, n: int) -> int:
+    """Index `i` of an axis of length `n`, mirrored about its end pixels without repeating them.
+
+    >>> [mirrored(i, 3) for i in range(-3, 6)]
+    [1, 2, 1, 0, 1, 2, 1, 0, 1]
+    """
+    if n == 1:
+        return 0
+    i = i % (2 * n - 2)
+    return min(i, 2 * n - 2 - i)
+
+
+@njit(cache=True, nogil=True)
+def mirrored_with_edge(i: int, n: int) -> int:
+    """Index `i` of an axis of length `n`, mirrored with its end pixels repeated.
+
+    >>> [mirrored_with_edge(i, 3) for i in range(-3, 6)]
+    [2, 1, 0, 0, 1, 2, 2, 1, 0]
+    """
+    i = i % (2 * n)
+    return min(i, 2 * n - 1 - i)
