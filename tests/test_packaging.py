@@ -26,8 +26,6 @@ from packaging.utils import canonicalize_name  # noqa: E402
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 OPTIONAL = PROJECT["optional-dependencies"]
-APART = {"bench", "optics-test"}
-"""Extras for environments of their own, whose libraries the tests do not have."""
 
 
 def pins():
@@ -49,9 +47,8 @@ def test_an_extra_resolves_to_its_pins(extra):
         name = canonicalize_name(requirement.name)
         if name == "robustflow":
             assert requirement.extras <= set(OPTIONAL)
-        elif extra not in APART:
+        else:
             assert name in known, f"{requirement} of [{extra}] has no line in constraints.txt"
-        if name in known:
             assert known[name] in requirement.specifier, f"{requirement} of [{extra}] against {name}=={known[name]}"
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
 import pytest
 
+from robustflow.analysis.imported import NOTE
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results import RESULT_KEY, read_results
 from robustflow.api import evaluate
@@ -60,6 +62,25 @@ def test_a_page_of_many_runs_leaves_the_example_pictures_out(robustflow, run, mo
     assert len(asked) == 1
     assert robustflow("leaderboard", *Path("many").iterdir(), "-o", "site")[0] == 0
     assert len(asked) == 1
+
+
+def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_be_verified(robustflow, run):
+    Path("RAFT_ood").mkdir()
+    values = {"CRE": [1, 2, 3, 4, 5], "rCRE": [2, 3, 4, 5, 6], "clean_EPE": [3] * 5, "corrupt_EPE": [4, 5, 6, 7, 8]}
+    Path("RAFT_ood/results.json").write_text(json.dumps({"brightness": values}))
+    experiment = {"model": "gma", "checkpoint": "kitti", "attack": "common_corruptions", "name": "motion_blur"}
+    rest = {"severity": 3, "dataset": "kitti-2015", "metrics": {"epe": 4.86}}
+    Path("metrics_kitti-2015.json").write_text(json.dumps({"experiments": [experiment | rest]}))
+    files = ("RAFT_ood/results.json", "metrics_kitti-2015.json")
+    assert robustflow("leaderboard", run, *files, "--no-published", "-o", "site")[0] == 0
+    page = Path("site/index.html").read_text()
+    for said in ("RAFT_ood", "gma kitti", "Reference code, kitti-fc", "FlowBench, kitti-2015, severity 3", NOTE):
+        assert said in page
+    written = read_results("site/results.csv")
+    assert written.filter(model="gma kitti", corruption="motion_blur")["value"].item() == 4.86
+    code, _, error = robustflow("leaderboard", run / "summary.json", "--no-published")
+    assert code == 1
+    assert "neither results.json of the reference code nor" in error
 
 
 def test_what_cannot_be_shown(robustflow):

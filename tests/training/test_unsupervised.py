@@ -88,6 +88,16 @@ def test_stopped_and_resumed_it_is_the_undisturbed_training(request_for, tmp_pat
     assert lines == again
 
 
+@pytest.mark.parametrize("method", MIXES)
+def test_the_seed_is_that_of_every_random_weight(method):
+    recipe = load_recipe(method, "unsupervised")
+    first, again, other = (load_network(recipe, "random", seed=seed)[1].weights() for seed in (3, 3, 4))
+    drawn = [name for name, value in first.items() if value.ndim == 4]
+    assert len(drawn) > 10
+    assert [name for name in drawn if not torch.equal(first[name], again[name])] == []
+    assert [name for name in drawn if torch.equal(first[name], other[name])] == []
+
+
 @pytest.mark.parametrize(
     ("method", "crop", "says"),
     [

@@ -47,6 +47,9 @@ best of its column, null where the source marks nothing. `sample_set`: results c
 `note`: what a reader must know before comparing, "" for nothing.
 """
 
+ELSEWHERE = ("brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur")
+"""Corruptions that other benchmarks have and this project has not: results may be of them."""
+
 RESULT_KEY = ("sample_set", "benchmark", "setting", "model", "metric", "corruption")
 _WRITTEN = ("benchmark", "setting", "model", "metric", "corruption", "source", "sample_set", "note")
 _REQUIRED = ("setting", "model", "metric", "corruption", "value")
@@ -139,7 +142,7 @@ def _record(line: dict[Any, Any], where: str, sample_set: str) -> tuple[Any, ...
 
 
 def _check_corruption(name: str, where: str) -> None:
-    if name not in (CLEAN, AVERAGE):
+    if name not in (CLEAN, AVERAGE, *ELSEWHERE):
         try:
             parse_stack(name)
         except UsageError as error:

@@ -1,23 +1,28 @@
-"""`robustflow export`: a benchmark's corrupted frames in the layout KITTI-FC was released in, or a run's rows."""
+"""`robustflow export`: a benchmark's corrupted frames as KITTI-FC was released, a run's rows, or a submission."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from .options import (
+    Checkpoint,
     CommonDraws,
     Corruptions,
     Data,
+    Device,
     Limit,
+    ModelOptions,
+    Precision,
     PsfDir,
     Seed,
     Severities,
     SeverityScale,
     Split,
     Variant,
+    model_options,
     names,
     numbers,
     use_psf_dir,
@@ -31,10 +36,17 @@ def export(
     data: Data = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder to write, KITTI-FC by default; of rows the file, rows.csv."),
+        typer.Option(
+            "--output", "-o", help="Folder to write, KITTI-FC or submission by default; of rows the file, rows.csv."
+        ),
     ] = None,
     format: Annotated[
-        str | None, typer.Option("--format", "-f", help="Write the rows of a run: csv or parquet.")
+        str | None,
+        typer.Option(
+            "--format",
+            "-f",
+            help="Of a run: csv or parquet, its rows; robustspring, its model's flows as that server wants them.",
+        ),
     ] = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
@@ -45,16 +57,30 @@ def export(
     severity_scale: SeverityScale = "paper",
     common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
+    model: Annotated[
+        str | None, typer.Option("--model", "-m", help="With robustspring, where the run does not know its model.")
+    ] = None,
+    checkpoint: Checkpoint = None,
+    device: Device = None,
+    precision: Precision = None,
+    option: ModelOptions = None,
 ) -> None:
     """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}; or a run's rows as one file.
 
+    With --format robustspring the run's model predicts RobustSpring's own frames, which --data names (spring/test,
+    fog/test, ...), in the layout that its flow_robust_subsampling takes; results.csv says how far the flow moves.
     Files that are already whole are left alone, so a stopped export continues where it stopped.
 
     \b
     Example:
       robustflow export kitti-fc --data ~/kitti --output ~/KITTI-FC --limit 5
       robustflow export runs/mine --format parquet --output mine.parquet
+      robustflow export runs/mine --format robustspring --data ~/RobustSpring --device cuda
     """
+    if format == "robustspring":
+        given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
+        _export_submission(Path(benchmark), model, given, data, output, names(corruptions), limit)
+        return
     if format is not None:
         _export_rows(Path(benchmark), format, output)
         return
@@ -91,3 +117,47 @@ def _export_rows(run: Path, format: str, output: Path | None) -> None:
     target = output or Path(f"rows.{format}")
     write_bytes(target, data)
     typer.echo(str(target))
+
+
+def _export_submission(
+    path: Path,
+    model: str | None,
+    given: tuple[tuple[str, Any], ...],
+    data: Path | None,
+    output: Path | None,
+    corruptions: list[str] | None,
+    limit: int | None,
+) -> None:
+    from ..analysis.results import results_csv
+    from ..analysis.robustspring import robustspring_results
+    from ..atomic import write_bytes
+    from ..datasets.robustspring import CORRUPTIONS, submitted
+    from ..errors import UsageError
+    from ..models import ModelSpec
+    from ..records.load import load_run
+    from ..runner.submission import jobs_of, model_of, write_submission
+    from ..runs.source import RunSource
+    from .video_progress import VideoProgress
+
+    if data is None:
+        raise UsageError(
+            "--format robustspring needs RobustSpring's frames: give --data PATH, which holds spring/test/"
+        )
+    output = output or Path("submission")
+    run = load_run(path)
+    spec = ModelSpec(model, given) if model is not None else RunSource.read(run.path).model_to_reuse(dict(given))
+    jobs = jobs_of(data, corruptions or CORRUPTIONS, limit)
+    total = sum(len(job.keys) for job in jobs)
+    moved: dict[str, list[float]] = {}
+    fresh = count = 0
+    with VideoProgress() as progress:
+        for one in write_submission(model_of(run, spec), jobs, output):
+            count, fresh = count + 1, fresh + one.fresh
+            progress(str(output), "predicting", count, total)
+            if one.moved is not None:
+                moved.setdefault(one.condition, []).append(one.moved)
+    if moved:
+        write_bytes(output / "results.csv", results_csv(robustspring_results(run, moved)).encode())
+    typer.echo(f"{output}: {count} flows, {fresh} written and {count - fresh} already there")
+    if missing := sum(not (output / flow).is_file() for flow in submitted()):
+        typer.echo(f"not a whole submission: {missing} of {len(list(submitted()))} flows are missing")

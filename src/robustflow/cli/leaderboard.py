@@ -11,7 +11,7 @@ import typer
 def leaderboard(
     sources: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[SOURCE...]", help="Folders or records of runs, and results files (CSV)."),
+        typer.Argument(metavar="[SOURCE...]", help="Folders or records of runs, and results files (CSV, JSON)."),
     ] = None,
     published: Annotated[
         bool, typer.Option("--published/--no-published", help="The paper's results beside them.")
@@ -33,6 +33,9 @@ def leaderboard(
     are not ranked against each other. A page of more than 24 runs leaves out the example pictures, which are a third of
     its size (robustflow gallery draws them). What is computed from a run is kept in its folder for the next time.
 
+    Results files are CSV, or JSON as the paper's reference code (results.json) and FlowBench (metrics_DATASET.json)
+    write it: means without rows, which form groups of their own and say that nothing in them can be verified.
+
     With --add the source is a folder that several people add records to: each is verified and copied into its records/,
     and the page in it is built again from all that are there. A folder of records may be a source without --add too.
 
@@ -41,9 +44,11 @@ def leaderboard(
       robustflow leaderboard
       robustflow leaderboard runs/* -o site
       robustflow leaderboard mine.csv --no-published
+      robustflow leaderboard runs/mine benchmark_results/RAFT_ood/results.json
       robustflow leaderboard site --add mine.robustflow
       robustflow leaderboard site -o site
     """
+    from ..analysis.imported import read_imported
     from ..analysis.results import read_results, results_csv
     from ..atomic import make_folder, write_bytes
     from ..errors import UsageError
@@ -68,8 +73,9 @@ def leaderboard(
     if only_own and not sources:
         raise UsageError("--only-own needs a source: name a run's folder or a results file")
     files = [path for path in sources if path.suffix.lower() == ".csv"]
-    runs = [load_run(path) for path in sources if path not in files]
-    results = [(path.name, read_results(path)) for path in files]
+    imported = [path for path in sources if path.suffix.lower() == ".json"]
+    runs = [load_run(path) for path in sources if path not in (*files, *imported)]
+    results = [*((path.name, read_results(path)) for path in files), ("imported", read_imported(imported))]
     content = whole_content(runs, results, published=published, only_own=only_own)
     pictured = any((run.path / EXAMPLES).is_dir() for run in runs)
     page = render_site(content, None if pictured or len(runs) > MOST_DETAILED else embedded_slider()).encode()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -23,7 +23,7 @@ from ..images.io import image_size, write_image
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
 from ..runs.plan import RunOptions
-from ..sample import Frame
+from ..sample import Flow, Frame
 from ..threads import one_opencv_thread
 from ..video.clip import write_clip
 from ..video.codec import crf
@@ -102,15 +102,25 @@ def predict_flows(
     named = name_model(model)
     if isinstance(named.model, FlowLookup):
         raise UsageError("a folder of flow files predicts nothing; name a model")
-    options = RunOptions(allow_invalid=True, window=window_on(named.model, dataset))
+    for key, flow in flows_of(named.model, dataset, keys):
+        make_folder(targets[key].parent)
+        write_flow(targets[key], flow)
+        yield Predicted(key, targets[key], flow_radius(flow))
+
+
+def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator[tuple[str, Flow]]:
+    """Key and flow, float32 (H, W, 2) in pixels, of some pairs of a data set, one after the other.
+
+    Raises:
+        ModelError: the model does not answer with a flow.
+        DataError: a frame cannot be read.
+    """
+    options = RunOptions(allow_invalid=True, window=window_on(model, dataset))
     with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
-        worker = Worker(dataset, named.model, options, lambda key: Path(scratch) / "clean.npy")
-        for key, target in targets.items():
+        worker = Worker(dataset, model, options, lambda key: Path(scratch) / "clean.npy")
+        for key in keys:
             Path(scratch, "clean.npy").unlink(missing_ok=True)
-            flow = worker.clean_flow(key)
-            make_folder(target.parent)
-            write_flow(target, flow)
-            yield Predicted(key, target, flow_radius(flow))
+            yield key, worker.clean_flow(key)
 
 
 def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:

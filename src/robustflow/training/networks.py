@@ -42,12 +42,13 @@ class TrainedNetwork(nn.Module):
     Args:
         model: whose network learns; it predicts with the very weights that are being trained.
         recipe: says how its normalisation layers behave.
+        seed: of the random weights of BrightFlow's corrector, which no checkpoint of `run` holds.
 
     Raises:
         UsageError: a network without the method that the recipe's loss needs.
     """
 
-    def __init__(self, model: NetworkModel, recipe: Recipe) -> None:
+    def __init__(self, model: NetworkModel, recipe: Recipe, seed: int = 0) -> None:
         super().__init__()
         method, returns = _NEEDED[recipe.loss]
         if recipe.objective is None and not hasattr(model.net, method):
@@ -69,7 +70,7 @@ class TrainedNetwork(nn.Module):
         self._labelled = recipe.objective is None
         self.corrector: nn.Module | None = None
         if isinstance(recipe.objective, BrightflowObjective):
-            self.corrector = _seeded_corrector().to(model.device)
+            self.corrector = _seeded_corrector(seed).to(model.device)
 
     def train(self, mode: bool = True) -> TrainedNetwork:
         """Training or evaluation mode; norms that the recipe freezes stay in the latter."""
@@ -154,9 +155,9 @@ class TrainedNetwork(nn.Module):
         return wrapped if isinstance(wrapped, nn.Module) else self.net
 
 
-def _seeded_corrector() -> Corrector:
+def _seeded_corrector(seed: int) -> Corrector:
     with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(0)
+        torch.manual_seed(seed)
         return Corrector()
 
 
@@ -195,7 +196,7 @@ def load_network(
         raise UsageError(f"model '{recipe.method}' is not a PyTorch network of this package, so it cannot be trained")
     if recipe.objective is not None and recipe.objective.kind != "brightflow" and str(start) == RANDOM:
         kaiming(model.net, seed)
-    return model, TrainedNetwork(model, recipe)
+    return model, TrainedNetwork(model, recipe, seed)
 
 
 def kaiming(network: nn.Module, seed: int = 0) -> None:

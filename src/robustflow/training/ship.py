@@ -12,13 +12,14 @@ from ..atomic import write_bytes
 from .checkpoint import read_progress
 
 
-def ship(checkpoint: Path, target: Path, command: str) -> None:
+def ship(checkpoint: Path, target: Path, command: str, commit: str) -> None:
     """Weights as safetensors, with what decided them.
 
     Args:
         checkpoint: `last.pth` of a training.
         target: to write.
         command: that made the training.
+        commit: of this project's code that the training ran with.
 
     Raises:
         RunError, ModelError: no training there, or a damaged one.
@@ -26,6 +27,7 @@ def ship(checkpoint: Path, target: Path, command: str) -> None:
     content, about = read_progress(checkpoint)
     record = {
         "made_by": command,
+        "commit": commit,
         "updates": str(about.updates),
         "training": json.dumps(about.identity, sort_keys=True),
     }
@@ -33,6 +35,6 @@ def ship(checkpoint: Path, target: Path, command: str) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 4:
-        sys.exit("usage: python -m robustflow.training.ship CHECKPOINT TARGET.safetensors 'COMMAND THAT MADE IT'")
-    ship(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3])
+    if len(sys.argv) != 5:
+        sys.exit("usage: python -m robustflow.training.ship CHECKPOINT TARGET.safetensors 'COMMAND' COMMIT")
+    ship(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4])

@@ -11,8 +11,8 @@ from numba import njit
 Maps = npt.NDArray[np.float32]
 Weights = npt.NDArray[np.float32]
 
-_COLUMNS = 4_000_000
-"""Numbers of the unfolded input at a time, so that memory stays flat for large frames."""
+_COLUMNS = 250_000
+"""Numbers of the unfolded input at a time: what stays in the cache of a core, whatever the size of the frames."""
 _SLOPE = np.float32(0.1)
 
 

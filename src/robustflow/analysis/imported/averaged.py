@@ -1,0 +1,24 @@
+"""What an average is over, in words that differ where the corruptions do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...text import counted
+
+
+def averaged_over(names: Sequence[str], wanted: Sequence[str]) -> str:
+    """Which corruptions an average is over: of those wanted, and without the fewer of the two to name.
+
+    >>> averaged_over(["fog", "snow"], ["fog", "snow"]), averaged_over(["fog", "snow"], ["fog", "frost", "snow"])
+    ('average over 2 corruptions', 'average over 2 corruptions, without frost')
+    >>> averaged_over(["fog"], ["fog", "frost", "snow"])
+    'average over 1 corruption: fog'
+    """
+    said = f"average over {counted(len(names), 'corruption')}"
+    missing, further = [name for name in wanted if name not in names], [name for name in names if name not in wanted]
+    if not missing and not further:
+        return said
+    if not further and len(missing) < len(names):
+        return f"{said}, without {', '.join(missing)}"
+    return f"{said}: {', '.join(names)}"

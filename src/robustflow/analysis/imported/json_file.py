@@ -1,0 +1,56 @@
+"""A JSON file from elsewhere: of a limited size, without repeated names, and its numbers looked at one by one."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from ...errors import DataError
+from ...text import plain
+
+_LARGEST_FILE = 16 * 2**20
+_LARGEST_NUMBER = 1e9
+
+
+def read_json_file(path: Path) -> Any:
+    """What a JSON file holds. Python's `json.dump` writes NaN, which is read here and refused where it is used.
+
+    Raises:
+        DataError: no such file, more than 16 MiB, not JSON, or a name that is given twice.
+    """
+    path = path.expanduser()
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise DataError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB; result files are far smaller")
+        return json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=_each_once)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); give a file of results") from error
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"{path}: not JSON ({plain(str(error))}); give the file as it was written") from error
+
+
+def number(value: Any, where: str, *, signed: bool = False) -> float:
+    """A finite number, as a length in pixels or (`signed`) a difference of two.
+
+    >>> number(2, "r.json, fog"), number(-0.5, "r.json, fog", signed=True)
+    (2.0, -0.5)
+
+    Raises:
+        DataError: it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise DataError(f"{where}: {plain(repr(value), 40)} is not a number")
+    if not abs(value) <= _LARGEST_NUMBER:  # NaN is not below anything
+        raise DataError(f"{where}: {plain(repr(value), 40)} is not a finite number of pixels")
+    if value < 0 and not signed:
+        raise DataError(f"{where}: {float(value):g}: a length in pixels cannot be below 0")
+    return float(value)
+
+
+def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    twice = [name for name, count in Counter(name for name, _ in pairs).items() if count > 1]
+    if twice:
+        raise ValueError(f"'{plain(twice[0], 40)}' is given twice")
+    return dict(pairs)

@@ -1,0 +1,134 @@
+"""`results.json` of the paper's reference code.
+
+Written by models/RAFT/benchmark.py (KITTI-FC) and benchmark_gopro.py (GoPro-FC) of the public repository
+ZhonghuaYi/optical_flow_robustness_benchmark, commit 445880d, to benchmark_results/PROJECT/results.json:
+
+    {"fog": {"CRE": [5 values], "rCRE": [...], "clean_EPE": [...], "corrupt_EPE": [...],
+             "CRE_mean": ..., "rCRE_mean": ..., "clean_EPE_mean": ..., "corrupt_EPE_mean": ..., "result": "..."},
+     "clean": {"clean_EPE": [1 value], "CRE": [[]], "CRE_mean": NaN, ...}, ...}
+
+On GoPro-FC, which has no ground truth, there is rCRE alone. Values are means over images of means over pixels, of
+severities 1 to 5 in this order; "brightness" is what the paper calls high light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import fsum
+from pathlib import Path
+from typing import Any
+
+from ...benchmarks import benchmark_facts
+from ...corruptions.registry import PAPER_ORDER
+from ...datasets.released import DISK_NAMES
+from ...errors import DataError, unknown_name
+from ...metrics.rows import CLEAN
+from ...severity import SEVERITIES
+from ...text import plain
+from ..results import AVERAGE
+from ..scores import OWN
+from .averaged import averaged_over
+from .json_file import number
+
+_METRICS = {"corrupt_EPE": "epe", "CRE": "cre", "rCRE": "rcre"}
+_PAPER_NAMES = {on_disk: name for name, on_disk in DISK_NAMES.items()}
+_KNOWN = (*(DISK_NAMES.get(name, name) for name in PAPER_ORDER), "elastic_transform")
+_SOURCE = "results.json of the reference code"
+
+
+@dataclass(frozen=True)
+class Results:
+    """A file.
+
+    Attributes:
+        model: the folder it is in, which the reference code names after the model, the setting and the time.
+        benchmark: "kitti-fc" or "gopro-fc".
+        values: (metric, corruption or "clean") -> mean over severities.
+    """
+
+    model: str
+    benchmark: str
+    values: dict[tuple[str, str], float]
+
+
+def is_reference(content: Any) -> bool:
+    """Whether a file's content has the shape of these.
+
+    >>> is_reference({"fog": {"rCRE": [1, 2, 3, 4, 5]}}), is_reference({"experiments": []})
+    (True, False)
+    """
+    return (
+        isinstance(content, dict)
+        and bool(content)
+        and all(isinstance(entry, dict) for entry in content.values())
+        and any("rCRE" in entry for entry in content.values())
+    )
+
+
+def parse(content: dict[str, dict[str, Any]], path: Path) -> Results:
+    """The values of a file.
+
+    Raises:
+        DataError: an unknown corruption, not five values, or one that is not a finite number.
+    """
+    values: dict[tuple[str, str], float] = {}
+    for written, entry in content.items():
+        where = f"{path}, '{plain(written, 40)}'"
+        if written == CLEAN:
+            continue
+        if written not in _KNOWN:
+            raise DataError(f"{path}: {unknown_name('corruption', plain(written, 40), _KNOWN)}")
+        name = _PAPER_NAMES.get(written, written)
+        for written_metric, metric in _METRICS.items():
+            if written_metric in entry:
+                values[metric, name] = _mean(entry[written_metric], f"{where}, {written_metric}", metric == "cre")
+    if not values:
+        raise DataError(f"{path}: no corruption in it; this file says nothing of robustness")
+    clean = _clean(content, path)
+    if clean is not None:
+        values["epe", CLEAN] = clean
+    model = path.expanduser().resolve().parent.name if path.name == "results.json" else path.stem
+    has_flow = any(metric == "epe" for metric, _ in values)
+    return Results(plain(model) or "unnamed", "kitti-fc" if has_flow else "gopro-fc", values)
+
+
+def lines(files: Sequence[Results], note: str) -> Iterator[tuple[Any, ...]]:
+    """Lines of `results.RESULT_SCHEMA`. Files of one benchmark under the same corruptions are one sample set: the
+    release has one set of frames."""
+    for file in files:
+        wanted = benchmark_facts(file.benchmark).paper_corruptions
+        frames = f"Reference code, {file.benchmark}, {averaged_over(_averaged(file), wanted)}"
+        for (metric, corruption), value in _with_averages(file).items():
+            yield file.benchmark, OWN, file.model, metric, corruption, value, None, None, _SOURCE, frames, note
+
+
+def _mean(written: Any, where: str, signed: bool) -> float:
+    if not isinstance(written, list) or len(written) != len(SEVERITIES):
+        raise DataError(f"{where}: not {len(SEVERITIES)} values, one for each severity")
+    return fsum(number(value, where, signed=signed) for value in written) / len(SEVERITIES)
+
+
+def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
+    """Of the entry "clean", otherwise of any corruption, for all of which it is the same."""
+    for written in (CLEAN, *content):
+        values = content.get(written, {}).get("clean_EPE")
+        if isinstance(values, list) and values:
+            return number(values[0], f"{path}, '{plain(written, 40)}', clean_EPE")
+    return None
+
+
+def _averaged(file: Results) -> tuple[str, ...]:
+    """The corruptions that averages are over: the paper's, of which elastic_transform is not one."""
+    names = {corruption for _, corruption in file.values}
+    return tuple(name for name in PAPER_ORDER if name in names)
+
+
+def _with_averages(file: Results) -> dict[tuple[str, str], float]:
+    names = _averaged(file)
+    means = {
+        (metric, AVERAGE): fsum(file.values[metric, name] for name in names) / len(names)
+        for metric in _METRICS.values()
+        if names and all((metric, name) in file.values for name in names)
+    }
+    return {**file.values, **means}

@@ -1,0 +1,141 @@
+"""Flows of a model on RobustSpring, in the layout that its server's tool takes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..atomic import make_folder
+from ..datasets.robustspring import CLEAN, DIRECTIONS, RobustSpring
+from ..errors import DataError, ModelError, RunError, UsageError
+from ..flowio import read_flow, write_flow
+from ..models import ModelSpec
+from ..models.base import AnyModel, FlowLookup
+from ..runs.identity import differing
+from ..runs.run import Run
+from ..sample import Flow
+from .named_model import name_model
+from .predict import flows_of
+
+
+@dataclass(frozen=True)
+class Job:
+    """The pairs of one condition in one direction.
+
+    Attributes:
+        condition: "clean" or a corruption of RobustSpring.
+        pairs: its frames.
+        keys: which of them.
+    """
+
+    condition: str
+    pairs: RobustSpring
+    keys: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Submitted:
+    """One flow that is there.
+
+    Attributes:
+        condition: "clean" or a corruption of RobustSpring.
+        key: of the pair.
+        fresh: whether it was predicted now, and not by an earlier call.
+        moved: mean distance between it and the pair's clean flow, over all pixels, in pixels: what RobustSpring calls
+            R_EPE and this project RCRE; None of the clean flow itself.
+    """
+
+    condition: str
+    key: str
+    fresh: bool
+    moved: float | None
+
+
+def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
+    """The model of a run, loaded again.
+
+    Raises:
+        RunError: it was a Python object, or what is loaded now is another model than the run's.
+        UsageError: the run has flows from files, which say nothing of other frames.
+        ModelError: it cannot be loaded.
+    """
+    if spec is None:
+        raise RunError(f"{run.path} does not say how its model is loaded; give --model NAME, and its options")
+    named = name_model(spec)
+    if isinstance(named.model, FlowLookup):
+        raise UsageError("a folder of flow files predicts nothing on other frames; name a model")
+    recorded = run.manifest["identity"]["model"]
+    if named.identity != recorded:
+        raise RunError(
+            f"the model that is loaded now is not the one of {run.path} (it differs in: "
+            f"{differing(named.identity, recorded)}); give the options that the run was given"
+        )
+    return named.model
+
+
+def jobs_of(root: Path, corruptions: Sequence[str], limit: int | None = None) -> list[Job]:
+    """What a submission consists of, the clean frames first; every condition has the same pairs.
+
+    Args:
+        root: of RobustSpring's frames.
+        corruptions: which; the clean frames come in any case.
+        limit: use only the first so many pairs, to try it.
+
+    Raises:
+        UsageError: an unknown corruption, a limit below 1.
+        DataError: frames that are not there.
+    """
+    if limit is not None and limit < 1:
+        raise UsageError(f"limit {limit} leaves no pairs: give 1 or more")
+    clean = {direction: RobustSpring(root, CLEAN, direction) for direction in DIRECTIONS}
+    wanted = set(sorted(key for pairs in clean.values() for key in pairs.keys())[:limit])  # noqa: SIM118
+    jobs = []
+    for condition in dict.fromkeys((CLEAN, *corruptions)):
+        for direction in DIRECTIONS:
+            pairs = clean[direction] if condition == CLEAN else RobustSpring(root, condition, direction)
+            keys = [key for key in clean[direction].keys() if key in wanted]  # noqa: SIM118
+            if gone := set(keys) - set(pairs.keys()):
+                raise DataError(f"{root}: {condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack it whole")
+            jobs.append(Job(condition, pairs, tuple(keys)))
+    return jobs
+
+
+def write_submission(model: AnyModel, jobs: Sequence[Job], folder: Path) -> Iterator[Submitted]:
+    """Predict FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 and so on; flows that are there stay.
+
+    Args:
+        model: from `model_of`.
+        jobs: from `jobs_of`.
+        folder: made where it is not there.
+
+    Yields:
+        Each flow, when its file is whole.
+
+    Raises:
+        UsageError: flows of another size are there.
+        DataError: a frame cannot be read, or a file cannot be written.
+        ModelError: the model does not answer with a flow at every pixel.
+    """
+    for job in jobs:
+        targets = {key: folder / job.condition / "test" / f"{key}.flo5" for key in job.keys}
+        there = [key for key in job.keys if targets[key].exists()]
+        for key in there:
+            yield Submitted(job.condition, key, False, _moved(read_flow(targets[key])[0], folder, job.condition, key))
+        for key, flow in flows_of(model, job.pairs, [key for key in job.keys if key not in set(there)]):
+            if not np.isfinite(flow).all():
+                raise ModelError(f"{job.condition}, '{key}': not a number at every pixel, as a submission has to be")
+            make_folder(targets[key].parent)
+            write_flow(targets[key], flow)
+            yield Submitted(job.condition, key, True, _moved(flow, folder, job.condition, key))
+
+
+def _moved(flow: Flow, folder: Path, condition: str, key: str) -> float | None:
+    if condition == CLEAN:
+        return None
+    clean, _ = read_flow(folder / CLEAN / "test" / f"{key}.flo5")
+    if clean.shape != flow.shape:
+        raise UsageError(f"{folder}: the flows of '{key}' are of different sizes; choose an empty folder with --output")
+    return float(np.linalg.norm(flow.astype(np.float64) - clean, axis=2).mean())

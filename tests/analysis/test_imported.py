@@ -1,0 +1,177 @@
+"""Result files of the reference code and of FlowBench: what is read from them, and how a wrong one is refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from statistics import fmean
+
+import pytest
+
+from robustflow.analysis.imported import NOTE, read_imported
+from robustflow.analysis.results import RESULT_SCHEMA, parse_results, results_csv, values_of
+from robustflow.corruptions import IMAGE_PAIR
+from robustflow.errors import DataError
+
+_ON_DISK = ["brightness" if name == "high_light" else name for name in IMAGE_PAIR]
+
+
+def _reference(names=_ON_DISK, **changed):
+    """As benchmark.py makes it: numpy's mean of [[]] is NaN, and json.dump writes it so."""
+    content = {"clean": {"CRE": [[]], "rCRE": [[]], "clean_EPE": [3.5], "corrupt_EPE": [[]], "CRE_mean": math.nan}}
+    for number, name in enumerate(names):
+        cre = [(number + 1) * severity / 10 for severity in range(1, 6)]
+        content[name] = {
+            "CRE": cre,
+            "rCRE": [value + 1 for value in cre],
+            "clean_EPE": [3.5] * 5,
+            "corrupt_EPE": [value + 3.5 for value in cre],
+            "CRE_mean": fmean(cre),
+            "result": "words",
+        }
+    return content | changed
+
+
+def _experiment(name, severity, epe, **changed):
+    entry = {"model": "raft", "checkpoint": "kitti", "attack": "common_corruptions", "name": name, "severity": severity}
+    return entry | {"targeted": False, "dataset": "kitti-2015", "metrics": {"epe": epe, "px3": 0.9}} | changed
+
+
+def _clean(epe, **changed):
+    return (
+        {"model": "raft", "checkpoint": "kitti", "attack": "none", "dataset": "kitti-2015"}
+        | {"metrics": {"epe": epe}}
+        | changed
+    )
+
+
+def _write(folder, content, name="results.json"):
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / name
+    path.write_text(content if isinstance(content, str) else json.dumps(content, indent=4))
+    return path
+
+
+def test_a_file_of_the_reference_code(tmp_path):
+    frame = read_imported([_write(tmp_path / "RAFT_ood_2024-11-01_10-00-00", _reference())])
+    assert frame.schema == RESULT_SCHEMA
+    assert set(frame["note"]) == {NOTE}
+    assert set(frame["benchmark"]) == {"kitti-fc"}
+    assert set(frame["sample_set"]) == {"Reference code, kitti-fc, average over 20 corruptions"}
+    cre = values_of(frame, "cre")
+    key = ("own", "RAFT_ood_2024-11-01_10-00-00")
+    assert cre[*key, "high_light"] == pytest.approx(0.3 * 5)
+    assert cre[*key, "average"] == pytest.approx(fmean(0.3 * (number + 1) for number in range(20)))
+    epe, rcre = values_of(frame, "epe"), values_of(frame, "rcre")
+    assert epe[*key, "clean"] == 3.5
+    assert epe[*key, "average"] == pytest.approx(3.5 + cre[*key, "average"])
+    assert rcre[*key, "average"] == pytest.approx(1 + cre[*key, "average"])
+    assert ("cre", "clean") not in set(frame.select("metric", "corruption").iter_rows())
+
+
+def test_gopro_has_rcre_alone_and_its_averages_say_over_what(tmp_path):
+    few = {name: {"rCRE": [1, 2, 3, 4, 5], "rCRE_mean": 3.0} for name in ("h264_abr", "h264_crf", "bit_error")}
+    frame = read_imported([_write(tmp_path / "RAFT", few)])
+    assert set(frame.select("benchmark", "metric").iter_rows()) == {("gopro-fc", "rcre")}
+    assert frame["sample_set"][0].endswith("average over 3 corruptions: h264_crf, h264_abr, bit_error")
+    without = read_imported([_write(tmp_path / "GMA", _reference(_ON_DISK[:-1]))])
+    assert without["sample_set"][0].endswith("average over 19 corruptions, without psf_blur")
+
+
+def test_files_under_the_same_corruptions_are_one_group(tmp_path):
+    paths = [_write(tmp_path / name, _reference()) for name in ("RAFT_ood", "GMA_ood")]
+    frame = read_imported(paths)
+    assert set(frame["model"]) == {"RAFT_ood", "GMA_ood"}
+    assert frame["sample_set"].n_unique() == 1
+
+
+def test_files_of_flowbench_are_read_as_one(tmp_path):
+    """The numbers of RAFT are those in the repository."""
+    attack = _experiment("snow", 3, 69.0) | {"attack": "pgd"}
+    files = [
+        [_clean(0.643377952510491), _clean(0.6433216004259884)],
+        [_experiment("gaussian_noise", 1, 1.7103273705393076), _experiment("gaussian_noise", 3, 6.016592)],
+        [attack, _experiment("snow", 3, 40.424386)],
+        [_clean(0.59, model="gma"), _experiment("snow", 3, 30.0, model="gma", checkpoint="mine")],
+    ]
+    paths = [
+        _write(tmp_path / str(number), {"experiments": each}, "metrics_kitti-2015.json")
+        for number, each in enumerate(files)
+    ]
+    frame = read_imported(paths)
+    epe = values_of(frame, "epe", benchmark="FlowBench kitti-2015")
+    assert epe["LEAKED", "raft kitti", "clean"] == 0.6433216004259884  # the later one, as its own reader has it
+    assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the one severity that both have
+    assert epe["LEAKED", "raft kitti", "average"] == pytest.approx((6.016592 + 40.424386) / 2)
+    assert epe["own", "gma mine", "average"] == 30.0
+    assert "gma kitti" not in set(frame["model"])  # clean frames say nothing of robustness
+    assert frame["sample_set"].n_unique() == 2
+    assert "severity 3, average over 2 corruptions: gaussian_noise, snow" in frame["sample_set"][0]
+
+
+def test_what_was_read_is_written_as_csv_and_read_again(tmp_path):
+    files = [_experiment(name, 3, 2.5) for name in ("motion_blur", "zoom_blur", "brightness", "fog")]
+    frame = read_imported([_write(tmp_path / "a", _reference()), _write(tmp_path / "b", {"experiments": files})])
+    again = parse_results(results_csv(frame), "results.csv", "file")
+    assert again.drop("decimals").equals(frame.drop("decimals"))
+
+
+_FIVE = [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("", "not JSON"),
+        ("[" * 100_000, "not JSON"),
+        ('{"fog": {}, "fog": {}}', "'fog' is given twice"),
+        ("9" * 10_000, "not JSON"),
+        ([1], "neither results.json of the reference code nor"),
+        ({}, "neither"),
+        ({"version": 1, "runs": []}, "neither"),
+        (_reference(["foog"]), "unknown corruption 'foog': did you mean 'fog'"),
+        (_reference(["os:system"]), "unknown corruption"),
+        (_reference(["fog\x1b[31m"]), "unknown corruption 'fog�"),
+        (_reference(fog={"rCRE": [1, 2, 3]}), "'fog', rCRE: not 5 values"),
+        (_reference(fog={"rCRE": 3}), "'fog', rCRE: not 5 values"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, math.nan]}), "nan is not a finite number"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, math.inf]}), "inf is not a finite number"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, 1e300]}), "not a finite number"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, 10**400]}), "not a finite number"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, -1]}), "-1: a length in pixels"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, "5"]}), "'5' is not a number"),
+        (_reference(fog={"rCRE": [1, 2, 3, 4, True]}), "True is not a number"),
+        (_reference(clean={"clean_EPE": [math.nan]}), "'clean', clean_EPE: nan"),
+        ({"clean": {"clean_EPE": [3.5], "rCRE": [[]]}}, "no corruption in it"),
+        ({"experiments": ["x"]}, "experiment 1: not an object"),
+        ({"experiments": [_experiment("rain", 3, 1.0)]}, "unknown corruption 'rain'"),
+        ({"experiments": [_experiment(["fog"], 3, 1.0)]}, "unknown corruption"),
+        ({"experiments": [_experiment("fog", 6, 1.0)]}, "severity 6; there are 1 to 5"),
+        ({"experiments": [_experiment("fog", True, 1.0)]}, "severity True"),
+        ({"experiments": [_experiment("fog", [3], 1.0)]}, "severity"),
+        ({"experiments": [_experiment("fog", 3, math.nan)]}, "experiment 1, epe: nan"),
+        ({"experiments": [_experiment("fog", 3, -2)]}, "cannot be below 0"),
+        ({"experiments": [_experiment("fog", 3, 1.0, metrics=None)]}, "no 'epe'"),
+        ({"experiments": [_experiment("fog", 3, 1.0, model=7)]}, "no model and checkpoint"),
+        ({"experiments": [_experiment("fog", 3, 1.0, dataset="kitti-2012")]}, "unknown data set 'kitti-2012'"),
+        ({"experiments": [_experiment("fog", 3, 1.0, dataset={})]}, "unknown data set"),
+        ({"experiments": [_experiment("fog", 3, 1.0), _experiment("snow", 5, 1.0)]}, "no severity in common"),
+    ],
+)
+def test_a_wrong_file_is_one_sentence(tmp_path, content, says):
+    with pytest.raises(DataError, match=says.replace("[", r"\[")) as error:
+        read_imported([_write(tmp_path, content)])
+    assert "\n" not in str(error.value)
+    assert "\x1b" not in str(error.value)
+
+
+def test_a_file_that_is_not_there_or_too_large(tmp_path):
+    with pytest.raises(DataError, match="No such file"):
+        read_imported([tmp_path / "results.json"])
+    path = tmp_path / "large.json"
+    with path.open("wb") as file:
+        file.truncate(17 * 2**20)
+    with pytest.raises(DataError, match="larger than 16 MiB"):
+        read_imported([path])
+    with pytest.raises(DataError, match="cannot be read"):
+        read_imported([tmp_path])
