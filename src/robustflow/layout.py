@@ -127,7 +127,7 @@ def choice(option: str, value: str, known: Sequence[str]) -> str:
 def positive(option: str, value: int) -> int:
     """`value`; raises a UsageError unless it is a whole number, 1 or more."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise UsageError(f"{option} {value!r} is not possible: give a whole number, 1 or more")
+        raise UsageError(f"{option} cannot be {value!r}: give a whole number, 1 or more")
     return value
 
 

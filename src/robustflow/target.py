@@ -42,7 +42,7 @@ def import_target(target: str, kind: str, error: type[RobustFlowError] = UsageEr
     except (
         Exception,
         SystemExit,
-    ) as cause:  # SystemExit comes from a script that reads its arguments when it is imported
+    ) as cause:  # SystemExit: a script that reads its arguments on import
         raise error(
             f"cannot import '{name}' for {kind} '{target}': {type(cause).__name__}: {cause}; "
             "run from the folder that holds it, or install its package"

@@ -1,7 +1,5 @@
 """`robustflow app`: look at a pair under corruptions, live, in a browser."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from importlib.util import find_spec

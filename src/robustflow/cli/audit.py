@@ -1,7 +1,5 @@
 """`robustflow audit`: are results consistent with each other?"""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

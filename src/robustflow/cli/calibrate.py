@@ -1,7 +1,5 @@
 """`robustflow calibrate`: measure the severities at which corruptions can be compared."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

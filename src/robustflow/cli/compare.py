@@ -1,7 +1,5 @@
 """`robustflow compare`: is one model really better than another?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -112,11 +110,11 @@ def compare(
         typer.echo(str(output))
 
 
-def _every_pair(table: pl.DataFrame, rows: dict[str, pl.DataFrame]) -> bool:
+def _every_pair(table: "pl.DataFrame", rows: "dict[str, pl.DataFrame]") -> bool:
     return table.height == len(rows) * (len(rows) - 1) // 2
 
 
-def across_conditions(runs: Sequence[Run], metric: str) -> tuple[pl.DataFrame, Table] | None:
+def across_conditions(runs: "Sequence[Run]", metric: str) -> "tuple[pl.DataFrame, Table] | None":
     """The spread of one model over seeds, or the order of several models under each condition; None for other runs,
     which are compared on what they have in common."""
     from ..analysis.conditions import conditions_of, same_model

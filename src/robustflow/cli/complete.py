@@ -1,7 +1,5 @@
 """Shell completion: names of models, corruptions, benchmarks and data sets."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 

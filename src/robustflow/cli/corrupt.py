@@ -1,7 +1,5 @@
 """`robustflow corrupt`: apply corruptions to two frames of your own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

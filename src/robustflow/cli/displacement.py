@@ -1,7 +1,5 @@
 """`robustflow displacement`: how far pixels move in a benchmark."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -83,7 +81,7 @@ def displacement(
         write_report(run)
 
 
-def _run_of(folder: Path, chosen: Benchmark) -> Run:
+def _run_of(folder: Path, chosen: "Benchmark") -> "Run":
     from ..errors import UsageError
     from ..runs.run import Run
 

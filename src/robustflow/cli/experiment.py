@@ -1,7 +1,5 @@
 """`robustflow experiment`: questions that need networks to be trained."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

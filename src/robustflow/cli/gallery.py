@@ -1,7 +1,5 @@
 """`robustflow gallery`: every corruption of one pair, or of a clip, side by side."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -109,13 +107,13 @@ def _of_pair(
 
 def _write_strip(
     output: Path,
-    sample: Sample,
+    sample: "Sample",
     model: str,
     corruptions: list[str],
     severity: int,
     seed: int,
     scale: str,
-    textures: Textures,
+    textures: "Textures",
 ) -> None:
     from ..atomic import write_bytes
     from ..corruptions import load_corruption
@@ -161,7 +159,7 @@ def _of_clip(
     title = f"Corruptions of {clip.name}, frames {first} to {last}, {scale} scale"
     at: list[CorruptedPicture] = []
 
-    def kept(folder: str) -> Iterator[ClipCell]:
+    def kept(folder: str) -> "Iterator[ClipCell]":
         cells = clip_cells(part, shown, SEVERITIES, chosen, Path(folder), seed, key, scale)
         total = len(chosen) * len(SEVERITIES)
         console = Console(stderr=True)
@@ -182,7 +180,7 @@ def _of_clip(
         typer.echo(remark, err=True)
 
 
-def _write(output: Path, clean: Frame, at: Sequence[CorruptedPicture], title: str, page: str) -> None:
+def _write(output: Path, clean: "Frame", at: "Sequence[CorruptedPicture]", title: str, page: str) -> None:
     from ..atomic import make_folder, write_bytes
     from ..report.gallery.figure import draw_figure
 

@@ -1,7 +1,5 @@
 """`robustflow list`: the available models, corruptions, benchmarks, data sets and recipes."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated
 
@@ -133,7 +131,7 @@ def _datasets() -> list[str]:
     return lines
 
 
-def _stated(facts: DatasetFacts) -> list[tuple[str, str]]:
+def _stated(facts: "DatasetFacts") -> list[tuple[str, str]]:
     stated = {"layout": facts.layout, "licence": facts.licence, "citation": facts.citation}
     return [(what, text) for what, text in stated.items() if text]
 

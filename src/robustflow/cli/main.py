@@ -1,7 +1,5 @@
 """The command `robustflow`: its subcommands, and how errors are printed."""
 
-from __future__ import annotations
-
 import sys
 import traceback
 import warnings

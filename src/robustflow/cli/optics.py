@@ -1,7 +1,5 @@
 """`robustflow optics`: design the lenses of psf_blur, draw them, render their PSFs again."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`robustflow pack`: a run as one file, to be sent and checked elsewhere."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

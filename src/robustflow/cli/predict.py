@@ -1,7 +1,5 @@
 """`robustflow predict`: a model's flow for frames or a clip."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

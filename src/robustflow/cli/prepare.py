@@ -1,7 +1,5 @@
 """`robustflow prepare`: make a benchmark's data from recordings."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -77,7 +75,7 @@ def gopro_fc(
     preparation = Preparation(rate, factor, step, interpolator, checkpoint, device, preset)
     limit = round(cache_gb * 1e9)
     if limit < 0:
-        raise UsageError(f"a cache of {cache_gb:g} GB is not possible: give 0 or more")
+        raise UsageError(f"the cache cannot be limited to {cache_gb:g} GB: give 0 or more")
     prepare_all = _on_ray(engine, workers, address)
     sources = find_sources(data, evenly=rate is not None)
     at_once = workers or (1 if prepare_all is None else len(sources))
@@ -93,7 +91,7 @@ def gopro_fc(
     typer.echo(f"{output}: {made}; now: robustflow run --benchmark gopro-fc --data {output}")
 
 
-def _on_ray(engine: str, workers: int | None, address: str | None) -> PrepareAll | None:
+def _on_ray(engine: str, workers: int | None, address: str | None) -> "PrepareAll | None":
     if engine not in ("processes", "ray"):
         raise unknown_name("engine", engine, ("processes", "ray"))
     if engine == "processes":

@@ -1,7 +1,5 @@
 """`robustflow profile`: the cost of a model, and the paper's table next to ours."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -81,7 +79,7 @@ def _print_model(
     options: tuple[tuple[str, object], ...],
     iterations: int | None,
     into: Path | None,
-) -> tuple[Counts, Measured | None]:
+) -> "tuple[Counts, Measured | None]":
     from ..models import ModelSpec
     from ..models.catalog import methods
     from ..models.registry import PTLFLOW
@@ -131,7 +129,7 @@ def _print_model(
     return counts, measured
 
 
-def _print_side_by_side(costs: list[tuple[str, Counts, Measured | None]]) -> None:
+def _print_side_by_side(costs: "list[tuple[str, Counts, Measured | None]]") -> None:
     line = "{:20s} {:>12s} {:>10s} {:>9s} {:>11s}"
     typer.echo("\n" + line.format("model", "params (M)", "MACs (G)", "pair (s)", "peak (GiB)"))
     for name, counts, measured in costs:
@@ -169,7 +167,7 @@ def _print_paper() -> None:
     typer.echo("Their rest and SAMFlow-H's 236 G are explained, or not, in docs/design/profiling.md.")
 
 
-def _cells(counts: Counts, parameters_m: float, flops_g: float) -> tuple[str, ...]:
+def _cells(counts: "Counts", parameters_m: float, flops_g: float) -> tuple[str, ...]:
     parameters, macs = counts.thop_parameters / 1e6, counts.thop_macs / 1e9
     return (
         *(f"{parameters_m:.2f}", f"{parameters:.3f}", f"{parameters - parameters_m:+.3f}"),

@@ -1,7 +1,5 @@
 """`robustflow report`: tables and figures of runs, next to the published results."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -82,7 +80,7 @@ def report(
             typer.echo(str(path), err=output is None)
 
 
-def _page(runs: list[Run], published: bool, only_own: bool, table: str | None) -> str:
+def _page(runs: "list[Run]", published: bool, only_own: bool, table: str | None) -> str:
     from ..errors import UsageError
     from ..report.site import render_site, whole_content
 

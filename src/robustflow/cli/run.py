@@ -1,7 +1,5 @@
 """`robustflow run`: evaluate a model on a benchmark."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 from typing import Annotated
@@ -76,7 +74,8 @@ def run(
         typer.Option(
             "--workers",
             "-w",
-            help="Processes, 1 by default; for a model on GPUs the processes that feed it, one per processor by default; with Ray one per GPU or CPU of the cluster.",
+            help="Processes, 1 by default; for a model on GPUs the processes that feed it, one per processor by "
+            "default; with Ray one per GPU or CPU of the cluster.",
         ),
     ] = None,
     batch_size: Annotated[

@@ -1,7 +1,5 @@
 """`robustflow train`: train a network by a recipe."""
 
-from __future__ import annotations
-
 import signal
 from pathlib import Path
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """`robustflow verify`: check that records are consistent."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -93,7 +91,7 @@ class _Rows:
     count: int
     seed: int | None
 
-    def compare(self, reader: Reader, model: ModelSpec | None = None) -> str:
+    def compare(self, reader: "Reader", model: "ModelSpec | None" = None) -> str:
         """Compare them with recomputed frames, and with predictions if a model is given."""
         from ..runner.recheck import recheck
 
@@ -108,7 +106,7 @@ class _Rows:
         )
 
 
-def _print(result: Verification) -> None:
+def _print(result: "Verification") -> None:
     from ..records.verify import CHECKS
     from ..text import plain
 

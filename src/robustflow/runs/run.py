@@ -55,7 +55,7 @@ class Run:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
         _ = (
             self.rows_digest
-        )  # taken before the rows are read: rows that arrive in between must not pass for those of the digest
+        )  # before the rows are read: rows that arrive in between must not pass for those of the digest
         return with_groups(complete_rows(self._folder.rows()), str(self.manifest["identity"]["dataset"]))
 
     @cached_property

@@ -173,7 +173,7 @@ class RunFolder:
                 return read_shards(list_shards(self.rows_folder), columns, corruption)
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
-        raise RunError(f"{gone} is listed but not there; is it a link to a file that was removed? Delete it")
+        raise RunError(f"{gone} is listed but missing; is it a link to a file that was removed? Delete it")
 
     def digest(self) -> str:
         """A hash of the shards as they are on disk: the same digest, the same rows. No row is decoded.
@@ -186,7 +186,7 @@ class RunFolder:
                 return shards_digest(list_shards(self.rows_folder))
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
-        raise RunError(f"{gone} is listed but not there; is it a link to a file that was removed? Delete it")
+        raise RunError(f"{gone} is listed but missing; is it a link to a file that was removed? Delete it")
 
     def cells(self) -> set[Cell]:
         """What is already there."""
