@@ -1,5 +1,5 @@
-"""What the package's root offers of runs: evaluate a model, read a run, compare runs; the one place that both runs
-and reports."""
+"""The package's functions for runs: evaluate a model, read a run, compare runs; the only module that both runs and
+reports."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ if TYPE_CHECKING:
 
 
 class Result(Run):
-    """A run, with what is made of it: comparisons, figures and pages.
+    """A run, and what can be made from it: comparisons, figures and pages.
 
     Args:
         folder: the run's folder.
 
     Raises:
-        RunError: no run there, or one that this version cannot read.
+        RunError: no run in it, or one that this version cannot read.
     """
 
     @property
     def cost(self) -> RunCost | None:
-        """What one prediction of the model costs, where `robustflow profile MODEL --into RUN` counted it."""
+        """The cost of one prediction of the model, if `robustflow profile MODEL --into RUN` measured it."""
         return read_cost(self)
 
     def compare(self, other: Run, *, level: float = 0.95, resamples: int = 4999, seed: int = 0) -> Comparison:
@@ -51,14 +51,14 @@ class Result(Run):
         return compare(self, other, level=level, resamples=resamples, seed=seed)
 
     def uncoupled(self) -> Uncoupled:
-        """Robustness less bound to accuracy: log ratios of errors, medians over images, the increase of Fl, and the
+        """Robustness less tied to accuracy: log ratios of errors, medians over images, the increase of Fl, and the
         partial correlation of the corrupted with the clean error; see `robustflow.analysis.uncoupled`."""
         from .analysis.uncoupled import uncoupled
 
         return uncoupled(self.rows)
 
     def plot(self, kind: str = "severity", metric: str = "rcre", others: Sequence[Run] = ()) -> Figure:
-        """A figure of this run, and of others beside it; see `robustflow.report.notebook.plot` for the kinds."""
+        """A figure of this run, and of others alongside; see `robustflow.report.notebook.plot` for the kinds."""
         from .report.notebook import plot
 
         return plot([self, *others], kind, metric)
@@ -77,17 +77,17 @@ class Result(Run):
         self.write_report()
 
     def write_report(self) -> None:
-        """Write `report.html`, with the examples that are there."""
+        """Write `report.html`, with the existing example pictures."""
         write_report(self)
 
 
 def load_run(path: str | Path) -> Result:
-    """The run of a folder that `run` wrote, or of a record that `pack` wrote.
+    """The run in a folder that `run` wrote, or in a record that `pack` wrote.
 
     A record is verified first; its run is in a temporary folder that is removed when the result is no longer used.
 
     Raises:
-        RunError: no run there, one that this version cannot read, or a record that does not verify.
+        RunError: no run in it, one that this version cannot read, or a record that does not verify.
         DataError: the file cannot be read.
     """
     return load_any_run(path, Result)
@@ -118,7 +118,7 @@ def evaluate(
     examples: bool = False,
     progress: Progress | bool | None = None,
 ) -> Result:
-    """Measure how robust a model is. Resumable: the same call continues where a killed one stopped.
+    """Measure how robust a model is. A killed run can be resumed: the same call continues where it stopped.
 
     Args:
         model: a name (`"dis"`, `"module.path:Attribute"`) or path (a folder of flows), or any object with
@@ -130,31 +130,31 @@ def evaluate(
         data: the data set's folder, for benchmarks that need one.
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default.
         corruptions, severities, limit: run only these; a later call with others adds to the same folder. A corruption
-            is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the source of your own
-            is part of the run's identity (docs/add-your-corruption.md).
-        split: a file naming the samples to use, one key a line; or "drive-disjoint", of KITTI 2015.
-        data_options: of a dataset, for example {"render_pass": "final"}.
+            is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the source of your own is
+            part of the run's identity (docs/add-your-corruption.md).
+        split: a file naming the samples to use, one key per line; or "drive-disjoint", for KITTI 2015.
+        data_options: options of a data set, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.
         variant: of the corruptions: "default", "reference", "reference-bgr" or "paper".
         name: what the model is called in tables, figures and pages; its own name by default. It changes no number: a
-            run goes on under another.
-        common_draws: one draw for the five severities of a pair, so that they differ in strength alone.
-        severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that
-            a corruption does not have on it are left out, and named in `Result.left_out`.
-        workers: processes, by default one, which is this process unless `timeout` is given. For a model on a GPU
-            (attribute `device`) those that corrupt and measure beside the one per GPU that predicts, by default as many
-            as there are processors; with Ray one per GPU or processor of the cluster.
-        batch_size: cells of one sample that a model with `predict_batch` gets in one call. It is no part of a run's
+            run continues under another name.
+        common_draws: one draw for all five severities of a pair, so that they differ only in strength.
+        severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that do
+            not exist for a corruption are left out, and listed in `Result.left_out`.
+        workers: number of processes, by default one, which is this process unless `timeout` is given. For a model on a
+            GPU (attribute `device`) the processes that corrupt and measure, in addition to one per GPU that predicts,
+            by default one per processor; with Ray one per GPU or processor of the cluster.
+        batch_size: cells of one sample that a model with `predict_batch` gets in one call. It is not part of a run's
             identity: a flow may change by 1e-4 px.
         engine: "serial", "processes" or "ray"; chosen from the model's device, `workers` and `timeout` by default.
-        address: of a Ray cluster: "auto", "host:port" or "ray://host:port"; None for one on this machine.
+        address: of the Ray cluster: "auto", "host:port" or "ray://host:port"; None for one on this machine.
         timeout: seconds a single prediction, or batch of them, may take.
         allow_invalid: leave out and count predicted pixels that are NaN or infinite instead of failing.
         examples: at the end, draw the worst and the median sample into `examples/` of the run's folder, and into the
-            report, which also gets the histogram of displacements where there is ground truth; a few predictions are
-            made again. Where they cannot be drawn, a warning says why.
-        progress: shown by itself on a terminal and in a notebook; False shows none, True lines in a log too. Also an
-            object with `start(folder, total, found)` and `advance(done)`.
+            report, which also gets the histogram of displacements if there is ground truth; a few predictions are
+            repeated for it. If the examples cannot be drawn, a warning says why.
+        progress: by default shown on a terminal and in a notebook; False shows none, True also prints lines to a log.
+            Or an object with `start(folder, total, found)` and `advance(done)`.
 
     Returns:
         The `Result`: `epe_clean`, `cre`, `crer`, `rcre`, `table("epe")`, `rows`.
@@ -211,7 +211,7 @@ def evaluate(
 
 
 def _draw(result: Result, setup: Setup, wanted: bool) -> None:
-    """The example pictures, when the numbers are safe: nothing that happens here costs a run its rows."""
+    """Draw the example pictures once the numbers are safe: no failure here costs a run its rows."""
     from .runner.displacement import keep_displacement
     from .runner.examples import write_examples
     from .runs.example_list import are_current, drop_examples

@@ -1,4 +1,4 @@
-"""Write a file so that a reader sees the old one, the whole new one, or none."""
+"""Write a file so that a reader sees the old one, the complete new one, or none."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
     """Put `data` at `path`: a hidden file in the same folder first, then a rename.
 
     Args:
-        path: of the file; one that is there is replaced.
+        path: of the file; an existing one is replaced.
         data: all of it.
         durable: return only when the file would survive a power failure: its bytes reach the disk before the rename
-            does, and the rename before this returns. Costs milliseconds; False for what can be computed again.
+            does, and the rename before this returns. Costs milliseconds; pass False for what can be recomputed.
 
     Raises:
         DataError: the folder does not exist or cannot be written, or the disk is full; `path` is untouched.
@@ -38,7 +38,7 @@ def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
 
 
 def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool = True) -> None:
-    """As `write_bytes`, for what need not be in memory at once: `write` is given the open hidden file."""
+    """Like `write_bytes`, for data that need not be in memory at once: `write` is given the open hidden file."""
     temporary = path.with_name(f"{TEMPORARY}{secrets.token_hex(4)}-{path.name}")
     try:
         with open(temporary, "xb") as file:
@@ -50,7 +50,7 @@ def write_with(path: Path, write: Callable[[BinaryIO], object], *, durable: bool
         if durable:
             sync_folder(path.parent)
     except OSError as error:
-        with suppress(OSError):  # a read-only file system refuses this as well
+        with suppress(OSError):  # fails on a read-only file system, too
             temporary.unlink(missing_ok=True)
         reason = error.strerror or str(error)
         raise DataError(f"cannot write {path}: {reason}; choose a folder that exists and has room") from error
@@ -70,7 +70,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def json_bytes(value: Any) -> bytes:
-    """JSON as this project writes it: the same bytes for the same value, and no number that JSON does not know.
+    """JSON as this project writes it: the same bytes for the same value, and no NaN or infinity.
 
     Raises:
         ValueError: a number that is not finite, or text that is not Unicode.
@@ -93,4 +93,4 @@ def make_folder(path: Path) -> None:
         sync_folder(path.parent)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise DataError(f"cannot create the folder {path}: {reason}; choose another place") from error
+        raise DataError(f"cannot create the folder {path}: {reason}; choose another location") from error

@@ -1,4 +1,4 @@
-"""The user's cache: where it is on this platform, and where earlier versions had it."""
+"""The user's cache: where it is on this platform, and where earlier versions kept it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 from platformdirs import user_cache_path
 
 CACHE_VARIABLE = "ROBUSTFLOW_CACHE"
-"""Environment variable that names another folder for everything that is kept."""
+"""Environment variable that names another folder for the whole cache."""
 
 
 def cache_folder(part: str) -> Path:
-    """Where a part of the cache is kept: in `ROBUSTFLOW_CACHE`, else in the platform's folder for caches.
+    """Where a part of the cache is kept: in `ROBUSTFLOW_CACHE`, otherwise in the platform's folder for caches.
 
     >>> cache_folder("frost").name
     'frost'

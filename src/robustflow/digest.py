@@ -1,4 +1,4 @@
-"""One way to name content by a hash: of bytes, and of anything that JSON can spell."""
+"""The one way to name content by a hash: of bytes, and of any value that JSON can represent."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
 
 
 def digest_of_value(value: Any, size: int = 8) -> str:
-    """The hash of a value's canonical JSON: keys sorted, no spaces, what JSON does not know as its text.
+    """The hash of a value's canonical JSON: keys sorted, no spaces, values unknown to JSON as their text.
 
     >>> digest_of_value({"a": 1, "b": (2, 3)}) == digest_of_value({"b": [2, 3], "a": 1})
     True

@@ -17,7 +17,7 @@ class RobustFlowError(Exception):
     """Root of everything RobustFlow raises on purpose."""
 
     exit_code = 1
-    """What the command line exits with."""
+    """Exit code of the command line."""
 
 
 class UsageError(RobustFlowError, ValueError):
@@ -31,11 +31,11 @@ class DataError(RobustFlowError):
 
 
 class AssetError(RobustFlowError):
-    """Something a corruption or model needs (textures, weights) is not on this machine."""
+    """Something that a corruption or model needs (textures, weights) is not on this machine."""
 
 
 class ModelError(RobustFlowError):
-    """A model that cannot be loaded, or that returned something which is not a flow."""
+    """A model that cannot be loaded, or that returned something other than a flow."""
 
 
 class RunError(RobustFlowError):
@@ -60,11 +60,12 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UsageError:
 
 
 def first_misfit(error: ValidationError, whole: str = "the file") -> str:
-    """Where data does not have its shape first, and why; nothing of the data itself, which may be hostile.
+    """The first place where data does not have the expected shape, and why; it quotes none of the data, which may be
+    hostile.
 
     Args:
-        error: what pydantic raised.
-        whole: what to call a place that is not part of it.
+        error: pydantic's.
+        whole: what to call the data as a whole, for an error that is in no part of it.
 
     >>> from pydantic import TypeAdapter, ValidationError
     >>> try:
@@ -78,7 +79,7 @@ def first_misfit(error: ValidationError, whole: str = "the file") -> str:
 
 
 def plain_warning(message: Warning | str, *_: object, **__: object) -> str:
-    """A warning as a person reads it: one line, without the place in the code. For `warnings.formatwarning`.
+    """A warning as one readable line, without its location in the code. For `warnings.formatwarning`.
 
     >>> plain_warning(UserWarning("nothing was changed"), UserWarning, "cache.py", 66)
     'robustflow: warning: nothing was changed\\n'

@@ -1,4 +1,4 @@
-"""Find a dataset's folders, and say what was expected where they are not."""
+"""Find a data set's folders, or say what was expected instead."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from .errors import DataError, UsageError
 
 _LOOK_AT = 500
-"""Entries of a folder looked at for a hint; a home folder may hold very many."""
+"""Entries of a folder that are searched for a hint; a home folder may hold very many."""
 
 
 def locate(
@@ -37,8 +37,8 @@ def locate(
         empty = next(root.iterdir(), None) is None
     except OSError as error:
         raise DataError(f"{root}: cannot be listed ({error.strerror or error}); check permissions") from error
-    hint = f"; did you mean {near}?" if near else "; check the path, or unpack the dataset there"
-    state = "the folder is empty, expected" if empty else f"not laid out as {title}, expected"
+    hint = f"; did you mean {near}?" if near else "; check the path, or unpack the data set there"
+    state = "the folder is empty; expected" if empty else f"not laid out like {title}; expected"
     raise DataError(f"{root}: {state} {wanted}{hint}")
 
 
@@ -80,7 +80,8 @@ def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tupl
     """Pairs of neighbouring frame numbers.
 
     Args:
-        stride: the distance of neighbours; None takes the smallest one found, for sets that keep every k-th frame.
+        stride: the distance of neighbours; None takes the smallest one that occurs, for sets that keep every k-th
+            frame.
 
     Raises:
         DataError: a frame is missing between two others.
@@ -92,7 +93,7 @@ def consecutive(frames: Mapping[int, Path], stride: int | None = 1) -> list[tupl
         if gap != stride:
             raise DataError(
                 f"{frames[before].parent}: the frame {stride} after {frames[before].name} is missing; "
-                "restore it, or keep the parts as folders of their own"
+                "restore it, or move the parts into separate folders"
             )
     return list(pairwise(numbers))
 
@@ -103,7 +104,7 @@ def following(frames: Mapping[int, Path]) -> list[tuple[Path, Path]]:
 
 
 def partner(path: Path, whose: Path) -> Path:
-    """`path`, which belongs to `whose`; or a DataError that names both."""
+    """`path`, which belongs to `whose`; raises a DataError that names both if it is missing."""
     if not path.is_file():
         raise DataError(f"{path}: missing, though {whose} needs it; restore the file or remove the rest of the pair")
     return path
@@ -117,16 +118,16 @@ def folders(parent: Path) -> list[Path]:
 
 
 def choice(option: str, value: str, known: Sequence[str]) -> str:
-    """`value`, or a UsageError that lists what the option may be."""
+    """`value`; raises a UsageError that lists the possible values if it is not one of them."""
     if value not in known:
         raise UsageError(f"{option} '{value}' does not exist: choose from {', '.join(known)}")
     return value
 
 
 def positive(option: str, value: int) -> int:
-    """`value`, or a UsageError unless it is a whole number of 1 or more."""
+    """`value`; raises a UsageError unless it is a whole number, 1 or more."""
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise UsageError(f"{option} {value!r} is not possible: give a whole number, 1 or more")
+        raise UsageError(f"{option} cannot be {value!r}: give a whole number, 1 or more")
     return value
 
 

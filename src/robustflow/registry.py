@@ -42,7 +42,7 @@ class Registry(Generic[T]):
         self._targets[name] = target
 
     def rename(self, former: str, name: str) -> None:
-        """Go on knowing a thing by its former name, which `names` does not list.
+        """Keep accepting the former name of a thing, which `names` does not list.
 
         Args:
             name: registered.
@@ -52,11 +52,11 @@ class Registry(Generic[T]):
         self._former[former] = name
 
     def current_name(self, name: str) -> str:
-        """What a thing is called now; the name itself where it was never renamed."""
+        """The current name of a thing; the name itself if it was never renamed."""
         return self._former.get(name, name)
 
     def recorded_name(self, name: str) -> str:
-        """What a thing was first called, which is what identities of runs call it, so that they stay the same."""
+        """The first name of a thing, which identities of runs use, so that they stay the same."""
         return next((former for former, current in self._former.items() if current == name), name)
 
     def __contains__(self, name: object) -> bool:
@@ -70,7 +70,7 @@ class Registry(Generic[T]):
         return len(self.names())
 
     def names(self) -> list[str]:
-        """All names, in the order of registration, those of installed packages last."""
+        """All names, in the order of registration; those from installed packages come last."""
         self._discover()
         return list(self._targets)
 

@@ -31,7 +31,7 @@ class Sample:
         valid: bool (H, W), True where the ground truth is known; None exactly when `flow` is None.
         occluded: bool (H, W), True where the pixel of frame 0 is not visible in frame 1; None when the dataset
             has no such map.
-        group: what samples that are not independent share (a video sequence); the key itself by default.
+        group: the same for samples that are not independent (one video sequence); the key itself by default.
 
     Raises:
         DataError: frames of different sizes, of a wrong dtype, or ground truth that does not fit them.
@@ -52,7 +52,7 @@ class Sample:
 
     def __post_init__(self) -> None:
         if len(self.frames) < 2:
-            raise DataError(f"sample '{self.key}': optical flow needs two frames, found {len(self.frames)}")
+            raise DataError(f"sample '{self.key}': optical flow needs two frames, not {len(self.frames)}")
         for index, frame in enumerate(self.frames):
             if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
                 raise DataError(
@@ -66,7 +66,7 @@ class Sample:
                     f"{other[1]}x{other[0]}; both frames of a pair must have the same size"
                 )
         if (self.flow is None) != (self.valid is None):
-            raise DataError(f"sample '{self.key}': flow and valid mask go together")
+            raise DataError(f"sample '{self.key}': give flow and valid mask together")
         for name, array in (("flow", self.flow), ("valid mask", self.valid), ("occlusion map", self.occluded)):
             if array is not None and array.shape[:2] != self.shape:
                 raise DataError(

@@ -1,4 +1,4 @@
-"""The five severities, and the check of one."""
+"""The five severities, and how one is checked."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ SEVERITIES = (1, 2, 3, 4, 5)
 
 
 def check_severity(severity: int) -> int:
-    """Return `severity`, or refuse it.
+    """Return `severity` if it exists.
 
     >>> check_severity(6)
     Traceback (most recent call last):

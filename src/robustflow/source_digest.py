@@ -1,4 +1,4 @@
-"""What decides the result of code that is not ours, as a hash: its source files, and the attributes of the object.
+"""A hash of whatever decides the result of a user's code: its source files, and the attributes of the object.
 
 An edited corruption must never continue a run of the unedited one. Hashed are the file of the class, those of its base
 classes, and every module of the same folder or package that they import.
@@ -25,7 +25,7 @@ _SELF = __name__.partition(".")[0]
 def source_digest(made: Any) -> str:
     """16 hexadecimal digits of a class's or object's source and attributes.
 
-    An object that overrides `source` (see `Corruption`) is asked for it instead of its attributes.
+    For an object that overrides `source` (see `Corruption`), that is used instead of its attributes.
 
     Raises:
         UsageError: an attribute whose value cannot be distinguished from another.
@@ -57,7 +57,7 @@ def _sources(kind: type[Any]) -> Iterator[bytes]:
 
 
 def _root(module: ModuleType) -> Path:
-    """The folder of the package that a module is in, or its own folder: what is there is the user's too."""
+    """The folder of the package that a module is in, or its own folder: the other code in it is also the user's."""
     assert module.__file__ is not None
     levels = module.__name__.count(".") + (1 if hasattr(module, "__path__") else 0)
     folder = Path(module.__file__).resolve().parent
@@ -130,5 +130,5 @@ def _spell(value: Any, where: str) -> str:
         return f"{value.__module__}:{value.__qualname__}"
     raise UsageError(
         f"{where} holds a {type(value).__name__}, which a later run could not recognise; give the corruption a "
-        "property `source` that names, as text, what decides its result"
+        "property `source` that states, as text, what decides its result"
     )

@@ -1,4 +1,4 @@
-"""`module.path:Attribute`: what a user names on the command line, imported."""
+"""`module.path:Attribute`: import what a user names on the command line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .errors import RobustFlowError, UsageError, unknown_name
 
 
 def is_target(text: str) -> bool:
-    """Whether a text means `module.path:Attribute`.
+    """Whether a text has the form `module.path:Attribute`.
 
     >>> is_target("mypkg.data:MySet"), is_target("kitti-fc"), is_target("C:/data"), is_target("data/clip.mp4")
     (True, False, False, False)
@@ -21,10 +21,10 @@ def is_target(text: str) -> bool:
 
 
 def import_target(target: str, kind: str, error: type[RobustFlowError] = UsageError) -> Any:
-    """The attribute of a module that is installed, or is in the working folder.
+    """The attribute of a module that is installed or in the working folder.
 
     Args:
-        kind: what it is to be, for messages.
+        kind: what it should be, for messages.
         error: raised where the module cannot be imported.
 
     Raises:
@@ -39,7 +39,10 @@ def import_target(target: str, kind: str, error: type[RobustFlowError] = UsageEr
         sys.path.insert(0, here)  # a console script does not see the user's folder; `python -m` would
     try:
         value: Any = import_module(name)
-    except (Exception, SystemExit) as cause:  # the latter from a script that reads its arguments as it is imported
+    except (
+        Exception,
+        SystemExit,
+    ) as cause:  # SystemExit: a script that reads its arguments on import
         raise error(
             f"cannot import '{name}' for {kind} '{target}': {type(cause).__name__}: {cause}; "
             "run from the folder that holds it, or install its package"

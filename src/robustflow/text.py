@@ -1,7 +1,7 @@
-"""Names that come from files: safe to put anywhere as text.
+"""Make names that come from files safe to show anywhere as text.
 
-A model's name is whatever a user or a file says. Renderers escape what their format gives a meaning; what no format
-should receive is taken out here first.
+A model's name is whatever a user or a file says. Renderers escape what is special in their format; what no format
+should receive is removed here first.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ LONGEST_NAME = 80
 def plain(text: str, longest: int | None = LONGEST_NAME) -> str:
     """One line without control, direction or other invisible characters, at most `longest` characters long.
 
-    Escape sequences of terminals, line breaks, characters that reverse the text around them and lone surrogates
-    become U+FFFD, so that it shows that something was there.
+    Escape sequences of terminals, line breaks, characters that reverse the text around them and lone surrogates become
+    U+FFFD, so that one sees that something was there.
 
     >>> plain("RAFT\\x1b[31m"), plain("a\\u202eb"), plain("two\\nlines")
     ('RAFT�[31m', 'a�b', 'two lines')
@@ -46,7 +46,7 @@ def name_text(name: str) -> str:
 
 
 def text_cell(text: str) -> str:
-    """A text that no spreadsheet takes for a formula: one that would be run is preceded by an apostrophe.
+    """A text that no spreadsheet takes for a formula: an apostrophe is put before one that would be evaluated.
 
     >>> text_cell("=HYPERLINK(1)"), text_cell("RAFT")
     ("'=HYPERLINK(1)", 'RAFT')
@@ -56,7 +56,7 @@ def text_cell(text: str) -> str:
 
 
 def file_name(text: str) -> str:
-    """A file's name made of any text: what a file system or a shell gives a meaning becomes a hyphen.
+    """A file name made from any text: what is special to a file system or a shell becomes a hyphen.
 
     >>> file_name("mypkg.flow:MyModel"), file_name("weights/../net.onnx")
     ('mypkg.flow-MyModel', 'weights-..-net.onnx')

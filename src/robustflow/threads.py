@@ -1,5 +1,5 @@
-"""One thread for OpenCV: some of its methods compute in stripes, one a thread, and answer differently with their
-number."""
+"""One thread for OpenCV: some of its methods split the image into stripes, one per thread, and their result depends on
+the number of stripes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import cv2
 
 @contextmanager
 def one_opencv_thread() -> Iterator[None]:
-    """OpenCV in one thread within the block; what the caller had set comes back.
+    """Run OpenCV in one thread within the block; the caller's setting is restored afterwards.
 
     >>> with one_opencv_thread():
     ...     cv2.getNumThreads()

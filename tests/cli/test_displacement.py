@@ -66,4 +66,4 @@ def test_a_record_holds_none(robustflow, tmp_path):
     (tmp_path / "a.robustflow").write_bytes(b"PK")
     code, _, said = robustflow("displacement", "demo", "--into", tmp_path / "a.robustflow")
     assert code == 2
-    assert "kept in a run's folder" in said
+    assert "stored in a run's folder" in said

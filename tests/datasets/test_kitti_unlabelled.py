@@ -87,7 +87,7 @@ def test_a_list_of_pairs(raw, tmp_path):
 
 
 def test_another_layout(tmp_path):
-    with pytest.raises(DataError, match="not laid out as KITTI raw, expected 2011_09_26/2011_09_26_drive_0001_sync/"):
+    with pytest.raises(DataError, match="not laid out like KITTI raw; expected 2011_09_26/2011_09_26_drive_0001_sync/"):
         load_dataset("kitti_raw", tmp_path)
     with pytest.raises(DataError, match="no such folder"):
         load_dataset("kitti_raw", tmp_path / "nowhere")

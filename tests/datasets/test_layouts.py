@@ -41,7 +41,7 @@ def test_kitti(tmp_path: Path, name: str, images: str) -> None:
     kitti(folder, ["000010", "000002"], images)
     picture(folder / images / "000010_09.png")  # the multi-view extension has more frames
     if (name == "kitti2015") != (images == "image_2"):
-        refused(name, tmp_path, "not laid out as KITTI")
+        refused(name, tmp_path, "not laid out like KITTI")
         return
     for root in (tmp_path, folder):
         dataset = load_dataset(name, root)
@@ -423,7 +423,7 @@ def test_one_level_too_high_or_low_is_pointed_out(tmp_path: Path, name: str) -> 
     root = tmp_path / "here"
     ROOTS[name](root)
     load_dataset(name, root)
-    refused(name, tmp_path, rf"not laid out as .*expected .*did you mean {root}")
+    refused(name, tmp_path, rf"not laid out like .*expected .*did you mean {root}")
     low = next(path for path in sorted(root.rglob("*")) if path.is_file()).parent
     refused(name, low, "did you mean")
 
@@ -436,7 +436,7 @@ def test_one_level_too_high_or_low_is_pointed_out(tmp_path: Path, name: str) -> 
 def test_missing_and_empty_roots(tmp_path: Path, name: str) -> None:
     refused(name, tmp_path / "missing", "missing: no such folder")
     (tmp_path / "empty").mkdir()
-    refused(name, tmp_path / "empty", "the folder is empty, expected|no pictures in it")
+    refused(name, tmp_path / "empty", "the folder is empty; expected|no pictures in it")
     with pytest.raises(UsageError, match="--data FOLDER"):
         load_dataset(name)
 

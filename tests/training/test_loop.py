@@ -349,7 +349,7 @@ def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chair
     kitti = request_for(mix="kitti")
     with pytest.raises(DataError, match=r"kitti2015 was not found \(.*; put it into a folder kitti2015 or kitti there"):
         run_training(replace(kitti, data=[chairs]))
-    with pytest.raises(DataError, match=r"not laid out as KITTI 2015, expected .*image_2"):
+    with pytest.raises(DataError, match=r"not laid out like KITTI 2015; expected .*image_2"):
         run_training(replace(kitti, data=[f"kitti2015={chairs}"]))
 
 

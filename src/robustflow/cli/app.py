@@ -1,7 +1,5 @@
 """`robustflow app`: look at a pair under corruptions, live, in a browser."""
 
-from __future__ import annotations
-
 import signal
 import sys
 from importlib.util import find_spec
@@ -15,7 +13,7 @@ from .options import Checkpoint, Device, ModelOptions, Precision, PsfDir, model_
 
 def app(
     model: Annotated[
-        str | None, typer.Option("--model", "-m", help="A model to offer first, such as module.path:Attribute.")
+        str | None, typer.Option("--model", "-m", help="Model to list first, such as module.path:Attribute.")
     ] = None,
     checkpoint: Checkpoint = None,
     device: Device = None,
@@ -28,11 +26,11 @@ def app(
     port: Annotated[
         int | None, typer.Option(help="Port to listen on; 8642 by default, or any free one if that is taken.")
     ] = None,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page in a browser.")] = True,
 ) -> None:
-    """Choose or drop two frames, a model and corruptions; see frames, flow, error and numbers change.
+    """Choose or drop two frames, choose a model and corruptions, and watch the frames, flow, error and numbers change.
 
-    The page is served by this machine to this machine, with a token in its address. Ctrl-C ends it.
+    The page is served on this machine only, with a token in its address. Press Ctrl-C to stop.
 
     \b
     Examples:
@@ -46,10 +44,10 @@ def app(
     from ..models import ModelSpec
 
     use_psf_dir(psf_dir)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, and takes uploads with it
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, and removes the uploads
     options = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     if options and model is None:
-        raise UsageError(f"{options[0][0]} belongs to a model: name it with --model")
+        raise UsageError(f"{options[0][0]} is an option of a model: give the model with --model")
     given = [] if model is None else [ModelSpec(model, options)]
     serve(given, host, port, browser, lambda line: print(line, flush=True), _warn)
 

@@ -1,14 +1,12 @@
 """`robustflow audit`: are results consistent with each other?"""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 FOUND = 3
-"""Exit code where something does not fit; 1 and 2 are errors, as everywhere."""
+"""Exit code if something is inconsistent; 1 and 2 are errors, as for every command."""
 
 
 def audit(
@@ -20,10 +18,10 @@ def audit(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """List the numbers that do not follow from the others within rounding, with both numbers.
+    """List the numbers that do not follow from the others within rounding, with the printed and the recomputed value.
 
-    Recomputes CRE from EPE, averages, CREr, ranks and the marking of the best; finds rows that were swapped or moved.
-    Exit code 0: everything fits; 3: something does not; 1: the source cannot be read.
+    Recomputes CRE from EPE, averages, CREr, ranks and which values are marked as best; detects rows that were swapped
+    or moved. Exit code 0: everything is consistent; 3: something is not; 1: the source cannot be read.
 
     \b
     Examples:
@@ -50,7 +48,7 @@ def audit(
                 where = f"{finding.source}: " if finding.source else ""
                 typer.echo(f"  {plain(where + finding.says, 400)}")
         if not audit.checked:
-            typer.echo("none of its numbers follows from the others, so nothing was checked")
+            typer.echo("none of its numbers can be derived from the others, so nothing was checked")
         typer.echo(f"{plain(audit.audited, 200)}: {len(audit.findings)} finding{'s' * (len(audit.findings) != 1)}")
     if not audit.fits:
         raise typer.Exit(FOUND)

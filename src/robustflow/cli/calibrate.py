@@ -1,7 +1,5 @@
 """`robustflow calibrate`: measure the severities at which corruptions can be compared."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
@@ -21,9 +19,9 @@ def calibrate(
 ) -> None:
     """Find the parameters at which every corruption leaves the same mean SSIM (docs/severity-scales.md).
 
-    Takes a quarter of an hour for all corruptions on the reference set. With --corruptions, an --output that is
-    there already and was made with the same pictures, seed and draws keeps its other corruptions.
-    ROBUSTFLOW_CALIBRATION=FILE replaces the shipped table with your own.
+    Takes a quarter of an hour for all corruptions on the reference set. With --corruptions, an existing --output made
+    with the same pictures, seed and draws keeps its other corruptions. ROBUSTFLOW_CALIBRATION=FILE replaces the shipped
+    table with your own.
 
     \b
     Examples:

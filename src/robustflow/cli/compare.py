@@ -1,7 +1,5 @@
 """`robustflow compare`: is one model really better than another?"""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,7 +17,9 @@ def compare(
     runs: Annotated[
         list[Path], typer.Argument(metavar="RUN_A RUN_B...", help="Folders or records of runs over the same data.")
     ],
-    metric: Annotated[str | None, typer.Option("--metric", help="Only this metric: epe, cre, crer or rcre.")] = None,
+    metric: Annotated[
+        str | None, typer.Option("--metric", help="Compare only this metric: epe, cre, crer or rcre.")
+    ] = None,
     level: Annotated[float, typer.Option(help="Level of the confidence intervals.")] = 0.95,
     resamples: Annotated[int, typer.Option(help="Resamples of the bootstrap.")] = 4999,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
@@ -32,12 +32,12 @@ def compare(
     """Say whether models differ, image by image, with intervals and corrected p-values.
 
     Two runs are compared in a table: overall in every metric, and under each corruption in one (CRE by default, RCRE
-    without ground truth); bold is lower by more than chance. More than two are ranked, with the ranks that the tests
-    leave each (not in CSV, which is one table), and compared pairwise in the average of one metric: a sentence each on
-    the terminal, a line each in the other formats.
+    without ground truth); bold marks a value that is significantly lower. More than two are ranked, with the range of
+    ranks that the tests allow for each (not in CSV, which holds a single table), and compared pairwise in the average
+    of one metric: one sentence per pair on the terminal, one line per pair in the other formats.
 
-    Runs of one model with several seeds are split into what images, seeds and severities contribute to the spread; runs
-    of several models under several conditions (seed, split, variant, ...) show how the order of the models moves.
+    For runs of one model with several seeds, the spread is split into the shares of images, seeds and severities; runs
+    of several models under several conditions (seed, split, variant, ...) show how the order of the models changes.
 
     \b
     Examples:
@@ -62,9 +62,9 @@ def compare(
 
     if metric is not None and metric not in INTERVAL_METRICS:
         raise unknown_name("metric", metric, INTERVAL_METRICS)
-    renderer(format)  # an unknown one is refused before anything is read
+    renderer(format)  # refuse an unknown format before reading anything
     if as_json and format != "terminal":
-        raise UsageError(f"--json and --format {format} are two formats; leave out one of them")
+        raise UsageError(f"--json and --format {format} exclude each other; leave out one of them")
     if len(runs) < 2:
         raise UsageError("one run cannot be compared: name two or more")
     loaded = [load_run(run) for run in runs]
@@ -100,7 +100,7 @@ def compare(
         text = ranking + "".join(f"{plain(sentence, None)}\n" for sentence in sentences)
     else:
         shown_tables = [pairs_table(table, note)]
-        if format != "csv" and _every_pair(table, rows):  # a CSV file is one table, for programs
+        if format != "csv" and _every_pair(table, rows):  # a CSV file holds a single table
             shown_tables.insert(0, standings_table(standings(table, list(rows)), chosen))
         text = "\n".join(render(one, format) for one in shown_tables)
     if output is None:
@@ -110,13 +110,13 @@ def compare(
         typer.echo(str(output))
 
 
-def _every_pair(table: pl.DataFrame, rows: dict[str, pl.DataFrame]) -> bool:
+def _every_pair(table: "pl.DataFrame", rows: "dict[str, pl.DataFrame]") -> bool:
     return table.height == len(rows) * (len(rows) - 1) // 2
 
 
-def across_conditions(runs: Sequence[Run], metric: str) -> tuple[pl.DataFrame, Table] | None:
-    """One model's spread over seeds, or the order of several models under each condition; None for other runs, which
-    are compared on what they have in common."""
+def across_conditions(runs: "Sequence[Run]", metric: str) -> "tuple[pl.DataFrame, Table] | None":
+    """The spread of one model over seeds, or the order of several models under each condition; None for other runs,
+    which are compared on what they have in common."""
     from ..analysis.conditions import conditions_of, same_model
     from ..analysis.uncertainty import rank_stability, variance_split
     from ..report.standings_tables import stability_table, variance_table

@@ -1,6 +1,4 @@
-"""What the shell offers after a tab: names of models, corruptions, benchmarks and data sets."""
-
-from __future__ import annotations
+"""Shell completion: names of models, corruptions, benchmarks and data sets."""
 
 from collections.abc import Iterable
 
@@ -24,7 +22,7 @@ def checkpoints(incomplete: str) -> list[str]:
 
 
 def corruptions(incomplete: str) -> list[str]:
-    """Names of corruptions, after the last comma or plus of what is typed.
+    """Names of corruptions, for what follows the last comma or plus.
 
     >>> corruptions("fog,fro")
     ['fog,frost']
@@ -36,7 +34,7 @@ def corruptions(incomplete: str) -> list[str]:
 
 
 def benchmarks(incomplete: str) -> list[str]:
-    """Names of benchmarks and of data sets, which can be one."""
+    """Names of benchmarks and of data sets, which can serve as benchmarks."""
     from ..benchmarks import BENCHMARKS
     from ..datasets import DATASETS
 

@@ -1,6 +1,4 @@
-"""`robustflow corrupt`: look at a corruption on two frames of your own."""
-
-from __future__ import annotations
+"""`robustflow corrupt`: apply corruptions to two frames of your own."""
 
 from pathlib import Path
 from typing import Annotated
@@ -36,7 +34,7 @@ def corrupt(
     common_draws: CommonDraws = False,
     psf_dir: PsfDir = None,
 ) -> None:
-    """Write two frames corrupted, as <corruption>_<severity>/<frame's name>.png.
+    """Corrupt two frames and write them as <corruption>_<severity>/<frame's name>.png.
 
     \b
     Examples:

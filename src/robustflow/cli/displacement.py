@@ -1,6 +1,4 @@
-"""`robustflow displacement`: how far things move in a benchmark."""
-
-from __future__ import annotations
+"""`robustflow displacement`: how far pixels move in a benchmark."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,14 +17,14 @@ def displacement(
     data: Data = None,
     data_option: DataOptions = None,
     model: Annotated[
-        str | None, typer.Option("--model", "-m", help="Whose flow to measure; the ground truth by default.")
+        str | None, typer.Option("--model", "-m", help="Model whose flow to measure; the ground truth by default.")
     ] = None,
     option: ModelOptions = None,
     limit: Limit = None,
     split: Split = None,
     into: Annotated[
         Path | None,
-        typer.Option("--into", metavar="RUN", help="Keep it in a run over these frames, whose pages then show it."),
+        typer.Option("--into", metavar="RUN", help="Store it in a run over these frames, whose pages then show it."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder to write; 'displacement' unless --into is given.")
@@ -35,7 +33,8 @@ def displacement(
     """Write the histogram of flow amplitudes (the paper's figure of both benchmarks): displacement.csv, .png, .svg and
     .pdf.
 
-    A run with ground truth keeps its histogram by itself, unless --no-examples is given; --into is for frames without.
+    A run with ground truth stores its histogram automatically, unless --no-examples is given; --into is for frames
+    without ground truth.
 
     \b
     Examples:
@@ -82,12 +81,12 @@ def displacement(
         write_report(run)
 
 
-def _run_of(folder: Path, chosen: Benchmark) -> Run:
+def _run_of(folder: Path, chosen: "Benchmark") -> "Run":
     from ..errors import UsageError
     from ..runs.run import Run
 
     if folder.is_file():
-        raise UsageError(f"{folder} is a file; a histogram is kept in a run's folder, not in a record")
+        raise UsageError(f"{folder} is a file; a histogram is stored in a run's folder, not in a record")
     run = Run(folder)
     if run.manifest["identity"]["benchmark"] != chosen.name or set(run.manifest["samples"]) != set(chosen.keys):
         raise UsageError(

@@ -1,6 +1,4 @@
-"""`robustflow examples`: pictures of a finished run."""
-
-from __future__ import annotations
+"""`robustflow examples`: example pictures of a finished run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -25,15 +23,17 @@ from .options import (
 
 def examples(
     run: Annotated[Path, typer.Argument(help="A run's folder.")],
-    sample: Annotated[str | None, typer.Option("--sample", help="Draw this sample, as a PNG of its own.")] = None,
+    sample: Annotated[str | None, typer.Option("--sample", help="Draw this sample alone, as one PNG.")] = None,
     corruption: Annotated[
         str | None, typer.Option("--corruption", "--corruptions", "-c", help="With --sample.")
     ] = None,
     severity: Annotated[int | None, typer.Option("--severity", "--severities", "-s", help="With --sample.")] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="The PNG of --sample.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="PNG file for --sample.")] = None,
     data: Data = None,
     data_option: DataOptions = None,
-    model: Annotated[str | None, typer.Option("--model", "-m", help="Where the run does not know its model.")] = None,
+    model: Annotated[
+        str | None, typer.Option("--model", "-m", help="The run's model, where the run does not record it.")
+    ] = None,
     checkpoint: Checkpoint = None,
     device: Device = None,
     precision: Precision = None,
@@ -41,11 +41,11 @@ def examples(
     own_corruption: OwnCorruptions = None,
     psf_dir: PsfDir = None,
 ) -> None:
-    """Draw the worst and the median sample of a run: frames, corrupted frames, flows and the error map.
+    """Draw the worst and the median sample of a run: frames, corrupted frames, flows and error maps.
 
-    Model and data are found where the run had them; options say where they are now. A model that is code of your own
-    (module:Attribute) or a file is named again with --model or --checkpoint: a run's folder may come from anyone. The
-    pictures go into RUN/examples and into RUN/report.html.
+    Model and data are looked for where the run had them; use the options if they have moved. A model that is your own
+    code (module:Attribute) or a file must be given again with --model or --checkpoint, because a run's folder may come
+    from anyone. The pictures go into RUN/examples and into RUN/report.html.
 
     \b
     Examples:
@@ -69,9 +69,11 @@ def examples(
     result = Run(run)
     cell = (sample, corruption, severity)
     if any(part is not None for part in cell) and None in cell:
-        raise UsageError("one picture needs all three: --sample KEY, --corruption NAME and --severity N")
+        raise UsageError("a single picture needs all three: --sample KEY, --corruption NAME and --severity N")
     if sample is None and output is not None:
-        raise UsageError(f"--output names the PNG of one --sample; all examples go into {result.path / FOLDER}")
+        raise UsageError(
+            f"--output names the PNG of a --sample; without --sample the examples go into {result.path / FOLDER}"
+        )
     before = RunSource.read(result.path)
     given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     spec = before.model_to_reuse(dict(given)) if model is None else ModelSpec(model, tuple(given))

@@ -1,7 +1,5 @@
 """`robustflow experiment`: questions that need networks to be trained."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +8,7 @@ import typer
 from ..errors import UsageError
 from .options import numbers
 
-app = typer.Typer(no_args_is_help=True, help="Questions that need networks to be trained.")
+app = typer.Typer(no_args_is_help=True, help="Experiments that train networks.")
 
 
 @app.command("robust-training")
@@ -18,25 +16,26 @@ def robust_training(
     init: Annotated[
         str,
         typer.Option(
-            "--init", help="Weights that all begin with: last.pth of 'robustflow train tiny --recipe shapes'."
+            "--init",
+            help="Weights that every training starts from: last.pth of 'robustflow train tiny --recipe shapes'.",
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="The experiment's folder.")] = Path("robust-training"),
     data: Annotated[
         list[str] | None,
-        typer.Option("--data", "-d", help="NAME=FOLDER of real pairs to measure on besides; several times."),
+        typer.Option("--data", "-d", help="NAME=FOLDER of real pairs to measure on as well. Repeatable."),
     ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Trainings of each kind.")] = 3,
-    steps: Annotated[int | None, typer.Option(min=1, help="Of each training, instead of the recipe's.")] = None,
-    severities: Annotated[str, typer.Option(help="That are measured, e.g. 1,3,5.")] = "3",
+    seeds: Annotated[int, typer.Option(min=1, help="Trainings of each kind, one seed each.")] = 3,
+    steps: Annotated[int | None, typer.Option(min=1, help="Steps of each training, instead of the recipe's.")] = None,
+    severities: Annotated[str, typer.Option(help="Severities to measure, e.g. 1,3,5.")] = "3",
     shapes: Annotated[int, typer.Option(min=1, help="Held-out pairs of flying shapes.")] = 50,
-    size: Annotated[str, typer.Option(help="Of those, HEIGHTxWIDTH.")] = "160x224",
-    loaders: Annotated[int, typer.Option(help="Processes that read ahead.")] = 1,
+    size: Annotated[str, typer.Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
+    loaders: Annotated[int, typer.Option(help="Processes that prepare batches in advance.")] = 1,
 ) -> None:
-    """Does training with corruptions help against those that training did not have? Leaves one family out at a time.
+    """Does training with corruptions help against corruptions not used in training? Leaves out one family at a time.
 
-    Trains `tiny` on with no corruption, with all, and with all families but one, each for several seeds, and measures
-    every network on unseen pairs. Ctrl-C stops it; the same command goes on.
+    Continues training `tiny` without corruptions, with all of them, and with all families but one, for several seeds
+    each, and measures every network on unseen pairs. Ctrl-C stops it; the same command continues.
 
     \b
     Examples:
@@ -52,7 +51,7 @@ def robust_training(
     from .train import Interrupted
 
     if not Path(init).expanduser().is_file():
-        raise UsageError(f"--init {init}: no such file; make one with: robustflow train tiny --recipe shapes")
+        raise UsageError(f"--init {init}: no such file; create it with: robustflow train tiny --recipe shapes")
     plan = Plan(
         output.expanduser(),
         str(Path(init).expanduser().resolve()),

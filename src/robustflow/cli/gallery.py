@@ -1,7 +1,5 @@
 """`robustflow gallery`: every corruption of one pair, or of a clip, side by side."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,7 +27,7 @@ def gallery(
     start: Annotated[
         str | None, typer.Option("--start", help="Where in the clip to begin: a frame (120) or a time (12.5s, 1:05).")
     ] = None,
-    stop: Annotated[str | None, typer.Option("--stop", help="Where to end; not included.")] = None,
+    stop: Annotated[str | None, typer.Option("--stop", help="Where to end (exclusive).")] = None,
     length: Annotated[int | None, typer.Option("--length", help="Frames of the clip to show, 10 by default.")] = None,
     severity: Annotated[int, typer.Option("--severity", "--severities", "-s", help="1 (mild) to 5 (severe).")] = 3,
     corruptions: Corruptions = None,
@@ -38,14 +36,14 @@ def gallery(
     seed: Seed = 0,
     model: Annotated[
         str | None,
-        typer.Option("--model", "-m", help="Also draw strip.webp: what this model makes of each, flow and error."),
+        typer.Option("--model", "-m", help="Also draw strip.webp: this model's flow and error under each corruption."),
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder to write.")] = Path("gallery"),
 ) -> None:
     """Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over all five.
 
-    For a clip, the page shows frames from the middle, to play or to step through, and what H.264 and bit errors make of
-    it; two frames are not enough for those.
+    For a clip, the page shows frames from its middle, to play or to step through, including H.264 compression and bit
+    errors, for which two frames are not enough.
 
     \b
     Examples:
@@ -61,7 +59,7 @@ def gallery(
     if clip is None and not (start is None and stop is None and length is None):
         raise UsageError("--start, --stop and --length are for a clip: give --clip")
     if clip is not None and model is not None:
-        raise UsageError("--model draws what becomes of two frames; leave out --clip, or use `robustflow predict`")
+        raise UsageError("--model draws the flow of two frames; leave out --clip, or use `robustflow predict`")
     check_severity(severity)
     use_psf_dir(psf_dir)
     wanted = names(corruptions)
@@ -95,7 +93,7 @@ def _of_pair(
         key, what = frames[0].stem, f"{frames[0].name}, {frames[1].name}"
         sample = Sample(key, (read_image(frames[0]), read_image(frames[1])))
     pair = sample.frames
-    textures = PHOTOGRAPHS if frames is not None else GENERATED  # what comes with the package fetches nothing
+    textures = PHOTOGRAPHS if frames is not None else GENERATED  # the shipped pair needs no download
     cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale, textures))
     title = f"Corruptions of {what}, {scale} scale"
     at = [cell for cell in cells if cell.severity == severity]
@@ -109,13 +107,13 @@ def _of_pair(
 
 def _write_strip(
     output: Path,
-    sample: Sample,
+    sample: "Sample",
     model: str,
     corruptions: list[str],
     severity: int,
     seed: int,
     scale: str,
-    textures: Textures,
+    textures: "Textures",
 ) -> None:
     from ..atomic import write_bytes
     from ..corruptions import load_corruption
@@ -125,7 +123,7 @@ def _write_strip(
 
     loaded = load_model(model)
     if not isinstance(loaded, FlowModel):
-        raise UsageError(f"model '{model}' is not one that predicts from two frames; the strip needs one that does")
+        raise UsageError(f"model '{model}' does not predict from two frames; the strip needs a model that does")
     chosen = [load_corruption(name, scale=scale).with_textures(textures) for name in corruptions]
     columns = strip_columns(sample.frames[:2], loaded.predict, chosen, severity, seed, sample.key)
     write_bytes(output / "strip.webp", draw_strip(sample, columns, model))
@@ -161,7 +159,7 @@ def _of_clip(
     title = f"Corruptions of {clip.name}, frames {first} to {last}, {scale} scale"
     at: list[CorruptedPicture] = []
 
-    def kept(folder: str) -> Iterator[ClipCell]:
+    def kept(folder: str) -> "Iterator[ClipCell]":
         cells = clip_cells(part, shown, SEVERITIES, chosen, Path(folder), seed, key, scale)
         total = len(chosen) * len(SEVERITIES)
         console = Console(stderr=True)
@@ -174,7 +172,7 @@ def _of_clip(
         slider = clip_slider(shown, kept(folder), SEVERITIES, severity, title, first)
     remarks = [
         f"The frames are the middle of a part of {part.count} frames at {float(part.rate):.4g} frames per second, "
-        "at their full size when they are corrupted; SSIM is that of the first one.",
+        "corrupted at full size; SSIM is that of the first frame.",
         *remarks,
     ]
     _write(output, shown[0], at, f"{title}, severity {severity}", page_of(slider, remarks))
@@ -182,7 +180,7 @@ def _of_clip(
         typer.echo(remark, err=True)
 
 
-def _write(output: Path, clean: Frame, at: Sequence[CorruptedPicture], title: str, page: str) -> None:
+def _write(output: Path, clean: "Frame", at: "Sequence[CorruptedPicture]", title: str, page: str) -> None:
     from ..atomic import make_folder, write_bytes
     from ..report.gallery.figure import draw_figure
 

@@ -1,6 +1,4 @@
-"""`robustflow list`: what there is."""
-
-from __future__ import annotations
+"""`robustflow list`: the available models, corruptions, benchmarks, data sets and recipes."""
 
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Annotated
@@ -18,7 +16,8 @@ _OF_FILES = {
     "onnx": ("an .onnx file", "onnx"),
     "torch_export": ("a .pt2 file of torch.export", "torch"),
 }
-"""Models of any method: what they are read from, and the extra they need, which has the name of what it imports."""
+"""Models that can hold any method: what they are read from, and the extra they need, named like the module it
+installs."""
 KINDS = ("models", "corruptions", "benchmarks", "datasets", "recipes")
 
 
@@ -84,14 +83,14 @@ def _models() -> list[str]:
     return [
         *lines,
         f"Any other model of ptlflow as ptlflow:NAME; of known training: {'; '.join(others)}.",
-        "Of those, some need more than ptlflow installs: "
+        "Some of those need more than ptlflow installs: "
         + "; ".join(f"ptlflow:{name} ({needs})" for name, needs in BESIDES.items())
         + ".",
-        "OOD saw nothing of KITTI, ID none of the pairs it evaluates, LEAKED those pairs; undeclared: declare it with "
-        "--trained-on C+T.",
+        "OOD: trained on nothing of KITTI; ID: on KITTI, but on none of the evaluated pairs; LEAKED: on evaluated "
+        "pairs; undeclared: unknown, declare it with --trained-on C+T.",
         "multi-frame: supervised, and sees up to "
-        f"{max(method.frames for method in known.values())} frames, the pair among them; needs data with clips.",
-        "Hardly any weights state a licence.",
+        f"{max(method.frames for method in known.values())} frames, including the pair; needs data with clips.",
+        "Hardly any of the published weights state a licence.",
         "Your own: module.path:Attribute, an exported network (.onnx, .pt2) or a folder of flow files.",
     ]
 
@@ -132,7 +131,7 @@ def _datasets() -> list[str]:
     return lines
 
 
-def _stated(facts: DatasetFacts) -> list[tuple[str, str]]:
+def _stated(facts: "DatasetFacts") -> list[tuple[str, str]]:
     stated = {"layout": facts.layout, "licence": facts.licence, "citation": facts.citation}
     return [(what, text) for what, text in stated.items() if text]
 
@@ -149,7 +148,7 @@ def _recipes() -> list[str]:
                 f"    {stage:12s} {recipe.updates:7d} updates of {recipe.batch} pairs at {crop:8s} rate "
                 f"{recipe.learning_rate:g}, begins with {recipe.start}, on {recipe.mix}"
             )
-    return [*lines, "'robustflow train METHOD --recipe STAGE --plan' says all of one, and which data it needs."]
+    return [*lines, "'robustflow train METHOD --recipe STAGE --plan' shows a recipe in full, and which data it needs."]
 
 
 _LISTERS = {

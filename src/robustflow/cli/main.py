@@ -1,6 +1,4 @@
-"""The command `robustflow`: subcommands, and how an error reaches a person."""
-
-from __future__ import annotations
+"""The command `robustflow`: its subcommands, and how errors are printed."""
 
 import sys
 import traceback
@@ -76,13 +74,13 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _options(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
-    debug: bool = typer.Option(False, "--debug", help="Print the whole traceback of an error."),
+    debug: bool = typer.Option(False, "--debug", help="Print the full traceback of an error."),
 ) -> None:
     pass
 
 
 def main() -> None:
-    """Run the command line; a known error is one line on stderr and its exit code, a warning one line."""
+    """Run the command line; a known error becomes one line on stderr and its exit code, a warning becomes one line."""
     warnings.formatwarning = plain_warning
     debug = "--debug" in sys.argv[1:]
     try:

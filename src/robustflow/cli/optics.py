@@ -1,6 +1,4 @@
-"""`robustflow optics`: design the lenses of psf_blur, look at them, render their PSFs again."""
-
-from __future__ import annotations
+"""`robustflow optics`: design the lenses of psf_blur, draw them, render their PSFs again."""
 
 from pathlib import Path
 from typing import Annotated
@@ -21,7 +19,9 @@ _Severities = Annotated[str, typer.Option("--severity", "--severities", "-s", he
 @app.command()
 def design(
     severity: _Severity,
-    seed: Annotated[int | None, typer.Option("--seed", help="Any integer; the shipped lens's by default.")] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", help="Any integer; the seed of the shipped lens by default.")
+    ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Where to write the prescription.")] = None,
     ship: Annotated[bool, typer.Option("--ship", help="Replace the package's lens and its PSFs.")] = False,
 ) -> None:
@@ -61,7 +61,8 @@ def show(
     lens: Annotated[Path | None, typer.Option("--lens", help="A prescription instead of the shipped ones.")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the figures.")] = Path("optics"),
 ) -> None:
-    """Draw each lens with rays, spots, modulation, PSFs; all PSFs on one sheet; their profile beside the reference's.
+    """Draw each lens with its rays, spots, modulation and PSFs; all PSFs on one sheet; and their profile next to the
+    reference's.
 
     \b
     Examples:
@@ -96,9 +97,9 @@ def show(
 def render(
     severity: _Severities = "1,2,3,4,5",
     lens: Annotated[Path | None, typer.Option("--lens", help="A prescription instead of the shipped ones.")] = None,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="With --lens: the .npy to write.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="With --lens: the .npy file to write.")] = None,
 ) -> None:
-    """Trace the PSFs of the shipped lenses again and check that they are those shipped, bit for bit.
+    """Trace the PSFs of the shipped lenses again and check that they equal the shipped ones bit for bit.
 
     With --lens, render a prescription of your own to a .npy of shape (64, 3, 61, 61), float32.
 
@@ -120,7 +121,7 @@ def render(
     from .options import numbers
 
     if (lens is None) != (output is None):
-        raise UsageError("--lens and --output go together: name the prescription and where its PSFs should go")
+        raise UsageError("--lens and --output go together: give the prescription and the file for its PSFs")
     if lens is not None and output is not None:
         buffer = io.BytesIO()
         np.save(buffer, render_field(read_lens(lens)).stack, allow_pickle=False)

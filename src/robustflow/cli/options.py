@@ -1,6 +1,4 @@
-"""Options that several commands share, and how their text becomes values."""
-
-from __future__ import annotations
+"""Options that several commands share, and how their text is parsed."""
 
 import os
 from pathlib import Path
@@ -20,7 +18,7 @@ _MODEL = typer.Option(
 )
 ModelName = Annotated[str, _MODEL]
 ModelNames = Annotated[list[str], _MODEL]
-"""Repeatable: one after the other."""
+"""Repeatable; the models run one after the other."""
 ModelOptions = Annotated[
     list[str] | None,
     typer.Option("--option", "-O", metavar="KEY=VALUE", help="An option of the model, e.g. preset=fast. Repeatable."),
@@ -33,9 +31,9 @@ Checkpoint = Annotated[
     ),
 ]
 Device = Annotated[
-    str | None, typer.Option(help="auto, cpu, cuda (every GPU), cuda:0 or cuda:0,cuda:1; for models that take it.")
+    str | None, typer.Option(help="auto, cpu, cuda (every GPU), cuda:0 or cuda:0,cuda:1; for models with this option.")
 ]
-Precision = Annotated[str | None, typer.Option(help="fp32 or bf16, for models that take it.")]
+Precision = Annotated[str | None, typer.Option(help="fp32 or bf16, for models with this option.")]
 Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the data set (or a video, for 'folder').")]
 DataOptions = Annotated[
     list[str] | None,
@@ -49,7 +47,7 @@ DataOptions = Annotated[
 Split = Annotated[
     Path | None,
     typer.Option(
-        help="File naming the pairs to use, one per line, not the built-in split; or drive-disjoint (KITTI 2015)."
+        help="File naming the pairs to use instead of the built-in split, one per line; or drive-disjoint (KITTI 2015)."
     ),
 ]
 OwnCorruptions = Annotated[
@@ -57,7 +55,7 @@ OwnCorruptions = Annotated[
     typer.Option(
         "--own-corruption",
         metavar="MODULE:ATTRIBUTE",
-        help="A corruption of your own that the run has; nothing is imported because a run names it.",
+        help="Your own corruption that the run used; nothing is imported merely because a run names it.",
     ),
 ]
 Corruptions = Annotated[
@@ -86,7 +84,8 @@ Limit = Annotated[int | None, typer.Option(help="Use only the first N pairs.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw; the same seed gives the same bytes anywhere.")]
 Variant = Annotated[str, typer.Option(help="Variant of the corruptions: default, reference, reference-bgr or paper.")]
 CommonDraws = Annotated[
-    bool, typer.Option("--common-draws", help="One draw for the five severities of a pair, instead of one for each.")
+    bool,
+    typer.Option("--common-draws", help="Use one random draw for all five severities of a pair, instead of one each."),
 ]
 PsfDir = Annotated[
     Path | None,
@@ -105,7 +104,7 @@ SeverityScale = Annotated[
 
 
 def use_own_corruptions(targets: list[str] | None) -> None:
-    """Import corruptions of the user's own, so that runs with them can be made again.
+    """Import the user's own corruptions, so that runs with them can be recomputed.
 
     Raises:
         UsageError: one cannot be imported, or is not a corruption.
@@ -117,7 +116,7 @@ def use_own_corruptions(targets: list[str] | None) -> None:
 
 
 def use_psf_dir(folder: Path | None) -> None:
-    """Let psf_blur take its PSFs from `folder`, here and in worker processes, which inherit the environment.
+    """Make psf_blur read its PSFs from `folder`, here and in worker processes, which inherit the environment.
 
     Raises:
         UsageError: no such folder.
@@ -140,7 +139,7 @@ def names(text: str | None) -> list[str] | None:
 
 
 def numbers(text: str | None) -> list[int] | None:
-    """A comma-separated list of whole numbers, of severities.
+    """A comma-separated list of severities, as whole numbers.
 
     Raises:
         UsageError: something else in it.
@@ -156,10 +155,10 @@ def numbers(text: str | None) -> list[int] | None:
 
 
 def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
-    """`KEY=VALUE` texts as options; numbers and true/false become what they look like, except a hash.
+    """`KEY=VALUE` texts as options; numbers and true/false are converted, except in a hash.
 
     Raises:
-        UsageError: a text without a key or a sign of equality.
+        UsageError: a text without a key or an equals sign.
 
     >>> keyword_options(["preset=fast", "winsize=21"])
     (('preset', 'fast'), ('winsize', 21))
@@ -177,10 +176,10 @@ def keyword_options(pairs: list[str] | None) -> tuple[tuple[str, Any], ...]:
 
 
 def model_options(pairs: list[str] | None, **named: str | None) -> tuple[tuple[str, Any], ...]:
-    """The options of a model: `KEY=VALUE` texts, and those that have an option of the command line to themselves.
+    """The options of a model: `KEY=VALUE` texts, and those that have a command-line option of their own.
 
     Raises:
-        UsageError: as `keyword_options`, or an option that is given in both ways.
+        UsageError: as for `keyword_options`, or an option given in both ways.
 
     >>> model_options(["iterations=24"], checkpoint="things", device=None)
     (('iterations', 24), ('checkpoint', 'things'))

@@ -1,6 +1,4 @@
-"""`robustflow pack`: a run in one file, to be sent and checked elsewhere."""
-
-from __future__ import annotations
+"""`robustflow pack`: a run as one file, to be sent and checked elsewhere."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,21 +12,23 @@ def pack(
         Path | None,
         typer.Option("--output", "-o", help="The file, NAME.robustflow; by default with the folder's name."),
     ] = None,
-    author: Annotated[str, typer.Option(help="Who submits it.")] = "",
+    author: Annotated[str, typer.Option(help="Who submits the record.")] = "",
     link: Annotated[str, typer.Option(help="Where to read more: https://...")] = "",
     description: Annotated[str, typer.Option(help="A sentence or two, plain text.")] = "",
-    partial: Annotated[bool, typer.Option("--partial", help="Pack a run that is not finished, marked so.")] = False,
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Pack an unfinished run; the record is marked as such.")
+    ] = False,
     keep_paths: Annotated[
-        bool, typer.Option("--keep-paths", help="Pack texts that contain paths of this machine.")
+        bool, typer.Option("--keep-paths", help="Pack texts even if they contain paths of this machine.")
     ] = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace a file that is not a record of this run.")
+        bool, typer.Option("--overwrite", help="Replace an existing file that is not a record of this run.")
     ] = False,
 ) -> None:
     """Pack a run into one file that another machine can verify and add to its leaderboard.
 
-    It holds what ran, the rows and the means; no image, no command line, no path and no name of this machine. The same
-    run gives the same bytes.
+    It holds what ran, the rows and the means, but no image, command line, path or name of this machine. The same run
+    always gives the same bytes.
 
     \b
     Examples:

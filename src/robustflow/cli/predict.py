@@ -1,6 +1,4 @@
-"""`robustflow predict`: the flow of a model for frames or a clip."""
-
-from __future__ import annotations
+"""`robustflow predict`: a model's flow for frames or a clip."""
 
 from pathlib import Path
 from typing import Annotated
@@ -34,19 +32,23 @@ def predict(
         str, typer.Option("--format", help="flo (Middlebury), png (KITTI, 16 bits), pfm, or flo5 (Spring).")
     ] = "flo",
     pictures: Annotated[
-        bool, typer.Option("--pictures/--no-pictures", help="Write a picture in flow colours beside each flow.")
+        bool, typer.Option("--pictures/--no-pictures", help="Write a picture in flow colours next to each flow.")
     ] = True,
     radius: Annotated[
         float | None,
-        typer.Option("--max-flow", metavar="PX", help="Length shown in full colour; the 99th percentile by default."),
+        typer.Option(
+            "--max-flow",
+            metavar="PX",
+            help="Flow length shown in full colour, in pixels; the 99th percentile by default.",
+        ),
     ] = None,
     video: Annotated[
-        Path | None, typer.Option("--video", metavar="FILE.mp4", help="Write frames above their flow as a video.")
+        Path | None, typer.Option("--video", metavar="FILE.mp4", help="Write a video of the frames above their flow.")
     ] = None,
     fps: Annotated[float, typer.Option(help="Frames per second of --video.")] = 25.0,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace flows that already exist.")] = False,
 ) -> None:
-    """Predict flow for each pair of adjacent frames, as files that any tool of the field reads.
+    """Predict the flow of each pair of adjacent frames, and write it in a standard file format.
 
     \b
     Examples:

@@ -1,6 +1,4 @@
-"""`robustflow prepare`: make a benchmark's data from the recordings it starts from."""
-
-from __future__ import annotations
+"""`robustflow prepare`: make a benchmark's data from recordings."""
 
 from fractions import Fraction
 from functools import partial
@@ -31,9 +29,9 @@ def gopro_fc(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for masters and key frames.")],
     fps: Annotated[
-        str | None, typer.Option(help="Frames per second of the recording; 240 for GoPro, a video says its own.")
+        str | None, typer.Option(help="Frames per second of the recording; 240 for GoPro, known for a video.")
     ] = None,
-    factor: Annotated[int, typer.Option(help="How many times the frame rate, by interpolation; 1 for none.")] = 4,
+    factor: Annotated[int, typer.Option(help="Factor by which interpolation raises the frame rate; 1 for none.")] = 4,
     step: Annotated[
         int | None, typer.Option(help="Master frames between key frames; 30 pairs per second by default.")
     ] = None,
@@ -41,22 +39,25 @@ def gopro_fc(
         str | None, typer.Option(help="flavr (the paper's, needs --checkpoint) or flow (DIS, needs no weights).")
     ] = None,
     checkpoint: Annotated[Path | None, typer.Option(help="FLAVR's official 4x weights.")] = None,
-    device: Annotated[str, typer.Option(help="Where FLAVR runs: cpu, cuda, cuda:0.")] = "cpu",
-    preset: Annotated[str, typer.Option(help="x264's, for the master: bit errors depend on it, pixels do not.")] = (
+    device: Annotated[str, typer.Option(help="Device for FLAVR: cpu, cuda, cuda:0.")] = "cpu",
+    preset: Annotated[str, typer.Option(help="x264 preset of the master: bit errors depend on it, pixels do not.")] = (
         "veryslow"
     ),
     workers: Annotated[
-        int | None, typer.Option(help="Clips prepared at once: 1 by default; with Ray what the cluster has room for.")
+        int | None,
+        typer.Option(help="Clips prepared at once: 1 by default; with Ray as many as the cluster has room for."),
     ] = None,
-    engine: Annotated[str, typer.Option(help="processes, or ray: a clip per node or processor.")] = "processes",
+    engine: Annotated[str, typer.Option(help="processes, or ray (one clip per node or processor).")] = "processes",
     address: Annotated[
         str | None,
-        typer.Option(help="Of a Ray cluster: auto, host:port or ray://host:port; by default one on this machine."),
+        typer.Option(
+            help="Address of the Ray cluster: auto, host:port or ray://host:port; by default one on this machine."
+        ),
     ] = None,
-    cache_gb: Annotated[float, typer.Option(help="Limit for transcoded variants, made during run.")] = 20.0,
-    estimate_only: Annotated[bool, typer.Option("--estimate", help="Print the disk space it takes, and stop.")] = False,
+    cache_gb: Annotated[float, typer.Option(help="Limit for the transcoded variants made during a run.")] = 20.0,
+    estimate_only: Annotated[bool, typer.Option("--estimate", help="Print the disk space needed, and stop.")] = False,
 ) -> None:
-    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. If stopped, it continues where it stopped.
+    """Clips -> 4x frame rate -> lossless master -> pairs of key frames. If interrupted, the same command continues.
 
     \b
     Examples:
@@ -74,7 +75,7 @@ def gopro_fc(
     preparation = Preparation(rate, factor, step, interpolator, checkpoint, device, preset)
     limit = round(cache_gb * 1e9)
     if limit < 0:
-        raise UsageError(f"a cache of {cache_gb:g} GB is not possible: give 0 or more")
+        raise UsageError(f"the cache cannot be limited to {cache_gb:g} GB: give 0 or more")
     prepare_all = _on_ray(engine, workers, address)
     sources = find_sources(data, evenly=rate is not None)
     at_once = workers or (1 if prepare_all is None else len(sources))
@@ -90,7 +91,7 @@ def gopro_fc(
     typer.echo(f"{output}: {made}; now: robustflow run --benchmark gopro-fc --data {output}")
 
 
-def _on_ray(engine: str, workers: int | None, address: str | None) -> PrepareAll | None:
+def _on_ray(engine: str, workers: int | None, address: str | None) -> "PrepareAll | None":
     if engine not in ("processes", "ray"):
         raise unknown_name("engine", engine, ("processes", "ray"))
     if engine == "processes":

@@ -1,6 +1,4 @@
-"""`robustflow profile`: what a model costs, and the paper's table beside ours."""
-
-from __future__ import annotations
+"""`robustflow profile`: the cost of a model, and the paper's table next to ours."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -26,24 +24,24 @@ def profile(
         ),
     ] = None,
     size: Annotated[str, typer.Option(help="HEIGHTxWIDTH of the frames.")] = "432x720",
-    iterations: Annotated[int | None, typer.Option(help="Iterations of the model, where it has them [12].")] = None,
+    iterations: Annotated[int | None, typer.Option(help="Iterations, for models that iterate [12].")] = None,
     option: ModelOptions = None,
     device: Device = None,
     precision: Precision = None,
     repeat: Annotated[int, typer.Option(help="Predictions to time; 0 for none.")] = 1,
     into: Annotated[
         Path | None,
-        typer.Option("--into", metavar="RUN", help="Keep it in a run of this model, whose tables then show it."),
+        typer.Option("--into", metavar="RUN", help="Store it in a run of this model, whose tables then show it."),
     ] = None,
     paper: Annotated[
         bool,
-        typer.Option("--paper", help="The paper's Tab. 3 beside ours. Runs CRAFT and GMFlowNet once: 8 GB."),
+        typer.Option("--paper", help="Print the paper's Tab. 3 next to ours. Runs CRAFT and GMFlowNet once: 8 GB."),
     ] = False,
 ) -> None:
     """Count the parameters and multiply-accumulates of models, and time a prediction of each.
 
-    Their weights are random unless -O checkpoint=FILE is given; that does not change the cost. MACs are half of
-    PyTorch's FLOPs; "as thop" is what the paper's table reports, which leaves out matrix products.
+    The weights are random unless -O checkpoint=FILE is given, which does not change the cost. MACs are half of
+    PyTorch's FLOPs; "as thop" is what the paper's table reports, which omits matrix products.
 
     \b
     Examples:
@@ -58,7 +56,7 @@ def profile(
     if find_spec("torch") is None:
         raise ModelError("profiling needs PyTorch, which is not installed: pip install 'robustflow[torch]'")
     if paper and into is not None:
-        raise UsageError("--paper profiles many models, --into keeps the cost of one; leave out one of them")
+        raise UsageError("--paper profiles many models, --into stores the cost of one; leave out one of them")
     if paper and models:
         raise UsageError("--paper profiles the paper's models; leave out the model")
     if paper:
@@ -67,7 +65,7 @@ def profile(
     if not models:
         raise UsageError("name a model to profile, or give --paper")
     if len(models) > 1 and into is not None:
-        raise UsageError("--into keeps the cost of one model; name one")
+        raise UsageError("--into stores the cost of one model; name one")
     options = model_options(option, device=device, precision=precision)
     costs = [(name, *_print_model(name, size, repeat, options, iterations, into)) for name in models]
     if len(costs) > 1:
@@ -81,7 +79,7 @@ def _print_model(
     options: tuple[tuple[str, object], ...],
     iterations: int | None,
     into: Path | None,
-) -> tuple[Counts, Measured | None]:
+) -> "tuple[Counts, Measured | None]":
     from ..models import ModelSpec
     from ..models.catalog import methods
     from ..models.registry import PTLFLOW
@@ -101,7 +99,7 @@ def _print_model(
     if iterations is not None:
         asked["iterations"] = iterations
     if repeat < 0:
-        raise UsageError(f"{repeat} predictions cannot be timed: give 1 or more, or 0 for none")
+        raise UsageError(f"--repeat {repeat}: give 1 or more, or 0 for no timing")
     model = network_of(ModelSpec(name, tuple(asked.items())).load())
     if run is not None:
         check_model(run, model.identity())
@@ -131,7 +129,7 @@ def _print_model(
     return counts, measured
 
 
-def _print_side_by_side(costs: list[tuple[str, Counts, Measured | None]]) -> None:
+def _print_side_by_side(costs: "list[tuple[str, Counts, Measured | None]]") -> None:
     line = "{:20s} {:>12s} {:>10s} {:>9s} {:>11s}"
     typer.echo("\n" + line.format("model", "params (M)", "MACs (G)", "pair (s)", "peak (GiB)"))
     for name, counts, measured in costs:
@@ -169,7 +167,7 @@ def _print_paper() -> None:
     typer.echo("Their rest and SAMFlow-H's 236 G are explained, or not, in docs/design/profiling.md.")
 
 
-def _cells(counts: Counts, parameters_m: float, flops_g: float) -> tuple[str, ...]:
+def _cells(counts: "Counts", parameters_m: float, flops_g: float) -> tuple[str, ...]:
     parameters, macs = counts.thop_parameters / 1e6, counts.thop_macs / 1e9
     return (
         *(f"{parameters_m:.2f}", f"{parameters:.3f}", f"{parameters - parameters_m:+.3f}"),

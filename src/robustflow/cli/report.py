@@ -1,6 +1,4 @@
-"""`robustflow report`: tables and figures of runs, beside the published results."""
-
-from __future__ import annotations
+"""`robustflow report`: tables and figures of runs, next to the published results."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,10 +13,10 @@ PAGE = "page"
 
 def report(
     runs: Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Folders or records of runs.")] = None,
-    published: Annotated[bool, typer.Option("--published", help="Put the paper's results beside them.")] = False,
+    published: Annotated[bool, typer.Option("--published", help="Add the paper's results.")] = False,
     only_own: Annotated[
         bool,
-        typer.Option("--only-own", help="Figures, trends and observations of your runs alone."),
+        typer.Option("--only-own", help="Limit figures, trends and observations to your runs."),
     ] = False,
     table: Annotated[
         str | None,
@@ -26,7 +24,7 @@ def report(
             "--table",
             "-t",
             help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
-            "observations; all that can be made by default.",
+            "observations; by default all that can be made.",
         ),
     ] = None,
     format: Annotated[
@@ -38,7 +36,8 @@ def report(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap behind the intervals.")] = 0,
 ) -> None:
-    """Tables and figures of runs, with the paper's results beside them; as a page, all of it in one HTML file.
+    """Tables and figures of runs, with the paper's results alongside; `--format page` puts all of it into one HTML
+    file.
 
     \b
     Examples:
@@ -57,7 +56,7 @@ def report(
     from .tables import for_stdout
 
     if format != PAGE:
-        renderer(format)  # an unknown one is refused before anything is read
+        renderer(format)  # refuse an unknown format before reading anything
     if not runs and not published:
         raise UsageError("nothing to report: name a run's folder, or give --published")
     if only_own and not runs:
@@ -81,10 +80,10 @@ def report(
             typer.echo(str(path), err=output is None)
 
 
-def _page(runs: list[Run], published: bool, only_own: bool, table: str | None) -> str:
+def _page(runs: "list[Run]", published: bool, only_own: bool, table: str | None) -> str:
     from ..errors import UsageError
     from ..report.site import render_site, whole_content
 
     if table is not None:
-        raise UsageError("a page has all tables; leave out --table, or choose another --format")
+        raise UsageError("a page always has all tables; leave out --table, or choose another --format")
     return render_site(whole_content(runs, published=published, only_own=only_own))

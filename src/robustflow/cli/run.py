@@ -1,6 +1,4 @@
-"""`robustflow run`: a model over a benchmark."""
-
-from __future__ import annotations
+"""`robustflow run`: evaluate a model on a benchmark."""
 
 import signal
 from pathlib import Path
@@ -46,7 +44,7 @@ def run(
     trained_on: Annotated[
         str | None, typer.Option("--trained-on", help="Training sets of the model, e.g. C+T (robustflow list models).")
     ] = None,
-    name: Annotated[str | None, typer.Option("--name", help="What to call the model in tables and figures.")] = None,
+    name: Annotated[str | None, typer.Option("--name", help="Name of the model in tables and figures.")] = None,
     option: ModelOptions = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
@@ -57,13 +55,15 @@ def run(
         typer.Option(
             "--output",
             "-o",
-            help="The run's folder, or the folder of several runs' folders; in runs/ by default.",
+            help="The run's folder, or for several runs the folder that holds theirs; in runs/ by default.",
         ),
     ] = None,
     seed: Seed = 0,
     seeds: Annotated[
         int,
-        typer.Option("--seeds", help="Number of runs, with this seed and those after it, a folder each; see compare."),
+        typer.Option(
+            "--seeds", help="Number of runs, with this seed and the following ones, a folder each; see compare."
+        ),
     ] = 1,
     variant: Variant = "default",
     severity_scale: SeverityScale = "paper",
@@ -74,23 +74,26 @@ def run(
         typer.Option(
             "--workers",
             "-w",
-            help="Processes, 1 by default; for a model on GPUs those that feed it, one per processor by default; with "
-            "Ray one per GPU or CPU of the cluster.",
+            help="Processes, 1 by default; for a model on GPUs the processes that feed it, one per processor by "
+            "default; with Ray one per GPU or CPU of the cluster.",
         ),
     ] = None,
     batch_size: Annotated[
-        int, typer.Option("--batch-size", help="Cells of a sample to predict in one call, for models that can.")
+        int,
+        typer.Option("--batch-size", help="Corrupted pairs of one sample to predict in one call, for models that can."),
     ] = 1,
     engine: Annotated[
         str | None, typer.Option(help="serial, processes or ray; by --device and --workers by default.")
     ] = None,
     address: Annotated[
         str | None,
-        typer.Option(help="Of a Ray cluster: auto, host:port or ray://host:port; by default one on this machine."),
+        typer.Option(
+            help="Address of the Ray cluster: auto, host:port or ray://host:port; by default one on this machine."
+        ),
     ] = None,
     timeout: Annotated[float | None, typer.Option(help="Seconds a single prediction may take.")] = None,
     allow_invalid: Annotated[
-        bool, typer.Option("--allow-invalid", help="Leave out and count NaN or infinite predictions.")
+        bool, typer.Option("--allow-invalid", help="Exclude and count NaN or infinite predictions instead of failing.")
     ] = False,
     examples: Annotated[
         bool, typer.Option("--examples/--no-examples", help="Draw the worst and the median sample at the end.")
@@ -123,7 +126,7 @@ def run(
         raise UsageError(f"--seeds {seeds}: give 1 or more")
     specs = [ModelSpec(each, options) for each in model]
     for spec in specs:
-        spec.refuse_early()  # before the imports below, which take seconds
+        spec.refuse_early()  # checked before the imports below, which take seconds
     use_psf_dir(psf_dir)
     from ..api import Result, evaluate
     from ..runner.progress import TerminalProgress

@@ -1,6 +1,4 @@
-"""`robustflow show`: a run again, finished or not."""
-
-from __future__ import annotations
+"""`robustflow show`: print the tables of a run, finished or not."""
 
 from pathlib import Path
 from typing import Annotated
@@ -14,7 +12,7 @@ def show(
         str,
         typer.Option(
             "--metric",
-            help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage; less bound to accuracy: "
+            help="epe, cre, crer, rcre, rcre_all, fl, px1, px3, px5, wauc, coverage; less tied to accuracy: "
             "log_ratio, median_log_ratio, median_cre, fl_increase; or all.",
         ),
     ] = "all",

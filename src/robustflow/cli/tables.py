@@ -1,4 +1,4 @@
-"""Results on the terminal, in the paper's column order, and the tables of the report."""
+"""Tables of results for the terminal, in the paper's column order."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
     summary = result.summary
-    # Names and folders may hold what rich takes for markup.
+    # Names and folders may contain what rich would read as markup.
     console = Console(width=None if Console().is_terminal else 120, markup=False)
     if metric == "all":
         console.print(_overview(f"{plain(result.name)} ({result.setting})", summary))
@@ -52,7 +52,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
         have = "row has" if unmeasured == 1 else "rows have"
         console.print(f"Incomplete: {unmeasured} {have} no pixel to measure; the means are over the rest.")
     if summary.n_invalid:
-        console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are in none of the means.")
+        console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are excluded from all means.")
         if summary.epe is not None and summary.cre is None:
             console.print("CRE needs the clean error over the same pixels, which rows of an earlier version lack.")
     for warning in dict.fromkeys(text for clip in result.manifest.get("clips", []) for text in clip["warnings"]):
@@ -64,7 +64,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
 
 
 def print_results(results: Sequence[Run]) -> None:
-    """Print one line for each run, and the command that says whether they differ."""
+    """Print one line per run, and the command that tells whether they differ."""
     console = Console(width=None if Console().is_terminal else 120, markup=False)
     names = ("epe_clean", "epe", "cre", "crer", "rcre")
     table = Table(title=f"{len(results)} models", title_justify="left")

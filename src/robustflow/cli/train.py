@@ -1,6 +1,4 @@
-"""`robustflow train`: a network by a recipe."""
-
-from __future__ import annotations
+"""`robustflow train`: train a network by a recipe."""
 
 import signal
 from pathlib import Path
@@ -13,67 +11,80 @@ from .options import Device, ModelOptions, Seed, keyword_options, names
 
 
 def train(
-    method: Annotated[str, typer.Argument(help="What is trained (robustflow list recipes).")],
-    recipe: Annotated[str, typer.Option(help="Stage: ood or id of the paper; chairs, things, ... of the authors.")],
+    method: Annotated[str, typer.Argument(help="Method to train (robustflow list recipes).")],
+    recipe: Annotated[str, typer.Option(help="Stage: ood or id (the paper's); chairs, things, ... (the authors').")],
     like: Annotated[
-        str | None, typer.Option("--like", help="Whose recipe a module:attribute of your own is trained by.")
+        str | None, typer.Option("--like", help="Method whose recipe trains your own module:attribute.")
     ] = None,
     option: ModelOptions = None,
     data: Annotated[
         list[str] | None,
-        typer.Option("--data", "-d", help="A folder that holds data sets, or NAME=FOLDER; may be given several times."),
+        typer.Option("--data", "-d", help="A folder that holds data sets, or NAME=FOLDER. Repeatable."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="The training's folder; in trainings/ by default.")
     ] = None,
     init: Annotated[
-        str | None, typer.Option("--init", help="Weights to begin with: a checkpoint as run takes it, or random.")
+        str | None, typer.Option("--init", help="Weights to start from: a checkpoint as for run, or random.")
     ] = None,
     init_trained_on: Annotated[
         str | None,
-        typer.Option("--init-trained-on", help="What they have seen, e.g. C+T, if the file does not say."),
+        typer.Option(
+            "--init-trained-on", help="What those weights were trained on, e.g. C+T, if the file does not say."
+        ),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint, to the bit.")] = False,
-    plan: Annotated[bool, typer.Option("--plan", help="Say what would be done and what is missing, and stop.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the last checkpoint, bit for bit.")] = False,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Print what would be done and what is missing, and stop.")
+    ] = False,
     mix: Annotated[
         str | None, typer.Option(help="Data other than the recipe's: chairs, things, ... or a TOML file.")
     ] = None,
-    steps: Annotated[int | None, typer.Option(help="Instead of the recipe's; the schedule is shortened.")] = None,
-    batch_size: Annotated[int | None, typer.Option("--batch-size", help="Pairs a step, over all devices.")] = None,
-    crop: Annotated[str | None, typer.Option(help="HEIGHTxWIDTH instead of the recipe's.")] = None,
+    steps: Annotated[
+        int | None, typer.Option(help="Steps instead of the recipe's; the schedule is shortened to fit.")
+    ] = None,
+    batch_size: Annotated[int | None, typer.Option("--batch-size", help="Pairs per step, over all devices.")] = None,
+    crop: Annotated[str | None, typer.Option(help="Crop, HEIGHTxWIDTH, instead of the recipe's.")] = None,
     learning_rate: Annotated[float | None, typer.Option("--learning-rate", help="Instead of the recipe's.")] = None,
-    iterations: Annotated[int | None, typer.Option(help="Of a recurrent network, instead of the recipe's.")] = None,
-    accumulate: Annotated[int | None, typer.Option(help="Steps for one update.")] = None,
+    iterations: Annotated[
+        int | None, typer.Option(help="Iterations of a recurrent network, instead of the recipe's.")
+    ] = None,
+    accumulate: Annotated[int | None, typer.Option(help="Steps per update (gradient accumulation).")] = None,
     precision: Annotated[str | None, typer.Option(help="fp32, fp16 or bf16, instead of the recipe's.")] = None,
     device: Device = None,
     seed: Seed = 0,
-    loaders: Annotated[int, typer.Option("--loaders", help="Processes that read and augment ahead.")] = 1,
+    loaders: Annotated[int, typer.Option("--loaders", help="Processes that read and augment in advance.")] = 1,
     save_every: Annotated[int, typer.Option("--save-every", help="Updates between checkpoints.")] = 1000,
     keep_every: Annotated[
-        int | None, typer.Option("--keep-every", help="Updates between files of weights that stay.")
+        int | None, typer.Option("--keep-every", help="Updates between files of weights that are kept.")
     ] = None,
     validate: Annotated[str | None, typer.Option(help="A benchmark to validate on, e.g. sintel.")] = None,
     validate_data: Annotated[str | None, typer.Option("--validate-data", help="Its data.")] = None,
     validate_every: Annotated[
-        int | None, typer.Option("--validate-every", help="Updates between validations; as --save-every by default.")
+        int | None,
+        typer.Option("--validate-every", help="Updates between validations; the same as --save-every by default."),
     ] = None,
     validate_corruptions: Annotated[
-        str | None, typer.Option("--validate-corruptions", help="Besides the clean frames, e.g. fog,snow.")
+        str | None,
+        typer.Option(
+            "--validate-corruptions", help="Corruptions to validate on besides the clean frames, e.g. fog,snow."
+        ),
     ] = None,
     corrupt: Annotated[
-        str | None, typer.Option("--corrupt", help="Corruptions or families laid over training frames, e.g. noise,fog.")
+        str | None,
+        typer.Option("--corrupt", help="Corruptions or families applied to training frames, e.g. noise,fog."),
     ] = None,
     corrupt_probability: Annotated[
-        float, typer.Option("--corrupt-probability", help="Of a pair being corrupted.")
+        float, typer.Option("--corrupt-probability", help="Probability that a pair is corrupted.")
     ] = 0.5,
     skip_bad: Annotated[
-        bool, typer.Option("--skip-bad", help="Take another pair in place of one that cannot be read.")
+        bool, typer.Option("--skip-bad", help="Replace a pair that cannot be read by another one.")
     ] = False,
 ) -> None:
     """Train a network by a recipe of the paper or of its authors.
 
-    Ctrl-C ends it after the update at hand, with a checkpoint; --resume goes on, to the bit. On several GPUs start it
-    with torchrun.
+    Ctrl-C stops it after the current update, with a checkpoint; --resume continues bit for bit. On several GPUs start
+    it with torchrun.
 
     \b
     Examples:
@@ -109,7 +120,7 @@ def train(
         typer.echo(plan_text(chosen, data or []))
         return
     if not data and needs_data(chosen):
-        raise UsageError("nothing to train on: give --data FOLDER, which holds the data sets; --plan says which")
+        raise UsageError("nothing to train on: give --data FOLDER, which holds the data sets; --plan lists them")
     from ..training.session import Request, run_training
 
     request = Request(
@@ -143,7 +154,7 @@ def train(
 
 
 class Interrupted:
-    """Whether Ctrl-C or a request to terminate came; the second one ends the process at once."""
+    """Whether Ctrl-C was pressed or termination was requested; the second time ends the process at once."""
 
     def __init__(self) -> None:
         self._came = False
@@ -157,11 +168,11 @@ class Interrupted:
         if self._came:
             raise KeyboardInterrupt
         self._came = True
-        typer.echo("robustflow: stopping after this update; once more to stop at once", err=True)
+        typer.echo("robustflow: stopping after this update; press Ctrl-C again to stop at once", err=True)
 
 
 def _corruptions(text: str | None) -> list[str]:
-    """Names of corruptions; a family stands for those of its corruptions that a pair of images can have."""
+    """Names of corruptions; a family stands for all of its corruptions that apply to a pair of images."""
     from ..corruptions.registry import FAMILIES, IMAGE_PAIR
 
     chosen: list[str] = []

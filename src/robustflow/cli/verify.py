@@ -1,6 +1,4 @@
-"""`robustflow verify`: whether records are consistent."""
-
-from __future__ import annotations
+"""`robustflow verify`: check that records are consistent."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -31,7 +29,7 @@ def verify(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Records that 'robustflow pack' wrote.")],
     data: Annotated[
         Path | None,
-        typer.Option("--data", "-d", help="Your own copy of the data: corrupted frames are made again and compared."),
+        typer.Option("--data", "-d", help="Your own copy of the data: corrupted frames are recomputed and compared."),
     ] = None,
     data_option: DataOptions = None,
     model: Annotated[
@@ -45,16 +43,16 @@ def verify(
         int | None, typer.Option("--check-frames", metavar="N", help="Rows to compare with data or model [20].")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(help="Seed that chooses these rows; new ones each time by default.")
+        int | None, typer.Option(help="Seed that chooses these rows; by default other rows each time.")
     ] = None,
     own_corruption: OwnCorruptions = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
-    """Check records: the file, hashes, what was planned, the rows, and every mean recomputed from them.
+    """Check records: the file, its hashes, the plan, the rows, and every mean, recomputed from them.
 
-    With --data, random rows are recomputed up to the model: the frames it was given, to the byte, and what the ground
-    truth decides. With --model as well, the same rows are predicted again. Exit code 0: every check of every file
-    holds; 1: one does not.
+    With --data, everything but the prediction is recomputed for random rows: the frames that the model was given, byte
+    for byte, and what follows from the ground truth. With --model as well, the same rows are predicted again. Exit code
+    0: every check of every file passes; 1: one does not.
 
     \b
     Examples:
@@ -68,7 +66,7 @@ def verify(
     from ..records.verify import verify as verify_file
 
     if model is None and (checkpoint is not None or device is not None or option):
-        raise UsageError("--checkpoint, --device and -O belong to a model: name it with --model")
+        raise UsageError("--checkpoint, --device and -O are options of a model: give the model with --model")
     use_own_corruptions(own_corruption)
     spec = None if model is None else ModelSpec(model, model_options(option, checkpoint=checkpoint, device=device))
     rows = _Rows(data, dict(keyword_options(data_option)), 20 if check_frames is None else check_frames, seed)
@@ -86,15 +84,15 @@ def verify(
 
 @dataclass(frozen=True)
 class _Rows:
-    """Some rows of a record, to be made again from local data."""
+    """Some rows of a record, to be recomputed from local data."""
 
     data: Path | None
     options: dict[str, object]
     count: int
     seed: int | None
 
-    def compare(self, reader: Reader, model: ModelSpec | None = None) -> str:
-        """Compare them with frames made again, and with predictions where a model is given."""
+    def compare(self, reader: "Reader", model: "ModelSpec | None" = None) -> str:
+        """Compare them with recomputed frames, and with predictions if a model is given."""
         from ..runner.recheck import recheck
 
         return recheck(
@@ -108,7 +106,7 @@ class _Rows:
         )
 
 
-def _print(result: Verification) -> None:
+def _print(result: "Verification") -> None:
     from ..records.verify import CHECKS
     from ..text import plain
 

@@ -1,4 +1,4 @@
-"""Progress of preparing clips: a bar per clip and stage on a terminal, a line every ten seconds in a log."""
+"""Progress of clip preparation: a bar per clip and stage on a terminal, a line every ten seconds in a log."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class KittiRaw(PairDataset):
         found = list(_drives(root))
         if not found:
             raise DataError(
-                f"{root}: not laid out as KITTI raw, expected {_EXPECTED}; check the path, or unpack it there"
+                f"{root}: not laid out like KITTI raw; expected {_EXPECTED}; check the path, or unpack it there"
             )
         known = _evaluated() if drives == "apart" else frozenset()
         pairs = {

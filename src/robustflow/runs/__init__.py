@@ -1,1 +1,1 @@
-"""What a run is: its plan, identity, manifest, rows, and what is kept beside them."""
+"""What a run is: its plan, identity, manifest and rows, and what is stored with them."""

@@ -1,10 +1,10 @@
 """From rows to means, by the paper's averaging and by pooled pixels.
 
-The paper averages over the pixels of an image, then images, then severities, then corruptions (section
-"Robustness Metrics"). A run's mean is over the corruptions that it was asked for; the paper's, over its 20 or 24,
-is given beside it where all of them were run. Every mean here is `math.fsum(...) / count`, which is exactly
-rounded and so does not depend on the order of the rows; the summary of the same rows is the same to the byte
-however they were computed or stored.
+The paper averages over the pixels of an image, then images, then severities, then corruptions (section "Robustness
+Metrics"). A run's mean is over the corruptions that were requested; the paper's mean, over its 20 or 24, is given in
+addition if all of them were run. Every mean here is `math.fsum(...) / count`, which is exactly rounded and so does not
+depend on the order of the rows; the same rows give the same summary, byte for byte, however they were computed or
+stored.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _NEEDS: tuple[tuple[str, str], ...] = (
     *((f"n_{region}", f"{total}_{region}") for region in REGIONS for total in ("epe_sum", "rcre_sum", "fl_count")),
     *((f"n_{region}", "n_valid") for region in REGIONS),
 )
-"""(column of a count, column of what is there wherever pixels were counted)."""
+"""(column of a count, column that has a value wherever pixels were counted)."""
 
 
 def summarize(
@@ -46,19 +46,19 @@ def summarize(
     Args:
         rows: columns of `ROW_SCHEMA`, in any order.
         averaging: "image" (the paper's) or "pixel" (the pixels of all images in one mean).
-        planned: every (sample, corruption, severity) there should be, clean rows as (sample, "clean", 0). By
-            default every sample found, at every (corruption, severity) found and clean.
-        paper: the corruptions that the paper's mean on the benchmark is over.
-        over: what the overall means are over: all corruptions found, or those alone that the paper has, as summaries of
-            version 1 were made.
+        planned: every (sample, corruption, severity) that should exist, clean rows as (sample, "clean", 0). By default
+            every sample in the rows, clean and at every (corruption, severity) in the rows.
+        paper: the corruptions that the paper averages over on the benchmark.
+        over: what the overall means are over: all corruptions in the rows, or only the paper's, as in summaries of
+            version 1.
 
     Returns:
-        A `Summary`. CRE compares the same pixels of the same samples: those found both corrupted and clean, where
-        both flows are predicted. Overall means are over every corruption found, elastic_transform, a user's own and
-        stacks "a+b" among them; `Summary.paper` holds the paper's mean.
+        A `Summary`. CRE compares the same pixels of the same samples: samples with both a corrupted and a clean row,
+        pixels where both flows are predicted. Overall means are over every corruption in the rows, including
+        elastic_transform, a user's own and stacks "a+b"; `Summary.paper` holds the paper's mean.
 
     Raises:
-        RunError: columns or sums that are missing, or a (sample, corruption, severity) found twice.
+        RunError: missing columns or sums, or a (sample, corruption, severity) that occurs twice.
         UsageError: unknown averaging.
     """
     if averaging not in get_args(Averaging):
@@ -104,7 +104,7 @@ def summarize(
 
 
 def _checked(rows: pl.DataFrame) -> pl.DataFrame:
-    """The rows in the order of their keys, or the reason why these are not the rows of a run."""
+    """The rows in the order of their keys; raises a RunError if they are not the rows of one run."""
     absent = [name for name in FIRST_SCHEMA if name not in rows.columns]
     if absent:
         raise RunError(f"rows lack the column '{absent[0]}': they are of another schema; run the benchmark again")
@@ -121,8 +121,8 @@ def _checked(rows: pl.DataFrame) -> pl.DataFrame:
     if damaged.height:
         sample, corruption, severity = damaged.select(ROW_KEY).row(0)
         raise RunError(
-            f"the row of sample '{sample}', {corruption} severity {severity} counts pixels without what was measured "
-            "on them: the rows were damaged or changed; run the benchmark again"
+            f"the row of sample '{sample}', {corruption} severity {severity} counts pixels, but lacks what was "
+            "measured on them: the rows were damaged or changed; run the benchmark again"
         )
     return rows
 
@@ -182,7 +182,7 @@ def _regions(rows: pl.DataFrame, averaging: Averaging, over: Literal["all", "pap
 
 
 def in_order(summary: Summary) -> Summary:
-    """A summary that was read from a file, whose keys may be in any order, in the order of one that is computed."""
+    """A summary read from a file, whose keys may be in any order, in the order of a computed one."""
     return summary.model_copy(
         update={
             "corruptions": {name: summary.corruptions[name] for name in _corruption_order(summary.corruptions)},

@@ -1,4 +1,4 @@
-"""A small JSON file kept beside a run's rows: it belongs to that run alone, and may come from anyone."""
+"""A small JSON file stored with a run's rows: it belongs to that run alone, and may come from anyone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class RunAttachment(BaseModel):
-    """What every such file begins with.
+    """The fields that every such file has.
 
     Attributes:
         version: of this file.
@@ -35,11 +35,11 @@ def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: st
     Args:
         kind: what it should hold.
         data: the file.
-        name: of it, for messages.
-        command: of robustflow, which writes it again.
+        name: of the file, for messages.
+        command: the `robustflow` command that writes it again.
 
     Raises:
-        RunError: not in this shape; the first misfit is named.
+        RunError: not in this shape; the first mismatch is named.
     """
     try:
         return kind.model_validate_json(data)
@@ -50,14 +50,14 @@ def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: st
 
 
 def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, command: str) -> Attachment | None:
-    """Such a file of a run; None where there is none.
+    """The contents of such a file of a run; None if there is none.
 
     Args:
         kind: what it should hold.
         run: whose folder.
         file: its name.
-        largest: bytes that are read of it at most.
-        command: of robustflow, which writes it again.
+        largest: number of bytes that are read at most.
+        command: the `robustflow` command that writes it again.
 
     Raises:
         RunError: it is damaged, or belongs to another run.
@@ -72,5 +72,5 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
         return None
     contents = parse_attachment(kind, data, str(path), command)
     if contents.run != run.manifest["identity_digest"]:
-        raise RunError(f"{path} belongs to another run ({contents.run}); delete it, or make it again")
+        raise RunError(f"{path} belongs to another run ({contents.run}); delete it, or create it again")
     return contents

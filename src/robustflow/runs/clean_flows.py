@@ -1,8 +1,8 @@
 """Clean flows on disk: computed once per sample, and kept until the sample's last unit is finished.
 
-A file is a NumPy array and 16 bytes more: the digest of the array and of what it was computed from. A file that does
-not verify (cut off, changed, of other frames, of a version before there was a digest) counts as missing, and the flow
-is computed again.
+A file is a NumPy array followed by 16 bytes: the digest of the array and of what it was computed from. A file that does
+not verify (truncated, changed, from other frames, or from a version without digests) counts as missing, and the flow is
+recomputed.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ _DIGEST_BYTES = 16
 
 
 def write_clean(path: Path, flow: Flow, made_of: str) -> None:
-    """Keep a clean flow for the units of its sample that are still to come.
+    """Store a clean flow for the remaining units of its sample.
 
     Args:
-        path: where.
+        path: where to store it.
         flow: float32 (H, W, 2), pixels.
         made_of: what it was computed from: the sample's key and the digest of its frames.
     """
     file = io.BytesIO()
     np.save(file, np.ascontiguousarray(flow, np.float32), allow_pickle=False)
     data = file.getvalue()
-    write_bytes(path, data + _digest(data, made_of), durable=False)  # what is lost is computed again
+    write_bytes(path, data + _digest(data, made_of), durable=False)  # a lost flow is recomputed
 
 
 def read_clean(path: Path, made_of: str) -> Flow | None:
-    """A clean flow kept earlier; None where there is none that was computed from the same and is whole."""
+    """A clean flow stored earlier; None unless it is intact and was computed from the same frames."""
     try:
         data = path.read_bytes()
     except OSError:

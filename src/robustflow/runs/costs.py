@@ -1,4 +1,4 @@
-"""What the model of a run costs, counted by `robustflow profile MODEL --into RUN` and kept beside the run's rows."""
+"""The cost of a run's model, measured by `robustflow profile MODEL --into RUN` and stored with the run's rows."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class RunCost(RunAttachment):
     Attributes:
         version, run: see `RunAttachment`.
         height, width: of the frames it was counted for; the paper's are 432 x 720.
-        iterations: of the model, None where it has none.
-        parameters: all that are learned.
+        iterations: of the model, None if it has none.
+        parameters: number of learned parameters.
         macs: multiply-accumulates by PyTorch's counter.
         thop_parameters, thop_macs: as counted in the paper's table.
-        seconds: of one pair, the shortest time of several; None where it was not timed.
-        peak_bytes: memory, None where it was not measured.
-        device: where it was timed, as PyTorch calls it.
+        seconds: time of one pair, the shortest of several; None if it was not timed.
+        peak_bytes: peak memory, None if it was not measured.
+        device: where it was timed, by PyTorch's name.
     """
 
     height: Annotated[int, Field(ge=1, le=10**5)]
@@ -52,7 +52,7 @@ class RunCost(RunAttachment):
 
     @property
     def parameters_m(self) -> float:
-        """Millions, in the paper's way."""
+        """In millions, counted as in the paper."""
         return self.thop_parameters / 1e6
 
     @property
@@ -71,7 +71,7 @@ def parse_cost(data: bytes, name: str) -> RunCost:
 
 
 def read_cost(run: Run) -> RunCost | None:
-    """The cost kept in a run's folder; None where it was not counted.
+    """The cost stored in a run's folder; None if it was not measured.
 
     Raises:
         RunError: the file is damaged, or belongs to another run.
@@ -80,10 +80,10 @@ def read_cost(run: Run) -> RunCost | None:
 
 
 def check_model(run: Run, model: Mapping[str, Any]) -> None:
-    """Whether a model of this identity is the run's, but for its weights and how it is executed.
+    """Check that a model of this identity is the run's, apart from its weights and how it is executed.
 
     Raises:
-        UsageError: it is another one, or has other settings.
+        UsageError: it is another model, or has other settings.
     """
     ran = run.manifest["identity"]["model"]
     for key in sorted((ran.keys() | model.keys()) - _FREE):
@@ -96,11 +96,11 @@ def check_model(run: Run, model: Mapping[str, Any]) -> None:
 
 
 _FREE = {"checkpoint", "options", "device", "precision", "compile", "threads", "torch", "tile", "overlap", "sigma"}
-"""What a model's identity names besides, and its cost does not depend on."""
+"""Parts of a model's identity that its cost does not depend on."""
 
 
 def write_cost(run: Run, cost: RunCost) -> Path:
-    """Keep a cost in the folder of its run.
+    """Store a cost in the folder of its run.
 
     Raises:
         DataError: the folder cannot be written.

@@ -1,4 +1,4 @@
-"""The histogram of flow amplitudes that is kept beside a run's rows, so that its pages can draw it."""
+"""The histogram of flow amplitudes, stored with a run's rows so that its pages can draw it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class DisplacementFile(RunAttachment):
         version, run: see `RunAttachment`.
         samples: how many were measured.
         source: "ground truth", or the model whose flow it was.
-        low: lower edges of the bins in pixels, from 0; the last bin has no end.
+        low: lower edges of the bins in pixels, from 0; the last bin is open.
         pixels: count of each bin.
     """
 
@@ -54,7 +54,7 @@ class DisplacementFile(RunAttachment):
 
 
 def read_displacement(run: Run) -> DisplacementFile | None:
-    """The histogram kept in a run's folder; None where there is none, or the run has other samples by now.
+    """The histogram stored in a run's folder; None if there is none, or if the run now has other samples.
 
     Raises:
         RunError: the file is damaged, or belongs to another run.
@@ -64,7 +64,7 @@ def read_displacement(run: Run) -> DisplacementFile | None:
 
 
 def write_displacement(run: Run, table: pl.DataFrame) -> Path:
-    """Keep the table of `displacement_histogram`, measured on a run's samples, in its folder.
+    """Store the table of `displacement_histogram`, measured on a run's samples, in its folder.
 
     Raises:
         DataError: the folder cannot be written.
@@ -82,5 +82,5 @@ def write_displacement(run: Run, table: pl.DataFrame) -> Path:
 
 
 def clean_digests(run: Run) -> dict[str, str]:
-    """Sample -> digest of its clean frames, of every sample that a run has measured."""
+    """Sample -> digest of its clean frames, for every sample that a run has measured."""
     return dict(run.rows.filter(corruption=CLEAN).select("sample", "frames_digest").iter_rows())

@@ -1,4 +1,4 @@
-"""What a run ran on, for its manifest."""
+"""The environment of a run, for its manifest."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Which cells of a run are worth a picture: the worst sample and the median one, each where it is worst and median.
+"""Which cells of a run are drawn: the worst cell of the worst sample, and the median cell of the median sample.
 
-A sample's score is its CRE over all corruptions of the run; where the run has no ground truth at all, its RCRE.
-Everything is computed from rows, so the choice is the same on every machine.
+A sample's score is its CRE over all corruptions of the run; if the run has no ground truth at all, its RCRE. Everything
+is computed from rows, so the choice is the same on every machine.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ T = TypeVar("T", bound=tuple[Any, ...])
 
 @dataclass(frozen=True)
 class CellScores:
-    """What was measured of one cell, in pixels; None without ground truth, RCRE None where no pixel is left."""
+    """The scores of one cell, in pixels; None without ground truth; RCRE is None if no pixel is left."""
 
     epe: float | None
     cre: float | None
@@ -45,8 +45,8 @@ class ExampleCell:
 def example_cells(rows: pl.DataFrame) -> list[ExampleCell]:
     """The worst cell of the worst sample and the median cell of the median sample, of a run's rows.
 
-    Of an even number the lower one is the median. Ties go to the first in the order of keys, corruptions, severities.
-    Empty where nothing was measured.
+    The median of an even number is the lower one. Ties go to the first in the order of keys, corruptions, severities.
+    Empty if nothing was measured.
     """
     columns = ("sample", "corruption", "severity", "epe_sum", "rcre_sum", "n_valid", "rcre_all_sum", "n_all")
     clean, cells = {}, {}

@@ -1,7 +1,7 @@
-"""`examples.json`: which pictures a run's folder holds and what they show.
+"""`examples.json`: which example pictures a run's folder holds and what they show.
 
 RUN/examples/examples.json   with the run's own numbers
-RUN/examples/*.jpg           the folder is whole or not there
+RUN/examples/*.jpg           the folder is complete or absent
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FOLDER, EXAMPLES_FILE, VERSION = "examples", "examples.json", 1
 
 
 def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
-    """What `examples.json` says, from the rows alone; None where nothing was measured."""
+    """The content of `examples.json`, from the rows alone; None if nothing was measured."""
     cells = example_cells(rows)
     if not cells:
         return None
@@ -72,7 +72,7 @@ def picture_files(listed: dict[str, Any]) -> list[str]:
 
 
 def are_current(result: Run) -> bool:
-    """Whether the pictures of a run's folder are those of its rows."""
+    """Whether the pictures in a run's folder match its rows."""
     listed = example_list(result.rows)
     home = result.path / FOLDER
     try:

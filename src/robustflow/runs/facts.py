@@ -1,4 +1,5 @@
-"""What pages ask of a run beside its means, kept in a hidden file of its folder and believed of these rows alone."""
+"""What pages need to know of a run beyond its means, stored in a hidden file of its folder and valid for these rows
+only."""
 
 from __future__ import annotations
 
@@ -17,11 +18,11 @@ _LARGEST = 2**24
 
 
 class Facts:
-    """Facts by name: read once, and made where they are missing.
+    """Facts by name: read once, and computed if missing.
 
     Args:
         folder: of the run.
-        source: what they are made from (`made_from.made_from`); facts of anything else are not read.
+        source: what they are computed from (`made_from.made_from`); facts of anything else are not read.
     """
 
     def __init__(self, folder: Path, source: str) -> None:
@@ -33,7 +34,7 @@ class Facts:
         return name in self._known
 
     def get(self, name: str, kind: type[Fact], make: Callable[[], Fact]) -> Fact:
-        """A fact, made if it is not there or is not of its kind."""
+        """A fact, computed if it is missing or of another kind."""
         if name in self._known:
             try:
                 return TypeAdapter(kind).validate_python(self._known[name])
@@ -44,7 +45,7 @@ class Facts:
         return value
 
     def write(self) -> None:
-        """Keep what was made since they were read.
+        """Store what was computed since they were read.
 
         Raises:
             DataError: the folder cannot be written.

@@ -1,4 +1,4 @@
-"""The paper's families of corruptions: what was measured of each, and its mean."""
+"""The paper's families of corruptions: what was measured for each, and its mean."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ T = TypeVar("T")
 
 
 def by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
-    """What there is of each family's corruptions, in the paper's order; families of which there is nothing are left
-    out, as are corruptions of no family.
+    """The values of each family's corruptions, in the paper's order; families without any are left out, as are
+    corruptions without a family.
 
     >>> by_family({"snow": 2, "fog": 1, "elastic_transform": 3})
     {'weather': [1, 2]}

@@ -1,6 +1,5 @@
-"""A digest of every file that a run's samples are read from, so that a later change of one byte is noticed.
-
-Many formats (BMP, PPM, uncompressed TIFF, .flo) cannot tell themselves that a byte changed.
+"""A digest of every file that a run's samples are read from, so that a later change of a single byte is noticed. Many
+formats (BMP, PPM, uncompressed TIFF, .flo) cannot detect a changed byte themselves.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from pathlib import Path
 from ..errors import RunError
 
 _THREADS = 4
-"""Hashing releases the interpreter's lock, and disks serve several requests at a time faster."""
+"""Hashing releases the interpreter's lock, and disks serve several requests at a time faster than one by one."""
 
 
 def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:

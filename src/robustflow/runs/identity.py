@@ -1,4 +1,4 @@
-"""The identity of a run: its digest, and in what two of them differ."""
+"""The identity of a run: its digest, and how two of them differ."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..digest import digest_of_value
 from ..errors import UsageError
 
 LONGEST_NAME = 80
-"""Characters of a model's name in tables and figures."""
+"""The most characters that a model's name in tables and figures may have."""
 
 
 def identity_digest(identity: dict[str, Any]) -> str:
@@ -34,7 +34,7 @@ def differing(now: dict[str, Any], before: dict[str, Any]) -> str:
 
 
 def describe_difference(now: dict[str, Any], before: dict[str, Any]) -> str:
-    """In what two identities differ, in words; corruptions of the user's own by name.
+    """How two identities differ, in words; the user's own corruptions are named.
 
     >>> describe_difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0, "corruptions": {"rain": "a"}})
     'the source of the corruption rain has changed since'
@@ -57,7 +57,7 @@ def describe_difference(now: dict[str, Any], before: dict[str, Any]) -> str:
 
 
 def edited_corruptions(now: dict[str, Any], before: dict[str, Any]) -> list[str]:
-    """The user's corruptions whose source differs between two identities; none where anything else differs too."""
+    """The user's corruptions whose source differs between two identities; none if anything else differs as well."""
     mine, recorded = now.get(OWN, {}), before.get(OWN, {})
     if differing(now, before) != OWN or not isinstance(recorded, dict):
         return []

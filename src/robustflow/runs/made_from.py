@@ -1,9 +1,10 @@
-"""What was made from a run's rows is kept while it holds: `summary.json`, `report.html`, and what pages ask of the run.
+"""What was made from a run's rows is kept as long as it is up to date: `summary.json`, `report.html`, and the facts
+that pages use.
 
-A hidden file of the folder has for each its own digest, and one of everything that decides it: the bytes of the shards,
-the manifest, what lies beside them, and the code that makes it. Where any of it differs, or the hidden file is damaged,
-the file is made again. A file that was changed by hand is made again too. So a run that is kept is trusted without
-decoding a single row.
+A hidden file in the folder holds, for each of them, its digest and one of everything that decides it: the bytes of the
+shards, the manifest, the other files of the folder, and the code that makes it. If any of these differs, or the hidden
+file is damaged, the file is made again; so is a file that was changed by hand. Thus an unchanged run can be shown
+without decoding a single row.
 """
 
 from __future__ import annotations
@@ -33,14 +34,14 @@ def made_from(folder: Path, rows: str, manifest: dict[str, Any], *, beside: bool
         folder: of the run.
         rows: the hash of its shards, `RunFolder.digest`.
         manifest: of the run, as it is used.
-        beside: whether it also shows what lies beside the rows: pictures, costs, displacements.
+        beside: whether it also shows what is stored with the rows: pictures, costs, displacements.
     """
     files = list(_files(folder)) if beside else []
     return digest_of_value([rows, digest_of_value(manifest, size=16), files, code_digest()], size=16)
 
 
 def is_current(folder: Path, name: str, source: str) -> bool:
-    """Whether a file of a run is there, unchanged, and was made from the same."""
+    """Whether a file of a run exists, is unchanged, and was made from the same source."""
     entry = _entries(folder).get(name)
     if not isinstance(entry, dict) or entry.get("made_from") != source:
         return False
@@ -49,7 +50,7 @@ def is_current(folder: Path, name: str, source: str) -> bool:
 
 
 def note_made(folder: Path, name: str, source: str) -> None:
-    """Note what a file of a run, just written, was made from."""
+    """Record what a file of a run, just written, was made from."""
     data = _read(folder / name)
     if data is not None:
         entry = {"made_from": source, "digest": digest_of_bytes(data)}
@@ -74,7 +75,8 @@ def _read(path: Path) -> bytes | None:
 
 
 def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
-    """What is in a run's folder besides rows, clean flows and what is made from them: name, size, time of change."""
+    """Name, size and modification time of everything in a run's folder except rows, clean flows and what is made from
+    them."""
     for path in sorted(folder.rglob("*")):
         inside = path.relative_to(folder)
         hidden = any(part.startswith(".") for part in inside.parts)
@@ -84,7 +86,7 @@ def _files(folder: Path) -> Iterator[tuple[str, int, int]]:
 
 @cache
 def code_digest() -> str:
-    """A hash of this package as it is installed: name, size and time of change of its files."""
+    """A hash of this package as installed: name, size and modification time of its files."""
     package = Path(__file__).parents[1]
     stats = [
         (str(path.relative_to(package)), stat)
@@ -95,7 +97,8 @@ def code_digest() -> str:
 
 
 def _stat(path: Path) -> os.stat_result | None:
-    """Of a file; None of anything else, and of a file that goes meanwhile (an upgrade, an editor)."""
+    """Size and modification time of a file; None for anything else, and for a file that disappears meanwhile (an
+    upgrade, an editor)."""
     try:
         stat = path.stat()
     except OSError:

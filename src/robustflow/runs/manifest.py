@@ -1,4 +1,4 @@
-"""What `manifest.json` says of a run, brought up to date with what is asked for now."""
+"""The contents of `manifest.json`, updated with what is requested now."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .store import RunFolder
 
 
 def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
-    """The folder's manifest brought up to date with this plan, or an error where the two do not belong together.
+    """The folder's manifest, updated with this plan; raises a RunError if the two do not belong together.
 
     A manifest left by a run that ended before its first row is ignored.
     """
@@ -29,7 +29,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     if old and identity_digest(old["identity"]) != old["identity_digest"]:
         raise RunError(
             f"{folder.manifest_path} was changed after it was written (its identity does not match the digest beside "
-            "it); put back a copy of it, or choose another folder with --output"
+            "it); restore a copy of it, or choose another folder with --output"
         )
     if old and old["identity_digest"] != identity_digest(identity) and folder.rows().is_empty():
         folder.keep_clean(())
@@ -83,12 +83,12 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
 
 
 def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[str, Any]:
-    """What was declared before stays when nothing is declared now."""
+    """What was declared before stays if nothing is declared now."""
     return before if before and given.get("basis") == "undeclared" else given
 
 
 def last_changed(plan: Plan, keys: Iterable[str]) -> str:
-    """The sample whose files changed last, by the file system's own clock, which a copied date does not set back."""
+    """The sample whose files changed last, by the file system's own clock, which a copied date does not reset."""
     return max(keys, key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(_files(plan, key))), default=0))
 
 

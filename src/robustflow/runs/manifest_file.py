@@ -1,4 +1,4 @@
-"""`manifest.json` as it is read: of this schema and in the shape that a run writes, or refused."""
+"""Read `manifest.json`: it must have this schema and the shape that a run writes, or it is refused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _Severity = Annotated[int, Field(ge=0, le=5)]
 
 
 class _Shape(BaseModel):
-    """What is read of a part; what else is in it is kept."""
+    """The fields that are read; any others are kept."""
 
     model_config = ConfigDict(extra="allow", strict=True)
 
@@ -58,7 +58,7 @@ class _Manifest(_Shape):
 
 
 def read_manifest(path: Path) -> dict[str, Any] | None:
-    """The manifest in a file; None where there is no such file.
+    """The manifest in a file; None if there is no such file.
 
     Raises:
         RunError: it cannot be read, is of another schema, or has another shape. Nothing is repaired.
@@ -72,7 +72,7 @@ def read_manifest(path: Path) -> dict[str, Any] | None:
     schema = manifest.get("schema") if isinstance(manifest, dict) else None
     if schema is not None and (schema != MANIFEST_SCHEMA or isinstance(schema, bool)):
         raise RunError(
-            f"{path} was written with run schema {plain(str(schema))}, this version reads {MANIFEST_SCHEMA}; "
+            f"{path} was written with run schema {plain(str(schema))}, but this version reads {MANIFEST_SCHEMA}; "
             "choose another folder with --output, or use the version that wrote it"
         )
     if not isinstance(manifest, dict) or schema is None:
@@ -88,7 +88,7 @@ def read_manifest(path: Path) -> dict[str, Any] | None:
 
 def _damaged(path: Path, why: str) -> RunError:
     return RunError(
-        f"{path} is damaged ({why}); put back a copy of it, or choose another folder with --output, and leave this one"
+        f"{path} is damaged ({why}); restore a copy of it, or leave it and choose another folder with --output"
     )
 
 

@@ -1,4 +1,4 @@
-"""Means over images, and means of those, in one exact way: `math.fsum(...) / count`, whatever the order."""
+"""Means over images, and means of those, computed exactly: `math.fsum(...) / count`, whatever the order."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def scores_by_condition(
 ) -> tuple[Scores, dict[tuple[str, int], Scores]]:
     """Scores on the clean frames, and at each (corruption, severity).
 
-    CRE is None throughout where rows of an earlier version do not say what the clean error is over their pixels.
+    CRE is None throughout if the rows, of an earlier version, lack the clean error over their pixels.
     """
     total, count, _ = columns["epe"]
     before = f"clean_{total}"
@@ -60,8 +60,8 @@ def scores_by_condition(
 
 
 def _places(rows: pl.DataFrame) -> dict[tuple[str, int], list[int]]:
-    """Where the rows of each (corruption, severity) are, in the order of their first ones; plain lists, because a table
-    taken apart into hundreds of small ones costs a hundred times as much."""
+    """Row numbers of each (corruption, severity), in the order of first occurrence; plain lists, because splitting a
+    table into hundreds of small ones costs a hundred times as much."""
     places: dict[tuple[str, int], list[int]] = {}
     for place, (corruption, severity) in enumerate(rows.select("corruption", "severity").iter_rows()):
         places.setdefault((corruption, 0 if corruption == CLEAN else severity), []).append(place)

@@ -1,4 +1,4 @@
-"""What has to run: which samples, corruptions and severities, and the identity of the numbers that come out."""
+"""What has to run: which samples, corruptions and severities, and the identity of the resulting numbers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ Cell = tuple[str, str, int]
 
 @dataclass(frozen=True)
 class Unit:
-    """The least that is computed and written at once: one corruption of one sample, at the severities still missing."""
+    """The smallest piece of work that is computed and written at once: one corruption of one sample, at the severities
+    still missing."""
 
     key: str
     corruption: str
@@ -39,32 +40,33 @@ class Unit:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What changes the numbers besides benchmark and model; and what to do with predictions that are not numbers."""
+    """What changes the numbers besides benchmark and model; and what to do with predictions that are NaN or
+    infinite."""
 
     seed: int = 0
     variant: str = "default"
     allow_invalid: bool = False
     severity_scale: str = "paper"
     sources: Mapping[str, str] = field(default_factory=dict)
-    """What names the user's files that decide bytes of corruptions (see `corruptions.sources`)."""
+    """Keys of the user's files that decide bytes of corruptions (see `corruptions.sources`)."""
     window: Window | None = None
-    """The frames around each pair that a multi-frame model is given; None where a model is given pairs."""
+    """The frames around each pair that a multi-frame model is given; None for a model that is given pairs."""
     common_draws: bool = False
-    """One draw for the five severities of a pair, instead of one each."""
+    """Whether the five severities of a pair share one draw."""
     own: tuple[Any, ...] = ()
     """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
     textures: Textures = PHOTOGRAPHS
-    """Of frost: the paper's photographs, or those that need no network."""
+    """The textures of frost: the paper's photographs, or generated ones, which need no network."""
     pictures: Path | None = None
-    """Where workers keep small pictures of corrupted frames; None for nowhere. It changes no number."""
+    """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
 
 
 @dataclass(frozen=True)
 class Plan:
     """A benchmark, the options of the run, and the identity of the model it is for.
 
-    `provenance` is what the manifest says about the model's training. It changes no number, so it is not part of
-    the identity: a run continues when its model's training sets are declared later.
+    `provenance` is what the manifest states about the model's training. It changes no number, so it is not part of the
+    identity: a run can continue when its model's training sets are declared later.
     """
 
     benchmark: Benchmark
@@ -72,14 +74,14 @@ class Plan:
     model_identity: dict[str, Any]
     provenance: dict[str, Any] = field(default_factory=dict)
     name: str | None = None
-    """What the model is called in tables and figures; it changes no number either."""
+    """The model's name in tables and figures; it changes no number either."""
 
     def units(self) -> list[Unit]:
         """Everything that a complete run consists of; each sample's clean unit first."""
         return list(self._each())
 
     def count(self) -> int:
-        """How many units a complete run has."""
+        """Number of units in a complete run."""
         return len(self.benchmark.keys) * (1 + sum(1 for levels in self._levels().values() if levels))
 
     def _each(self) -> Iterator[Unit]:
@@ -87,7 +89,7 @@ class Plan:
         return (Unit(key, name, levels) for key in self.benchmark.keys for name, levels in conditions)
 
     def left_out(self) -> dict[str, list[int]]:
-        """Severities asked for that do not exist on the severity scale, by corruption."""
+        """Requested severities that do not exist on the severity scale, by corruption."""
         asked = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
         gone = {name: sorted(set(asked[name]) - set(levels)) for name, levels in self._levels().items()}
         return {name: levels for name, levels in gone.items() if levels}
@@ -97,7 +99,7 @@ class Plan:
         return {name: levels_of(name, self.benchmark.severities, scale) for name in self.benchmark.corruptions}
 
     def missing(self, found: Iterable[Cell]) -> list[Unit]:
-        """Planned minus found."""
+        """The planned units without those already done."""
         done = found if isinstance(found, AbstractSet) else set(found)
         left = []
         for unit in self._each():
@@ -107,8 +109,8 @@ class Plan:
         return left
 
     def identity(self) -> dict[str, Any]:
-        """Whatever changes a row's numbers, and nothing else: not the number of workers, not which samples were
-        chosen. Two runs with the same identity may share a folder; their rows agree."""
+        """Everything that changes a row's numbers, and nothing else: neither the number of workers nor which samples
+        were chosen. Two runs with the same identity may share a folder; their rows agree."""
         calibrated = self.options.severity_scale == "calibrated"
         scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
         window = {"window": self.options.window.record()} if self.options.window else {}
@@ -139,7 +141,7 @@ class Plan:
 
 
 def planned_cells(manifest: dict[str, Any]) -> Iterator[Cell]:
-    """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
+    """Every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""
     selection, left_out = manifest["selection"], manifest.get("left_out", {})
     conditions = [(CLEAN, 0)]
     for name in selection["corruptions"]:
@@ -149,7 +151,7 @@ def planned_cells(manifest: dict[str, Any]) -> Iterator[Cell]:
 
 
 def unfinished_samples(manifest: dict[str, Any], cells: set[Cell]) -> set[str]:
-    """The samples of which a run lacks a row."""
+    """The samples for which a run lacks a row."""
     return {cell[0] for cell in planned_cells(manifest) if cell not in cells}
 
 

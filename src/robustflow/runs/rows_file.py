@@ -1,4 +1,4 @@
-"""A run's rows as one file for other programs."""
+"""Write a run's rows as one file for other programs."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def rows_bytes(run: Run, format: str) -> bytes:
 
     Args:
         run: any.
-        format: "csv" (UTF-8, a heading, empty for null; a text that a spreadsheet would run begins with an apostrophe)
-            or "parquet" (its metadata name the run and the version of the columns).
+        format: "csv" (UTF-8, with a header, empty for null; an apostrophe is put before a text that a spreadsheet would
+            evaluate) or "parquet" (its metadata name the run and the version of the columns).
 
     Raises:
         UsageError: another format.

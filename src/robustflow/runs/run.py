@@ -1,4 +1,4 @@
-"""`Run`: a run folder, read."""
+"""`Run`: the contents of a run folder."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ Fact = TypeVar("Fact")
 
 
 class Run:
-    """What a run measured, finished or not.
+    """The results of a run, finished or not.
 
     Args:
         folder: the run's folder.
 
     Raises:
-        RunError: no run there, or one that this version cannot read.
+        RunError: no run in it, or one that this version cannot read.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -53,23 +53,24 @@ class Run:
     @cached_property
     def rows(self) -> pl.DataFrame:
         """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
-        _ = self.rows_digest  # before they are read: rows that come meanwhile must not pass for those of the digest
+        _ = (
+            self.rows_digest
+        )  # before the rows are read: rows that arrive in between must not pass for those of the digest
         return with_groups(complete_rows(self._folder.rows()), str(self.manifest["identity"]["dataset"]))
 
     @cached_property
     def rows_digest(self) -> str:
-        """A hash of the rows as they were on disk when they were first asked for."""
+        """A hash of the rows as they were on disk when they were first read."""
         return self._folder.digest()
 
     def release_rows(self) -> None:
-        """Let go of the rows in memory; they are read again when they are asked for."""
+        """Free the memory of the rows; they are read again when needed."""
         self.__dict__.pop("rows", None)
 
     @cached_property
     def summary(self) -> Summary:
-        """Means over the corruptions of this run, the paper's beside them, and where they are incomplete.
-
-        Read from `summary.json` where it was made from these rows, else computed.
+        """Means over the corruptions of this run, the paper's means, and where they are incomplete. Read from
+        `summary.json` if that was made from these rows, otherwise computed.
         """
         return self._kept_means() or self._means
 
@@ -116,12 +117,13 @@ class Run:
 
     @property
     def setting(self) -> str:
-        """What the model has seen of the benchmark: "OOD", "ID", "LEAKED", ... (`robustflow.benchmarks.setting`)."""
+        """What the model's training means for the benchmark: "OOD", "ID", "LEAKED", ...
+        (`robustflow.benchmarks.setting`)."""
         return str(self.provenance["setting"])
 
     @cached_property
     def provenance(self) -> dict[str, Any]:
-        """What is known of the model's training, and what that makes of the run: setting, trained_on, basis, note."""
+        """What is known of the model's training, and what that means for the run: setting, trained_on, basis, note."""
         return manifest_provenance(self.manifest)
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
@@ -130,7 +132,7 @@ class Run:
 
     @property
     def left_out(self) -> dict[str, list[int]]:
-        """Severities asked for that do not exist on the run's severity scale, by corruption; no mean includes them."""
+        """Requested severities that do not exist on the run's severity scale, by corruption; no mean includes them."""
         return dict(self.manifest.get("left_out", {}))
 
     def document(self, over: Literal["all", "paper"] = "all") -> dict[str, Any]:
@@ -148,17 +150,18 @@ class Run:
         }
 
     def __str__(self) -> str:
-        """The numbers in a few lines, for `print(result)`."""
+        """The results in a few lines, for `print(result)`."""
         return "\n".join(_lines(self))
 
     def write_means(self) -> None:
-        """Write `summary.json`, unless the one that is there was made from these rows."""
+        """Write `summary.json`, unless the existing one was made from these rows."""
         if not is_current(self.path, SUMMARY, self._made_from):
             write_json(self.path / SUMMARY, self.document())
             note_made(self.path, SUMMARY, self._made_from)
 
     def fact(self, name: str, kind: type[Fact], make: Callable[[], Fact]) -> Fact:
-        """Something that follows from the rows and is costly to compute: as kept with these very rows, else made now.
+        """A value that follows from the rows and is costly to compute: the one stored for exactly these rows, otherwise
+        computed now.
 
         Args:
             name: of the fact.
@@ -172,13 +175,13 @@ class Run:
         return name in self._facts
 
     def keep(self) -> None:
-        """Keep the means and the facts found so far with the run, where its folder can be written; a page of many runs
+        """Store the means and the facts computed so far with the run, if its folder can be written; a page of many runs
         then reads no rows."""
         try:
             self.write_means()
             self._facts.write()
         except RobustFlowError:
-            pass  # Read alone: the next page computes them again.
+            pass  # The folder is read-only: the next page computes them again.
 
     @cached_property
     def _facts(self) -> Facts:
@@ -202,7 +205,7 @@ class Run:
             return None
 
     def planned(self) -> list[Cell]:
-        """Every (sample, corruption, severity) that a complete run consists of; clean rows as (sample, "clean", 0)."""
+        """Every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""
         return list(planned_cells(self.manifest))
 
 

@@ -1,4 +1,4 @@
-"""Shards: rows in Parquet files, each named after the digest of its own bytes, so that damage is always noticed.
+"""Shards: rows in Parquet files, each with the digest of its bytes in its name, so that damage is always noticed.
 
 NAME.DIGEST.parquet, DIGEST being 32 hexadecimal digits of BLAKE2b over the file. The name says what is inside:
 
@@ -34,8 +34,8 @@ _DIGEST = re.compile(r"\.([0-9a-f]{32})$")
 def list_shards(folder: Path) -> list[Path]:
     """The shards of a folder, by name.
 
-    A writer beside us puts a merged shard in place before it removes the parts; a listing that runs past both places
-    at the wrong moments sees neither. So the folder is listed until two listings agree.
+    Another process that merges shards puts the merged one in place before it removes the parts; a listing that passes
+    both places at the wrong moments sees neither. So the folder is listed until two listings agree.
     """
     before: list[Path] | None = None
     for _ in range(20):
@@ -47,7 +47,7 @@ def list_shards(folder: Path) -> list[Path]:
 
 
 def name_of(path: Path) -> str:
-    """What a shard holds: its file's name without digest and suffix.
+    """What a shard holds: its file name without digest and suffix.
 
     >>> name_of(Path("a-0011.fog-2233.13.00112233445566778899aabbccddeeff.parquet")), name_of(Path("a-0011.parquet"))
     ('a-0011.fog-2233.13', 'a-0011')
@@ -56,7 +56,7 @@ def name_of(path: Path) -> str:
 
 
 def write_shard(folder: Path, name: str, rows: pl.DataFrame) -> Path:
-    """Write rows as one shard, whole and durable or not at all; its path."""
+    """Write rows as one shard, completely and durably or not at all, and return its path."""
     file = io.BytesIO()
     rows.write_parquet(file)
     data = file.getvalue()
@@ -66,10 +66,10 @@ def write_shard(folder: Path, name: str, rows: pl.DataFrame) -> Path:
 
 
 def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame:
-    """The rows of one shard, or some columns of them.
+    """Read the rows of one shard, or some of their columns.
 
     Raises:
-        RunError: damaged, or of other columns than this version writes.
+        RunError: damaged, or with other columns than this version writes.
         FileNotFoundError: gone, because it was merged.
     """
     data = _bytes(path)
@@ -96,8 +96,8 @@ def read_shards(
 
     Args:
         paths: of the shards; rows that are in two of them, as after a crash between merging and clearing, count once.
-        columns: to read, among them those of `ROW_KEY`; all by default.
-        corruption: whose rows are wanted; those of all by default. The others are let go shard by shard.
+        columns: to read, including those of `ROW_KEY`; all by default.
+        corruption: read only its rows; those of all by default. The others are discarded shard by shard.
 
     Raises:
         RunError: a shard that cannot be read, or two that hold different rows of the same cell.
@@ -137,7 +137,8 @@ def _bytes(path: Path) -> bytes:
 
 
 def merge_shards(paths: Sequence[Path], name: str) -> Path:
-    """Put some shards into one. It is durable before the others go, so no reader and no crash misses a row."""
+    """Merge some shards into one. It is durable before the others are removed, so no reader and no crash loses a
+    row."""
     merged = write_shard(paths[0].parent, name, read_shards(paths))
     for path in paths:
         if path != merged:
@@ -156,7 +157,7 @@ def cells_of(paths: Sequence[Path]) -> tuple[set[Cell], list[Path]]:
         return set(), []
     keys = [read_shard(path, ROW_KEY) for path in paths]
     rows = pl.concat(keys)
-    same: dict[str, str] = {}  # one object for each text: of the rows of a large run there are millions
+    same: dict[str, str] = {}  # one object per text: a large run has millions of rows
     cells: set[Cell] = {(same.setdefault(k, k), same.setdefault(c, c), s) for k, c, s in rows.iter_rows()}
     if len(cells) == rows.height:
         return cells, []

@@ -1,10 +1,11 @@
-"""Where a run's model and data were: what `robustflow examples` needs to draw a finished run again.
+"""Where a run's model and data were, which `robustflow examples` needs to compute cells of a finished run again.
 
-Kept beside the manifest, not in it: paths on one machine are not part of a result, and are not passed on with it.
+Stored next to the manifest, not in it: paths on one machine are not part of a result, and are not passed on with it.
 
-A run's folder may come from anyone, so nothing is loaded because this file says so but what cannot be chosen by whoever
-wrote it: models that this package or an installed one (an entry point) has registered, and models of ptlflow. Code
-(`module:attribute`) and files (exported networks, folders of flows, checkpoints by path) are named again by the user.
+A run's folder may come from anyone, so this file can only cause models to be loaded that its author cannot have
+written: those registered by this package or by an installed one (an entry point), and those of ptlflow. Code
+(`module:attribute`) and files (exported networks, folders of flows, checkpoints by path) have to be named again by the
+user.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ class RunSource:
     """How a run can be set up again.
 
     Attributes:
-        model: by name; None for a Python object, which has none.
+        model: its name and options; None for a Python object, which has no name.
         data: of the data set; None where it needs none.
-        data_options: of the data set.
+        data_options: options of the data set.
     """
 
     model: ModelSpec | None = None
@@ -51,7 +52,7 @@ class RunSource:
 
     @classmethod
     def read(cls, folder: Path) -> RunSource:
-        """What was written; an empty source where nothing was (a run of an older version).
+        """Read it; an empty source if there is none (a run of an older version).
 
         Raises:
             RunError: the file is damaged.
@@ -90,7 +91,7 @@ class RunSource:
 
 
 _OF_FILES = ("precomputed", "onnx", "torchscript", "torch_export")
-"""Registered models that are nothing but the files they are given."""
+"""Registered models that consist only of the files they are given."""
 _LIKE_A_PATH = re.compile(r"[/\\:~]|\.[A-Za-z]\w*$")
 
 

@@ -1,4 +1,4 @@
-"""A run folder: the rows on disk, who may write them, and what is already there.
+"""A run folder: the rows on disk, who may write them, and which already exist.
 
 manifest.json      what ran: identity, versions, machine, selection
 rows/*.parquet     shards, written once, each with a digest in its name (`shards`)
@@ -28,11 +28,11 @@ from .plan import Cell, Unit
 from .shards import PACK, cells_of, list_shards, merge_shards, name_of, read_shards, shards_digest, write_shard
 
 _MANY_SHARDS = 64
-"""As many small shards become one."""
+"""Number of small shards that are merged into one."""
 _SMALL_SHARD = 2**20
 """Bytes below which a shard is merged with others: about 10,000 rows."""
 _RETRIES = 1000
-"""Times that a reader beside a writer lists the shards again."""
+"""How often a reader lists the shards again while another process writes."""
 
 
 class RunFolder:
@@ -51,7 +51,7 @@ class RunFolder:
         return self.path / "manifest.json"
 
     def lock(self) -> None:
-        """Create the folder and hold it until this process ends, however it ends; clear what a killed run left
+        """Create the folder and lock it until this process ends, however it ends; remove what a killed run left
         half-written.
 
         Raises:
@@ -79,7 +79,7 @@ class RunFolder:
                 path.unlink(missing_ok=True)
 
     def unlock(self) -> None:
-        """Let go of the folder."""
+        """Release the folder."""
         if self._lock is not None:
             self._lock.release()
             self._lock = None
@@ -101,9 +101,9 @@ class RunFolder:
         write_shard(self.rows_folder, _unit_name(unit), rows_frame(rows))
 
     def finish_sample(self, key: str) -> None:
-        """Put the shards of a finished sample into one, and delete its clean flow.
+        """Merge the shards of a finished sample into one, and delete its clean flow.
 
-        A file per unit is much to open, and memory, for a reader; so is a file per sample, which `pack` reduces.
+        One file per unit is slow to open and takes much memory; so does one per sample, which `pack` reduces.
         """
         name = _slug(key)
         shards = list_shards(self.rows_folder)
@@ -114,7 +114,7 @@ class RunFolder:
         self.pack(_MANY_SHARDS)
 
     def pack(self, at_least: int = 2) -> None:
-        """Put small shards of finished samples into one, where there are `at_least` so many."""
+        """Merge small shards of finished samples into one, if there are `at_least` so many."""
         small = [
             path
             for path in list_shards(self.rows_folder)
@@ -124,8 +124,8 @@ class RunFolder:
             merge_shards(small, PACK)
 
     def tidy(self) -> set[Cell]:
-        """What is already there; rows that occur twice are removed: a run was killed between merging shards and
-        removing the parts.
+        """The cells that already exist; rows that occur twice, because a run was killed between merging shards and
+        removing the parts, are removed.
 
         Raises:
             RunError: a shard that cannot be read, or two that contradict each other.
@@ -137,12 +137,13 @@ class RunFolder:
         return cells
 
     def settle(self, samples: Iterable[str], unfinished: Collection[str], cells: Collection[Cell]) -> None:
-        """Finish what a killed run left undone: merge the shards of finished samples, remove useless clean flows.
+        """Finish what a killed run left undone: merge the shards of finished samples and remove clean flows that are no
+        longer needed.
 
         Args:
             samples: the keys of all samples of the run.
-            unfinished: those of which a row is missing.
-            cells: the rows that are there.
+            unfinished: those with missing rows.
+            cells: the existing rows.
         """
         in_parts = {name_of(path).partition(".")[0] for path in list_shards(self.rows_folder) if "." in name_of(path)}
         for key in samples:
@@ -151,7 +152,7 @@ class RunFolder:
         self.keep_clean([key for key in unfinished if (key, CLEAN, 0) in cells])
 
     def keep_clean(self, keys: Iterable[str]) -> None:
-        """Remove every clean flow but those of these samples."""
+        """Remove all clean flows except those of these samples."""
         kept = {self.clean_path(key) for key in keys}
         for path in (self.path / "clean").iterdir():
             if path not in kept:
@@ -161,8 +162,8 @@ class RunFolder:
         """All rows, sorted by sample, corruption and severity; empty where nothing is finished.
 
         Args:
-            columns: to read, among them sample, corruption and severity; all by default.
-            corruption: whose rows are wanted; those of all by default.
+            columns: to read, including sample, corruption and severity; all by default.
+            corruption: read only its rows; those of all by default.
 
         Raises:
             RunError: a shard is damaged, or of another schema.
@@ -172,7 +173,7 @@ class RunFolder:
                 return read_shards(list_shards(self.rows_folder), columns, corruption)
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
-        raise RunError(f"{gone} is listed but not there; is it a link to a file that was removed? Delete it")
+        raise RunError(f"{gone} is listed but missing; is it a link to a file that was removed? Delete it")
 
     def digest(self) -> str:
         """A hash of the shards as they are on disk: the same digest, the same rows. No row is decoded.
@@ -185,14 +186,14 @@ class RunFolder:
                 return shards_digest(list_shards(self.rows_folder))
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
-        raise RunError(f"{gone} is listed but not there; is it a link to a file that was removed? Delete it")
+        raise RunError(f"{gone} is listed but missing; is it a link to a file that was removed? Delete it")
 
     def cells(self) -> set[Cell]:
         """What is already there."""
         return set(self.rows(ROW_KEY).iter_rows())
 
     def clean_path(self, key: str) -> Path:
-        """Where the clean flow of a sample waits until the sample is finished."""
+        """Where the clean flow of a sample is stored until the sample is finished."""
         return self.path / "clean" / f"{_slug(key)}.npy"
 
 
