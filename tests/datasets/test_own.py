@@ -116,14 +116,14 @@ def test_a_data_set_of_ones_own(module):
 @pytest.mark.parametrize(
     ("name", "match"),
     [
-        ("NoKeys", "list of texts that is not empty"),
+        ("NoKeys", "non-empty list of strings"),
         ("Twice", "'0' twice"),
         ("Lies", "has_flow is True, but sample '0' has no ground truth"),
         ("Other", "must return a Sample"),
         ("Broken", r"failed in load\('0'\): RuntimeError: no disk"),
         ("Taken", "the name of the data set 'sintel'"),
         ("Path_", "cannot be used"),
-        ("NoFiles", "files that are there"),
+        ("NoFiles", "existing files"),
         ("Nois", "did you mean 'Noise'"),
     ],
 )
