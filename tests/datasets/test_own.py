@@ -175,5 +175,5 @@ def test_a_video_alone_is_a_folder(tmp_path):
 
     write_video(tmp_path / "clip.mp4", 6, 3)
     assert load_benchmark("demo", tmp_path / "clip.mp4").dataset.name == "folder"
-    with pytest.raises(UsageError, match="brings its own pair"):
+    with pytest.raises(UsageError, match="has its own pair"):
         load_benchmark("demo", tmp_path)
