@@ -10,8 +10,11 @@ import shlex
 import pytest
 import typer
 
+from robustflow.analysis.published.tables import published_results
 from robustflow.cli.main import app
+from robustflow.corruptions import FAMILIES
 from robustflow.corruptions.registry import SHIPPED
+from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
 
 from .guide_blocks import DOCS, blocks
 from .public_surface import surface
@@ -96,11 +99,32 @@ def test_a_page_for_each_corruption_has_notes_and_runs(generated, tmp_path, monk
             exec(compile(script.code, name, "exec"), {})
 
 
-def test_what_a_page_measures_is_what_a_run_measures(generated, tmp_path):
+def test_a_page_for_each_family_has_its_means(generated):
+    families, numbers = generated("families"), generated("demonstration").Numbers
+    assert set(families.ABOUT) == set(FAMILIES)
+    for family, names in FAMILIES.items():
+        page = families.page(
+            family, {name: numbers((1.0, 2.0, 3.0, 4.0, place), 0.5) for place, name in enumerate(names)}
+        )
+        assert all(f"(../{name}.md)" in page and f"{name}_3.webp" in page for name in names)
+    digital = families.page("digital", {name: numbers((1, 2, 3, 4, place), 0.5) for place, name in enumerate("abcd")})
+    assert "| **mean** | 1.00 | 2.00 | 3.00 | 4.00 | 1.50 | 2.30 |" in digital
+    blur = families.page("blur", {name: numbers((1, 1, 1, 1, 1), 0.5) for name in FAMILIES["blur"]})
+    assert blur.count("| **mean** |") == 1  # object_motion_blur is measured on a clip, and alone
+    weather = families.page("weather", dict.fromkeys(FAMILIES["weather"], numbers((1, 1, 1, 1, 1), 0.5)))
+    published = published_results().filter(metric="cre", setting="OOD", model="RAFT", benchmark="kitti-fc")
+    values = [published.filter(corruption=name)["value"].item() for name in ("spatter", "fog", "frost", "snow")]
+    assert f"| RAFT | OOD | {sum(values) / 4:.2f} |" in weather
+    assert weather.count(" | ID | ") + weather.count(" | OOD | ") + weather.count(" | knowledge-driven | ") == 29
+
+
+@pytest.mark.parametrize("name", ["contrast", "frost"])
+def test_what_a_page_measures_is_what_a_run_measures(generated, tmp_path, monkeypatch, name):
     import robustflow as rf
 
-    (cell,) = [cell for cell in generated("demonstration").seen("contrast") if cell.severity == 5]
-    run = rf.evaluate("dis", corruptions=["contrast"], severities=[5], output=tmp_path, progress=False)
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))  # neither has photographs of frost
+    (cell,) = [cell for cell in generated("demonstration").seen(name) if cell.severity == 5]
+    run = rf.evaluate("dis", corruptions=[name], severities=[5], output=tmp_path, progress=False)
     assert (cell.epe, cell.epe_clean, cell.rcre) == pytest.approx((run.epe, run.epe_clean, run.rcre), rel=1e-9)
 
 

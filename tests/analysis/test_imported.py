@@ -104,6 +104,9 @@ def test_files_of_flowbench_are_read_as_one(tmp_path):
     assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the one severity that both have
     assert epe["LEAKED", "raft kitti", "average"] == pytest.approx((6.016592 + 40.424386) / 2)
     assert epe["own", "gma mine", "average"] == 30.0
+    cre = values_of(frame, "cre")
+    assert cre["LEAKED", "raft kitti", "snow"] == pytest.approx(40.424386 - 0.6433216004259884)
+    assert not [key for key in cre if key[1] == "gma mine"]  # its clean error is not known
     assert "gma kitti" not in set(frame["model"])  # clean frames say nothing of robustness
     assert frame["sample_set"].n_unique() == 2
     assert "severity 3, average over 2 corruptions: gaussian_noise, snow" in frame["sample_set"][0]

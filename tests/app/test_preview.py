@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
+from robustflow.corruptions import load_corruption
 from robustflow.metrics import mean_epe, rcre
 from robustflow.metrics.epe import epe_map, magnitude_map
 
@@ -46,6 +47,7 @@ def _direct(frames, truth, corruption, severity, seed, key, model="dis"):
         ([("fog", 3)], "fog", 3, 0),
         ([("impulse_noise", 2)], "impulse_noise", 2, 7),
         ([("fog", 2), ("jpeg_compression", 4)], "fog:2+jpeg_compression:4", 4, 1),
+        ([("frost", 3)], load_corruption("frost").with_textures("generated"), 3, 0),
     ],
 )
 def test_numbers_equal_those_of_the_library(app, layers, corruption, severity, seed):
@@ -67,6 +69,9 @@ def test_numbers_equal_those_of_the_library(app, layers, corruption, severity, s
     corrupted = rf.corrupt(*sample.frames, corruption, severity, seed=seed, key=sample.key)
     for name, frame in zip(("corrupted1", "corrupted2", "frame1", "frame2"), corrupted + sample.frames, strict=True):
         np.testing.assert_array_equal(shown[name], frame)
+    names = {"corrupt": rf.corrupt, "load_corruption": load_corruption}
+    called = eval(result["call"], names, dict(zip(("frame1", "frame2"), sample.frames, strict=True)))
+    np.testing.assert_array_equal(called, corrupted)
 
 
 def _picture(address: str) -> np.ndarray:

@@ -74,7 +74,14 @@ def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_b
     files = ("RAFT_ood/results.json", "metrics_kitti-2015.json")
     assert robustflow("leaderboard", run, *files, "--no-published", "-o", "site")[0] == 0
     page = Path("site/index.html").read_text()
-    for said in ("RAFT_ood", "gma kitti", "Reference code, kitti-fc", "FlowBench, kitti-2015, severity 3", NOTE):
+    for said in (
+        "RAFT_ood",
+        "gma kitti",
+        "Reference code, kitti-fc",
+        "FlowBench, kitti-2015, severity 3",
+        NOTE,
+        "2 imported lines",
+    ):
         assert said in page
     written = read_results("site/results.csv")
     assert written.filter(model="gma kitti", corruption="motion_blur")["value"].item() == 4.86

@@ -6,6 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robustflow.cli.main import app
+from robustflow.errors import RunError
 
 _SMALL = ["--steps", "2", "--shapes", "2", "--size", "64x96", "--seeds", "1", "--loaders", "0"]
 
@@ -28,6 +29,14 @@ def test_from_start_to_findings_and_once_more(tmp_path):
     assert run(app, command + _SMALL).exit_code == 0
     assert (tmp_path / "out/trainings/seed-0/all/last.pth").read_bytes() == weights
     assert (tmp_path / "out/effects.csv").read_bytes() == effects
+    longer = run(app, [*command, *_SMALL, "--steps", "3"])
+    assert isinstance(longer.exception, RunError)
+    assert "holds an experiment with another --steps" in str(longer.exception)
+    start[-1] = str(tmp_path / "other")
+    assert run(app, [*start, "--seed", "1"]).exit_code == 0
+    command[3] = str(tmp_path / "other/last.pth")
+    other = run(app, command + _SMALL)
+    assert "holds an experiment with another --init" in str(other.exception)
 
 
 def test_without_weights_to_begin_with(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -165,6 +166,52 @@ def test_one_process_and_two_make_the_same_weights_to_rounding(request_for, tmp_
         if value.is_floating_point():
             assert torch.allclose(value, two[key], rtol=1e-3, atol=2e-6), key
     assert start.recipe.method == "raft_small"
+
+
+def test_one_of_two_processes_is_asked_to_stop_and_both_do(request_for, tmp_path):
+    """A signal reaches the processes at different moments; the one that stops must not leave the other waiting."""
+    import pickle
+
+    request = request_for("both", steps=200, batch=2, device="cpu")
+    with open(tmp_path / "request.pkl", "wb") as file:
+        pickle.dump(request, file)
+    script = SCRIPT.replace("pickle.load(file))", "pickle.load(file), lambda: os.environ['RANK'] == '1')")
+    (tmp_path / "it.py").write_text("import os\n" + script)
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    command += [str(tmp_path / "it.py"), str(tmp_path / "request.pkl")]
+    done = subprocess.run(
+        command, capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=300
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert len(lines(request.output)) == 1
+    assert (request.output / "last.pth").exists()
+
+
+def test_a_reading_process_that_is_killed_is_an_error_in_a_sentence(request_for):
+    def kill() -> bool:
+        for child in multiprocessing.active_children():
+            os.kill(child.pid, signal.SIGKILL)
+        return False
+
+    with pytest.raises(RunError, match="a process that reads training pairs was ended from outside"):
+        run_training(request_for(steps=200, save_every=1, loaders=1), kill)
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_all_processes_ends_the_training_with_a_checkpoint(sent, chairs, tmp_path):
+    command = [sys.executable, "-m", "robustflow", "train", "raft_small", "--recipe", "chairs", "--data", str(chairs)]
+    command += ["--batch-size", "1", "--crop", "128x144", "--iterations", "1", "--accumulate", "3", "--loaders", "2"]
+    command += ["--output", str(tmp_path / "out")]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    log = tmp_path / "out" / "metrics.jsonl"
+    while process.poll() is None and not (log.exists() and log.stat().st_size):
+        time.sleep(0.2)
+    os.killpg(process.pid, sent)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130, said
+    assert "Give the same command with --resume to continue" in said
+    assert "Traceback" not in said
+    assert (tmp_path / "out" / "last.pth").exists()
 
 
 def test_a_loss_that_is_not_finite_names_update_and_pairs_and_keeps_the_last_checkpoint(request_for):

@@ -20,8 +20,9 @@ from robustflow.corruptions.registry import CLIP, SHIPPED
 from robustflow.corruptions.scale import calibrated_severities
 from robustflow.images.flow_colours import flow_colours, flow_radius
 
+from . import families
 from .corruption_notes import NOTES
-from .demonstration import Seen, clean_pair, seen
+from .demonstration import Numbers, Seen, clean_pair, seen
 from .tables import table
 
 FOLDER = "corruptions"
@@ -30,7 +31,8 @@ _WIDTH = 494
 
 
 def files() -> dict[str, str | bytes]:
-    """Every page with its pictures, and the page that lists them; on all processors, which takes half a minute."""
+    """Every page with its pictures, those of the families, and the page that lists them; on all processors, which takes
+    half a minute."""
     out: dict[str, str | bytes] = {f"{FOLDER}/index.md": _index()}
     for clip, name in ((False, "pair"), (True, "clip")):
         frames, flow, radius = _clean(clip)
@@ -38,33 +40,39 @@ def files() -> dict[str, str | bytes]:
         out[f"{FOLDER}/images/clean_{name}_flow.webp"] = picture(flow_colours(flow, radius))
     slowest_first = sorted(SHIPPED, key=lambda name: name not in (*CLIP, "psf_blur"))
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        for made in pool.map(_made, slowest_first):
+        measured = {}
+        for name, (made, numbers) in zip(slowest_first, pool.map(_made, slowest_first), strict=True):
             out |= made
-    return out
+            measured[name] = numbers
+    return out | families.files(measured)
 
 
-def _made(name: str) -> dict[str, str | bytes]:
-    """The page of one corruption, and its pictures."""
+def _made(name: str) -> tuple[dict[str, str | bytes], Numbers]:
+    """The page of one corruption with its pictures, and what was measured for it."""
     cells = seen(name)
     out: dict[str, str | bytes] = {f"{FOLDER}/{name}.md": page(name, cells)}
     for cell in cells:
         flow = flow_colours(cell.flow, _clean(name in CLIP)[2])
         out[f"{FOLDER}/images/{name}_{cell.severity}.webp"] = picture(cell.frame)
         out[f"{FOLDER}/images/{name}_{cell.severity}_flow.webp"] = picture(flow)
-    return out
+    return out, Numbers(tuple(cell.epe for cell in cells), cells[0].epe_clean)
 
 
 def navigation() -> list[Any]:
-    """The list, then the families with their corruptions."""
-    families = [{family: [{name: f"{FOLDER}/{name}.md"} for name in names]} for family, names in FAMILIES.items()]
+    """The list, then the families with their own page and their corruptions."""
+    by_family = [
+        {family: [families.path(family), *({name: f"{FOLDER}/{name}.md"} for name in names)]}
+        for family, names in FAMILIES.items()
+    ]
     others = [name for name in SHIPPED if name not in PAPER_ORDER]
-    return [f"{FOLDER}/index.md", *families, {"besides": [{name: f"{FOLDER}/{name}.md"} for name in others]}]
+    return [f"{FOLDER}/index.md", *by_family, {"besides": [{name: f"{FOLDER}/{name}.md"} for name in others]}]
 
 
 def page(name: str, cells: list[Seen]) -> str:
     """The page of one corruption."""
     note, one = NOTES[name], load_corruption(name)
-    traits = [f"Family: {one.family}."]
+    family = f"[{one.family}]({one.family}/index.md)" if name in PAPER_ORDER else one.family
+    traits = [f"Family: {family}."]
     if name in CLIP:
         traits.append("Needs the whole clip.")
     elif one.temporal:
@@ -213,7 +221,8 @@ def _index() -> str:
         "appendix. Each is made on the fly from a seed, the same to the byte on every machine.",
     ]
     for family, names in {**FAMILIES, "besides": tuple(n for n in SHIPPED if n not in PAPER_ORDER)}.items():
-        parts.append(f"## {family.capitalize()}")
+        title = family.capitalize()
+        parts.append(f"## [{title}]({family}/index.md)" if family in FAMILIES else f"## {title}")
         cards = [
             f'<figure><a href="{name}.html"><img src="images/{name}_3.webp" alt="A frame under {name}" loading="lazy">'
             f"</a><figcaption>{name}</figcaption></figure>"

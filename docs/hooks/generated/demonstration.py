@@ -8,7 +8,7 @@ from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -17,6 +17,7 @@ from robustflow import corrupt, load_dataset, load_model
 from robustflow.corruptions import SEVERITIES, load_corruption
 from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.corruptions.registry import CLIP
+from robustflow.corruptions.textures import GENERATED
 from robustflow.video.object_motion import mean_of_windows
 from robustflow.video.short_clip import ShortClip
 
@@ -43,12 +44,20 @@ class Seen:
     rcre: float
 
 
+class Numbers(NamedTuple):
+    """DIS's end-point error under one corruption at each severity, and on the clean frames; pixels."""
+
+    epe: tuple[float, ...]
+    epe_clean: float
+
+
 def seen(name: str) -> list[Seen]:
     """All severities of one corruption."""
     clip = name in CLIP
     frames, truth, valid, clean = clean_pair(clip)
     similarity = [Ssim(frame) for frame in frames]
-    pairs = _clip_pairs(name) if clip else (corrupt(*frames, name, severity, key=KEY) for severity in SEVERITIES)
+    as_demo = load_corruption(name).with_textures(GENERATED)
+    pairs = _clip_pairs(name) if clip else (corrupt(*frames, as_demo, severity, key=KEY) for severity in SEVERITIES)
     cells = []
     for severity, pair in zip(SEVERITIES, pairs, strict=True):
         index = int(np.array_equal(pair[0], frames[0]) and not np.array_equal(pair[1], frames[1]))

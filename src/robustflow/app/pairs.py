@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from ..corruptions.textures import GENERATED, PHOTOGRAPHS, Textures
 from ..datasets import load_dataset
 from ..datasets.video import Video
 from ..errors import UsageError
@@ -21,10 +22,15 @@ KEPT = 4
 
 
 class PairSource(Protocol):
-    """One or more pairs under one name."""
+    """One or more pairs under one name.
+
+    Attributes:
+        textures: of frost: as a run on these frames has them, so that the demo pair needs no network.
+    """
 
     name: str
     pairs: int
+    textures: Textures
 
     def sample(self, index: int) -> Sample:
         """Pair number `index`, from 0."""
@@ -39,6 +45,7 @@ class OnePair:
 
     name: str
     held: Sample
+    textures: Textures = PHOTOGRAPHS
     pairs: int = 1
 
     def sample(self, index: int) -> Sample:
@@ -51,6 +58,8 @@ class OnePair:
 
 class Clip:
     """The pairs of adjacent frames of the video at `path`, for which `folder` was made; it goes with them."""
+
+    textures: Textures = PHOTOGRAPHS
 
     def __init__(self, name: str, path: Path, folder: Path) -> None:
         self.name = name
@@ -77,7 +86,7 @@ class SourceStore:
 
     def __init__(self, kept: int = KEPT) -> None:
         demo = load_dataset("motorcycle")
-        self._demo = OnePair("Motorcycle (Middlebury 2014)", demo.load(demo.keys()[0]))
+        self._demo = OnePair("Motorcycle (Middlebury 2014)", demo.load(demo.keys()[0]), GENERATED)
         self._kept = kept
         self._sources: OrderedDict[str, PairSource] = OrderedDict()
         self._lock = threading.Lock()

@@ -10,8 +10,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from ..corruptions import corrupt
+from ..corruptions import corrupt, load_corruption
 from ..corruptions.stack import levels_of
+from ..corruptions.textures import PHOTOGRAPHS, Textures
 from ..errors import UsageError
 from ..images.error_colours import error_colours
 from ..images.flow_colours import flow_colours, flow_radius
@@ -106,7 +107,8 @@ class Previewer:
         model = self._models.load(wanted.model, wanted.checkpoint)
         stage("corrupting")
         name, severity = wanted.corruption
-        corrupted = corrupt(sample.frames[0], sample.frames[1], name, severity, wanted.seed, sample.key)
+        corruption = load_corruption(name).with_textures(source.textures)
+        corrupted = corrupt(sample.frames[0], sample.frames[1], corruption, severity, wanted.seed, sample.key)
         clean = self._clean_flow(wanted, sample, model, stage)
         stage("predicting the corrupted frames")
         start = time.perf_counter()
@@ -119,7 +121,8 @@ class Previewer:
             "size": [sample.shape[1], sample.shape[0]],
             "truth": sample.flow is not None,
             "seconds": round(seconds, 3),
-            "call": f'corrupt(frame1, frame2, "{name}", severity={severity}, seed={wanted.seed}, key={sample.key!r})',
+            "call": f"corrupt(frame1, frame2, {_spelled(wanted, source.textures)}, severity={severity}, "
+            f"seed={wanted.seed}, key={sample.key!r})",
             **_numbers(sample, flow, clean, name, severity),
             **_pictures(sample, corrupted, flow, clean, wanted.frames),
         }
@@ -134,6 +137,14 @@ class Previewer:
                 self._clean.popitem(last=False)
         self._clean.move_to_end(place)
         return self._clean[place]
+
+
+def _spelled(wanted: PreviewRequest, textures: Textures) -> str:
+    """The corruption as a caller of the library writes it."""
+    name, _ = wanted.corruption
+    if textures == PHOTOGRAPHS or all(layer.name != "frost" for layer in wanted.layers):
+        return f'"{name}"'
+    return f'load_corruption("{name}").with_textures("{textures}")'
 
 
 def _numbers(sample: Sample, flow: Flow, clean: Flow, name: str, severity: int) -> dict[str, Any]:

@@ -14,11 +14,12 @@ from ..api import evaluate
 from ..atomic import make_folder
 from ..corruptions import IMAGE_PAIR
 from ..datasets import dataset_facts, load_dataset
-from ..errors import UsageError
+from ..errors import RunError, UsageError
 from ..models import ModelSpec
+from ..models.model_file import opened
 from ..runs.run import Run
-from ..training.checkpoint import LAST
-from ..training.recipe import load_recipe
+from ..training.checkpoint import LAST, read_progress
+from ..training.recipe import Recipe, load_recipe
 from ..training.session import Request, run_training
 from .arms import Arm, arms
 
@@ -96,6 +97,7 @@ def run_experiment(
         Runs by (arm, data set, seed); None where it was stopped.
 
     Raises:
+        RunError: the folder holds trainings from another start or with other steps.
         UsageError, DataError, ModelError, RunError: see `run_training` and `evaluate`.
     """
     make_folder(plan.output)
@@ -115,10 +117,13 @@ def _trained(plan: Plan, arm: Arm, seed: int, stop: Callable[[], bool]) -> Path 
     """The weights of an arm; None where its training was stopped."""
     folder = plan.output / "trainings" / f"seed-{seed}" / arm.name
     done = folder / "complete"
+    recipe = load_recipe(METHOD, STAGE).changed(steps=plan.steps)
+    if (folder / LAST).exists():
+        _check_same(plan, recipe, folder / LAST)
     if done.exists():
         return folder / LAST
     request = Request(
-        recipe=load_recipe(METHOD, STAGE).changed(steps=plan.steps),
+        recipe=recipe,
         data=[],
         output=folder,
         start=plan.start,
@@ -134,6 +139,19 @@ def _trained(plan: Plan, arm: Arm, seed: int, stop: Callable[[], bool]) -> Path 
         return None
     done.touch()
     return checkpoint
+
+
+def _check_same(plan: Plan, recipe: Recipe, checkpoint: Path) -> None:
+    with opened(Path(plan.start)) as (_, start):
+        asked = {"--init": start, "--steps": recipe.digest()}
+    _, about = read_progress(checkpoint)
+    held = {"--init": about.identity.get("start"), "--steps": about.identity.get("recipe")}
+    differing = " and ".join(option for option in asked if asked[option] != held[option])
+    if differing:
+        raise RunError(
+            f"{plan.output} holds an experiment with another {differing}; give what it was begun with, or another "
+            "--output"
+        )
 
 
 def _measured(plan: Plan, arm: Arm, seed: int, checkpoint: Path, measured: Measured) -> Run:

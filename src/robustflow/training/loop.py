@@ -20,7 +20,7 @@ from torch.nn.parallel import DistributedDataParallel
 from ..errors import ModelError
 from ..random.rng import key_of
 from .checkpoint import BEST, LAST, Progressed, save_training, save_weights
-from .data.loader import Batch, Share, batches
+from .data.loader import Batch, Share, batches, workers_watched
 from .data.pairs import TrainingPairs
 from .draws import prepared
 from .log import MetricsLog
@@ -80,6 +80,7 @@ def train(training: Training, state: State, process: Process, progress: Training
 
     Raises:
         ModelError: loss or gradients are not finite; the last checkpoint is kept.
+        RunError: a process that reads pairs was ended from outside.
         DataError: a pair cannot be read, or a file not be written.
     """
     recipe, network = training.recipe, state.network
@@ -92,7 +93,7 @@ def train(training: Training, state: State, process: Process, progress: Training
     stream = batches(training.pairs, share, steps, training.loaders)
     network.train()
     leads = process.rank == 0
-    with MetricsLog(training.folder, first) if leads else nullcontext() as log, progress:
+    with MetricsLog(training.folder, first) if leads else nullcontext() as log, progress, workers_watched():
         progress.start(first, last)
         for update in range(first, last):
             began = time.perf_counter()
@@ -106,7 +107,7 @@ def train(training: Training, state: State, process: Process, progress: Training
                 progress.advance(update + 1, numbers)
             if training.validate is not None and _due(update + 1, training.validate_every, last) and leads:
                 _validate(training, state, log)
-            stopped = training.stop()
+            stopped = process.any(training.stop())
             if leads and (stopped or _due(update + 1, training.save_every, last)):
                 _save(training, state)
             if leads and training.keep_every and (update + 1) % training.keep_every == 0:

@@ -28,6 +28,14 @@ class Process:
     world: int
     device: torch.device
 
+    def any(self, mine: bool) -> bool:
+        """Whether it is so in any process; all of them have to ask."""
+        if self.world == 1:
+            return mine
+        answer = torch.tensor(int(mine), device=self.device)
+        distributed.all_reduce(answer, distributed.ReduceOp.MAX)
+        return bool(answer.item())
+
 
 @contextmanager
 def this_process(device: str) -> Iterator[Process]:

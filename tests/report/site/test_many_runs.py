@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import pytest
 
 from robustflow.api import evaluate
 from robustflow.cache import CACHE_VARIABLE
+from robustflow.corruptions.weather import frost_textures
+from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
 from robustflow.report.gallery.pictures import gallery
 from robustflow.report.site import embedded
 from robustflow.report.site.content import whole_content
@@ -53,6 +56,14 @@ def test_the_embedded_pair_is_drawn_once(drawn):
     assert embedded.embedded_slider() == first
     assert len(drawn) == 1
     assert [name for name, _ in first.corruptions] == ["Contrast", "Pixelate"]
+
+
+def test_the_embedded_pair_needs_no_photographs_of_frost(tmp_path, monkeypatch):
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
+    frost_textures.texture.cache_clear()
+    monkeypatch.setattr(embedded, "gallery", partial(gallery, corruptions=["frost"]))
+    assert [name for name, _ in embedded.embedded_slider().corruptions] == ["Frost"]
 
 
 def _another_picture(kept):

@@ -106,7 +106,8 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
 
 def lines(experiments: Sequence[Experiment], note: str) -> Iterator[tuple[Any, ...]]:
     """Lines of `results.RESULT_SCHEMA`. A model's means are over the severities that all of its corruptions have; one
-    without a corrupted frame is left out. Those on one data set under the same are one sample set.
+    without a corrupted frame is left out. CRE is the difference from the clean error, which is over the same images and
+    pixels. Those on one data set under the same are one sample set.
 
     Raises:
         DataError: a model whose corruptions have no severity in common.
@@ -126,12 +127,14 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[tuple[Any, .
             )
         values = {name: fsum(errors[name, level] for level in levels) / len(levels) for name in names}
         values[AVERAGE] = fsum(values.values()) / len(names)
-        if (CLEAN, 0) in errors:
-            values[CLEAN] = errors[CLEAN, 0]
+        clean = errors.get((CLEAN, 0))
         said = f"severity {', '.join(map(str, levels))}, {averaged_over(names, CORRUPTIONS)}"
-        head = (f"FlowBench {dataset}", _setting(dataset, model, checkpoint), f"{model} {checkpoint}", "epe")
-        for name, value in values.items():
-            yield *head, name, value, None, None, _SOURCE, f"FlowBench, {dataset}, {said}", note
+        head = (f"FlowBench {dataset}", _setting(dataset, model, checkpoint), f"{model} {checkpoint}")
+        rest = (None, None, _SOURCE, f"FlowBench, {dataset}, {said}", note)
+        yield from ((*head, "epe", name, value, *rest) for name, value in values.items())
+        if clean is not None:
+            yield *head, "epe", CLEAN, clean, *rest
+            yield from ((*head, "cre", name, value - clean, *rest) for name, value in values.items())
 
 
 def _experiment(entry: dict[str, Any], where: str) -> Experiment:

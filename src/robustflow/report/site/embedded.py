@@ -10,6 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ...atomic import make_folder, write_json
 from ...cache import cache_folder
+from ...corruptions.textures import GENERATED, textures_record
 from ...datasets import load_dataset
 from ...digest import digest_of_bytes, digest_of_value
 from ...errors import AssetError, DataError
@@ -27,8 +28,9 @@ _LARGEST = 2**24
 
 
 def embedded_slider() -> Slider | None:
-    """The embedded pair under every corruption of image pairs; None, with a warning, where scikit-image comes without
-    it. The pictures of another version of this package, or of other frames, are drawn again."""
+    """The embedded pair under every corruption of image pairs, with the frost that needs no network; None, with a
+    warning, where scikit-image comes without the pair. The pictures of another version of this package, or of other
+    frames, are drawn again."""
     try:
         frames = load_dataset(_KEY, None).load(_KEY).frames
     except AssetError as error:
@@ -37,13 +39,17 @@ def embedded_slider() -> Slider | None:
     source = _source(frames)
     kept = _read(source)
     if kept is None:
-        kept = example_slider(frames[0], gallery(frames[0], frames[1], SEVERITIES, key=_KEY), _TITLE)
+        kept = example_slider(
+            frames[0], gallery(frames[0], frames[1], SEVERITIES, key=_KEY, textures=GENERATED), _TITLE
+        )
         _write(kept, source)
     return kept
 
 
 def _source(frames: tuple[Frame, ...]) -> str:
-    return digest_of_value([code_digest(), *(digest_of_bytes(frame.tobytes()) for frame in frames)], size=16)
+    return digest_of_value(
+        [code_digest(), textures_record(GENERATED), *(digest_of_bytes(frame.tobytes()) for frame in frames)], size=16
+    )
 
 
 def _read(source: str) -> Slider | None:

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 from ...analysis.audit.rounding import misfits
 from ...analysis.conclusion import conclusion, without_truth
+from ...analysis.imported import NOTE as IMPORTED
 from ...analysis.labels import METRIC_LABELS, benchmark_label, benchmark_words, on_benchmark
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...analysis.scores import paper_rows
 from ...analysis.uncertainty import compare_all
 from ...errors import RunError
-from ...text import plain
+from ...text import counted, plain
 from .content import Content
 from .entries import Entry, Key
 
@@ -32,8 +33,11 @@ def headline(content: Content) -> list[str]:
     for entry in content.entries:
         groups.setdefault((entry.benchmark, entry.sample_set), []).append(entry)
     published = []
+    imported = 0
     for (benchmark, frames), entries in groups.items():
-        if frames == PAPER:
+        if entries[0].note == IMPORTED:
+            imported += len(entries)
+        elif frames == PAPER:
             best = _best_of_settings(entries)
             published += [f"on {benchmark_words(benchmark)} {' and '.join(best)}"] if best else []
         elif own := _own_without_truth(entries, content):
@@ -47,6 +51,8 @@ def headline(content: Content) -> list[str]:
             f"Of the published models, those that change least under corruption are {'; '.join(published)}. The paper "
             "prints means and no values per image, so it is unknown whether a lead is more than chance."
         )
+    if imported:
+        sentences.append(f"Not judged here: {counted(imported, 'imported line')}, in which nothing can be verified.")
     return sentences
 
 

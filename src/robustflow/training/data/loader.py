@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import cv2
@@ -11,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
+from ...errors import RunError
 from .pairs import TrainingPair, TrainingPairs, Whole
 
 
@@ -120,6 +123,24 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
     yield from loader
 
 
+@contextmanager
+def workers_watched() -> Iterator[None]:
+    """Where batches are taken: PyTorch notices that a worker is gone at any moment, not only when one is asked for.
+
+    Raises:
+        RunError: a worker was ended from outside.
+    """
+    try:
+        yield
+    except (RuntimeError, ConnectionError, EOFError) as error:  # the last two from a batch that it had begun to send
+        if isinstance(error, RuntimeError) and "DataLoader worker" not in str(error):
+            raise
+        raise RunError(
+            "a process that reads training pairs was ended from outside, as happens when memory or /dev/shm is full; "
+            "the last checkpoint is kept: give fewer --loaders, and continue with --resume"
+        ) from error
+
+
 class _Positions(Dataset[TrainingPair]):
     def __init__(self, pairs: TrainingPairs) -> None:
         self._pairs = pairs
@@ -178,5 +199,8 @@ def _whole(frames: Sequence[Whole]) -> WholeFrames | None:
 
 
 def _quiet_worker(number: int) -> None:
+    # Ctrl-C and a scheduler's signal reach every process of a training; its main process decides when it ends.
+    for sent in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(sent, signal.SIG_IGN)
     cv2.setNumThreads(1)
     torch.set_num_threads(1)

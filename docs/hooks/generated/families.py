@@ -1,0 +1,105 @@
+"""A page for each family of corruptions: what it is, its corruptions side by side, and the paper's models under it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import fsum
+
+from robustflow.analysis.labels import setting_words
+from robustflow.analysis.published.tables import published_results
+from robustflow.analysis.results import values_of
+from robustflow.corruptions import FAMILIES, SEVERITIES
+from robustflow.corruptions.registry import CLIP
+from robustflow.runs.family_means import family_means
+
+from .demonstration import Numbers
+from .tables import table
+
+FOLDER = "corruptions"
+
+ABOUT = {
+    "digital": "What software does to a picture that was taken: compression, coarse pixels, and a change of contrast "
+    "or of colour. Both frames are treated alike.",
+    "illumination": "More or less light. It changes the whole frame, and in `over_exposure` and `under_exposure` one "
+    "of the two frames alone, which breaks the assumption that a point keeps its brightness.",
+    "weather": "What is between the camera and the scene, or on the lens. Fog takes contrast, frost and spatter stand "
+    "still in front of a scene that moves, and snow moves on its own.",
+    "noise": "The sensor's: each pixel is disturbed by itself and anew in every frame, so that what matches best is no "
+    "longer what belongs together.",
+    "blur": "Light of one point reaches several pixels, by optics or by motion. Detail is gone that matching lives on; "
+    "strong edges stay.",
+    "video": "What encoding and transmitting a clip does to it. It needs the whole clip, for an error stays until the "
+    "next key frame.",
+}
+"""What the corruptions of a family have in common."""
+
+
+def files(measured: Mapping[str, Numbers]) -> dict[str, str | bytes]:
+    """The pages, from what DIS's numbers are under each corruption."""
+    return {path(family): page(family, {name: measured[name] for name in names}) for family, names in FAMILIES.items()}
+
+
+def path(family: str) -> str:
+    """Of the page of a family."""
+    return f"{FOLDER}/{family}/index.md"
+
+
+def page(family: str, measured: Mapping[str, Numbers]) -> str:
+    """The page of one family."""
+    cards = [
+        f'<figure><a href="../{name}.html"><img src="../images/{name}_3.webp" alt="A frame under {name}" '
+        f'loading="lazy"></a><figcaption>{name}</figcaption></figure>'
+        for name in measured
+    ]
+    parts = [
+        f"# {family.capitalize()}",
+        ABOUT[family],
+        "\n".join(['<div class="pictures" markdown="0">', *cards, "</div>"]),
+        "Severity 3. Each has a page: " + ", ".join(f"[`{name}`](../{name}.md)" for name in measured) + ".",
+        *_measured(measured),
+        "## The paper's models",
+        _published(family),
+        f"A leaderboard shows the family corruption by corruption: Columns, {family.capitalize()}, which its address "
+        f"keeps as `#columns={family}`.",
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _measured(measured: Mapping[str, Numbers]) -> list[str]:
+    """DIS's error at each severity; what was measured on the pair and on the clip are not one mean."""
+    parts = ["## What it does to flow"]
+    for clip, where in ((False, "the demonstration pair"), (True, "a clip made of one photograph")):
+        chosen = {name: numbers for name, numbers in measured.items() if (name in CLIP) == clip}
+        if not chosen:
+            continue
+        lines = {f"[`{name}`](../{name}.md)": numbers.epe for name, numbers in chosen.items()}
+        if len(chosen) > 1:
+            lines["**mean**"] = tuple(_mean(errors) for errors in zip(*lines.values(), strict=True))
+        rows = [(label, *(f"{value:.2f}" for value in (*errors, _mean(errors)))) for label, errors in lines.items()]
+        clean = next(iter(chosen.values())).epe_clean
+        parts += [
+            f"EPE of OpenCV's DIS on {where}, in pixels; {clean:.2f} on the clean frames.",
+            table(("corruption", *map(str, SEVERITIES), "mean"), rows),
+        ]
+    return parts
+
+
+def _published(family: str) -> str:
+    """Every model's mean over the family, by setting, the lowest first."""
+    benchmark, metric, title = (
+        ("gopro-fc", "rcre", "GoPro-FC") if family == "video" else ("kitti-fc", "cre", "KITTI-FC")
+    )
+    by_model: dict[tuple[str, str], dict[str, float]] = {}
+    for (setting, model, name), value in values_of(published_results(), metric, benchmark=benchmark).items():
+        by_model.setdefault((setting, model), {})[name] = value
+    means = {key: family_means(values)[family] for key, values in by_model.items()}
+    order = ["knowledge", "OOD", "ID"]
+    lowest = sorted(means, key=lambda key: (order.index(key[0]), means[key]))
+    rows = [(model, setting_words(setting), f"{means[setting, model]:.2f}") for setting, model in lowest]
+    intro = f"Mean {metric.upper()} over the family on {title}, in pixels, from the published values; lower is better. "
+    more = "Lines of different settings are not comparable: [what they mean](../../glossary.md)."
+    return f"{intro}{more}\n\n{table(('model', 'setting', f'{metric.upper()} (px)'), rows)}"
+
+
+def _mean(values: Sequence[float]) -> float:
+    return fsum(values) / len(values)
