@@ -100,8 +100,8 @@ _CHANGES = {
     ),
     "the flow moved more on the valid pixels than on all": (_FOG, {"rcre_sum": pl.col("rcre_all_sum") + 1e-3}),
     "the flow on the clean frames differs from itself": (_CLEAN, {"rcre_all_sum": pl.lit(1e-300)}),
-    "its size or group is another one than that of the sample's other rows": (_FOG, {"group": pl.lit("other")}),
-    "its ground truth is another one than that of the sample's other rows": (
+    "its size or group differs from that of the sample's other rows": (_FOG, {"group": pl.lit("other")}),
+    "its ground truth differs from that of the sample's other rows": (
         _FOG,
         {"magnitude_sum": pl.col("magnitude_sum") * (1 + 1e-12)},
     ),

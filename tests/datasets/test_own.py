@@ -116,14 +116,14 @@ def test_a_data_set_of_ones_own(module):
 @pytest.mark.parametrize(
     ("name", "match"),
     [
-        ("NoKeys", "list of texts that is not empty"),
+        ("NoKeys", "non-empty list of strings"),
         ("Twice", "'0' twice"),
         ("Lies", "has_flow is True, but sample '0' has no ground truth"),
         ("Other", "must return a Sample"),
         ("Broken", r"failed in load\('0'\): RuntimeError: no disk"),
         ("Taken", "the name of the data set 'sintel'"),
         ("Path_", "cannot be used"),
-        ("NoFiles", "files that are there"),
+        ("NoFiles", "existing files"),
         ("Nois", "did you mean 'Noise'"),
     ],
 )
@@ -175,5 +175,5 @@ def test_a_video_alone_is_a_folder(tmp_path):
 
     write_video(tmp_path / "clip.mp4", 6, 3)
     assert load_benchmark("demo", tmp_path / "clip.mp4").dataset.name == "folder"
-    with pytest.raises(UsageError, match="brings its own pair"):
+    with pytest.raises(UsageError, match="has its own pair"):
         load_benchmark("demo", tmp_path)

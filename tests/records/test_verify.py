@@ -135,7 +135,11 @@ def test_rows_that_are_none(packed, edit, says):
 
 @pytest.mark.parametrize(
     ("digest", "says"),
-    [(pl.lit("0" * 32), "zeros"), (pl.lit("ab" * 16), "one frames_digest"), (pl.col("frames_digest").first(), "one")],
+    [
+        (pl.lit("0" * 32), "zeros"),
+        (pl.lit("ab" * 16), "the same frames_digest"),
+        (pl.col("frames_digest").first(), "one"),
+    ],
 )
 def test_digests_that_no_frames_have(packed, digest, says):
     name, message = failure(with_rows(packed, lambda rows: rows.with_columns(frames_digest=digest)))

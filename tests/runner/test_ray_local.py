@@ -110,7 +110,7 @@ def test_an_address_where_something_else_listens(tmp_path, scheme, monkeypatch):
     monkeypatch.setattr("robustflow.runner.engines.ray_cluster.REACH_S", 2.0)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"{scheme}127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(RunError, match="does not answer as Ray does; check host and port"):
+        with pytest.raises(RunError, match="does not answer like Ray; check host and port"):
             rf.evaluate(DIS, output=tmp_path / "run", engine="ray", address=address, **SETTING)
 
 

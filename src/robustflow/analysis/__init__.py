@@ -1,1 +1,1 @@
-"""Numbers from rows and from published tables; no model, no frame."""
+"""Numbers from rows and from published tables, without models or frames."""

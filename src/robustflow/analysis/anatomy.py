@@ -1,8 +1,8 @@
 """Anatomy of a run's error: where in the image, by which family, how fast with severity, by how many broken pixels.
 
 A mean error can grow because every pixel is a little worse, or because a few break. Fl tells the two apart: the share
-of pixels that are wrong (error above 3 px and 5 %). Rows hold counts and not pixels, so a change of the share is net:
-broken minus healed.
+of pixels that are wrong (error above 3 px and 5 %). Rows hold counts rather than pixels, so a change of the share is
+net: broken minus healed.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ def by_family(summary: Summary) -> pl.DataFrame:
 
     Returns:
         Columns family, corruptions (how many were run), epe, cre, crer, rcre, fl, broken (percent of pixels, net), and
-        contribution (pixels of the overall CRE that this family adds; below 0 where it helps). Where only the paper's
-        corruptions were run, the contributions add up to the CRE. Shares of it would not mean anything: where one
-        family helps, those of the others exceed 100 %.
+        contribution (pixels of the overall CRE that this family adds; below 0 if it helps). If only the paper's
+        corruptions were run, the contributions add up to the CRE. Shares of it would be meaningless: if one family
+        helps, those of the others exceed 100 %.
     """
     averaged = summary.averaged_over
     records = []
@@ -71,8 +71,8 @@ def by_severity(summary: Summary, metric: str = "epe") -> pl.DataFrame:
     """How a metric grows with severity, per corruption.
 
     Returns:
-        Columns corruption, family, slope (metric's unit per step of severity, least squares), lowest, highest,
-        bend (slope of the upper half of the severities minus that of the lower: above 0 it gets ever worse), rises
+        Columns corruption, family, slope (metric's unit per step of severity, least squares), lowest, highest, bend
+        (slope of the upper half of the severities minus that of the lower: above 0, the growth accelerates), rises
         (whether no step lowers it). Corruptions with fewer than two severities are left out; bend needs four.
     """
     records = []

@@ -1,4 +1,4 @@
-"""Which printed numbers are the best of their column: one rule for the tables and the leaderboard."""
+"""Which printed numbers are the best of their column: one rule for tables and leaderboard."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Compared(Generic[Key]):
     Attributes:
         group: lines of one group are compared.
         texts: printed number by column.
-        doubted: whether something speaks against its model (`robustflow.analysis.doubts`): then it is the best of
-            nothing, and no other is better for being compared with it.
+        doubted: whether there are doubts about its model (`robustflow.analysis.doubts`): then it is never marked as
+            best, and being better than it does not count.
     """
 
     group: Hashable
@@ -27,7 +27,7 @@ class Compared(Generic[Key]):
 
 def best_of_columns(lines: Sequence[Compared[Key]]) -> list[set[Key]]:
     """For each line the columns of which it has the smallest printed number. As in the paper, equal printed numbers
-    share the mark; a line that has nothing to be compared with has none.
+    share the mark; a line without any other to compare with has none.
 
     >>> lines = [Compared("OOD", {"epe": "4.20"}), Compared("OOD", {"epe": "4.2"}), Compared("ID", {"epe": "1.00"})]
     >>> best_of_columns(lines)

@@ -1,4 +1,4 @@
-"""What runs over somebody's own frames, without ground truth, allow to conclude: in words, with the evidence."""
+"""What can be concluded from runs over a user's own frames, without ground truth: in words, with the evidence."""
 
 from __future__ import annotations
 
@@ -29,15 +29,14 @@ _MOST_NAMED = 3
 
 
 def without_truth(run: Run) -> bool:
-    """Whether a run is over frames of the user's own, or others that the paper has no results on, without ground
-    truth."""
+    """Whether a run is over the user's own frames, or others that the paper has no results on, without ground truth."""
     benchmark = str(run.manifest["identity"]["benchmark"])
     return not benchmark_facts(benchmark).published and run.summary.epe_clean is None and run.summary.rcre is not None
 
 
 def conclusions(runs: Sequence[Run]) -> list[str]:
-    """One conclusion for each set of frames that some of the runs measured without ground truth: which corruption
-    changes a flow most, or which model changes least under what; on how much evidence; what would make it sure."""
+    """One conclusion for each set of frames that runs measured without ground truth: which corruption changes the flow
+    most, or which model changes least under which; how strong the evidence is; and what would settle it."""
     groups: dict[str, dict[str, Run]] = {}
     for run, name in zip(runs, run_names(runs), strict=True):
         if without_truth(run):
@@ -73,7 +72,7 @@ def _of_one(name: str, run: Run) -> str:
 
 
 def _surety(run: Run) -> str:
-    """How sure the mean of one run is, and what would make it surer."""
+    """How certain the mean of one run is, and what would make it more certain."""
     rows = intervals(run.rows, corruptions=False, metrics=("rcre",)).filter(corruption=AVERAGE)
     low, high = rows.select("low", "high").row(0) if rows.height else (None, None)
     if low is None:
@@ -103,13 +102,13 @@ def _of_several(runs: Mapping[str, Run]) -> str:
 
 
 def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
-    """Whether the lead of the first is more than chance; corrected for every two of the best, as the first two were
+    """Whether the lead of the first is significant; corrected for all pairs of the best, because the first two were
     chosen by looking at all."""
     best, second = order[0], order[1]
     try:
         pairs = compare_all({name: runs[name].rows for name in order[:_MOST_COMPARED]}, "rcre")
     except RunError:
-        return "whether the lead is more than chance cannot be said, for the runs did not measure the same"
+        return "whether the lead is more than chance cannot be said, because the runs did not measure the same"
     p = next(iter(pairs.filter(first=best, second=second)["p_holm"]), None)
     if p is None:
         return _too_few(runs[best])
@@ -143,7 +142,7 @@ def _others(run: Run) -> str:
 
 
 def _counts(run: Run) -> tuple[int, int]:
-    """Pairs, and the groups that are independent of each other."""
+    """Number of pairs, and of the groups that are independent of each other."""
     clean = run.rows.filter(corruption=CLEAN)
     return clean["sample"].n_unique(), clean["group"].n_unique()
 

@@ -1,4 +1,4 @@
-"""Under which conditions runs were made, apart from their model: what is the same, what differs, in words."""
+"""The conditions of runs apart from their model, and how they differ, in words."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _NOT_CONDITIONS = ("model", "window", "version", "rows")
 
 
 def conditions_of(runs: Sequence[Run]) -> list[str]:
-    """What each run's conditions are called, by what differs among them; "" for all where nothing does.
+    """A name for each run's conditions, made from what differs among them; "" for all if nothing does.
 
     Conditions are the parts of the identity apart from the model (benchmark, seed, variant, severity scale, ...) and
     the samples.

@@ -1,4 +1,4 @@
-"""Ranks by cost and relative robustness: the paper's Tab. 3 and, by the same rule, runs among themselves."""
+"""Ranks by cost and relative robustness: the paper's Tab. 3 and, by the same rule, ranks among runs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Measured = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class RunRanks:
-    """Ranks of a run, None where there is nothing to compare with: by CREr in its setting, by FLOPs among those counted
-    at the same input size, and by both (see `ranking`)."""
+    """Ranks of a run, None if there is nothing to compare with: by CREr in its setting, by FLOPs among those counted at
+    the same input size, and by both (see `ranking`)."""
 
     crer: int | None
     flops: int | None
@@ -29,7 +29,7 @@ class RunRanks:
 
 
 def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
-    """Ranks made from the values of `costs`: "flops", "crer_ood", "crer_id", "average_ood", "average_id" by model.
+    """Ranks computed from the values of `costs`: "flops", "crer_ood", "crer_id", "average_ood", "average_id" by model.
 
     >>> from robustflow.analysis.published.tables import published_costs
     >>> cost_ranks(published_costs())["average_id"]["CSFlow"]
@@ -52,7 +52,7 @@ def run_costs(runs: Sequence[Run]) -> dict[tuple[str, str], RunCost]:
 
 
 def measured_crer(results: pl.DataFrame) -> dict[Measured, tuple[float, str]]:
-    """(sample set, setting, model) -> (CREr, note): as given, or made from the average and the clean EPE."""
+    """(sample set, setting, model) -> (CREr, note): as given, or computed from the average and the clean EPE."""
     by_model: dict[tuple[str, str, str], dict[tuple[str, str], float]] = {}
     notes = {}
     for row in results.iter_rows(named=True):
@@ -74,12 +74,12 @@ def run_ranks(
     run_costs: Mapping[tuple[str, str], RunCost],
     doubted: Container[tuple[str, str]] = (),
 ) -> dict[Measured, RunRanks]:
-    """Ranks of models measured elsewhere than in the paper, among those of their setting on the same frames.
+    """Ranks of models that are not from the paper, among those of their setting on the same frames.
 
     Args:
-        measured: what `measured_crer` gives.
+        measured: the result of `measured_crer`.
         run_costs: of runs, by (sample set, name).
-        doubted: runs without a rank, which the others are not ranked against either.
+        doubted: runs that get no rank, and against which the others are not ranked.
     """
     sound = {key: value for key, value in measured.items() if (key[0], key[2]) not in doubted}
     known = {key: run_costs[key[0], key[2]] for key in sound if (key[0], key[2]) in run_costs}
@@ -99,10 +99,10 @@ def run_ranks(
 
 
 def _ranks(values: Mapping[Measured, float]) -> dict[Measured, int]:
-    """Ranks, none for a model that is alone."""
+    """Ranks; none for a single model."""
     return competition_ranks(values) if len(values) > 1 else {}
 
 
 def counted_size(cost: RunCost) -> tuple[int, int]:
-    """Height and width of the frames that a cost was counted on."""
+    """Height and width of the frames for which a cost was counted."""
     return cost.height, cost.width

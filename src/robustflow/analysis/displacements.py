@@ -1,4 +1,4 @@
-"""The histograms of flow amplitudes that runs keep, one for each set of samples, with what a figure calls them."""
+"""The histograms of flow amplitudes stored with runs, one per set of samples, with their labels for a figure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .scores import sample_set
 
 
 def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
-    """What the figure draws: label -> bins, one for each sample set, of its ground truth where a run has it."""
+    """The input of the figure: label -> bins, one per sample set, from its ground truth if a run has it."""
     by_samples: dict[str, DisplacementFile] = {}
     benchmarks: dict[str, str] = {}
     for run in runs:
@@ -27,7 +27,7 @@ def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
 
 
 def label_of(benchmark: str, samples: int, source: str) -> str:
-    """What a histogram is called in a figure.
+    """The label of a histogram in a figure.
 
     >>> label_of("kitti-fc", 80, "ground truth")
     'KITTI-FC, 80 pairs (ground truth)'
@@ -36,7 +36,8 @@ def label_of(benchmark: str, samples: int, source: str) -> str:
 
 
 def _labelled(kept: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:
-    """Sample sets that differ in corruptions or seed alone have one histogram; others of one label are numbered."""
+    """Sample sets that differ only in corruptions or seed have one histogram; different ones with the same label are
+    numbered."""
     seen: dict[str, list[DisplacementFile]] = {}
     for frames, one in kept.items():
         label = label_of(benchmarks[frames], one.samples, one.source)

@@ -1,4 +1,5 @@
-"""Reasons not to call a model robust, whatever its CRE says: nothing learned, no better than zero flow, blind."""
+"""Reasons not to call a model robust, whatever its CRE: nothing learned, no better than zero flow, or insensitive to
+its frames."""
 
 from __future__ import annotations
 
@@ -12,21 +13,21 @@ from ..runs.run import Run
 from .scores import run_names, sample_set
 
 BLIND_BELOW = 0.01
-"""Mean RCRE in pixels below which a flow hardly depends on the frames; the flow of a model that sees them moves by ten
-times as much already under the mildest corruptions."""
+"""Mean RCRE in pixels below which a flow hardly depends on the frames; the flow of a model that uses them moves ten
+times as much even under the mildest corruptions."""
 
 
 def doubts(run: Run) -> list[str]:
     """The reasons against ranking a run's model by robustness, each as a clause; empty for a sound model.
 
-    A model can change little under corruption because it does not look: random weights, zero flow, a constant.
+    A model can change little under corruption because it ignores its frames: random weights, zero flow, a constant.
     """
     reasons = ["its weights are random"] if run.setting == "untrained" else []
     return reasons + run.fact("doubts", list[str], lambda: doubts_from_rows(run.rows))
 
 
 def doubted_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
-    """(sample set, name) -> what speaks against ranking it, of the runs against which something does."""
+    """(sample set, name) -> why a run should not be ranked, for the runs with such a reason."""
     reasons = {
         (sample_set(run), name): " and ".join(doubts(run)) for name, run in zip(run_names(runs), runs, strict=True)
     }
@@ -34,14 +35,14 @@ def doubted_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
 
 
 def sound_results(results: pl.DataFrame, doubted: Mapping[tuple[str, str], str]) -> pl.DataFrame:
-    """Results (columns `sample_set` and `model` among others) without those of doubted runs, for what is said of models
-    in general."""
+    """Results (columns `sample_set` and `model` among others) without those of doubted runs, for statements about
+    models in general."""
     left_out = pl.DataFrame(list(doubted), schema={"sample_set": pl.String, "model": pl.String}, orient="row")
     return results.join(left_out, on=["sample_set", "model"], how="anti", maintain_order="left")
 
 
 def doubts_from_rows(rows: pl.DataFrame) -> list[str]:
-    """Those of `doubts` that follow from the rows of a run (columns of `robustflow.metrics.rows.ROW_SCHEMA`).
+    """The reasons of `doubts` that follow from the rows of a run (columns of `robustflow.metrics.rows.ROW_SCHEMA`).
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> doubts_from_rows(rows_frame([]))
@@ -63,7 +64,7 @@ def clean_epe(rows: pl.DataFrame) -> float | None:
 
 
 def zero_flow_epe(rows: pl.DataFrame) -> float | None:
-    """The EPE of a model that answers zero flow, pixels: the mean length of the ground truth; None without it."""
+    """The EPE of a model that predicts zero flow, pixels: the mean length of the ground truth; None without it."""
     return _mean_over_images(rows.filter(pl.col("corruption") == CLEAN), "magnitude_sum", "n_valid")
 
 

@@ -1,9 +1,9 @@
 """Effective robustness: how much better a model withstands corruptions than its clean accuracy predicts.
 
 Over many models the corrupted error follows the clean error (the paper's Observation 1); the residual of a model from
-that trend separates "robust" from "accurate" (Taori et al. 2020, who did so for classification). The trend is a
-straight line through the logarithms of both errors, fitted without the model itself, so that no model pulls the line
-towards itself; the residual is given as a factor: 0.8 means a corrupted error 20 % below what the others' trend gives.
+that trend separates "robust" from "accurate" (Taori et al. 2020 did so for classification). The trend is a straight
+line through the logarithms of both errors, fitted without the model itself, so that no model pulls the line towards
+itself; the residual is given as a factor: 0.8 means a corrupted error 20 % below what the others' trend gives.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def effective_robustness(
         corruption: a corruption, or "average".
         by_setting: one trend per setting (domain knowledge shifts the trend, so one line over all settings would
             mistake it for robustness), or one over all.
-        without: models that are left out of every trend and get no line.
+        without: models that are left out of every trend and of the result.
 
     Returns:
         Columns of `EFFECTIVE_SCHEMA`, the most robust first within each setting: `expected` is the corrupted EPE by the

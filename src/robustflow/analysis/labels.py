@@ -1,4 +1,4 @@
-"""What metrics, corruptions and settings are called in tables and figures."""
+"""The labels of metrics, corruptions and settings in tables and figures."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ SETTING_LABELS = {
 }
 SETTING_EXPLANATIONS = {
     "knowledge": "learns nothing from data",
-    "OOD": "has seen nothing of the benchmark's domain",
-    "ID": "has seen the domain and none of the evaluated frames",
+    "OOD": "was trained on nothing of the benchmark's domain",
+    "ID": "was trained on the domain, but on none of the evaluated frames",
     "LEAKED": "was trained on the evaluated frames",
     "own": "the run does not state what its model was trained on",
     "untrained": "its weights are random, and it is never ranked",
@@ -58,7 +58,7 @@ def metric_label(metric: str) -> str:
 
 
 def benchmark_label(benchmark: str) -> str:
-    """A benchmark as headings write it: its title, of an unknown one its name.
+    """A benchmark in a heading: its title, or the name of an unknown one.
 
     >>> benchmark_label("kitti-fc"), benchmark_label("sintel"), benchmark_label("folder")
     ('KITTI-FC', 'MPI-Sintel', 'Your own frames')
@@ -76,7 +76,7 @@ def benchmark_words(benchmark: str) -> str:
 
 
 def on_benchmark(model: str, benchmark: str) -> str:
-    """A model and what it was measured on, in words; the name may hold the benchmark already.
+    """A model and what it was measured on, in words; the name may contain the benchmark already.
 
     >>> on_benchmark("DIS", "gopro-fc"), on_benchmark("DIS (GoPro-FC)", "gopro-fc")
     ('DIS on GoPro-FC', 'DIS on GoPro-FC')
@@ -95,7 +95,7 @@ def setting_words(setting: str) -> str:
 
 
 def short_label(corruption: str) -> str:
-    """As the paper's tables call it, below the name of its family.
+    """Its name in the paper's tables, below the name of its family.
 
     >>> short_label("gaussian_noise"), short_label("fog")
     ('Gaussian', 'Fog')
@@ -104,7 +104,7 @@ def short_label(corruption: str) -> str:
 
 
 def long_label(corruption: str) -> str:
-    """As running text calls it.
+    """Its name in running text.
 
     >>> long_label("psf_blur"), long_label("h264_crf")
     ('PSF blur', 'H.264 CRF')

@@ -1,4 +1,4 @@
-"""Ranks as the paper's Tab. 3 has them.
+"""Ranks as in the paper's Tab. 3.
 
 Equal printed values share the smallest rank, and the next one is skipped (1, 2, 2, 4). FLOPs are ranked over all 14
 models whatever the setting, CREr over the models of the setting, both as printed; the average rank is the rank, in
@@ -27,7 +27,7 @@ def competition_ranks(values: Mapping[Name, float]) -> dict[Name, int]:
 
 
 def middle_ranks(values: Sequence[float]) -> list[float]:
-    """1 for the smallest; equal values share the mean of the ranks that they take up.
+    """1 for the smallest; equal values share the mean of the ranks that they occupy.
 
     >>> middle_ranks([2.0, 1.0, 2.0, 3.0])
     [2.5, 1.0, 2.5, 4.0]

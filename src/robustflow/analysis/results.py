@@ -1,10 +1,10 @@
-"""Results in one tidy shape, whoever measured them: one value per line, with where it comes from.
+"""Results in one tidy shape, whoever measured them: one value per line, with its source.
 
     benchmark, setting, model, metric, corruption, value, marked, source
 
-is the shape of the published tables that ship with the package, of a user's own results file, and of what is made
-from runs. `corruption` is a corruption's name, "clean", or "average"; `metric` is "epe", "cre" or "rcre" (pixels) or
-"crer" (no unit). Text in it is untrusted and stays text.
+is the shape of the published tables that ship with the package, of a user's own results file, and of results made from
+runs. `corruption` is a corruption's name, "clean", or "average"; `metric` is "epe", "cre" or "rcre" (pixels) or "crer"
+(no unit). Text in it is untrusted and stays text.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from ..text import text_cell
 AVERAGE = "average"
 RESULT_METRICS = ("epe", "cre", "rcre", "crer")
 SETTINGS = ("knowledge", "OOD", "ID")
-"""Of the paper: knowledge-driven methods; models that have not seen the benchmark's domain; models that have."""
+"""The paper's settings: knowledge-driven methods; models not trained on the benchmark's domain; models trained on
+it."""
 
 RESULT_SCHEMA: dict[str, Any] = {
     "benchmark": pl.String,
@@ -42,9 +43,9 @@ RESULT_SCHEMA: dict[str, Any] = {
 }
 """Columns of a results frame.
 
-`decimals`: digits after the point as printed, null for a number that was not rounded. `marked`: set in bold as the
-best of its column, null where the source marks nothing. `sample_set`: results can be compared where it is the same.
-`note`: what a reader must know before comparing, "" for nothing.
+`decimals`: digits after the point as printed, null for a number that was not rounded. `marked`: set in bold as the best
+of its column, null if the source marks nothing. `sample_set`: results with the same value can be compared. `note`: what
+a reader must know before comparing, "" for nothing.
 """
 
 ELSEWHERE = ("brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur")
@@ -58,10 +59,10 @@ _LONGEST_TEXT = 500
 
 
 def read_results(path: str | Path) -> pl.DataFrame:
-    """A results file in the tidy shape: CSV, UTF-8, with a heading.
+    """A results file in the tidy shape: CSV, UTF-8, with a header.
 
     Columns `setting`, `model`, `metric`, `corruption` and `value` are needed; `benchmark` ("kitti-fc" by default),
-    `marked` ("yes" or "no"), `source`, `sample_set` and `note` may be there; others are not read.
+    `marked` ("yes" or "no"), `source`, `sample_set` and `note` are optional; others are ignored.
 
     Returns:
         Columns of `RESULT_SCHEMA`; `decimals` is counted from the text of each value.
@@ -112,7 +113,9 @@ def parse_results(text: str, name: str, sample_set: str) -> pl.DataFrame:
 
 def _record(line: dict[Any, Any], where: str, sample_set: str) -> tuple[Any, ...]:
     if None in line or None in line.values():
-        raise DataError(f"{where}: not as many cells as the heading has; quote a cell that contains a comma")
+        raise DataError(
+            f"{where}: the number of cells differs from that of the header; quote a cell that contains a comma"
+        )
     cells = {column: line[column].strip() for column in line}
     for column in ("setting", "model", "metric", "corruption"):
         if not cells[column] or len(cells[column]) > _LONGEST_TEXT:
@@ -150,7 +153,7 @@ def _check_corruption(name: str, where: str) -> None:
 
 
 def _number(text: str, where: str) -> tuple[float, int]:
-    """The value and its decimals as written: "4.20" is known to half a hundredth."""
+    """The value and its decimals as written: "4.20" is exact to half a hundredth."""
     try:
         number = Decimal(text)
         value = float(number)
@@ -163,7 +166,7 @@ def _number(text: str, where: str) -> tuple[float, int]:
 
 
 def results_csv(results: pl.DataFrame) -> str:
-    """Results (columns of `RESULT_SCHEMA`) as the file that `read_results` takes again, each value in its known digits.
+    """Results (columns of `RESULT_SCHEMA`) as a file that `read_results` can read, each value with its known digits.
 
     >>> text = "setting,model,metric,corruption,value\\nOOD,Mine,epe,clean,4.20\\n"
     >>> print(results_csv(parse_results(text, "mine.csv", "mine")).splitlines()[1])

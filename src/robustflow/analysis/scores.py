@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     from ..runs.run import Run
 
 OWN = "own"
-"""The setting of a run whose model does not say what it was trained on."""
+"""The setting of a run whose model does not declare what it was trained on."""
 
 _OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
-"""What of a run's identity decides which frames its model saw."""
+"""The parts of a run's identity that determine which frames its model was given."""
 
 
 def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataFrame:
     """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average: columns of `results.RESULT_SCHEMA`.
 
-    Beside published results (`beside_published`) the averages of a run with corruptions that the paper does not have
-    are the paper's mean, `Summary.paper`; where not all of the paper's were run either, it has none. A run of some of
-    the paper's keeps its own, and a note.
+    Next to published results (`beside_published`), the averages of a run with corruptions that are not in the paper are
+    the paper's mean, `Summary.paper`; if not all of the paper's were run, it has no average. A run with only some of
+    the paper's keeps its own average, with a note.
 
     Runs of one `sample_set` measured the same frames under the same corruptions, so their values can be compared;
     `note` says how they differ from the paper's. Two runs of the same name are distinguished by their digests.
@@ -57,7 +57,7 @@ def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataF
 
 
 def paper_means(run: Run) -> Scores:
-    """The averages of a run that may stand beside published ones; see `run_results`."""
+    """The averages of a run that may be shown next to published ones; see `run_results`."""
     summary = run.summary
     if only_of_paper(run):
         return summary
@@ -70,7 +70,7 @@ def paper_rows(run: Run) -> pl.DataFrame:
 
 
 def only_of_paper(run: Run) -> bool:
-    """Whether a run's averages are over none but the paper's corruptions."""
+    """Whether a run's averages are over the paper's corruptions only."""
     return set(run.summary.averaged_over) <= set(_wanted(run))
 
 
@@ -79,7 +79,7 @@ def _wanted(run: Run) -> tuple[str, ...]:
 
 
 def coverage_of(runs: Sequence[Run]) -> dict[tuple[str, str], float]:
-    """(sample set, name) -> share of the pixels that are in the mean errors, of the runs that left out any."""
+    """(sample set, name) -> share of the pixels included in the mean errors, for the runs that left out any."""
     summaries = {(sample_set(run), name): run.summary for name, run in zip(run_names(runs), runs, strict=True)}
     return {
         key: summary.coverage
@@ -89,7 +89,7 @@ def coverage_of(runs: Sequence[Run]) -> dict[tuple[str, str], float]:
 
 
 def run_names(runs: Sequence[Run]) -> list[str]:
-    """A name for each run, no two alike: the model's, with what is needed to tell it from the others of this name, the
+    """A name for each run, no two alike: the model's, with whatever distinguishes it from others of the same name: the
     benchmark, or the run's digest (and a number)."""
     of_model = Counter(run.name for run in runs)
     of_benchmark = Counter((run.name, str(run.manifest["identity"]["benchmark"])) for run in runs)
@@ -111,15 +111,15 @@ def run_names(runs: Sequence[Run]) -> list[str]:
 
 
 def setting_of(run: Run) -> str:
-    """The setting of a run, by what its model has seen; "own" where that was not declared."""
+    """The setting of a run, by what its model was trained on; "own" if that was not declared."""
     return OWN if run.setting == "undeclared" else run.setting
 
 
 def sample_set(run: Run) -> str:
     """Names what was measured on: frames, corruptions and severities, their scale, seed and variant; not the model.
 
-    Samples of other data may have the same names; the digests of the clean frames tell them apart. A run of which
-    settings are missing is averaged over the others, and comparable with those that lack the same.
+    Samples of other data may have the same names; the digests of the clean frames tell them apart. A run with missing
+    conditions is averaged over the others, and can be compared with runs that lack the same ones.
     """
     return run.fact("sample_set", str, lambda: _sample_set(run))
 
@@ -129,7 +129,7 @@ def _sample_set(run: Run) -> str:
     parts = {key: identity.get(key) for key in _OF_FRAMES}
     parts |= (
         {TEXTURES: identity[TEXTURES]} if TEXTURES in identity else {}
-    )  # runs from before textures could be chosen lack it
+    )  # missing in runs from before textures could be chosen
     parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
     clean = run.rows.filter(corruption=CLEAN).select("sample", "frames_digest")
     parts["frames"] = sorted(clean.iter_rows())
@@ -140,8 +140,8 @@ def _sample_set(run: Run) -> str:
 
 
 def note_of(run: Run, beside_published: bool = False) -> str:
-    """How a run differs from the paper's measurement, "" where it does not: which pairs, corruptions, severities;
-    `beside_published` as for `run_results`. Of frames that the paper has no results on and that have no ground truth,
+    """How a run differs from the paper's measurement, "" if it does not: pairs, corruptions, severities;
+    `beside_published` as for `run_results`. For frames that the paper has no results on and that have no ground truth,
     only what was measured."""
     identity, selection = run.manifest["identity"], run.manifest["selection"]
     benchmark, pairs = str(identity["benchmark"]), run.summary.samples

@@ -1,8 +1,8 @@
-"""Robustness beside the paper's metrics, less bound to accuracy: ratios of errors, medians over images, the increase of
-Fl, and what the clean error says about the corrupted one once the motion is known.
+"""Robustness by metrics other than the paper's, less tied to accuracy: ratios of errors, medians over images, the
+increase of Fl, and what the clean error says about the corrupted one once the motion is known.
 
-CRE is EPE - clean EPE: it contains the accuracy that it is read beside, and a mean over images is ruled by the few with
-large errors. The formulae, and what each can and cannot show: docs/design/metrics.md.
+CRE is EPE - clean EPE: it contains the accuracy that it is compared with, and a mean over images is dominated by the
+few with large errors. The formulae, and what each can and cannot show: docs/design/metrics.md.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .ranking import middle_ranks
 from .results import AVERAGE
 
 LEAST_IMAGES = 5
-"""Images, or models, below which a correlation is not given."""
+"""Smallest number of images, or models, for which a correlation is given."""
 
 
 @dataclass(frozen=True)
 class UncoupledScores:
-    """Of one condition, or the mean over conditions; None where it cannot be computed.
+    """Scores of one condition, or the mean over conditions; None if they cannot be computed.
 
     Attributes:
-        log_ratio: mean over images of ln(EPE / clean EPE); 0 for no change, ln 2 = 0.69 where errors double.
+        log_ratio: mean over images of ln(EPE / clean EPE); 0 for no change, ln 2 = 0.69 if errors double.
         median_log_ratio: its median over images.
         median_cre: median over images of EPE - clean EPE, pixels.
         fl_increase: mean over images of Fl-all - clean Fl-all, percentage points.
@@ -51,7 +51,7 @@ class Correlation:
 
     Attributes:
         images: how many.
-        rho: as it is; None where one of the two is the same for all images.
+        rho: the plain correlation; None if one of the two is the same for all images.
         given_motion: the partial one, given the mean length of the true flow: large motion alone makes both errors
             large.
     """
@@ -63,14 +63,14 @@ class Correlation:
 
 @dataclass(frozen=True)
 class Uncoupled:
-    """What `uncoupled` found.
+    """The result of `uncoupled`.
 
     Attributes:
         overall: mean over corruptions.
         corruptions: mean over severities, by corruption, in the paper's order.
         by_condition: by (corruption, severity).
         correlation: by corruption, and "average" over all of them; none below `LEAST_IMAGES` images.
-        left_out: image conditions in no ratio, because one of the two errors is exactly 0.
+        left_out: number of (image, condition) pairs in no ratio, because one of the two errors is exactly 0.
     """
 
     overall: UncoupledScores
@@ -109,8 +109,8 @@ def uncoupled(rows: pl.DataFrame) -> Uncoupled:
 
     Both errors of an image are over the same pixels. Means go over images, then severities, then corruptions, as the
     paper's do; a median is over images, and its mean over severities and corruptions follows. Fl-all needs the clean
-    outliers over the same pixels, which rows keep only where the model left out no pixel: elsewhere `fl_increase` is
-    None, as is everything without ground truth.
+    outliers over the same pixels, which rows hold only if the model left out no pixel: otherwise `fl_increase` is None,
+    as is everything without ground truth.
 
     Args:
         rows: columns of `robustflow.metrics.rows.ROW_SCHEMA`, of any version.
@@ -157,7 +157,7 @@ class Coupling:
 
 
 def coupling(clean: Sequence[float], cre: Sequence[float], log_ratio: Sequence[float]) -> Coupling | None:
-    """How two ways to measure robustness follow the accuracy of models; None below `LEAST_IMAGES` models.
+    """How strongly two measures of robustness follow the accuracy of models; None below `LEAST_IMAGES` models.
 
     >>> coupling([1, 2, 3, 4], [2, 4, 6, 8], [1.1, 1.0, 1.2, 0.9]) is None
     True
@@ -168,7 +168,7 @@ def coupling(clean: Sequence[float], cre: Sequence[float], log_ratio: Sequence[f
 
 
 def spearman(first: Iterable[float], second: Iterable[float]) -> float | None:
-    """Rank correlation, ties sharing their mean rank; None where one of the two does not vary.
+    """Rank correlation, ties sharing their mean rank; None if one of the two does not vary.
 
     >>> spearman([1, 2, 3], [10, 30, 20])
     0.5
@@ -180,7 +180,8 @@ def spearman(first: Iterable[float], second: Iterable[float]) -> float | None:
 
 
 def partial_spearman(first: Sequence[float], second: Sequence[float], given: Sequence[float]) -> float | None:
-    """Rank correlation of two with the ranks of a third taken out of both; None where nothing is left to correlate.
+    """Rank correlation of two variables with the ranks of a third removed from both; None if nothing is left to
+    correlate.
 
     >>> partial_spearman([1, 2, 3, 4], [1, 2, 4, 3], [1, 2, 3, 4]) is None
     True
@@ -201,7 +202,7 @@ def _images(rows: pl.DataFrame) -> pl.DataFrame:
     clean = counted.filter(pl.col("corruption") == CLEAN).select("sample", _fl="fl_count", _n="n_valid")
     counted = counted.filter(pl.col("corruption") != CLEAN).join(clean, on="sample", maintain_order="left")
     if counted["clean_epe_sum"].null_count():
-        counted = counted.clear()  # Rows that do not say what the clean error over their pixels was.
+        counted = counted.clear()  # Rows that lack the clean error over their pixels.
     n = pl.col("n_valid")
     return counted.select(
         "sample",
@@ -242,7 +243,7 @@ def _correlations(images: pl.DataFrame, order: Sequence[str]) -> dict[str, Corre
 
 
 def _correlation(images: pl.DataFrame) -> Correlation | None:
-    """Over the images' mean errors; the clean one is over the pixels of the same rows."""
+    """Over the images' mean errors; the clean error is over the pixels of the same rows."""
     each = images.group_by("sample", maintain_order=True).agg(pl.col("epe", "before", "motion").mean())
     if each.height < LEAST_IMAGES:
         return None

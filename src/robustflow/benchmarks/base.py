@@ -16,7 +16,7 @@ from .facts import NEUTRAL, BenchmarkFacts
 
 @dataclass(frozen=True)
 class Benchmark:
-    """What is measured on what.
+    """What is measured, and on which samples.
 
     Attributes:
         name: "kitti-fc", "demo", "folder", ...
@@ -24,9 +24,9 @@ class Benchmark:
         keys: the samples, in order.
         corruptions: the corruptions, in the paper's order.
         severities: 1 to 5 unless narrowed.
-        protocol: whatever else decides the numbers (which split, which ground truth), for the run's identity.
-        closed: the corrupted frames come from files, so no other corruption or severity can be asked for.
-        textures: of frost: "photographs", the paper's, which are fetched on first use, or "generated".
+        protocol: everything else that determines the numbers (split, ground truth), for the run's identity.
+        closed: whether the corrupted frames come from files, so that no other corruption or severity can be requested.
+        textures: of frost: "photographs" (the paper's, downloaded on first use) or "generated".
         facts: title, whether there is ground truth, what the paper measured.
     """
 
@@ -46,13 +46,13 @@ class Benchmark:
         severities: Sequence[int] | None = None,
         limit: int | None = None,
     ) -> Benchmark:
-        """The same benchmark on fewer (or other) corruptions, severities, or only its first samples.
+        """The same benchmark with fewer (or other) corruptions or severities, or only its first samples.
 
         Raises:
             UsageError: an unknown corruption, a severity outside 1 to 5, a limit below 1.
         """
         if limit is not None and limit < 1:
-            raise UsageError(f"limit {limit} leaves no samples: give 1 or more")
+            raise UsageError(f"--limit {limit} leaves no samples: give 1 or more")
         asked = self.corruptions if corruptions is None else corruptions
         chosen = tuple(dict.fromkeys(map(corruption_name, asked)))
         for name in chosen:

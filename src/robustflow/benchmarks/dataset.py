@@ -1,4 +1,4 @@
-"""Any dataset as a benchmark: the user's own frames (`folder`), or Sintel, HD1K, Spring and the others by name."""
+"""Any data set as a benchmark: the user's own frames (`folder`), or Sintel, HD1K, Spring and the others by name."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from .facts import facts_of_dataset
 
 
 def from_dataset(name: str, data: Path | None, split: Path | None, options: dict[str, Any]) -> Benchmark:
-    """Every sample of a dataset under every image-pair corruption. Without ground truth, RCRE is what is measured.
+    """Every sample of a data set under every image-pair corruption. Without ground truth, only RCRE is measured.
 
     Raises:
-        UsageError: a dataset that is a benchmark of its own, an option it does not know, or a root missing.
-        DataError: the folder is not in the dataset's layout.
+        UsageError: a data set that is a benchmark of its own, an unknown option, or a missing root.
+        DataError: the folder does not have the data set's layout.
     """
     dataset, facts = load_dataset(name, data, **options), dataset_facts(name)
     if isinstance(dataset, PreCorrupted):

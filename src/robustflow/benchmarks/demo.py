@@ -15,7 +15,7 @@ from .facts import BenchmarkFacts
 class Demo:
     """The Middlebury 2014 motorcycle pair (741 x 500); its ground truth is disparity, so all motion is horizontal.
 
-    Nothing is fetched: frost has generated textures instead of the paper's photographs, which its runs record.
+    Nothing is downloaded: frost uses generated textures instead of the paper's photographs, which its runs record.
     """
 
     facts = BenchmarkFacts(
@@ -28,8 +28,6 @@ class Demo:
     def open(data: Path | None, split: Path | None) -> Benchmark:
         """See `Definition.open`."""
         if data is not None or split is not None:
-            raise UsageError(
-                "the demo benchmark brings its own pair: leave out --data and --split, or name a --benchmark"
-            )
+            raise UsageError("the demo benchmark has its own pair: leave out --data and --split, or name a --benchmark")
         dataset = load_dataset("motorcycle", None)
         return Benchmark("demo", dataset, tuple(dataset.keys()), IMAGE_PAIR, textures=GENERATED, facts=Demo.facts)

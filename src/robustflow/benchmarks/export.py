@@ -1,4 +1,4 @@
-"""Write a benchmark's frames as files, in the layout KITTI-FC was released in.
+"""Write a benchmark's frames as files, in the layout in which KITTI-FC was released.
 
 clean/val/image_2/000010_10.png, 000010_11.png      <corruption>_<severity>/val/image_2/...
 clean/val/flow_occ/000010_10.png                    clean/val/flow_noc/000010_10.png where occlusion is known
@@ -31,7 +31,7 @@ RECORD = "export.json"
 
 @dataclass(frozen=True)
 class Written:
-    """One sample under one condition is on disk; `fresh` is False where an earlier call had already written it."""
+    """One sample under one condition is on disk; `fresh` is False if an earlier call had already written it."""
 
     key: str
     condition: str
@@ -46,11 +46,11 @@ def export(
     severity_scale: str = "paper",
     common_draws: bool = False,
 ) -> Iterator[Written]:
-    """Write the benchmark below `output`, sample by sample; what is already there is left alone.
+    """Write the benchmark into `output`, sample by sample; existing files are left alone.
 
     Args:
         benchmark: whose samples, corruptions and severities to write.
-        output: the folder; made if missing.
+        output: the folder; created if missing.
         seed, variant, severity_scale, common_draws: of the corruptions; the frames equal those that `run` makes on the
             fly. Severities that do not exist on the scale are not written.
 
@@ -113,7 +113,7 @@ def _write_truth(folder: Path, sample: Sample) -> None:
 
 
 def _claim(output: Path, settings: dict[str, object]) -> None:
-    """Record what this folder holds, or refuse to mix two exports in it."""
+    """Record what this folder holds; raises rather than mix two exports in it."""
     make_folder(output)
     record = output / RECORD
     if record.exists():

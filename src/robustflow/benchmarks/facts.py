@@ -1,4 +1,4 @@
-"""What a reader of a result needs to know about a benchmark: fields of its class, as validated data."""
+"""What a reader of a result needs to know about a benchmark: validated data on its class."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from ..datasets.facts import DatasetFacts
 
 
 class BenchmarkFacts(BaseModel):
-    """A benchmark in words.
+    """The description of a benchmark.
 
     Attributes:
-        title: as it is written in tables and figures.
+        title: its name in tables and figures.
         description: one sentence.
-        data: what `--data` names; "" where it needs none.
-        has_flow: its samples have ground truth; without, RCRE is all that is measured.
-        published: the paper prints results on it.
-        paper_corruptions: what the paper's mean on it is over; for a benchmark that is not in the paper, the
+        data: what `--data` should name; "" if it needs none.
+        has_flow: whether its samples have ground truth; if not, only RCRE is measured.
+        published: whether the paper has results on it.
+        paper_corruptions: those that the paper's mean on it is over; for a benchmark that is not in the paper, the
             corruptions of image pairs.
-        paper_pairs: on how many pairs the paper measured it; None where it does not say, or has no such benchmark.
-        training_set: the training set that its frames come from, as `robustflow.models.provenance` calls it; "" where
-            no model can say whether it saw them.
+        paper_pairs: on how many pairs the paper measured it; None if it does not say, or has no such benchmark.
+        training_set: the training set that its frames come from, by its name in `robustflow.models.provenance`; "" if
+            no model can state whether it was trained on them.
         same_domain: training sets of the same domain, which hold other frames.
 
     >>> BenchmarkFacts(title="Night drives").has_flow
@@ -42,7 +42,7 @@ class BenchmarkFacts(BaseModel):
 
 
 NEUTRAL = BenchmarkFacts(title="own benchmark")
-"""Of a benchmark that states none."""
+"""The facts of a benchmark that states none."""
 
 
 def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class GoProFC:
     """GoPro-FC from a folder that `robustflow prepare gopro-fc` made, from the released one, or from one video file.
 
-    A video is taken as it is: no interpolation, key frames 1/30 s apart, prepared once in the user's cache folder.
+    A video is used as it is: no interpolation, key frames 1/30 s apart, prepared once in the user's cache folder.
     """
 
     facts = BenchmarkFacts(

@@ -14,9 +14,9 @@ from .facts import BenchmarkFacts
 class KittiFC:
     """KITTI-FC from the KITTI-2015 folder, corrupted on the fly, or from the released KITTI-FC folder as it is.
 
-    The paper drew its 80 pairs without a seed and names them nowhere but in its 44 GB download; here they come from a
-    documented seed, or from `split`: a file, or "drive-disjoint", whose pairs share no drive with the others. A folder
-    with fewer than 200 pairs is evaluated whole.
+    The paper drew its 80 pairs without a seed and lists them only in its 44 GB download; here they come from a
+    documented seed, or from `split`: a file, or "drive-disjoint", whose pairs share no drive with the others. All pairs
+    of a folder with fewer than 200 are evaluated.
     """
 
     facts = BenchmarkFacts(

@@ -23,7 +23,7 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
 
     Args:
         target: a class with `open(data, split)`, a function of the same two, or a `Benchmark`.
-        reserved: names that are taken.
+        reserved: names that are already taken.
 
     Raises:
         UsageError: it cannot be imported or opened, or is not a benchmark.
@@ -39,7 +39,7 @@ def own_benchmark(target: str, data: Path | None, split: Path | None, reserved: 
     if not isinstance(made, Benchmark):
         raise UsageError(f"{target} returned {type(made).__name__}; open must return a Benchmark")
     if made.name in reserved or made.name in DATASETS:
-        raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it another")
+        raise UsageError(f"{target} has the name of the benchmark '{made.name}': give it another name")
     check_members(made.dataset, f"the data set of {target}")
     gone = [key for key in made.keys if key not in set(made.dataset.keys())]
     if gone or not made.keys:
@@ -56,7 +56,7 @@ def own_dataset_benchmark(target: str, split: Path | None, options: dict[str, An
     """
     dataset = open_own_dataset(target, options)
     if dataset.name in reserved or dataset.name in DATASETS:
-        raise UsageError(f"{target} has the name of the data set '{dataset.name}': give it another")
+        raise UsageError(f"{target} has the name of the data set '{dataset.name}': give it another name")
     keys = read_split(split, dataset.keys()) if split else dataset.keys()
     protocol: dict[str, Any] = {"own": {"dataset": target, "source": own_source(target, dataset)}}
     if options:

@@ -1,4 +1,4 @@
-"""Every benchmark by name: its facts at no cost, or opened on the data it needs."""
+"""Every benchmark by name: its facts, without loading anything, or opened on its data."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ class Definition(Protocol):
         """The benchmark on the data in a folder.
 
         Args:
-            data: what `--data` names; None where nothing was given.
+            data: what `--data` names; None if it was not given.
             split: a file that names the samples to evaluate; None for the benchmark's own choice.
 
         Raises:
-            UsageError: data or a split missing, or given where there is none.
+            UsageError: data or a split is missing, or was given but is not used.
             DataError: the folder is not what the benchmark expects.
         """
 
 
 DEFAULT = "demo"
-"""The benchmark where none is named."""
+"""The default benchmark."""
 
 BENCHMARKS: Registry[Definition] = Registry("benchmark", entry_point_group="robustflow.benchmarks")
 BENCHMARKS.add("demo", "robustflow.benchmarks.demo:Demo")
@@ -63,7 +63,7 @@ def load_benchmark(
             own as `module.path:Attribute`.
         data: the folder that holds its samples (for "folder" and "gopro-fc" also a video file); "demo" needs none. With
             the default "demo", a video file is read as "folder", and `module.path:Attribute` is your own data set.
-        split: a file naming the samples to evaluate, one key a line; or "drive-disjoint", of KITTI 2015.
+        split: a file naming the samples to evaluate, one key per line; or "drive-disjoint", for KITTI 2015.
         options: of a data set, for example {"render_pass": "final"} for Sintel.
 
     Raises:
@@ -108,10 +108,10 @@ def _opened(
 
 
 def benchmark_facts(name: str) -> BenchmarkFacts:
-    """What is known of a benchmark by its name alone, for those who read manifests and tables and have no data.
+    """What is known of a benchmark by its name alone, for code that reads manifests and tables and has no data.
 
-    A data set's name gives its own title. An unregistered name, as manifests of other machines may hold,
-    gives neutral facts: its name as the title, and nothing from the paper; no code is loaded for it.
+    A data set's name gives its own title. An unregistered name, as in manifests from other machines, gives neutral
+    facts: its name as the title, and nothing from the paper; no code is loaded for it.
 
     >>> facts = benchmark_facts("kitti-fc")
     >>> facts.title, facts.paper_pairs, len(facts.paper_corruptions), facts.training_set

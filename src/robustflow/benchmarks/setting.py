@@ -1,11 +1,12 @@
-"""What a model's numbers on a benchmark are worth, by what it was trained on and by which pairs were evaluated.
+"""How to read a model's numbers on a benchmark, given what it was trained on and which pairs were evaluated.
 
-"ID" means: saw the domain, and none of the evaluated frames. Whether that is so depends on the pairs. `K:train` names
-the 120 pairs that the project's split leaves for training; whoever evaluates one of them, by another `--split`, in a
-small folder that is evaluated whole, or in the data set as a whole, measures what the model has seen.
+"ID" means: trained on the domain, but on none of the evaluated frames. Whether that is so depends on the pairs.
+`K:train` names the 120 pairs that the project's split leaves for training; evaluating one of them, by another
+`--split`, in a small folder all of which is evaluated, or in the data set as a whole, measures the model on its
+training data.
 
-KITTI's raw data contain the frames of most pairs. A model trained on them without labels has seen those frames unless
-its authors left them out (`KR:train`); its numbers are "ID", and a note counts the pairs.
+KITTI's raw data contain the frames of most pairs. A model trained on them without labels was trained on those frames
+unless its authors left them out (`KR:train`); its numbers are "ID", and a note counts the pairs.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _PAIRS = [f"{number:06d}" for number in range(200)]
 _RAW = "kitti-raw"
 _RELEASED = "released"
 _PAIRS_NOTE = "pairs: "
-"""How a note begins that follows from the evaluated pairs."""
+"""The beginning of a note that follows from the evaluated pairs."""
 
 
 def training_record(
@@ -32,7 +33,8 @@ def training_record(
     keys: Collection[str] | None = None,
     protocol: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Setting, training sets, how they are known, and what is not certain: what a manifest says of a model's training.
+    """What a manifest states about a model's training: setting, training sets, how they are known, and what is
+    uncertain.
 
     Args:
         training: of the model.
@@ -57,11 +59,11 @@ def setting_of(
     keys: Collection[str] | None = None,
     protocol: Mapping[str, Any] | None = None,
 ) -> Setting:
-    """What the numbers of a model on a benchmark are worth.
+    """The setting of a model on a benchmark, which says how to read its numbers.
 
-    "OOD": saw nothing of its domain. "ID": saw its domain, and none of the frames it evaluates. "LEAKED": saw frames
-    that it evaluates. "knowledge": learns nothing. "untrained": random weights. "undeclared": not declared, unknown,
-    or the frames are the user's own. Arguments as for `training_record`.
+    "OOD": trained on nothing of its domain. "ID": trained on its domain, but on none of the evaluated frames. "LEAKED":
+    trained on evaluated frames. "knowledge": learns nothing. "untrained": random weights. "undeclared": not declared,
+    unknown, or the frames are the user's own. Arguments as for `training_record`.
 
     >>> setting_of(Training(("flyingchairs", "kitti2015"), "declared"), "kitti-fc")
     'LEAKED'
@@ -72,8 +74,8 @@ def setting_of(
 
 
 def manifest_provenance(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run's manifest records of the training, judged by all samples of the run: those of a later call too, and
-    by today's rules where an older version wrote it."""
+    """What a run's manifest records of the training, judged by all samples of the run, including those of a later call,
+    and by today's rules even if an older version wrote it."""
     identity, record = manifest["identity"], manifest.get("provenance")
     if record is None:
         training = training_of(identity["model"])
@@ -111,7 +113,7 @@ def _judge(
 
 
 def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -> tuple[Setting, str]:
-    """What `K:part` is worth for these pairs, and the note that must go with it."""
+    """What `K:part` means for these pairs, and the note that must accompany it."""
     released = protocol.get("frames") == _RELEASED
     if released != (part == _RELEASED):
         own = "the released KITTI-FC has a split of its own, which K:released names"

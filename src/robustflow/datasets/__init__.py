@@ -1,4 +1,4 @@
-"""Where samples come from: one reader per data set, in the layout it is distributed in."""
+"""Where samples come from: one reader per data set, for the layout in which it is distributed."""
 
 from .base import Dataset, FromClips, PreCorrupted
 from .facts import DatasetFacts

@@ -1,4 +1,4 @@
-"""What a dataset is: named samples, and the files they come from."""
+"""What a data set is: named samples, and the files they come from."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ..sample import Frame, Sample
 
 @runtime_checkable
 class Dataset(Protocol):
-    """Samples by key. Any object with these members is a dataset; no base class is needed.
+    """Samples by key. Any object with these members is a data set; no base class is needed.
 
-    Implementations can be pickled, and hold no sample in memory between calls.
+    Implementations must be picklable, and hold no sample in memory between calls.
 
     Attributes:
         name: the name it is registered under.
@@ -40,16 +40,16 @@ class Dataset(Protocol):
 
 @runtime_checkable
 class PreCorrupted(Protocol):
-    """A dataset that was distributed with its frames already corrupted."""
+    """A data set that is distributed with its frames already corrupted."""
 
     def has_corrupted(self, corruption: str) -> bool:
-        """Whether it holds this corruption, at one severity at least."""
+        """Whether it holds this corruption, at one severity or more."""
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
         """The corrupted frames of a sample, RGB uint8 (H, W, 3).
 
         Raises:
-            DataError: they are not there, or damaged.
+            DataError: they are missing or damaged.
         """
 
     def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
@@ -58,17 +58,17 @@ class PreCorrupted(Protocol):
 
 @runtime_checkable
 class Clips(Protocol):
-    """A dataset whose pairs come from sequences: it also has the frames around a pair, for multi-frame models.
+    """A data set whose pairs come from sequences: it also has the frames around a pair, for multi-frame models.
 
-    They are counted by offsets from frame 1 of the pair, in steps of the pair: frame 1 is 0, frame 2 is 1, the frame
-    before the pair -1, the one after it 2. Where frame 2 comes before frame 1 in time, the offsets run backwards too.
+    Frames are numbered by offsets from frame 1 of the pair, in steps of the pair: frame 1 is 0, frame 2 is 1, the frame
+    before the pair -1, the one after it 2. If frame 2 comes before frame 1 in time, the offsets run backwards, too.
     """
 
     def around(self, key: str, reach: int) -> range:
-        """The offsets there are, at most `reach` before and after the pair; 0 and 1 are among them."""
+        """The existing offsets, at most `reach` before and after the pair, including 0 and 1."""
 
     def frame(self, key: str, offset: int) -> Frame:
-        """One of them, RGB uint8 (H, W, 3).
+        """One of these frames, RGB uint8 (H, W, 3).
 
         Raises:
             DataError: it is damaged, or of another size than the pair.
@@ -80,14 +80,14 @@ class Clips(Protocol):
 
 @runtime_checkable
 class CorruptedClips(Clips, PreCorrupted, Protocol):
-    """A `PreCorrupted` dataset that has the frames around a pair corrupted alike."""
+    """A `PreCorrupted` data set that also has the frames around a pair, corrupted in the same way."""
 
     def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
-        """As `frame`, corrupted; offsets 0 and 1 give what `corrupted` gives."""
+        """Like `frame`, but corrupted; offsets 0 and 1 give what `corrupted` gives."""
 
 
 def has_clips(dataset: Dataset) -> bool:
-    """Whether at least one pair of a dataset has a frame before or after it."""
+    """Whether at least one pair of a data set has a frame before or after it."""
     if not isinstance(dataset, Clips):
         return False
     keys = dataset.keys()
@@ -96,10 +96,11 @@ def has_clips(dataset: Dataset) -> bool:
 
 @runtime_checkable
 class FromClips(Protocol):
-    """A `PreCorrupted` dataset that makes its frames from whole clips when they are asked for."""
+    """A `PreCorrupted` data set that makes its frames from whole clips on demand."""
 
     def with_variant(self, variant: str) -> Dataset:
-        """The same data under another variant of the corruptions' parameters."""
+        """The same data with another variant of the corruptions' parameters."""
 
     def clip_records(self) -> list[dict[str, Any]]:
-        """What each corruption of a clip did so far (bytes changed, frames lost, "warnings"), for the manifest."""
+        """The effects of each corruption on a clip so far (bytes changed, frames lost, "warnings"), for the
+        manifest."""

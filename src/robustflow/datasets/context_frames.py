@@ -1,7 +1,6 @@
-"""The frames around a pair, for multi-frame models: which there are, read, corrupted by the pair's own draw, in order.
-
-Inside a run they travel behind the pair, so that whatever looks at a pair (metrics, digests, pictures) sees the pair
-that a two-frame model gets, byte for byte.
+"""The frames around a pair, for multi-frame models: which exist, how they are read, corrupted by the pair's own draw,
+and put in order. Within a run they come after the pair, so that everything that uses a pair (metrics, digests,
+pictures) sees the pair that a two-frame model gets, byte for byte.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from .base import Clips, CorruptedClips, Dataset, PreCorrupted, has_clips
 
 
 def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
-    """The window of a multi-frame model on a data set; None where a model is given pairs.
+    """The window of a multi-frame model on a data set; None for a model that is given pairs.
 
     Raises:
-        UsageError: the model needs more than two frames, and the data set has no more.
-        ModelError: its window is not one.
+        UsageError: the model needs more than two frames, but the data set has only pairs.
+        ModelError: its window is not valid.
     """
     if not isinstance(model, ClipModel):
         return None
@@ -42,7 +41,7 @@ def window_on(model: AnyModel, dataset: Dataset) -> Window | None:
 
 
 def _with_clips() -> str:
-    """The data sets whose pairs have further frames around them, in words: those that always have them first."""
+    """The data sets whose pairs have further frames around them, in words; those that always have them come first."""
     facts = {name: dataset_facts(name) for name in DATASETS.names()}
     with_clips = {facts.benchmark or name: facts.clips for name, facts in facts.items() if facts.clips != "never"}
     ordered = sorted(with_clips.items(), key=lambda entry: entry[1] != "always")
@@ -60,7 +59,7 @@ class ContextFrames:
         self._window = window
 
     def offsets(self, key: str) -> tuple[int, ...]:
-        """What the model is given, in its order; an offset may come twice."""
+        """The offsets of the frames that the model is given, in its order; an offset may occur twice."""
         return self._window.offsets(self._dataset.around(key, self._window.reach))
 
     def files(self, key: str) -> list[Path]:
@@ -69,17 +68,18 @@ class ContextFrames:
         return self._dataset.frame_files(key, numbers) if numbers else []
 
     def add(self, sample: Sample) -> Sample:
-        """The sample with the frames around its pair behind it.
+        """The sample, with the frames around its pair added after the pair.
 
         Raises:
-            DataError: one of them cannot be read, or is of another size.
+            DataError: one of them cannot be read, or differs in size.
         """
         around = {number: self._dataset.frame(sample.key, number) for number in self._numbers(sample.key)[2:]}
         for number, frame in around.items():
             if frame.shape != sample.frames[0].shape:
                 raise DataError(
                     f"sample '{sample.key}': the frame {number} steps from its first is {frame.shape[1]}x"
-                    f"{frame.shape[0]}, the pair {sample.shape[1]}x{sample.shape[0]}; frames of a clip have one size"
+                    f"{frame.shape[0]}, the pair {sample.shape[1]}x{sample.shape[0]}; all frames of a clip must have "
+                    "one size"
                 )
         return replace(sample, frames=(*sample.frames[:2], *around.values()))
 
@@ -102,15 +102,15 @@ class ContextFrames:
         return tuple(corrupted[number] for number in numbers)
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """The frames that the data set has corrupted itself."""
+        """The frames that come already corrupted from the data set."""
         assert isinstance(self._dataset, CorruptedClips)
         return tuple(self._dataset.corrupted_frame(key, number, corruption, severity) for number in self._numbers(key))
 
     def in_order(self, key: str, frames: Sequence[Frame]) -> tuple[Frame, ...]:
-        """What the model is given, from frames as they travel."""
+        """The frames that the model is given, from those of a sample."""
         by_number = dict(zip(self._numbers(key), frames, strict=True))
         return tuple(by_number[offset] for offset in self.offsets(key))
 
     def _numbers(self, key: str) -> tuple[int, ...]:
-        """The offsets of the frames as they travel."""
+        """The offsets of the frames of a sample, in their order."""
         return (0, 1, *sorted(set(self.offsets(key)) - {0, 1}))

@@ -1,4 +1,4 @@
-"""What a reader of a result needs to know about a data set: fields of its class, as validated data."""
+"""What a reader of a result needs to know about a data set: validated data on its class."""
 
 from __future__ import annotations
 
@@ -10,27 +10,28 @@ from pydantic import BaseModel, ConfigDict, Field
 GroundTruth = Literal["dense", "sparse", "none"]
 
 NON_COMMERCIAL = "non-commercial research only, see the distributor's terms"
-"""A licence in the words of those who state no standard one."""
+"""The licence of distributors who do not state a standard one."""
 
 FC_PAPER = "Yi et al., Benchmarking the Robustness of Optical Flow Estimation to Corruptions"
 
 
 class DatasetFacts(BaseModel):
-    """A data set in words.
+    """The description of a data set.
 
     Attributes:
-        title: what its authors call it.
+        title: its authors' name for it.
         description: one sentence.
         ground_truth: "dense", "sparse" (a laser scanner, some pixels) or "none".
-        pairs: how many pairs the whole data set has when it is opened without options; None where that varies.
-        clips: there are frames before and after its pairs, for multi-frame models: "always", "never", or when.
+        pairs: how many pairs the complete data set has when it is opened without options; None if that varies.
+        clips: whether there are frames before and after its pairs, for multi-frame models: "always", "never", or a
+            condition.
         licence: the terms its distributors state; check them before use.
         citation: authors, title, venue, year.
-        layout: the folders its root must hold.
-        training_set: the training set that holds these frames, as `robustflow.models.provenance` calls it; "" where
-            no model can say whether it saw them.
+        layout: the folders that its root must hold.
+        training_set: the name of the training set that holds these frames, see `robustflow.models.provenance`; "" if no
+            model can state whether it was trained on them.
         same_domain: training sets of the same domain, which hold other frames.
-        benchmark: the benchmark that reads these files; "" where the data set is evaluated under its own name.
+        benchmark: the benchmark that reads these files; "" if the data set is evaluated under its own name.
 
     >>> DatasetFacts(title="Alley", ground_truth="none").clips
     'never'
@@ -52,7 +53,7 @@ class DatasetFacts(BaseModel):
 
 
 class WithFacts(Protocol):
-    """A class, or a function, that says what it is about."""
+    """A class or function with facts."""
 
     facts: DatasetFacts
 
@@ -61,7 +62,7 @@ T = TypeVar("T", bound=Callable[..., object])
 
 
 def described(facts: DatasetFacts) -> Callable[[T], T]:
-    """Give a function that opens a data set its facts; a class has them as the attribute `facts`."""
+    """Decorator that attaches facts to a function that opens a data set; a class has them as the attribute `facts`."""
 
     def attach(function: T) -> T:
         function.facts = facts  # type: ignore[attr-defined]
@@ -71,7 +72,7 @@ def described(facts: DatasetFacts) -> Callable[[T], T]:
 
 
 def facts_of(target: object, name: str) -> DatasetFacts:
-    """The facts of a data set's class or function; for one that states none, its name and nothing else.
+    """The facts of a data set's class or function; only a title for one that states none.
 
     >>> facts_of(object(), "alley").title
     'alley'

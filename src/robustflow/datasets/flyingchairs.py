@@ -22,7 +22,7 @@ class FlyingChairs(PairDataset):
     """FlyingChairs. `root` holds `data/`, or is that folder.
 
     Args:
-        split: "all", or "train" or "val" by the official list, which must then be there.
+        split: "all", or "train" or "val" by the official list, which must then exist.
 
     Raises:
         DataError: another layout, a file of a pair is missing, or no usable split file.
@@ -70,7 +70,9 @@ def _marks(folder: Path, numbers: list[int]) -> list[str]:
     places = (parent / name for parent in (folder, folder.parent) for name in _SPLIT_FILES)
     path = next((place for place in places if place.is_file()), None)
     if path is None:
-        raise DataError(f"{folder}: no {' or '.join(_SPLIT_FILES)} there or above; put it there, or use split 'all'")
+        raise DataError(
+            f"{folder}: no {' or '.join(_SPLIT_FILES)} there or in the folder above; put it there, or use split 'all'"
+        )
     marks = path.read_text(errors="replace").split()
     if not set(marks) <= {"1", "2"} or len(marks) < max(numbers):
         raise DataError(f"{path}: expected a 1 (train) or 2 (val) for each of at least {max(numbers)} pairs")

@@ -1,7 +1,7 @@
 """Your own frames: a folder of pictures, a folder of such folders, or a video. No ground truth.
 
-Consecutive pictures in natural order ("frame2" before "frame10") are pairs. Pictures directly in the folder count,
-and its subfolders only where there are none.
+Consecutive pictures in natural order ("frame2" before "frame10") are pairs. Pictures directly in the folder are used;
+its subfolders only if there are none.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FACTS = DatasetFacts(
 )
 
 ALONE = "frames"
-"""The group of pictures directly in the folder, whose own name does not count: it may be anywhere."""
+"""The group of pictures directly in the folder; the folder's own name does not matter."""
 
 
 class FrameFolder(PairDataset):
@@ -38,11 +38,11 @@ class FrameFolder(PairDataset):
     Args:
         root: the folder.
         step: distance of the two frames of a pair, in frames; every frame with a partner begins a pair.
-        start, stop: the part of each sequence to use, by the places of its frames, from 0; `stop` is not in it.
+        start, stop: the part of each sequence to use, by the positions of its frames, from 0; `stop` is exclusive.
 
     Raises:
-        DataError: no frames, fewer than `step` + 1 in a sequence, frames of different size in a sequence, or two
-            files with one name and different endings.
+        DataError: no frames, fewer than `step` + 1 in a sequence, frames of different size in a sequence, or two files
+            that differ only in their extension.
     """
 
     name = "folder"
@@ -61,7 +61,7 @@ class FrameFolder(PairDataset):
             at_step = pairs_at_step(frames, step, root / group)
             _check(root / group, frames)
             for first, second in at_step:
-                # Consecutive pairs are not independent, in whatever folder: statistics take them as one.
+                # Consecutive pairs are not independent, whatever the folder: statistics treat them as one group.
                 key, sequence = (f"{group}/{first.stem}", group) if group else (first.stem, ALONE)
                 pairs[key] = Pair((first, second), group=sequence)
         if not pairs:
@@ -75,10 +75,10 @@ class FrameFolder(PairDataset):
 @described(FACTS)
 def open_folder(root: str | Path, step: int = 1, start: Place = None, stop: Place = None) -> FrameFolder | Video:
     """The data set `folder`: a video file, or a folder of frames or of folders of frames; or a part of it, from `start`
-    to `stop` (frame numbers, or for a video times such as "12.5s" and "1:05").
+    to `stop` (frame numbers, or for a video also times such as "12.5s" and "1:05").
 
     Raises:
-        DataError: nothing there, or neither of these.
+        DataError: the path does not exist, or is neither of these.
     """
     path = Path(root).expanduser()
     if path.is_file():
@@ -125,5 +125,5 @@ def _check(folder: Path, frames: list[Path]) -> None:
             (h, w), (other_h, other_w) = size, image_size(frame)
             raise DataError(
                 f"frames differ in size: {frames[0]} is {w}x{h}, {frame} is {other_w}x{other_h}; "
-                "put them in folders of their own, or scale them"
+                "put them in separate folders, or resize them"
             )

@@ -1,7 +1,6 @@
-"""GoPro-FC as prepared: pairs of key frames of clips, and what only the whole clip can give them.
-
-Image corruptions are made on the fly like anywhere else. Object motion blur and the three video corruptions are made
-from the clip (see `robustflow.video.open_clip`): to the runner these are frames that come already corrupted.
+"""GoPro-FC as prepared: pairs of key frames of clips, and the corruptions that need the whole clip. Image corruptions
+are made on the fly as elsewhere. Object motion blur and the three video corruptions are made from the clip (see
+`robustflow.video.open_clip`): for the runner, these frames come already corrupted.
 """
 
 from __future__ import annotations
@@ -34,11 +33,11 @@ class GoProFCPrepared(Samples):
     Args:
         root: the prepared folder.
         variant: of the corruptions' parameters, see `robustflow.corruptions.base`.
-        cache: where transcoded variants are kept; by default in the prepared folder, or where that cannot be
-            written, in the user's cache folder.
+        cache: where transcoded variants are stored; by default in the prepared folder, or, if that is read-only, in the
+            user's cache folder.
 
     Raises:
-        DataError: not a prepared folder, or one that is not finished.
+        DataError: not a prepared folder, or an unfinished one.
     """
 
     name = "gopro_fc_prepared"
@@ -108,9 +107,8 @@ class GoProFCPrepared(Samples):
         return corruption in CLIP
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """See `PreCorrupted.corrupted`; made on first use, which for a video corruption takes a pass over the clip.
-
-        Warns (`UserWarning`) when it is made, where a damage changed nothing or cost frames.
+        """See `PreCorrupted.corrupted`; made on first use, which for a video corruption takes a pass over the clip. A
+        `UserWarning` is issued at that point if bit errors changed nothing or cost frames.
         """
         first, second = (self.corrupted_frame(key, offset, corruption, severity) for offset in (0, 1))
         return first, second
@@ -134,7 +132,7 @@ class GoProFCPrepared(Samples):
         return self if variant == self.variant else GoProFCPrepared(self.root, variant, self.cache.root)
 
     def identity(self) -> dict[str, Any]:
-        """What decides the frames: masters, key frames and how they were made. For a run's manifest and identity."""
+        """What determines the frames: masters, key frames and how they were made. For a run's manifest and identity."""
         return {
             clip.name: clip.manifest.model_dump(include={"master_sha256", "fps", "step", "factor", "interpolator"})
             for clip in self.clips

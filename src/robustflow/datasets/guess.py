@@ -1,4 +1,4 @@
-"""Which data set a folder looks like, for the sentence that refuses it as another."""
+"""Which data set a folder looks like, for the error that refuses it as another one."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _MARKS = {
     "flyingthings3d": ("frames_cleanpass", "frames_finalpass", "train/image_clean"),
     "gopro-fc": ("gopro_fc.json",),
 }
-"""For a benchmark: what lies in its folder and in no other's."""
+"""For each benchmark, what is in its folder and in no other's."""
 
 
 def benchmark_of_folder(root: Path) -> str | None:
-    """The benchmark that fits a folder by its layout; None where none does.
+    """The benchmark that fits a folder by its layout; None if none does.
 
     >>> from tempfile import mkdtemp
     >>> root = Path(mkdtemp())

@@ -1,4 +1,4 @@
-"""HD1K: 36 sequences of driving with ground truth and uncertainties, 2560x1080, flow in KITTI's format.
+"""HD1K: 36 driving sequences with ground truth and uncertainties, 2560x1080, flow in KITTI's format.
 
     hd1k_input/image_2/000000_0000.png ...      sequence_frame
     hd1k_flow_gt/flow_occ/000000_0000.png ...   one per frame; the last of a sequence has no second frame

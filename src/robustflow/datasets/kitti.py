@@ -1,17 +1,16 @@
 """KITTI flow 2015 and 2012: 200 and 194 training pairs of driving, sparse ground truth from a laser scanner.
 
     training/image_2/000010_10.png  000010_11.png     (2012: colored_0, or image_0 in grey)
-    training/flow_occ/000010_10.png                   all pixels, those that leave the view included
+    training/flow_occ/000010_10.png                   all pixels, including those that leave the view
     training/flow_noc/000010_10.png                   non-occluded pixels only
 
-`flow_occ` is the ground truth, and a pixel with flow there but none in `flow_noc` is occluded. A folder that holds
-only `flow_noc` is read with that as ground truth and without occlusion maps; the two are never mixed within a run.
-Where a map of `flow_noc` is missing beside one of `flow_occ`, the pair has no occlusion map.
-(In 2015 both maps hold the same vectors. In 2012 they differ by up to some pixels, as they were filled in separately.)
+`flow_occ` is the ground truth, and a pixel with flow in it but none in `flow_noc` is occluded. A folder that holds only
+`flow_noc` is read with that as ground truth and without occlusion maps; the two are never mixed within a run. If a map
+of `flow_noc` is missing for one of `flow_occ`, the pair has no occlusion map. (In 2015 both maps hold the same vectors.
+In 2012 they differ by up to a few pixels, as they were filled in separately.)
 
-The group of a pair is the drive it was taken from (`kitti_drives.py`).
-The multi-view extension adds 000010_00.png to 000010_20.png of each pair; where they are in the same folder, samples
-have clips around them, for multi-frame models.
+The group of a pair is the drive it was taken from (`kitti_drives.py`). The multi-view extension adds 000010_00.png to
+000010_20.png of each pair; if they are in the same folder, samples have clips around them, for multi-frame models.
 Source: Menze and Geiger, CVPR 2015; Geiger, Lenz and Urtasun, CVPR 2012.
 """
 
@@ -32,10 +31,10 @@ from .pairs import Pair, PairDataset, Truth
 
 
 class KittiPairs(PairDataset):
-    """Ground truth in KITTI's form: `Pair.flow` is occ or noc, `Pair.occlusion` the noc map beside an occ one."""
+    """Ground truth in KITTI's form: `Pair.flow` is occ or noc, `Pair.occlusion` the noc map of an occ map."""
 
     def truth(self, pair: Pair) -> Truth | None:
-        """Flow of occ, and as occluded what noc leaves out."""
+        """Flow from occ; the pixels that noc leaves out are occluded."""
         if pair.flow is None:
             return None
         flow, valid = read_flow(pair.flow)
@@ -47,15 +46,15 @@ class KittiPairs(PairDataset):
         return Truth(flow, valid, valid & ~visible)
 
     def describe(self, pair: Pair) -> dict[str, Any]:
-        """Which of the two maps the flow is from."""
+        """Which of the two maps the flow comes from."""
         return {"ground_truth": pair.flow.parent.name.removeprefix("flow_")} if pair.flow else {}
 
 
 class KittiSequences(KittiPairs):
-    """Pairs among the frames of the multi-view extension, where they are there."""
+    """Pairs among the frames of the multi-view extension, if those exist."""
 
     def steps(self) -> Iterator[tuple[Path, Path]]:
-        """All frames of a pair's sequence that follow each other."""
+        """All consecutive frames of a pair's sequence."""
         for folder in {pair.frames[0].parent for pair in self._pairs.values()}:
             sequences: dict[str, dict[int, Path]] = {}
             for path in folder.iterdir():
@@ -136,7 +135,7 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, Pair]:
     truth = occ or noc
     if truth is None:
         raise DataError(
-            f"{folder}: no flow_occ/ or flow_noc/ beside {images}/; the training part has them, and frames without "
+            f"{folder}: no flow_occ/ or flow_noc/ next to {images}/; the training part has them, and frames without "
             "ground truth can be measured as dataset 'folder'"
         )
     keys = {key for source in (folder / images, truth) for key in _firsts(source)}
@@ -154,7 +153,7 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, Pair]:
     if missing:
         warnings.warn(
             f"{noc}: {len(missing)} of {len(keys)} maps are missing ({min(missing)}, ...); errors on visible and on "
-            "occluded pixels are left empty for these pairs, all else is measured",
+            "occluded pixels are left empty for these pairs, everything else is measured",
             stacklevel=3,
         )
     return pairs

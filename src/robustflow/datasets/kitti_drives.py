@@ -5,13 +5,14 @@
 
 The numbers of 2015 are those of `mapping/train_mapping.txt` in the benchmark's development kit (Menze and Geiger, CVPR
 2015), whose lines are empty where the drive is not in the public raw data. For 2012 there is no official table; ours
-holds the pairs that Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data to keep them out of training.
+holds the pairs that Meister, Hur and Roth (UnFlow, AAAI 2018) found in the raw data in order to exclude them from
+training.
 
-**Pairs without a drive.** The pairs of 2015 are numbered in the order of drives, and a drive is in the raw data whole
-or not at all. So a run of numbers without a drive is between two drives and shares none with them; how many drives it
-is made of is not known. All pairs of such a run are one group: more of the pairs are then taken for related than are,
-never fewer. The pairs of 2012 are numbered at random and neighbours say nothing, so all without a drive are one group;
-intervals on 2012 are still too narrow (`docs/design/uncertainty.md`).
+**Pairs without a drive.** The pairs of 2015 are numbered in the order of drives, and a drive is in the raw data
+entirely or not at all. So a run of numbers without a drive lies between two drives and shares none with them; how many
+drives it consists of is not known. All pairs of such a run form one group, so that more pairs are treated as related
+than are, never fewer. The pairs of 2012 are numbered at random and neighbours say nothing, so all pairs without a drive
+form one group; intervals on 2012 are still too narrow (`docs/design/uncertainty.md`).
 """
 
 from __future__ import annotations
@@ -27,17 +28,17 @@ import polars as pl
 _TABLES = {
     "kitti2015": ("kitti2015", 200),
     "kitti_fc_released": ("kitti2015", 200),
-    "kitti_fc": ("kitti2015", 200),  # what a run's identity calls it
+    "kitti_fc": ("kitti2015", 200),  # its name in a run's identity
     "kitti2012": ("kitti2012", 194),
 }
-"""Dataset -> the table of its pairs, and how many pairs there are. The released KITTI-FC keeps the numbers of 2015."""
+"""Data set -> the table of its pairs, and the number of pairs. The released KITTI-FC keeps the numbering of 2015."""
 
 _NUMBERED_BY_DRIVE = ("kitti2015",)
 
 
 @cache
 def drives(dataset: str) -> Mapping[str, str]:
-    """Pair -> drive, of the pairs whose drive is known; empty for a dataset other than KITTI's.
+    """Pair -> drive, for the pairs whose drive is known; empty for a data set other than KITTI's.
 
     >>> drives("kitti2015")["000010"], len(drives("kitti2015")), len(set(drives("kitti2015").values()))
     ('2011_09_26_drive_0009', 142, 29)
@@ -50,7 +51,7 @@ def drives(dataset: str) -> Mapping[str, str]:
 
 @cache
 def drive_groups(dataset: str) -> Mapping[str, str]:
-    """Pair -> group: its drive, or what stands for it; empty for a dataset other than KITTI's.
+    """Pair -> group: its drive, or a substitute; empty for a data set other than KITTI's.
 
     >>> groups = drive_groups("kitti2015")
     >>> groups["000007"], groups["000004"], groups["000156"]
@@ -73,7 +74,7 @@ def drive_groups(dataset: str) -> Mapping[str, str]:
 
 
 def related(first: Iterable[str], second: Iterable[str], dataset: str = "kitti2015") -> list[str]:
-    """The pairs of `first` whose drive is known and has a pair in `second`, in the order of `first`.
+    """The pairs of `first` whose drive is known and also has a pair in `second`, in the order of `first`.
 
     >>> related(["000007", "000002", "000000"], ["000012", "000001"])
     ['000007']
@@ -84,11 +85,11 @@ def related(first: Iterable[str], second: Iterable[str], dataset: str = "kitti20
 
 
 def with_groups(rows: pl.DataFrame, dataset: str) -> pl.DataFrame:
-    """Rows of a run with the groups of its dataset where they were written before there was a table.
+    """The rows of a run, with the groups of its data set if they were written before there was a table.
 
     Args:
         rows: columns `sample` and `group`, strings, among others.
-        dataset: its name. The rows of any but KITTI's come back as they are.
+        dataset: its name. The rows of data sets other than KITTI's are returned unchanged.
     """
     groups = drive_groups(dataset)
     if not groups:

@@ -1,11 +1,10 @@
-"""KITTI 2015's multi-view extension: 21 frames of each scene, without ground truth but for training without labels.
+"""KITTI 2015's multi-view extension: 21 frames of each scene, without ground truth, for training without labels.
 
     training/image_2/000000_00.png ... 000000_20.png    left camera; image_3 right; 200 scenes
     testing/image_2/...                                 200 more
 
 Frames 10 and 11 are the pair that is evaluated. As ARFlow and UPFlow do, no pair here has a frame from 09 to 12, so a
-scene gives 15 pairs of a camera.
-Source: Menze and Geiger, CVPR 2015.
+scene gives 15 pairs per camera. Source: Menze and Geiger, CVPR 2015.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from .facts import DatasetFacts
 from .pairs import Pair, PairDataset
 
 EVALUATED = range(9, 13)
-"""Frames that no pair has: the evaluated ones and their neighbours."""
+"""Frames in no pair: the evaluated ones and their neighbours."""
 _CAMERAS = {"left": ("image_2",), "right": ("image_3",), "both": ("image_2", "image_3")}
 _PARTS = {"training": ("training",), "testing": ("testing",), "all": ("training", "testing")}
 
@@ -32,7 +31,7 @@ class KittiMultiview(PairDataset):
         camera: "left", "right" or "both".
 
     Raises:
-        DataError: another layout, or a folder with frames 10 and 11 alone.
+        DataError: another layout, or a folder with only frames 10 and 11.
     """
 
     name = "kitti_multiview"

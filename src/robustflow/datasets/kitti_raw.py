@@ -2,8 +2,8 @@
 
     2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png ...    left colour camera; image_03 right
 
-Drives that pairs of KITTI 2015 or 2012 are known to be from are left out, unless all are asked for.
-Source: Geiger, Lenz, Stiller and Urtasun, IJRR 2013.
+Drives from which pairs of KITTI 2015 or 2012 are known to be taken are left out, unless all are requested. Source:
+Geiger, Lenz, Stiller and Urtasun, IJRR 2013.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ _EXPECTED = "2011_09_26/2011_09_26_drive_0001_sync/image_02/data/0000000000.png 
 
 
 class KittiRaw(PairDataset):
-    """KITTI raw. `root` holds folders of days, which hold drives; or is a day.
+    """KITTI raw. `root` holds folders of days, which hold drives; or is such a folder of a day.
 
     Args:
         camera: "left", "right" or "both".
-        drives: "apart" leaves out the drives of KITTI 2015's and 2012's training pairs, as far as they are known;
-            "all".
-        listing: a text file with the names of two frames in each line, relative to the root, which then are the pairs;
-            so do ARFlow's authors name theirs.
+        drives: "apart" leaves out the drives of KITTI 2015's and 2012's training pairs, as far as they are known; "all"
+            keeps them.
+        listing: a text file with the names of two frames in each line, relative to the root; these are then the pairs.
+            ARFlow's authors publish such a list.
 
     Raises:
-        DataError: another layout, or a listed frame that is not there.
+        DataError: another layout, or a listed frame that is missing.
     """
 
     name = "kitti_raw"
@@ -99,11 +99,11 @@ def _listed(root: Path, listing: Path) -> dict[str, Pair]:
     try:
         lines = [line.split() for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
     except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f"{listing}: cannot be read as a list of frames ({error}); give two names a line") from error
+        raise DataError(f"{listing}: cannot be read as a list of frames ({error}); give two names per line") from error
     pairs = {}
     for number, names in enumerate(lines, 1):
         if len(names) < 2:
-            raise DataError(f"{listing}, line {number}: one name; give two frames a line, relative to {root}")
+            raise DataError(f"{listing}, line {number}: one name; give two frames per line, relative to {root}")
         first, second = (partner(root / name, listing) for name in names[:2])
         pairs[Path(names[0]).with_suffix("").as_posix()] = Pair((first, second), group=first.parent.as_posix())
     return pairs

@@ -46,6 +46,6 @@ class Middlebury(PairDataset):
         super().__init__(pairs, folder)
 
     def steps(self) -> Iterator[tuple[Path, Path]]:
-        """All frames of a scene that follow each other; most scenes have eight."""
+        """All consecutive frames of a scene; most scenes have eight."""
         for pair in self._pairs.values():
             yield from following(numbered(pair.frames[0].parent, r"frame(\d\d)\.png"))

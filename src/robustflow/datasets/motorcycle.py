@@ -1,4 +1,4 @@
-"""One real pair with dense ground truth that comes with scikit-image: Middlebury 2014's Motorcycle, 741x500.
+"""A real pair with dense ground truth that ships with scikit-image: Middlebury 2014's Motorcycle, 741x500.
 
 A rectified stereo pair is optical flow without vertical motion: flow = (-disparity, 0) from the left to the right
 image, unknown where the disparity is not finite. Source: Scharstein et al., GCPR 2014.
@@ -22,7 +22,7 @@ class Motorcycle(Samples):
     """The pair, under the key "motorcycle". Needs no root and no download.
 
     Raises:
-        AssetError: the installed scikit-image comes without its pictures.
+        AssetError: the installed scikit-image lacks its pictures.
 
     >>> sample = Motorcycle().load("motorcycle")
     >>> sample.shape, float(sample.valid.mean().round(3)), bool((sample.flow[..., 1] == 0).all())

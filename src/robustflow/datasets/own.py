@@ -1,4 +1,4 @@
-"""A user's own data set: `module.path:Attribute`, opened, looked at, and known by the hash of its source."""
+"""A user's own data set: `module.path:Attribute`, opened, checked, and identified by the hash of its source."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
     """The data set that a user names as `module.path:Attribute`, checked by its first sample.
 
     Args:
-        target: a class, or a function, that takes `options` and returns a `Dataset`; or a `Dataset`.
+        target: a class or function that takes `options` and returns a `Dataset`; or a `Dataset`.
         options: keyword options (`-D root=/data`).
 
     Raises:
@@ -32,16 +32,16 @@ def open_own_dataset(target: str, options: dict[str, Any]) -> Dataset:
     if inspect.isclass(made) or inspect.isroutine(made):
         made = _opened(target, made, options)
     elif options:
-        raise UsageError(f"{target} is a data set already, which takes no options; leave out {', '.join(options)}")
+        raise UsageError(f"{target} is a data set object, which takes no options; leave out {', '.join(options)}")
     check_members(made, target)
     return made
 
 
 def check_members(dataset: Any, what: str) -> None:
-    """Refuse what is not a `Dataset`: members, keys, and the first sample.
+    """Raise if something is not a `Dataset`: members, keys, and the first sample.
 
     Args:
-        what: how to call it in messages.
+        what: its name in messages.
 
     Raises:
         UsageError: what is wrong.
@@ -53,14 +53,14 @@ def check_members(dataset: Any, what: str) -> None:
         raise UsageError(f"{what}: the name {dataset.name!r} cannot be used: give letters, digits, '_' and '-'")
     keys = called(what, "keys", dataset.keys)
     if not isinstance(keys, list) or not keys or not all(isinstance(key, str) and key for key in keys):
-        raise UsageError(f"{what}: keys() must return a list of texts that is not empty, not {keys!r:.60}")
+        raise UsageError(f"{what}: keys() must return a non-empty list of strings, not {keys!r:.60}")
     if len(set(keys)) != len(keys):
         raise UsageError(f"{what}: keys() returns '{next(k for k in keys if keys.count(k) > 1)}' twice")
     check_sample(dataset, keys[0], what)
 
 
 def check_sample(dataset: Any, key: str, what: str) -> Sample:
-    """One sample, checked against what the data set says of itself.
+    """One sample, checked against what the data set declares.
 
     Raises:
         UsageError: what is wrong.
@@ -75,17 +75,18 @@ def check_sample(dataset: Any, key: str, what: str) -> Sample:
         raise UsageError(f"{what}: has_flow is {dataset.has_flow}, but sample '{key}' {state}")
     files = called(what, f"files('{key}')", lambda: dataset.files(key))
     if not isinstance(files, list) or not all(isinstance(path, Path) and path.is_file() for path in files):
-        raise UsageError(f"{what}: files('{key}') must return the paths of files that are there, not {files!r:.80}")
+        raise UsageError(f"{what}: files('{key}') must return the paths of existing files, not {files!r:.80}")
     return sample
 
 
 def own_source(target: str, made: object) -> str:
-    """16 hexadecimal digits of the source of what a user named: of its class, and of the module it was named in."""
+    """A hash, 16 hexadecimal digits, of the source of what a user named: of its class, and of the module it was named
+    in."""
     return digest_of_bytes(source_digest(type(made)).encode(), source_of_target(target) or b"", size=8)
 
 
 def called(what: str, call: str, function: Any) -> Any:
-    """What the user's function returns; what it raises as a UsageError."""
+    """What the user's function returns; what it raises becomes a UsageError."""
     try:
         return function()
     except RobustFlowError:

@@ -1,4 +1,5 @@
-"""A dataset of image pairs in files, found when it is opened so that a missing file shows before a run starts."""
+"""A data set of image pairs in files, which are located when it is opened, so that a missing file is noticed before a
+run starts."""
 
 from __future__ import annotations
 
@@ -24,9 +25,9 @@ class Pair:
     Attributes:
         frames: the two pictures.
         flow: the ground truth, or None.
-        occlusion: a map of which pixels are occluded, in the dataset's own form, or None.
-        invalid: a map of which pixels have no ground truth, where it is a file of its own, or None.
-        group: the sequence; empty where samples are independent.
+        occlusion: a map of occluded pixels, in the data set's own form, or None.
+        invalid: a map of the pixels without ground truth, if that is a separate file, or None.
+        group: the sequence; empty if samples are independent.
     """
 
     frames: tuple[Path, Path]
@@ -36,7 +37,7 @@ class Pair:
     group: str = ""
 
     def files(self) -> list[Path]:
-        """Every file of the pair."""
+        """All files of the pair."""
         maps = (self.flow, self.occlusion, self.invalid)
         return [*self.frames, *(path for path in maps if path is not None)]
 
@@ -50,7 +51,7 @@ class Truth(NamedTuple):
 
 
 class PairDataset(Samples):
-    """Samples from `Pair`s; a reader finds the pairs, and says how its ground truth is read where that differs.
+    """Samples from `Pair`s; a reader finds the pairs, and overrides how its ground truth is read if that differs.
 
     Implements `Dataset` and `Clips`.
     """
@@ -60,7 +61,7 @@ class PairDataset(Samples):
 
     def __init__(self, pairs: Mapping[str, Pair], where: Path) -> None:
         if not pairs:
-            raise DataError(f"{where}: no image pair of {self.name} found in it; check that it is unpacked whole")
+            raise DataError(f"{where}: no image pair of {self.name} found in it; check that it is completely unpacked")
         self._pairs = dict(sorted(pairs.items()))
 
     def keys(self) -> list[str]:
@@ -88,7 +89,7 @@ class PairDataset(Samples):
         return Sample(key, frames, truth.flow, truth.valid, truth.occluded, group=pair.group, meta=self.describe(pair))
 
     def pair(self, key: str) -> Pair:
-        """The files of a sample, or a UsageError for a key that does not exist."""
+        """The files of a sample; raises a UsageError for an unknown key."""
         if key not in self._pairs:
             close = get_close_matches(key, self._pairs, n=1, cutoff=0.5) or [next(iter(self._pairs))]
             raise UsageError(f"{self.name} has no sample '{key}'; keys look like '{close[0]}'")
@@ -114,26 +115,26 @@ class PairDataset(Samples):
         return [frames[len(earlier) + offset] for offset in wanted]
 
     def steps(self) -> Iterable[tuple[Path, Path]]:
-        """Frames that follow each other; override where there are more than the pairs' own."""
+        """Consecutive frames; override if there are more than those of the pairs."""
         return (pair.frames for pair in self._pairs.values())
 
     @cached_property
     def _steps(self) -> tuple[dict[Path, Path], dict[Path, Path]]:
-        """The frame after each, and the frame before each."""
+        """The frame after each frame, and the one before each."""
         steps = list(self.steps())
         return dict(steps), {second: first for first, second in steps}
 
     def truth(self, pair: Pair) -> Truth | None:
-        """The ground truth of a pair; override where more than a flow file is read."""
+        """The ground truth of a pair; override if more than a flow file is read."""
         return None if pair.flow is None else Truth(*read_flow(pair.flow))
 
     def training_truth(self, pair: Pair) -> Truth | None:
-        """The ground truth that networks are trained on: the flow file alone, without maps of what is hidden or not
-        reliable, as the originals do; override where the flow needs more than its file."""
+        """The ground truth that networks are trained on: the flow file alone, without maps of hidden or unreliable
+        pixels, as in the original code; override if the flow needs more than its file."""
         return PairDataset.truth(self, pair)
 
     def describe(self, pair: Pair) -> dict[str, Any]:
-        """What `Sample.meta` says about the ground truth."""
+        """The entries of `Sample.meta` about the ground truth."""
         return {}
 
 

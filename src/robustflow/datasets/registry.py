@@ -1,4 +1,4 @@
-"""Every dataset by name, without importing any of them; `load_dataset` opens one."""
+"""Every data set by name, without importing any of them; `load_dataset` opens one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .base import Dataset
 from .facts import DatasetFacts, facts_of
 
 DATASETS: Registry[Callable[..., Dataset]] = Registry("dataset", entry_point_group="robustflow.datasets")
-"""Targets take the root (where they have one) and keyword options, and return a `Dataset`."""
+"""Targets take the root (if they have one) and keyword options, and return a `Dataset`."""
 
 _TARGETS = {
     "motorcycle": "motorcycle:Motorcycle",
@@ -42,16 +42,16 @@ DATASETS.rename("gopro_fc", "gopro_fc_prepared")
 
 
 def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> Dataset:
-    """Open a dataset.
+    """Open a data set.
 
     Args:
         name: a name of `DATASETS`, or a former one.
-        root: its folder; None for a dataset that needs none.
-        options: what the dataset takes besides (`step=2`, `render_pass="final"`).
+        root: its folder; None for a data set that needs none.
+        options: further options of the data set (`step=2`, `render_pass="final"`).
 
     Raises:
-        UsageError: an unknown name or option, or a root missing or too many.
-        DataError: the files are not there or not as they should be.
+        UsageError: an unknown name or option, a missing root, or one that is not needed.
+        DataError: the files are missing or not as expected.
 
     >>> load_dataset("motorcycle").keys()
     ['motorcycle']
@@ -63,7 +63,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
     parameters = inspect.signature(factory).parameters
     takes_root = needs_folder(name)
     if takes_root and root is None:
-        raise UsageError(f"dataset '{name}' is in a folder of yours: name it with --data FOLDER (root=... in Python)")
+        raise UsageError(f"dataset '{name}' is read from a folder: name it with --data FOLDER (root=... in Python)")
     if root is not None and not takes_root:
         raise UsageError(f"dataset '{name}' needs no folder; leave out --data (root=... in Python)")
     for option in options:
@@ -73,7 +73,7 @@ def load_dataset(name: str, root: str | Path | None = None, **options: Any) -> D
 
 
 def needs_folder(name: str) -> bool:
-    """Whether a dataset is read from a folder of the user's.
+    """Whether a data set is read from a user's folder.
 
     >>> needs_folder("sintel"), needs_folder("shapes")
     (True, False)
@@ -84,8 +84,7 @@ def needs_folder(name: str) -> bool:
 def dataset_facts(name: str) -> DatasetFacts:
     """What is known of a data set by its name alone: title, licence, citation, counts, layout.
 
-    An unregistered name, as manifests of other machines may hold, gives its title and nothing else; no code
-    is loaded for it.
+    An unregistered name, as in manifests from other machines, gives only a title; no code is loaded for it.
 
     >>> dataset_facts("kitti2015").pairs, dataset_facts("someone:Else").title
     (200, 'someone:Else')

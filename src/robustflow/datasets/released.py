@@ -1,4 +1,5 @@
-"""What the two released benchmarks have in common: clean pairs, and a folder `<corruption>_<severity>` per setting."""
+"""What the two released benchmarks have in common: clean pairs, and a folder `<corruption>_<severity>` per
+condition."""
 
 from __future__ import annotations
 
@@ -12,24 +13,24 @@ from ..sample import Frame
 from .pairs import PairDataset, read_frames
 
 DISK_NAMES = {"high_light": "brightness"}
-"""Corruptions whose folders carry another name than the paper's."""
+"""Corruptions whose folders have another name than in the paper."""
 
 
 class ReleasedPairs(PairDataset):
-    """Pairs whose corrupted frames are beside them. Implements `PreCorrupted`; `root` holds `clean/` and the rest."""
+    """Pairs that come with their corrupted frames. Implements `PreCorrupted`; `root` holds `clean/` and the rest."""
 
     root: Path
 
     @abstractmethod
     def place(self, key: str) -> Path:
-        """The folder of a pair's frames, below that of a setting."""
+        """The folder of a pair's frames, within that of a corruption and severity."""
 
     def has_corrupted(self, corruption: str) -> bool:
         """See `PreCorrupted.has_corrupted`."""
         return bool(self.severities(corruption))
 
     def severities(self, corruption: str) -> tuple[int, ...]:
-        """The severities there are of a corruption, ascending."""
+        """The available severities of a corruption, ascending."""
         pattern = re.escape(DISK_NAMES.get(corruption, corruption)) + r"_([1-5])"
         matches = (re.fullmatch(pattern, folder.name) for folder in folders(self.root))
         return tuple(sorted(int(match[1]) for match in matches if match))

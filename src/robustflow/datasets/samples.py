@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Samples:
-    """Sequence access for a `Dataset`, from its `keys` and `load`. A sample is read when it is asked for.
+    """Sequence access for a `Dataset`, from its `keys` and `load`. A sample is read on access.
 
     >>> from robustflow.datasets import load_dataset
     >>> pairs = load_dataset("motorcycle")
@@ -28,10 +28,10 @@ class Samples:
         return (self.load(key) for key in self.keys())
 
     def __getitem__(self: Dataset, place: int | str) -> Sample:
-        """One sample, by its key or by its place, which counts from the end where it is negative.
+        """One sample, by its key or by its position, counted from the end if negative.
 
         Raises:
-            IndexError: no such place.
+            IndexError: no such position.
             UsageError: no such key.
         """
         if isinstance(place, str):

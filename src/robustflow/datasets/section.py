@@ -1,4 +1,4 @@
-"""Which part of a clip: a frame number, or a time."""
+"""A position in a clip: a frame number, or a time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Place = int | str | None
 
 
 def place(option: str, value: Place | float) -> int | float | None:
-    """A place as a frame number (int) or as seconds (float).
+    """A position as a frame number (int) or in seconds (float).
 
     Raises:
         UsageError: neither of the two, or negative.

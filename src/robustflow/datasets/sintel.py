@@ -27,7 +27,7 @@ class Sintel(PairDataset):
     """Sintel. `root` holds `training/`, or is that folder.
 
     Args:
-        render_pass: "clean", "final", or another folder of pictures beside `flow`.
+        render_pass: "clean", "final", or another folder of pictures next to `flow`.
 
     Raises:
         DataError: another layout, no such pass, or a file of a pair is missing.
@@ -58,7 +58,7 @@ class Sintel(PairDataset):
         super().__init__(pairs, folder)
 
     def truth(self, pair: Pair) -> Truth | None:
-        """Flow, less what `invalid` marks; occluded as in `occlusions`."""
+        """Flow, without the pixels that `invalid` marks; occluded as in `occlusions`."""
         if pair.flow is None:
             return None
         flow, valid = read_flow(pair.flow)

@@ -1,12 +1,12 @@
 """Which samples are evaluated and which are left for training.
 
-The paper evaluates 80 of KITTI's 200 training pairs and fine-tunes on the other 120; its list is a sample nobody
-seeded. Ours is reproducible: every key is hashed together with the seed, and the 80 smallest hashes are evaluated.
-A pair's rank does not depend on which other pairs there are, or on their order.
+The paper evaluates 80 of KITTI's 200 training pairs and fine-tunes on the other 120; its list is an unseeded random
+sample. Ours is reproducible: every key is hashed together with the seed, and the 80 smallest hashes are evaluated. A
+pair's rank does not depend on which other pairs exist, or on their order.
 
 Four of five evaluated pairs whose drive is known have a training pair from the same drive, often a second away, so a
-model trained on the 120 is measured on near duplicates of what it saw (the paper's split, drawn pair by pair, cannot be
-better). `drive_disjoint_split` has as many pairs, and no drive on both sides.
+model trained on the 120 is measured on near duplicates of its training data (the paper's split, drawn pair by pair,
+cannot be better). `drive_disjoint_split` has the same number of pairs, and no drive on both sides.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ KITTI_SPLIT_SEED = 0
 """The seed of the project's KITTI split. It is not the run's seed: another run seed keeps the same pairs."""
 
 DRIVE_DISJOINT = "drive-disjoint"
-"""What `--split` takes for `drive_disjoint_split`."""
+"""The value of `--split` for `drive_disjoint_split`."""
 
 _PAIRS = 200
 _EVALUATED = 80
 
 
 class Split(NamedTuple):
-    """Keys to evaluate and keys to train on, each in the order of the dataset."""
+    """Keys to evaluate and keys to train on, each in the order of the data set."""
 
     evaluation: list[str]
     training: list[str]
 
 
 def kitti_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
-    """80 pairs to evaluate and the rest to train on; of fewer than 200 pairs, all are evaluated.
+    """80 pairs to evaluate and the rest to train on; if there are fewer than 200 pairs, all are evaluated.
 
     >>> keys = [f"{number:06d}" for number in range(200)]
     >>> split = kitti_split(keys)
@@ -58,7 +58,7 @@ def drive_disjoint_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> S
     """80 pairs to evaluate and 120 to train on, with no drive of KITTI 2015 on both sides.
 
     Whole drives, and whole runs of pairs without a drive (see `kitti_drives`), are taken in the order of their hashes,
-    each that still fits, until there are 80 pairs. Of a folder with fewer than 200 pairs, those that are there are on
+    each if it still fits, until there are 80 pairs. In a folder with fewer than 200 pairs, the existing ones are on
     their usual side.
 
     >>> keys = [f"{number:06d}" for number in range(200)]
@@ -84,20 +84,20 @@ KITTI_SPLITS: Mapping[str, Callable[[Sequence[str]], Split]] = {
     "train": kitti_split,
     DRIVE_DISJOINT: drive_disjoint_split,
 }
-"""The splits of KITTI 2015 by what a declaration of training sets calls their training part: `K:train`."""
+"""The splits of KITTI 2015 by the name of their training part in a declaration of training sets: `K:train`."""
 
 
 def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
-    """The keys that `--split` selects, in the order of the dataset: those of a named split, or of a file.
+    """The keys that `--split` selects, in the order of the data set: those of a named split, or of a file.
 
     Args:
-        split: "drive-disjoint", or a file as `read_split` takes it.
-        keys: of the dataset.
+        split: "drive-disjoint", or a file as for `read_split`.
+        keys: of the data set.
         dataset: its name.
 
     Raises:
-        UsageError: a named split of another dataset.
-        DataError: as `read_split`, or none of the named split's pairs is there.
+        UsageError: a named split of another data set.
+        DataError: as for `read_split`, or none of the named split's pairs exists.
     """
     if str(split) != DRIVE_DISJOINT:
         return read_split(split, keys)
@@ -108,18 +108,18 @@ def selected(split: str | Path, keys: Sequence[str], dataset: str) -> list[str]:
         )
     chosen = drive_disjoint_split(keys).evaluation
     if not chosen:
-        raise DataError(f"none of these {len(keys)} pairs is evaluated by --split {DRIVE_DISJOINT}; leave it out")
+        raise DataError(f"--split {DRIVE_DISJOINT} evaluates none of these {len(keys)} pairs; leave it out")
     return chosen
 
 
 def read_split(path: str | Path, keys: Sequence[str]) -> list[str]:
-    """The keys a file selects, in the order of the dataset.
+    """The keys that a file selects, in the order of the data set.
 
     The file holds one key per line, or, as KITTI's own lists do, a 0 or 1 for every pair in order, where 1 means
-    evaluate. Empty lines and lines that begin with # do not count.
+    evaluate. Empty lines and lines that begin with # are ignored.
 
     Raises:
-        DataError: no such file, a key that does not exist or comes twice, a list of another length, or nothing left.
+        DataError: no such file, an unknown or repeated key, a list of another length, or nothing selected.
     """
     path = Path(path).expanduser()
     try:

@@ -4,9 +4,9 @@
     train/0001/flow_FW_left/flow_FW_left_0001.flo5 ...      from this frame to the next
     train/0001/flow_BW_left/flow_BW_left_0002.flo5 ...      from this frame to the one before
 
-Vectors are in pixels of the frames, four to each of them; the benchmark's own reader takes every second one in both
-directions, and so does this. The optional maps (sky, detail, matching) are not read.
-Source: Mehl et al., CVPR 2023.
+Vectors are in pixels of the frames, four for each pixel; the benchmark's own reader takes every second one in both
+directions, and so does this one. The optional maps (sky, detail, matching) are not read. Source: Mehl et al., CVPR
+2023.
 """
 
 from __future__ import annotations

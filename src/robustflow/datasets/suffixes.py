@@ -1,4 +1,4 @@
-"""Endings of files that are taken for videos."""
+"""File extensions of videos."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 
     abandonedfactory/Easy/P000/image_left/000000_left.png ...
     abandonedfactory/Easy/P000/flow/000000_000001_flow.npy ...      float32 (H, W, 2), pixels
-    abandonedfactory/Easy/P000/flow/000000_000001_mask.npy ...      uint8 (H, W), 0 where the pixel is seen in the next
-                                                                    frame too
+    abandonedfactory/Easy/P000/flow/000000_000001_mask.npy ...      uint8 (H, W), 0 where the pixel is visible in
+                                                                    the next frame too
 
 Also with an environment's own folder inside, as its archives unpack (abandonedfactory/abandonedfactory/Easy).
 Source: Wang et al., IROS 2020.
@@ -61,7 +61,7 @@ class TartanAir(PairDataset):
         super().__init__(pairs, folder)
 
     def truth(self, pair: Pair) -> Truth | None:
-        """Flow and mask; occluded pixels have true flow, as KITTI's do."""
+        """Flow and mask; occluded pixels have true flow, as in KITTI."""
         if pair.flow is None or pair.occlusion is None:
             return None
         flow = _array(pair.flow)

@@ -1,4 +1,4 @@
-"""A video file as a dataset: frames decoded as they are asked for, in constant memory."""
+"""A video file as a data set: frames are decoded on demand, in constant memory."""
 
 from __future__ import annotations
 
@@ -16,21 +16,20 @@ from .section import Place, place
 
 
 class Video(Samples):
-    """Pairs of frames `step` apart; keys are frame numbers from "000000". One group, for frames of a video are
-    not independent. Implements `Dataset` and `Clips`.
+    """Pairs of frames `step` apart; keys are frame numbers from "000000". They form one group, because frames of a
+    video are not independent. Implements `Dataset` and `Clips`.
 
-    The two frames of a pair come from two readers, so that walking through the keys in order decodes each frame
-    twice at most and keeps two frames in memory whatever the step. Every frame around the pair that is asked for
-    has one more reader.
+    The two frames of a pair come from two readers, so that going through the keys in order decodes each frame at most
+    twice and keeps two frames in memory, whatever the step. Each requested frame around the pair has one more reader.
 
     Args:
-        path: the file; frames of a variable frame rate are taken as they come.
+        path: the file; with a variable frame rate, frames are taken as they come.
         step: distance of the two frames of a pair, in frames; every frame with a partner begins a pair.
-        start, stop: the part to use, as frame numbers (120) or times ("12.5s", "1:05"); `stop` is not in it. Keys stay
-            the numbers of the whole video.
+        start, stop: the part to use, as frame numbers (120) or times ("12.5s", "1:05"); `stop` is exclusive. Keys
+            remain the numbers within the whole video.
 
     Raises:
-        DataError: no video, a damaged one, or fewer than `step` + 1 frames in the part.
+        DataError: not a video, a damaged one, or fewer than `step` + 1 frames in the part.
         UsageError: a start or stop that is neither.
     """
 

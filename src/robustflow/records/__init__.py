@@ -1,3 +1,3 @@
-"""Submission records: a run in one file that another machine can check. `docs/records.md` says what is in it."""
+"""Submission records: a run as one file that another machine can check. `docs/records.md` describes its contents."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""An audit of whatever is at a path: a results file, a run's folder, or a record of a run."""
+"""Audit whatever a path holds: a results file, a run's folder, or a record of a run."""
 
 from __future__ import annotations
 

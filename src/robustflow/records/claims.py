@@ -1,4 +1,4 @@
-"""What a record claims beyond its numbers: which rows there should be, and what its model was trained on."""
+"""What a record claims beyond its numbers: which rows it should have, and what its model was trained on."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..text import plain
 from .contents import Manifest
 
 _MOST_SHARED = 0.5
-"""Share of one sample's rows whose digest may occur under another of its conditions too."""
+"""Largest share of a sample's rows whose digest may also occur under another condition."""
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
-    """Unknown corruptions, and rows that were not planned or are missing; a sentence where there are none."""
+    """Raise for unknown corruptions, and for unplanned or missing rows; returns a sentence if there are none."""
     plan = reader.plan
     problems = [*_unknown(plan.selection.corruptions, plan.identity.corruptions or {}), *_left_out(plan)]
     if not set(plan.selection.severities) <= set(SEVERITIES):
@@ -56,24 +56,26 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
 
 
 def _digest_problems(rows: pl.DataFrame) -> list[str]:
-    """Digests that cannot belong to the frames they are given for.
+    """Raise for digests that cannot belong to their frames.
 
-    Under different conditions a sample has different frames, except for a flat frame, which no filter changes, and
-    streams in which no bit was hit; so most digests of most samples differ.
+    A sample has different frames under different conditions, except for a uniform frame, which no filter changes, and
+    streams in which no bit was hit; so most digests of most samples must differ.
     """
     if (rows["frames_digest"].str.strip_chars("0") == "").any():
-        return ["a frames_digest of zeros alone, which no frames have"]
+        return ["a frames_digest consists of zeros, which no frames have"]
     of_sample = rows.group_by("sample").agg(pl.col("frames_digest").is_duplicated().mean().alias("shared"), pl.len())
     shared = of_sample.filter((pl.col("len") > 1) & (pl.col("shared") > _MOST_SHARED))
     if 2 * shared.height > of_sample.filter(pl.col("len") > 1).height:
-        return [f"{shared.height} of {of_sample.height} samples have one frames_digest under different corruptions"]
+        return [
+            f"{shared.height} of {of_sample.height} samples have the same frames_digest under different corruptions"
+        ]
     return []
 
 
 def training_problems(plan: Manifest, raw: dict[str, Any]) -> list[str]:
-    """Whether the setting (OOD, ID, LEAKED, ...) is what the declared or catalogued training sets make it.
+    """Check that the setting (OOD, ID, LEAKED, ...) follows from the declared or catalogued training sets.
 
-    What a user declares is believed; what the package knows better by a checkpoint's hash cannot be overridden.
+    A user's declaration is accepted; what the package knows from a checkpoint's hash cannot be overridden.
     """
     declared, benchmark = plan.provenance, plan.identity.benchmark
     known = training_of(raw["identity"]["model"])
@@ -85,7 +87,7 @@ def training_problems(plan: Manifest, raw: dict[str, Any]) -> list[str]:
     record = training_record(known, benchmark, plan.samples, plan.identity.protocol)
     settings = {record["setting"]}
     if any(":" in name for name in record["trained_on"] or ()):
-        settings.add("ID")  # older versions did not look at the pairs; what is shown is judged when it is read
+        settings.add("ID")  # older versions ignored the pairs; the setting shown is determined on reading
     expected = (record["basis"], record["trained_on"])
     if declared.setting not in settings or (declared.basis, declared.trained_on) != expected:
         return [
@@ -100,7 +102,7 @@ def _sets(names: list[str] | None) -> str:
 
 
 def _unknown(names: list[str], own: Iterable[str] = ()) -> list[str]:
-    """Names that neither this package, nor an installed one, nor the identity's list of the user's own knows."""
+    """Raise for names unknown to this package, to installed ones, and to the identity's list of the user's own."""
     known, out = {*CORRUPTIONS.names(), *own}, []
     for name in names:
         try:
@@ -115,7 +117,7 @@ def _unknown(names: list[str], own: Iterable[str] = ()) -> list[str]:
 
 
 def _left_out(plan: Manifest) -> list[str]:
-    """Severities that were left out are those the calibrated scale lacks, and no others."""
+    """Check that exactly those severities were left out that the calibrated scale lacks."""
     scale = "calibrated" if plan.identity.severity_scale else "paper"
     severities = tuple(plan.selection.severities)
     for name in dict.fromkeys((*plan.selection.corruptions, *plan.left_out)):

@@ -3,8 +3,8 @@
     FOLDER/records/<first 16 digits of the SHA-256>.robustflow    the records, as they were handed in
     FOLDER/records.json                                            which they are, one entry a record
 
-Nothing is stored but what verifies, and no text of a record becomes a name on disk. The list is sorted and spelled in
-one way, so that a change of it can be reviewed line by line.
+Only records that verify are stored, and no text of a record becomes a name on disk. The list is sorted and has one
+canonical form, so that changes can be reviewed line by line.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The file around a record: a zip of a few named entries, none of them compressed.
 
-Stored entries make the same bytes with every version of zlib, and the sizes in the file are the sizes in memory: no
-small file can expand into a large one. A reader takes entries by the names it expects and writes none of them to disk
-under a name from the file.
+Stored entries give the same bytes with every version of zlib, and their sizes in the file are those in memory: no small
+file can expand into a large one. A reader only accepts entries with the names it expects and writes none of them to
+disk under a name from the file.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ LIMITS = {
     "summary.json": 1 << 24,
     "profile.json": 1 << 16,
 }
-"""Entries of a record in their order, and the most bytes each may have."""
+"""Entries of a record in their order, and the maximum size of each in bytes."""
 
 REQUIRED = ("record.json", "manifest.json", "rows.csv", "summary.json")
 
 _LOCAL, _CENTRAL, _END = 30, 46, 22
-"""Bytes of the zip format's headers without names."""
+"""Size of the zip format's headers without names, in bytes."""
 _UNREADABLE = (
     *(zipfile.BadZipFile, OSError, ValueError, EOFError, NotImplementedError, RuntimeError),
     *(struct.error, zlib.error, OverflowError, MemoryError, IndexError, KeyError),
 )
-"""What zipfile raises on a damaged file: not only its own error."""
+"""Exceptions that zipfile raises for a damaged file: not only its own error."""
 _LARGEST = sum(LIMITS.values()) + len(LIMITS) * (_LOCAL + _CENTRAL + 64) + _END
 
 
 def container_bytes(entries: Mapping[str, bytes]) -> bytes:
-    """A record file of these entries: the same bytes for the same entries, whenever and wherever it is made.
+    """The bytes of a record with these entries: always the same for the same entries.
 
     Raises:
         DataError: an entry larger than a record may hold.
@@ -67,7 +67,7 @@ def read_file(path: Path) -> bytes:
     Raises:
         DataError: no file, or larger than any record.
     """
-    if path.exists() and not path.is_file():  # reading a pipe could block for ever
+    if path.exists() and not path.is_file():  # reading a pipe could block forever
         raise DataError(f"{path} is not a file; give one that 'robustflow pack' wrote")
     try:
         with open(path, "rb") as file:
@@ -88,8 +88,9 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
         name: of the file, for messages.
 
     Raises:
-        DataError: no zip, damaged, or anything in it that `container_bytes` does not write: other, absent or repeated
-            entries, folders, links, compression, encryption, comments, bytes before, between or after the entries.
+        DataError: not a zip file, damaged, or with anything that `container_bytes` does not write: other, missing or
+            repeated entries, folders, links, compression, encryption, comments, bytes before, between or after the
+            entries.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as file:
@@ -100,7 +101,7 @@ def read_container(data: bytes, name: str) -> dict[str, bytes]:
         raise
     except _UNREADABLE as error:
         raise DataError(f"{name} is not a record or is damaged ({_reason(error)}); fetch or pack it again") from error
-    # Header fields that no reader looks at could carry anything, and give one run many SHA-256 sums.
+    # Header fields that readers ignore could contain anything, and give one run many SHA-256 sums.
     if container_bytes(entries) != data:
         raise DataError(f"{name}: its zip headers are not those that 'robustflow pack' writes; pack the run again")
     return entries

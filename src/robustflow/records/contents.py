@@ -1,4 +1,5 @@
-"""What a record holds, as validated data: `record.json`, and the manifest without what names a machine."""
+"""The contents of a record, as validated data: `record.json`, and the manifest without anything that identifies a
+machine."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from .text import holds_path, texts
 
 FORMAT = "robustflow-record"
 VERSION = 1
-"""Raised when a record holds something else, or the same means something else."""
+"""Incremented when the contents of a record, or their meaning, change."""
 
 _Text = Annotated[str, Field(min_length=1, max_length=500)]
 _Severity = Annotated[int, Field(ge=0, le=5)]
@@ -36,7 +37,7 @@ class Entry(_Strict):
 
 
 class Record(_Strict):
-    """`record.json`: what the file is, and who says so; author, link and description are anybody's plain text."""
+    """`record.json`: what the file is, and who submits it; author, link and description are arbitrary plain text."""
 
     format: Literal["robustflow-record"] = "robustflow-record"
     version: Annotated[int, Field(ge=1, le=VERSION)] = VERSION
@@ -51,7 +52,7 @@ class Record(_Strict):
     @classmethod
     def _web_address(cls, link: str) -> str:
         if link and not link.startswith(("https://", "http://")):
-            raise ValueError("a link begins with https://")
+            raise ValueError("a link must begin with https://")
         return link
 
 
@@ -77,7 +78,7 @@ class Identity(_Strict):
 
 
 class Selection(_Strict):
-    """Corruptions and severities asked for."""
+    """Requested corruptions and severities."""
 
     corruptions: Annotated[list[_Text], Field(min_length=1, max_length=1000)]
     severities: Annotated[list[_Severity], Field(min_length=1, max_length=5)]
@@ -109,7 +110,7 @@ class Environment(_Strict):
 
 
 class Manifest(_Strict):
-    """`manifest.json` of a record: that of the run, less its command line and the machine's name and version."""
+    """`manifest.json` of a record: that of the run, without its command line and the machine's name and version."""
 
     run_schema: Annotated[int, Field(alias="schema", ge=MANIFEST_SCHEMA, le=MANIFEST_SCHEMA)]
     identity: Identity
@@ -141,7 +142,7 @@ def validated(kind: type[_Model], data: bytes, name: str) -> _Model:
     """JSON text as one of the models above.
 
     Raises:
-        DataError: it has another shape; the first misfit is named.
+        DataError: it has another shape; the first mismatch is named.
     """
     try:
         return kind.model_validate_json(data)
@@ -150,7 +151,7 @@ def validated(kind: type[_Model], data: bytes, name: str) -> _Model:
 
 
 def check_version(record: dict[str, Any], name: str) -> None:
-    """Whether this version reads a `record.json`, before anything else in it is looked at.
+    """Check that this version can read a `record.json`, before anything else in it is used.
 
     Raises:
         DataError: another format, or a newer version of it.
@@ -160,18 +161,17 @@ def check_version(record: dict[str, Any], name: str) -> None:
         raise DataError(f"{name} is not a record of a run; give a file that 'robustflow pack' wrote")
     if version > VERSION:
         raise DataError(
-            f"{name} is a record of version {version}, this version reads {VERSION}: upgrade robustflow to read it"
+            f"{name} is a record of version {version}, but this version reads {VERSION}: upgrade robustflow to read it"
         )
 
 
 def shareable_manifest(manifest: dict[str, Any], keep_paths: bool = False) -> dict[str, Any]:
-    """A run's manifest as a record holds it: names of files without folders, kind of machine, versions, times.
-
-    The command line is left out, for it holds paths, and of the machine its name and system version.
+    """A run's manifest in the form for a record: names of files without folders, kind of machine, versions, times. The
+    command line is left out because it contains paths, and so are the machine's name and system version.
 
     Raises:
-        RunError: a text in it that contains a path of this machine, which is part of the run's identity and cannot be
-            left out; `keep_paths` packs it all the same.
+        RunError: a text in it contains a path of this machine, but is part of the run's identity and cannot be left
+            out; `keep_paths` packs it nevertheless.
     """
     kept = {field.alias or name for name, field in Manifest.model_fields.items()}
     out = {name: value for name, value in manifest.items() if name in kept}

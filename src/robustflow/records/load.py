@@ -1,4 +1,4 @@
-"""A run from a folder or a record: what every command that reads runs accepts."""
+"""Read a run from a folder or a record, as every command that reads runs does."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def load_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
 
 
 def load_run(path: str | Path, kind: type[Run] = Run) -> Run:
-    """The run of a folder that `run` wrote, or of a record that `pack` wrote.
+    """The run in a folder that `run` wrote, or in a record that `pack` wrote.
 
     A record is verified first; its run is in a temporary folder that is removed when the run is no longer used.
 
@@ -32,7 +32,7 @@ def load_run(path: str | Path, kind: type[Run] = Run) -> Run:
         kind: the class that reads the folder.
 
     Raises:
-        RunError: no run there, one that this version cannot read, or a record that does not verify.
+        RunError: no run in it, one that this version cannot read, or a record that does not verify.
         DataError: the file cannot be read.
     """
     path = Path(path).expanduser()

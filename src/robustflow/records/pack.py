@@ -1,4 +1,4 @@
-"""A run folder becomes one file."""
+"""Pack a run folder into one file."""
 
 from __future__ import annotations
 
@@ -33,23 +33,23 @@ def pack(
     keep_paths: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Write a run as a record: `docs/records.md` says what is in it. The same run and texts give the same bytes.
+    """Write a run as a record, whose contents `docs/records.md` describes. The same run and texts give the same bytes.
 
     Args:
         run: the run; neither it nor its folder is changed.
-        path: the file; the name of the run's folder with `.robustflow` in the working folder by default.
+        path: the file; by default the name of the run's folder with `.robustflow`, in the working folder.
         author, link, description: plain text, shown with the run; the link begins with https://.
-        partial: pack a run that is not finished, which is marked so.
+        partial: pack an unfinished run; the record is marked as such.
         keep_paths: pack texts of the manifest that contain paths of this machine.
-        overwrite: replace a file that is not a record of this very run.
+        overwrite: replace an existing file that is not a record of this run.
 
     Returns:
-        The path of the file, whole or not there.
+        The path of the file, which is complete or absent.
 
     Raises:
-        RunError: rows are missing, texts would publish a path, what the run holds would not verify, or the file is
-            there and holds something else.
-        DataError: the file cannot be written, or a text cannot be in a record.
+        RunError: rows are missing, texts would publish a path, what the run holds would not verify, or the file exists
+            and holds something else.
+        DataError: the file cannot be written, or a text is not allowed in a record.
     """
     data = record_bytes(run, author=author, link=link, description=description, partial=partial, keep_paths=keep_paths)
     target = Path(path).expanduser() if path is not None else Path(run.path.absolute().name + SUFFIX)
@@ -65,7 +65,7 @@ def pack(
 
 
 def _run_of(path: Path) -> str | None:
-    """The digest of the run that a file is a record of; None where it is not a record."""
+    """The digest of the run in a record file; None if it is not a record."""
     reader = Reader(read_file(path), str(path))
     try:
         reader.container()

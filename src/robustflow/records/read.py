@@ -1,4 +1,4 @@
-"""A record file, read step by step: each step trusts only what the ones before it have checked."""
+"""Read a record file step by step: each step trusts only what the previous ones have checked."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .rows_text import rows_from_text
 from .text import check_text, read_json
 
 STEPS = ("container", "record", "hashes", "manifest", "rows")
-"""The methods of `Reader`, in the order they must be called."""
+"""The methods of `Reader`, in the order in which they must be called."""
 
 _ALWAYS = (
     *("sample", "group", "corruption", "severity", "frames_digest", "height", "width", "n_invalid", "n_all"),
@@ -36,17 +36,17 @@ class Reader:
 
     Args:
         data: the file.
-        name: what to call it in messages.
+        name: its name in messages.
 
     Attributes:
         name, sha256: of the file.
         entries: the bytes of each entry, after `container`.
         facts: `record.json`, after `record`.
-        raw_manifest, plan: `manifest.json` as written and validated, after `manifest`.
+        raw_manifest, plan: `manifest.json` as written and as validated, after `manifest`.
         frame: the rows, after `rows`.
 
     Raises:
-        DataError, RunError: from each step, where the file is not what the step expects.
+        DataError, RunError: from each step, if the file is not what it expects.
     """
 
     entries: dict[str, bytes]
@@ -61,12 +61,12 @@ class Reader:
         self.sha256 = hashlib.sha256(data).hexdigest()
 
     def container(self) -> str:
-        """A zip with the entries of a record, stored plainly, and nothing else."""
+        """The file is a zip with the entries of a record, uncompressed, and nothing else."""
         self.entries = read_container(self._data, self.name)
         return f"{len(self.entries)} entries, {len(self._data)} bytes"
 
     def record(self) -> str:
-        """`record.json` is of a version that is read here."""
+        """`record.json` has a version that this package reads."""
         data = self.entries["record.json"]
         check_version(read_json(data, "record.json"), "record.json")
         self.facts = validated(Record, data, "record.json")
@@ -76,7 +76,9 @@ class Reader:
         """Every entry has the size and hash that `record.json` gives."""
         others = [name for name in LIMITS if name in self.entries and name != "record.json"]
         if sorted(self.facts.entries) != sorted(others):
-            raise DataError(f"record.json lists {', '.join(sorted(self.facts.entries))[:200]}, not what the file holds")
+            raise DataError(
+                f"record.json lists {', '.join(sorted(self.facts.entries))[:200]}, which is not what the file holds"
+            )
         for name in others:
             entry, data = self.facts.entries[name], self.entries[name]
             if (entry.bytes, entry.sha256) != (len(data), hashlib.sha256(data).hexdigest()):
@@ -84,7 +86,7 @@ class Reader:
         return f"{len(others)} entries"
 
     def manifest(self) -> str:
-        """`manifest.json` has the shape of one, and its digest follows from its identity."""
+        """`manifest.json` has the right shape, and its digest follows from its identity."""
         data = self.entries["manifest.json"]
         self.raw_manifest = read_json(data, "manifest.json")
         self.plan = validated(Manifest, data, "manifest.json")
@@ -108,7 +110,7 @@ class Reader:
         return f"run {digest}"
 
     def rows(self) -> str:
-        """Rows of the right types, each once, with numbers in range and texts that can be shown; and a summary."""
+        """The rows have the right types, occur once each, and hold numbers in range and printable texts."""
         frame = rows_from_text(self.entries["rows.csv"])
         nulls = [name for name in _ALWAYS if frame[name].null_count()]
         if nulls:
@@ -136,7 +138,7 @@ class Reader:
         return f"{frame.height} rows of {frame['sample'].n_unique()} samples"
 
     def extract(self, folder: Path) -> None:
-        """Make a run folder of what was checked: under names of ours, and with the rows written again.
+        """Write a run folder from what was checked: with file names chosen here, and the rows written again.
 
         Raises:
             DataError: the folder cannot be written.

@@ -1,8 +1,8 @@
-"""Rows as text: CSV in one canonical form, so that equal rows are equal bytes whatever wrote them.
+"""Rows as text: CSV in one canonical form, so that equal rows give equal bytes whatever wrote them.
 
-Parquet is what a run keeps; a record does not, because its bytes differ between versions of the library that writes it,
-and because it is compressed inside: the size of a page is unknown until it has been decompressed. Numbers are
-written with as many digits as it takes to read the same number back.
+A run stores Parquet; a record does not, because the bytes of Parquet differ between versions of the library that writes
+it, and because it is compressed inside: the size of a page is unknown until it has been decompressed. Numbers are
+written with as many digits as are needed to read back the same number.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ MOST_ROWS = 2_000_000
 
 
 def rows_to_text(rows: pl.DataFrame) -> bytes:
-    """Rows of a run as CSV: a heading, then a line per row in the order of `ROW_KEY`; null is an empty cell.
+    """Rows of a run as CSV: a header, then one line per row in the order of `ROW_KEY`; null is an empty cell.
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> rows_to_text(rows_frame([]))[:36]
@@ -30,11 +30,11 @@ def rows_to_text(rows: pl.DataFrame) -> bytes:
 
 
 def rows_from_text(text: bytes) -> pl.DataFrame:
-    """The rows back, columns and types of `ROW_SCHEMA`, completed where they are of an earlier version.
+    """Read the rows back, with the columns and types of `ROW_SCHEMA`; rows of an earlier version are completed.
 
     Raises:
-        DataError: anything that `rows_to_text` does not write: other columns, a cell of another type, another order, a
-            cell left empty that follows from the others.
+        DataError: anything that `rows_to_text` does not write: other columns, a cell of another type, another order, an
+            empty cell whose value follows from the others.
     """
     schema = next((one for one in (ROW_SCHEMA, FIRST_SCHEMA) if text.startswith(_heading(one))), None)
     if schema is None:
@@ -52,7 +52,7 @@ def rows_from_text(text: bytes) -> pl.DataFrame:
         raise DataError("rows.csv is not written as a record writes it: sorted by sample, corruption and severity")
     completed = complete_rows(rows)
     if schema is ROW_SCHEMA and not completed.equals(rows):
-        raise DataError("rows.csv: cells are empty that follow from the others: it was changed or damaged")
+        raise DataError("rows.csv: cells whose values follow from the others are empty: it was changed or damaged")
     return completed
 
 

@@ -1,4 +1,4 @@
-"""What a record is about: whose numbers they are, on what, and what no check of a file can prove."""
+"""What a record is about: which model was measured on which data, and what no check of a file can prove."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
 
 class Subject(BaseModel):
-    """What was measured, recomputed from the rows of a record and never taken from its means.
+    """What was measured: recomputed from the rows of a record, never taken from its means.
 
     Attributes:
         model, benchmark: their names, safe to print.
         pairs, corruptions, severities: how many were measured.
-        setting: OOD, ID, LEAKED, ... as the training sets make it.
-        epe_clean, epe, cre, rcre: pixels; crer: a ratio; None where there is no ground truth.
+        setting: OOD, ID, LEAKED, ... as it follows from the training sets.
+        epe_clean, epe, cre, rcre: pixels; crer: a ratio; None without ground truth.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -38,7 +38,7 @@ class Subject(BaseModel):
     rcre: float | None
 
     def sentence(self) -> str:
-        """All of it on one line.
+        """All of it in one line.
 
         >>> scores = {"epe_clean": 1.0, "epe": 3.0, "cre": 2.0, "crer": 2.0, "rcre": None}
         >>> counts = {"pairs": 1, "corruptions": 2, "severities": 5}
@@ -76,11 +76,11 @@ def subject_of(run: Run, plan: Manifest) -> Subject:
 
 
 def unproven(frames_compared: bool, predictions_compared: bool) -> list[str]:
-    """What remains to be believed, in sentences; each names what would prove it."""
+    """What remains unproven, in sentences; each names what would prove it."""
     out = []
     if not frames_compared:
-        out.append("that the rows were measured on these data: --data FOLDER makes the frames of some rows again")
+        out.append("that the rows were measured on these data: --data FOLDER recomputes the frames of some rows")
     if not predictions_compared:
         out.append("that this model made the predictions: --data FOLDER --model NAME predicts some rows again")
-    out.append("what the model was trained on, where it is declared and not known by a checkpoint's hash")
+    out.append("what the model was trained on, if that is declared and not known from a checkpoint's hash")
     return out

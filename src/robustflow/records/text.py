@@ -1,4 +1,4 @@
-"""JSON from elsewhere: read strictly, and no text in it that could do more than be read."""
+"""JSON from elsewhere: read strictly, and with no text in it that could do more than be displayed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..errors import DataError
 from ..text import plain
 
 LONGEST = 2000
-"""Characters of any one text in a record."""
+"""The most characters of any text in a record."""
 
 _DEEPEST = 24
 _PATH = re.compile(r"""(?:^|[\s'"=;,(\[])(?:/[^/\s]+/|~[/\\]|[A-Za-z]:[\\/]|\\\\)""")
@@ -23,8 +23,8 @@ def read_json(data: bytes, name: str) -> dict[str, Any]:
     """A JSON object, as `json_bytes` writes it.
 
     Raises:
-        DataError: not JSON, not an object, not in the form `json_bytes` gives it (no repeated keys, no NaN, no
-            numbers spelled otherwise), too deep, or with text that `check_text` refuses.
+        DataError: not JSON, not an object, not in the form `json_bytes` gives it (no repeated keys, no NaN, no other
+            notation of numbers), nested too deeply, or with text that `check_text` refuses.
 
     >>> read_json(b'{\\n  "a": 1\\n}\\n', "x.json")
     {'a': 1}
@@ -42,12 +42,12 @@ def read_json(data: bytes, name: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise DataError(f"{name} is not JSON ({plain(str(error), 80)})") from error
     if not canonical:
-        raise DataError(f"{name} is not written as a record writes it (order of names, spelling of numbers, spaces)")
+        raise DataError(f"{name} is not written as a record writes it (order of names, notation of numbers, spaces)")
     return value
 
 
 def check_text(text: str, where: str) -> None:
-    """Refuse what is too long to be shown, and characters that steer a terminal or a page instead of being shown.
+    """Raise for text that is too long to be shown, and for characters that control a terminal or a page.
 
     Raises:
         DataError: more than `LONGEST` characters, or a control, direction or other invisible character.
@@ -63,7 +63,7 @@ def check_text(text: str, where: str) -> None:
 
 
 def texts(value: Any) -> Iterator[tuple[str, str]]:
-    """Every text inside a JSON value, names included, with its position.
+    """Every text inside a JSON value, including names, with its position.
 
     Raises:
         ValueError: nested too deeply.
@@ -75,7 +75,7 @@ def texts(value: Any) -> Iterator[tuple[str, str]]:
     while left:
         where, one = left.pop()
         if len(where) > _DEEPEST:
-            raise ValueError(f"nested more than {_DEEPEST} deep")
+            raise ValueError(f"nested more than {_DEEPEST} levels deep")
         if isinstance(one, str):
             yield ".".join(part[:40] for part in where), one
         elif isinstance(one, dict):

@@ -24,16 +24,16 @@ CHECKS = {
     "container": "a plain file of a record's entries, nothing else in it",
     "record": "its format is read by this version",
     "hashes": "every entry has its SHA-256",
-    "manifest": "what ran is complete, and its digest follows from it",
-    "rows": "rows have the right columns, each once, finite, in range",
+    "manifest": "the description of the run is complete, and its digest follows from it",
+    "rows": "rows have the right columns, occur once each, are finite and in range",
     "training": "the setting follows from the training sets",
-    "cells": "rows are those that were planned, under known corruptions",
-    "measurements": "rows are possible measurements, and fit each other",
+    "cells": "rows are the planned ones, under known corruptions",
+    "measurements": "rows are possible measurements, and consistent with each other",
     "summary": "means follow from the rows",
-    "frames": "corrupted frames made here are those the rows were made from",
+    "frames": "corrupted frames made here are those that the rows were made from",
     "predictions": "the model predicts here what the rows say",
 }
-"""Each check, in order, and what it holds to be true."""
+"""Each check, in order, and what it asserts."""
 
 _SHOWN = 3
 _Outcome = tuple[Literal["ok", "failed"], str]
@@ -54,12 +54,13 @@ class Verification(BaseModel):
 
     Attributes:
         file: the path, as given.
-        sha256: of the file, by which a record can be cited; "" where it could not be read.
-        facts: `record.json` with author, link and description, all in the submitter's words; None where it could
-            not be read.
-        checks: in the order of `CHECKS`; "frames" only where data were given, "predictions" where a model was too.
-        subject: model, benchmark, pairs and scores, recomputed from the rows; None where a check before them failed.
-        unproven: what no check that was made can prove, in sentences.
+        sha256: of the file, by which a record can be cited; "" if it could not be read.
+        facts: `record.json` with author, link and description, all in the submitter's words; None if it could not be
+            read.
+        checks: in the order of `CHECKS`; "frames" only if data were given, "predictions" only if a model was given,
+            too.
+        subject: model, benchmark, pairs and scores, recomputed from the rows; None if an earlier check failed.
+        unproven: what none of the checks made can prove, in sentences.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -73,25 +74,26 @@ class Verification(BaseModel):
 
     @property
     def ok(self) -> bool:
-        """Whether every check was made and holds."""
+        """Whether every check was made and passed."""
         return all(check.status == "ok" for check in self.checks)
 
     def first_failure(self) -> str:
-        """The first check that does not hold, in words; "" where all do."""
+        """The first check that failed, in words; "" if all passed."""
         return next((f"{check.name}: {check.says}" for check in self.checks if check.status == "failed"), "")
 
 
 DataCheck = Callable[[Reader], str]
-"""Compares a record with data, or with data and a model: what it did in a sentence; raises where something differs."""
+"""Compares a record with data, or with data and a model: returns what it did in a sentence; raises if something
+differs."""
 
 
 def verify(path: str | Path, *, frames: DataCheck | None = None, predictions: DataCheck | None = None) -> Verification:
-    """Check a record file. Nothing in it is run, written under its own name, or believed before it is checked.
+    """Check a record file. Nothing in it is run, written under a name from the file, or trusted before it is checked.
 
     Args:
         path: the file; whatever is wrong with it becomes a failed check.
-        frames: compares frames with local data (`robustflow.runner.recheck`), called when all else holds.
-        predictions: predicts some rows again with a local model, called when the frames hold too.
+        frames: compares frames with local data (`robustflow.runner.recheck`), called if all else passes.
+        predictions: predicts some rows again with a local model, called if the frames pass, too.
 
     Returns:
         The `Verification`.
@@ -108,7 +110,7 @@ def verify(path: str | Path, *, frames: DataCheck | None = None, predictions: Da
 def verify_read(
     reader: Reader, *, frames: DataCheck | None = None, predictions: DataCheck | None = None
 ) -> Verification:
-    """As `verify`, of a file in memory; a reader whose record is verified holds what it read."""
+    """Like `verify`, for a file in memory; the reader of a verified record holds what it read."""
     outcomes: dict[str, _Outcome] = {}
     subject = None
     try:
@@ -139,7 +141,7 @@ def verify_read(
 
 
 def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
-    """The checks of what a record claims, by name, and what it is about where all of it could be read."""
+    """The checks of what a record claims, by name, and its subject if all of it could be read."""
     problems = training_problems(reader.plan, reader.raw_manifest)
     out = {"training": _outcome(problems, str(manifest_provenance(reader.raw_manifest)["setting"]))}
     with TemporaryDirectory(prefix="robustflow-") as folder:
@@ -148,7 +150,7 @@ def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
         problems, says = cell_problems(run, reader)
         out["cells"] = _outcome(problems, says)
         if problems:
-            return out, None  # sums over unplanned cells mean nothing
+            return out, None  # sums over unplanned cells are meaningless
         try:
             audited = audit_run(run)
         except RobustFlowError as error:
@@ -167,7 +169,7 @@ def _outcome(problems: list[str], says: str) -> _Outcome:
 
 
 def _later(frames: DataCheck | None, predictions: DataCheck | None) -> dict[str, DataCheck]:
-    """The comparisons that were asked for."""
+    """The comparisons that were requested."""
     wanted = {"frames": frames, "predictions": predictions}
     return {name: compare for name, compare in wanted.items() if compare is not None}
 

@@ -1,4 +1,4 @@
-"""Where a run goes that is given no folder."""
+"""The folder of a run that is not given one."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from ..text import file_name
 
 
 def default_folder(plan: Plan, spec: ModelSpec | None) -> Path:
-    """Where a run goes that is given no folder: `runs/<benchmark>_<model>_<identity>`."""
+    """The folder of a run that is not given one: `runs/<benchmark>_<model>_<identity>`."""
     name = spec.name if spec is not None else plan.model_identity.get("name", "model")
     return Path("runs") / f"{plan.benchmark.name}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"
 
 
 def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
-    """Warn that a run starts in a folder of its own because the source of a corruption of the user's was edited, or
-    because an earlier version laid other textures of frost over the frames.
+    """Warn that a run starts in a new folder because the source of one of the user's corruptions was edited, or because
+    an earlier version used other textures for frost.
 
     Args:
         folder: the `default_folder` of the run.

@@ -1,4 +1,4 @@
-"""How far things move in a benchmark: the histogram of flow amplitudes (the paper's figure "Optical flow amplitude
+"""How far pixels move in a benchmark: the histogram of flow amplitudes (the paper's figure "Optical flow amplitude
 statistic"), from ground truth or from a named model's flow on the clean frames."""
 
 from __future__ import annotations
@@ -30,36 +30,36 @@ def displacement_histogram(
     progress: Callable[[int, int], None] = lambda done, total: None,
     digests: Mapping[str, str] | None = None,
 ) -> pl.DataFrame:
-    """Count pixels by amplitude over all samples of a benchmark; holds one sample at a time.
+    """Count pixels by amplitude over all samples of a benchmark, one sample in memory at a time.
 
     Args:
-        benchmark: whose clean pairs.
+        benchmark: whose clean pairs are measured.
         model: the flow to measure; None takes the ground truth.
-        source: what the table calls the model; its class by default.
+        source: the model's name in the table; its class by default.
         edges: ascending bin edges in pixels, the first 0; a bin holds its lower edge.
-        digests: sample -> `frames_digest` of the clean row, of a run that the histogram is to belong to.
+        digests: sample -> `frames_digest` of the clean row, for a histogram that is to belong to a run.
 
     Returns:
         One row per bin: `benchmark`, `source` ("ground truth" or the model), `low`, `high` (pixels), `pixels`
         (a count), `share` (of all valid pixels; the shares add up to 1).
 
     Raises:
-        DataError: ground truth asked of a benchmark that has none.
+        DataError: the ground truth of a benchmark that has none was requested.
         UsageError: edges that do not ascend from 0, or a model that needs more than two frames.
         ModelError: the model failed, or returned a flow that is not finite.
-        RunError: frames that have another digest.
+        RunError: the frames have another digest.
     """
     if model is None and not benchmark.dataset.has_flow:
-        raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow is to be measured")
+        raise DataError(f"{benchmark.name} has no ground truth; name the model whose flow should be measured")
     if model is not None and not isinstance(model, FlowModel | FlowLookup):
-        raise UsageError("displacement is measured from the flow of pairs; name a model of two frames")
+        raise UsageError("displacement is measured from the flow of pairs; name a two-frame model")
     table = histogram(_flows(benchmark, model, progress, digests or {}), edges)
     name = GROUND_TRUTH if model is None else source or type(model).__name__
     return table.select(pl.lit(benchmark.name).alias("benchmark"), pl.lit(name).alias("source"), pl.all())
 
 
 def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES) -> pl.DataFrame:
-    """The table's `low`, `high`, `pixels` and `share` for any flows with their valid masks.
+    """The columns `low`, `high`, `pixels` and `share` for any flows with their valid masks.
 
     >>> flow = np.zeros((1, 4, 2), np.float32)
     >>> flow[0, :, 0] = 0, 1, 3, -9
@@ -74,7 +74,7 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
         amplitude = np.hypot(flow[..., 0], flow[..., 1], dtype=np.float64)[valid]
         amplitude = amplitude[np.isfinite(amplitude)]
         counts += np.histogram(amplitude, np.minimum(edges, np.finfo(np.float64).max))[0]
-        counts[-1] -= int((amplitude == edges[-1]).sum())  # numpy closes the last bin
+        counts[-1] -= int((amplitude == edges[-1]).sum())  # numpy includes the upper edge of the last bin
         valid_pixels += amplitude.size
     share = counts / valid_pixels if valid_pixels else np.zeros(len(counts))
     return pl.DataFrame(
@@ -88,20 +88,19 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
 
 
 def keep_displacement(result: Run, benchmark: Benchmark) -> None:
-    """Keep the histogram of a run's ground truth in its folder, for its pages, unless it is there or there is none.
-
-    One more pass over the clean pairs, of the hundred that a run has.
+    """Store the histogram of a run's ground truth in its folder, for its pages, unless it exists or there is no ground
+    truth. It takes one more pass over the clean pairs, where the run itself takes a hundred.
 
     Args:
         result: of the run.
-        benchmark: that it ran.
+        benchmark: that the run was on.
     """
     if not benchmark.dataset.has_flow:
         return
     try:
         kept = read_displacement(result)
     except RunError:
-        kept = None  # damaged, so counted again
+        kept = None  # damaged, so it is computed again
     if kept is None:
         samples = replace(benchmark, keys=tuple(result.manifest["samples"]))
         write_displacement(result, displacement_histogram(samples))
@@ -117,7 +116,7 @@ def _flows(
         sample = benchmark.dataset.load(key)
         if key in digests and frames_digest(sample.frames[:2]) != digests[key]:
             raise RunError(
-                f"{benchmark.name}, sample '{key}': these are not the frames that were run; give the run's --data"
+                f"{benchmark.name}, sample '{key}': these are not the frames of the run; give the run's --data"
             )
         progress(number, len(benchmark.keys))
         yield _of_truth(benchmark, sample) if model is None else _of_model(model, sample)

@@ -28,15 +28,15 @@ from .slider_pictures import WIDEST, kept_picture, slider_picture
 from .worker import View, Worker
 
 _SAME_PX, _SAME_SHARE = 0.01, 0.01
-"""A prediction made again may differ by this much: batches and devices round differently."""
+"""A repeated prediction may differ by this much: batches and devices round differently."""
 
 
 def write_examples(run: Run, setup: Setup) -> bool:
-    """Draw the examples of a complete run into its folder, unless they are there already.
+    """Draw the examples of a complete run into its folder, unless they exist already.
 
     Args:
-        run: whose folder this process holds.
-        setup: of that run.
+        run: whose folder this process has locked.
+        setup: the set-up of that run.
 
     Returns:
         Whether they were drawn.
@@ -85,7 +85,7 @@ def draw_example(run: Run, setup: Setup, key: str, corruption: str, severity: in
 
 @contextmanager
 def _worker(setup: Setup) -> Iterator[Worker]:
-    """A worker that keeps its clean flows outside of the run's folder."""
+    """A worker that stores its clean flows outside the run's folder."""
     with TemporaryDirectory(prefix="robustflow-") as scratch, one_opencv_thread():
         yield Worker(
             setup.dataset, setup.model.model, setup.options, lambda key: Path(scratch) / f"{key_of(key):x}.npy"
@@ -105,7 +105,7 @@ def _write_slider(folder: Path, slider: dict[str, Any], worker: Worker, pictures
 
 
 def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Literal["png", "jpeg"]) -> bytes:
-    from .panel import Panel, draw_panel, numbers_line, panel_title  # matplotlib, and only here
+    from .panel import Panel, draw_panel, numbers_line, panel_title  # imports matplotlib, needed only here
 
     key, corruption, severity = cell
     row, clean = _row(rows, cell), _row(rows, (key, CLEAN, 0))
@@ -138,7 +138,7 @@ def _no_such_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
 
 
 def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
-    """A picture beside a number shows what the number was measured on, or there is no picture."""
+    """Raise unless a picture shows exactly what its numbers were measured on."""
     where = place(row["sample"], row["corruption"], row["severity"])
     if view.row["frames_digest"] != row["frames_digest"]:
         raise RunError(f"the frames of {where} are not those that the run measured; give the data that it was run on")

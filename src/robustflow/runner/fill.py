@@ -1,4 +1,4 @@
-"""Compute what a run's folder still lacks, and write every finished unit at once."""
+"""Compute what a run's folder still lacks, and write every unit as soon as it is finished."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .setup import Setup
 
 
 def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
-    """Compute and write the units that are planned and not there.
+    """Compute and write the planned units that do not exist yet.
 
     Args:
         folder: locked by this process.
         setup: of the run.
-        engine: that computes.
+        engine: computes the units.
         batch_size: severities that are predicted in one call.
         progress: is notified of the run's size and of every unit that is on disk.
 

@@ -1,4 +1,4 @@
-"""The first stage of a cell: read its sample, corrupt the frames, put them in the order in which a model wants them."""
+"""The first stage of a cell: read its sample, corrupt the frames, and put them in the order that the model expects."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from .slider_pictures import keep_picture
 
 @dataclass(frozen=True)
 class Loaded:
-    """A sample, and what is computed of it once.
+    """A sample, and what is computed from it once.
 
     Attributes:
-        sample: with its clean frames; those around the pair come behind it.
-        regions: of its ground truth; None without one.
-        made_of: names what its clean flow is computed from: the key and the digest of the frames.
+        sample: with its clean frames; those around the pair come after it.
+        regions: of its ground truth; None without ground truth.
+        made_of: identifies what its clean flow is computed from: the key and the digest of the frames.
     """
 
     sample: Sample
@@ -41,7 +41,7 @@ class FrameStage:
     """Makes the frames of cells.
 
     Args:
-        dataset: whose samples.
+        dataset: the source of the samples.
         options: of the run.
         seconds: where "load" and "corrupt" are counted.
     """
@@ -62,7 +62,7 @@ class FrameStage:
         """Read a sample.
 
         Raises:
-            DataError: a file is damaged, or there is nothing in it to measure.
+            DataError: a file is damaged, or contains nothing to measure.
         """
         with spent(self._seconds, "load"):
             sample = self._dataset.load(key)
@@ -71,7 +71,7 @@ class FrameStage:
             if sample.valid is not None and not sample.valid.any():
                 raise DataError(
                     f"sample '{key}': its ground truth marks no pixel as valid, so no error can be measured; "
-                    "leave it out with --split, or repair the flow file"
+                    "leave it out with --split, or restore the flow file"
                 )
             regions = Regions.of(sample) if sample.flow is not None else None
             return Loaded(sample, regions, f"{key} {frames_digest(sample.frames)}")
@@ -85,7 +85,7 @@ class FrameStage:
 
     def _corrupted(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
         with spent(self._seconds, "corrupt"):
-            paper = self._options.severity_scale == "paper"  # what was corrupted beforehand has the paper's severities
+            paper = self._options.severity_scale == "paper"  # frames corrupted beforehand have the paper's severities
             if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
                 made = self._dataset if self._context is None else self._context
                 return made.corrupted(sample.key, name, severity)
@@ -99,7 +99,7 @@ class FrameStage:
             return tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common))
 
     def question(self, cell: Cell, frames: tuple[Frame, ...]) -> Question:
-        """What the model is asked about frames as they come in a sample."""
+        """The question to the model about the frames of a sample."""
         if self._context is None:
             return Question(cell, frames)
         key = cell[0]
@@ -112,5 +112,5 @@ def frames_digest(frames: tuple[Frame, ...]) -> str:
 
 
 def _bytes_of(frame: Frame) -> memoryview:
-    """A frame's bytes where they are, in row order."""
+    """A frame's bytes in row order, without a copy."""
     return np.ascontiguousarray(frame).data.cast("B") if frame.size else memoryview(b"")

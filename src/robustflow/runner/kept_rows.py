@@ -1,4 +1,4 @@
-"""Whether a clean row that is measured again is the one that a run holds: the same frames, ground truth and model."""
+"""Whether a clean row, measured again, equals the one that a run holds: the same frames, ground truth and model."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from ..runs.store import RunFolder
 
 _FRAMES = ("frames_digest", "height", "width")
 _TRUTH = ("n_valid", "magnitude_sum")
-"""Columns that the ground truth decides, where every pixel's prediction is finite."""
+"""Columns that depend only on the ground truth, if every pixel's prediction is finite."""
 _PREDICTION = ("pred_magnitude_sum", "epe_sum", "n_invalid")
-"""Columns that another model's flow changes, the first also without ground truth."""
+"""Columns that would differ for another model's flow; the first also without ground truth."""
 _TOLERANCE = 1e-3
-"""Relative. More than a GPU's arithmetic differs from one run to the next, less than a change of a model."""
+"""Relative tolerance: more than a GPU's arithmetic differs from one run to the next, less than a change of a model."""
 
 KEPT = ("sample", "corruption", "severity", "n_all", *_FRAMES, *_TRUTH, *_PREDICTION)
 """The columns that are compared."""
 
 
 def kept_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """The clean rows that a run already holds of these samples, by sample; the columns in `KEPT`.
+    """The clean rows that a run already holds for these samples, by sample; only the columns in `KEPT`.
 
     Raises:
         RunError: a shard cannot be read.
@@ -38,7 +38,7 @@ def kept_clean_rows(folder: RunFolder, keys: Iterable[str]) -> dict[str, dict[st
 
 
 def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Compare what frames and ground truth decide.
+    """Compare what depends on frames and ground truth.
 
     Args:
         before: the row that the run holds.
@@ -55,14 +55,14 @@ def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
 
 
 def check_same_model(before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Compare what the model decides.
+    """Compare what depends on the model.
 
     Args:
         before: the row that the run holds.
         now: the same row, measured again.
 
     Raises:
-        RunError: they differ by more than arithmetic does.
+        RunError: they differ by more than rounding.
     """
     if not all(_close(before[column], now[column]) for column in _PREDICTION):
         raise RunError(

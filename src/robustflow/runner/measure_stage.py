@@ -18,11 +18,11 @@ from .seconds import Seconds, spent
 
 
 class MeasureStage:
-    """Makes rows, and keeps clean flows for the rest of their samples.
+    """Makes rows, and stores clean flows for the rest of their samples.
 
     Args:
         options: of the run.
-        clean_path: where a sample's clean flow is kept between units, so that it is computed once per sample.
+        clean_path: where a sample's clean flow is stored between units, so that it is computed once per sample.
         kept: clean rows measured earlier, by sample (see `kept_rows`).
         seconds: where "measure" is counted.
     """
@@ -40,7 +40,7 @@ class MeasureStage:
         self._seconds = seconds
 
     def kept_clean(self, loaded: Loaded) -> Flow | None:
-        """The clean flow that another unit of the sample left; None where it has to be predicted.
+        """The clean flow that another unit of the sample stored; None if it has to be predicted.
 
         Raises:
             RunError: see `keep_clean`.
@@ -51,17 +51,17 @@ class MeasureStage:
         return clean
 
     def keep_clean(self, loaded: Loaded, clean: Flow) -> None:
-        """Keep a clean flow that was predicted now.
+        """Store a newly predicted clean flow.
 
         Raises:
-            RunError: the run has a clean row of the sample that was measured of other frames, another ground truth or
+            RunError: the run has a clean row of the sample that was measured with other frames, another ground truth or
                 another model.
         """
         write_clean(self._clean_path(loaded.sample.key), clean, loaded.made_of)
         self._check(loaded, clean)
 
     def row(self, loaded: Loaded, clean: Flow, flow: Flow, digest: str, cell: Cell) -> dict[str, Any]:
-        """One row.
+        """Measure one row.
 
         Args:
             loaded: the sample.
@@ -85,8 +85,8 @@ class MeasureStage:
             )
         if row["n_invalid"] and not self._allow_invalid:
             raise ModelError(
-                f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {place(*cell)}; repair the "
-                "model, or give --allow-invalid to leave such pixels out and count them"
+                f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {place(*cell)}; fix the "
+                "model, or give --allow-invalid to exclude and count such pixels"
             )
         return row
 

@@ -1,4 +1,4 @@
-"""The model of a run: loaded once, with what names it and how a worker process loads its own copy."""
+"""The model of a run: loaded once, with its name and how a worker process loads its own copy."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ class NamedModel:
     """A loaded model.
 
     Attributes:
-        spec: name and options; None for a Python object, which has none.
-        model: loaded.
-        identity: of a run that it makes.
-        declared: its training sets in the words of the user; None where nothing is declared.
+        spec: name and options; None for a Python object, which has no name.
+        model: the loaded model.
+        identity: the model's part of a run's identity.
+        declared: its training sets as the user declared them; None if they are not declared.
     """
 
     spec: ModelSpec | None
@@ -30,10 +30,10 @@ class NamedModel:
     identity: dict[str, Any]
     declared: str | None
     name: str | None = None
-    """What a user's own model calls itself; None for those that are known by name."""
+    """What a user's own model calls itself; None for registered models."""
 
     def check_batch_size(self, size: int) -> None:
-        """Refuse a batch size that the model does not take.
+        """Raise if the model does not support a batch size.
 
         Raises:
             UsageError: below 1, or above 1 for a model that predicts one pair or clip at a time.

@@ -1,4 +1,4 @@
-"""One cell side by side: the pair, the corrupted pair, both flows, ground truth and the map of errors."""
+"""One cell as a panel: the pair, the corrupted pair, both flows, ground truth and the error map."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _TALLEST_IN = 7.0
 _TITLE_IN = 0.34
 _HEAD_IN = 0.4
 _BAR_IN = 0.66
-_TITLE_PT = 15  # readable where a page shows two panels beside each other
+_TITLE_PT = 15  # readable when a page shows two panels side by side
 _DPI = 100
 _JPEG_QUALITY = 88
 
@@ -39,7 +39,7 @@ class Panel:
     """What a panel shows.
 
     Attributes:
-        sample: the clean frames, and ground truth where there is one.
+        sample: the clean frames, and ground truth if there is any.
         frames: the corrupted frames, RGB uint8 (H, W, 3); the first two are shown.
         flow, clean_flow: float32 (H, W, 2), the model's on the corrupted and on the clean frames, pixels.
         title: one line: which cell, and why.
@@ -82,7 +82,9 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
         pictures.append(("end-point error on the corrupted frames (grey: unknown)", error))
     figure = _drawn(panel, pictures)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # a name's script that the font lacks shows as boxes
+        warnings.filterwarnings(
+            "ignore", "Glyph .* missing"
+        )  # characters of a name that the font lacks are shown as boxes
         return _file(figure, form)
 
 
@@ -119,7 +121,7 @@ def _error_scale(figure: Figure, axes: Axes) -> None:
 
 
 def _wheel(axes: Axes) -> None:
-    """What the colours mean, shown in place of missing ground truth."""
+    """A key to the colours, shown in place of missing ground truth."""
     side = np.linspace(-1, 1, 161, dtype=np.float32)
     flow = np.stack(np.meshgrid(side, side), axis=2)
     colours = flow_colours(flow, 1.0)
@@ -129,7 +131,7 @@ def _wheel(axes: Axes) -> None:
 
 
 def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> str:
-    """The scores of a cell in one line; what is None is left out.
+    """The scores of a cell in one line; those that are None are left out.
 
     >>> numbers_line(None, None, 0.5), numbers_line(2.0, 0.25, 1.0)
     ('RCRE 0.50 px', 'EPE 2.00 px   CRE +0.25 px   RCRE 1.00 px')
@@ -143,7 +145,7 @@ def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> st
 
 
 def panel_title(key: str, corruption: str, severity: int, why: str = "") -> str:
-    """The headline; names come from files and are made harmless.
+    """The headline; names come from files, so they are sanitised.
 
     >>> panel_title("000010", "fog", 3, "worst")
     'worst: 000010, fog severity 3'

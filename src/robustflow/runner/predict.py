@@ -1,4 +1,4 @@
-"""Flow of a model for frames that somebody has: files, pictures of them, and a video."""
+"""A model's flow for a user's own frames: flow files, pictures of the flow, and a video."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ from .named_model import name_model
 from .worker import Worker
 
 FORMATS = ("flo", "png", "pfm", "flo5")
-"""What flow can be written as; "png" is KITTI's 16-bit one."""
+"""File formats for flow; "png" is KITTI's 16-bit format."""
 
 
 @dataclass(frozen=True)
 class Predicted:
-    """One pair that is done.
+    """One finished pair.
 
     Attributes:
         key: of the pair.
-        flow: the file.
+        flow: the flow file.
         radius: the length in pixels that 99 % of its vectors do not exceed.
     """
 
@@ -55,7 +55,7 @@ def frames_of(paths: list[Path], options: Mapping[str, object]) -> Dataset:
 
     Raises:
         UsageError: one picture, or options with pictures.
-        DataError: nothing there that can be read.
+        DataError: nothing that can be read.
     """
     if len(paths) == 1:
         if paths[0].is_file() and _is_picture(paths[0]):
@@ -78,18 +78,18 @@ def predict_flows(
     suffix: str = "flo",
     overwrite: bool = False,
 ) -> Iterator[Predicted]:
-    """Write the flow of every pair as FOLDER/KEY.SUFFIX, one after the other; each file is whole or not there.
+    """Write the flow of every pair as FOLDER/KEY.SUFFIX, one after the other; each file is complete or absent.
 
     Args:
         model: a name, a path, or anything that `evaluate` takes as a model.
-        dataset: of `frames_of`, or any other.
-        folder: made where it is not there.
+        dataset: from `frames_of`, or any other.
+        folder: created if it does not exist.
         suffix: one of `FORMATS`.
-        overwrite: replace files that are there.
+        overwrite: replace existing files.
 
     Raises:
-        UsageError: an unknown format, or a file that is in the way; nothing is predicted then.
-        ModelError: the model cannot be loaded, or does not answer with a flow.
+        UsageError: an unknown format, or a file that already exists; nothing is predicted then.
+        ModelError: the model cannot be loaded, or does not return a flow.
         DataError: a frame cannot be read, or a file cannot be written.
     """
     if suffix not in FORMATS:
@@ -101,7 +101,7 @@ def predict_flows(
         raise UsageError(f"{there[0]} already exists; choose another folder with -o, or give --overwrite")
     named = name_model(model)
     if isinstance(named.model, FlowLookup):
-        raise UsageError("a folder of flow files predicts nothing; name a model")
+        raise UsageError("a folder of flow files cannot predict; name a model")
     for key, flow in flows_of(named.model, dataset, keys):
         make_folder(targets[key].parent)
         write_flow(targets[key], flow)
@@ -124,7 +124,8 @@ def flows_of(model: AnyModel, dataset: Dataset, keys: Sequence[str]) -> Iterator
 
 
 def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
-    """A picture in flow colours beside each flow file, KEY.colours.png; the same colour is the same flow in all."""
+    """Write a picture in flow colours next to each flow file, KEY.colours.png; equal colours mean equal flow in all of
+    them."""
     for one in predicted:
         flow, valid = read_flow(one.flow)
         path = one.flow.with_suffix(".colours.png")
@@ -133,7 +134,7 @@ def write_pictures(predicted: list[Predicted], radius: float) -> Iterator[Path]:
 
 
 def write_video(path: Path, predicted: list[Predicted], dataset: Dataset, radius: float, fps: float) -> None:
-    """An MP4 (H.264) with each first frame above its flow in colours.
+    """Write an MP4 (H.264) with each first frame above its flow in colours.
 
     Raises:
         DataError: frames of different sizes, or the file cannot be written.
@@ -144,7 +145,9 @@ def write_video(path: Path, predicted: list[Predicted], dataset: Dataset, radius
         for one in predicted:
             frame = dataset.load(one.key).frames[0]
             if frame.shape[:2] != (height, width):
-                raise DataError(f"{one.key} has another size than the frames before it; a video has one size")
+                raise DataError(
+                    f"{one.key} differs in size from the frames before it; all frames of a video must have one size"
+                )
             flow, valid = read_flow(one.flow)
             yield rgb_to_i420(_stacked(frame, flow_colours(flow, radius, valid)))
 

@@ -21,12 +21,12 @@ from .seconds import Seconds, spent
 
 
 class PredictStage:
-    """Asks a model, and checks that it answers with flows.
+    """Calls a model, and checks that it returns flows.
 
     Args:
         model: loaded.
         seconds: where "predict" is counted.
-        on_predict: called with what is being predicted before each call of the model and with None after it, so that
+        on_predict: called with what is being predicted before each call of the model, and with None after it, so that
             its time can be watched.
     """
 
@@ -38,7 +38,7 @@ class PredictStage:
         self._on_predict = on_predict
 
     def predict(self, questions: Sequence[Question]) -> list[Flow]:
-        """The flows of some cells: several in one call, where the model can; one alone goes through `predict`.
+        """The flows of some cells: several in one call, if the model can; a single one goes through `predict`.
 
         Raises:
             ModelError: the model raised, or returned something that is not float (H, W, 2).

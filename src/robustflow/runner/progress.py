@@ -25,14 +25,14 @@ from ..text import counted
 from .engines.base import FinishedUnit
 
 LINE_EVERY_S = 10.0
-"""Between lines of progress in a log."""
+"""Seconds between lines of progress in a log."""
 
 
 class Progress(Protocol):
-    """Hears of every finished unit."""
+    """Is notified of every finished unit."""
 
     def start(self, folder: Path, total: int, found: int) -> None:
-        """A run of `total` units begins, `found` of which an earlier call left finished."""
+        """A run of `total` units starts; `found` of them were finished by an earlier call."""
 
     def advance(self, done: FinishedUnit) -> None:
         """One more unit is on disk."""
@@ -40,10 +40,10 @@ class Progress(Protocol):
 
 @runtime_checkable
 class NamesEngine(Protocol):
-    """A `Progress` that also says what computes."""
+    """A `Progress` that also shows which engine computes."""
 
     def engine(self, name: str) -> None:
-        """What computes the run that is about to start: "processes, 1 device + 3 feeders"."""
+        """The engine of the run that is about to start: "processes, 1 device + 3 feeders"."""
 
 
 class Silent:
@@ -58,11 +58,11 @@ class Silent:
 
 @contextmanager
 def shown(progress: Progress | bool | None) -> Iterator[Progress]:
-    """The progress that a call of `evaluate` asks for.
+    """The progress that a call of `evaluate` requests.
 
     Args:
-        progress: one of the caller's own; True for a bar, or lines where there is no screen; False for none; None for
-            a bar where it can be seen (standard error is a terminal, or a notebook), and none elsewhere.
+        progress: the caller's own; True for a bar, or lines if there is no screen; False for none; None for a bar where
+            it can be seen (standard error is a terminal, or a notebook), and nothing elsewhere.
     """
     if progress is None:
         console = Console(stderr=True)
@@ -97,11 +97,11 @@ class TerminalProgress:
             self._bar.stop()
 
     def engine(self, name: str) -> None:
-        """What computes the run that is about to start."""
+        """The engine of the run that is about to start."""
         self._engine = f"; engine: {name}"
 
     def start(self, folder: Path, total: int, found: int) -> None:
-        """A run of `total` units begins, `found` of which an earlier call left finished."""
+        """A run of `total` units starts; `found` of them were finished by an earlier call."""
         self._folder, self._total, self._finished, self._found = folder, total, found, found
         self._started = self._last_line = time.monotonic()
         kept = f", {found} of them already there" if found else ""
@@ -141,7 +141,7 @@ class TerminalProgress:
             )
 
     def kept(self) -> str:
-        """What a stopped run leaves behind, as a sentence."""
+        """What a stopped run has kept, as a sentence."""
         if self._folder is None:
-            return "nothing had begun."
+            return "nothing had been computed."
         return f"{self._finished} of {counted(self._total, 'step')} are kept in {self._folder}."

@@ -1,4 +1,4 @@
-"""What a model is asked."""
+"""A question to a model: the frames of one cell."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from ..sample import Frame
 
-if TYPE_CHECKING:  # a process that only predicts does not load what a plan is made of
+if TYPE_CHECKING:  # a process that only predicts does not import what plans need
     from ..runs.plan import Cell
 
 
 @dataclass(frozen=True)
 class Question:
-    """The flow of one cell.
+    """A request for the flow of one cell.
 
     Attributes:
         cell: (sample key, corruption, severity).

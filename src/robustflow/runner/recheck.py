@@ -1,7 +1,7 @@
-"""Whether rows were made from the frames that others have too: their digests, made again from the data.
+"""Whether rows were made from frames that others can reproduce: their digests, recomputed from the data.
 
 A row carries a digest of the frames its model was given. Frames follow from the data, the corruption, its severity, the
-seed and the sample's key alone, so anyone with the data can make them again without the model.
+seed and the sample's key alone, so anyone with the data can recompute them without the model.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from .setup import set_up_frames
 from .worker import Worker
 
 TOLERANCE_PX = 0.01
-"""Of the means of one row: the same network on another processor or library rounds otherwise, within this."""
+"""Tolerance for the means of one row: the same network rounds differently on another processor or with another
+library."""
 
 _TRUTH = ("height", "width", "n_valid", "magnitude_sum", *(f"n_{region}" for region in REGIONS))
 
@@ -44,7 +45,7 @@ def recheck(
     count: int = 20,
     seed: int | None = None,
 ) -> str:
-    """Make the frames of some rows of a run again, and compare their digests and what the ground truth decides.
+    """Recompute the frames of some rows of a run, and compare their digests and what depends on the ground truth.
 
     With a model, predict them again as well, and compare the mean error and the mean change of each row.
 
@@ -52,16 +53,16 @@ def recheck(
         identity: of the run; benchmark, seed, variant and scale are taken from it.
         rows: of the run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
         data, options: of the benchmark, as for `evaluate`; they are never taken from the run.
-        model: that the run names as the one that made the rows; loaded from here, never from the run.
-        count: how many rows, drawn at random; all of them where there are fewer.
+        model: the one that the run names as having made the rows; loaded on this machine, never from the run.
+        count: how many rows, drawn at random; all of them if there are fewer.
         seed: of the draw; a new one each time by default, so that the rows to be checked are not known beforehand.
 
     Returns:
         What was compared, in a sentence.
 
     Raises:
-        RunError: a row is not what the data or the model give, or these are other data than the run's.
-        UsageError, DataError: the data are not there.
+        RunError: a row differs from what the data or the model give, or these are not the run's data.
+        UsageError, DataError: the data are missing.
     """
     if count < 1:
         raise UsageError(f"{count} rows cannot be checked: give 1 or more")
@@ -86,7 +87,7 @@ def recheck(
             (made,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
             if made["frames_digest"] != row["frames_digest"]:
                 problems.append(f"{where}: other frames")
-            elif row["group"] not in (made["group"], row["sample"]):  # older rows of KITTI have no drive
+            elif row["group"] not in (made["group"], row["sample"]):  # older rows of KITTI lack the drive
                 problems.append(f"{where}: another group")
             elif row["n_all"] == row["height"] * row["width"] and any(made[c] != row[c] for c in _TRUTH):
                 problems.append(f"{where}: another ground truth")
@@ -101,7 +102,7 @@ def recheck(
 
 
 def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
-    """By how many pixels the mean error, or the mean change against the clean flow, of two rows differs."""
+    """By how many pixels the mean errors, or the mean changes against the clean flow, of two rows differ."""
     gaps = [0.0]
     for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all")):
         if made[total] is None or row[total] is None:

@@ -1,9 +1,9 @@
-"""Before a run continues: is this still the model, and are these still the data, that its rows were measured with?
+"""Before a run continues: are these still the model and the data that its rows were measured with?
 
-An identity cannot say it all. A user's model counts with its own source file, not with what it imports or reads; data
-count with the names and sizes of their files. So one clean row is measured again, of the sample whose files changed
-last: frames and ground truth are compared always, the prediction unless the model is named by a hash of its content.
-Every other sample is compared in the same way when its own work goes on (see `Worker`).
+An identity does not cover everything: of a user's model it includes the source file, but not what that imports or
+reads; of data, the names and sizes of files. So one clean row is measured again, for the sample whose files changed
+last: frames and ground truth are always compared, the prediction unless the model is identified by a hash of its
+content. Every other sample is compared in the same way when its own work continues (see `Worker`).
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ _HASH = re.compile(r"[0-9a-f]{64}")
 
 
 def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
-    """Measure one clean row of a run again and compare it; nothing where there is no row yet.
+    """Measure one clean row of a run again and compare it; does nothing if there is no row yet.
 
     Args:
         folder: of the run.
-        job: that is to continue it.
+        job: the one that continues it.
         plan: of the job.
 
     Raises:
@@ -69,7 +69,7 @@ def is_named_by_content(identity: dict[str, Any]) -> bool:
 
 
 class _Still:
-    """Stands in for a model that need not be asked: no motion."""
+    """Stands in for a model whose prediction is not needed: no motion."""
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
         return np.zeros((*frame1.shape[:2], 2), np.float32)

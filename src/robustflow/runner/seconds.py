@@ -11,7 +11,7 @@ Seconds = dict[str, float]
 
 
 def no_seconds() -> Seconds:
-    """Nothing spent yet."""
+    """All counters at zero."""
     return {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
 
 
@@ -24,7 +24,7 @@ def spent(seconds: Seconds, kind: str) -> Iterator[None]:
 
 
 def taken(seconds: Seconds) -> Seconds:
-    """What was spent since the last call; counting starts again at zero.
+    """The seconds spent since the last call; counting starts again at zero.
 
     >>> seconds = no_seconds()
     >>> seconds["load"] = 2.0

@@ -1,4 +1,4 @@
-"""One run, set up: benchmark, model and options, from what is asked for or from what a finished run recorded."""
+"""The set-up of one run: benchmark, model and options, from a request or from what a finished run recorded."""
 
 from __future__ import annotations
 
@@ -60,15 +60,15 @@ def set_up(
     common_draws: bool = False,
     name: str | None = None,
 ) -> Setup:
-    """What is asked for, checked as a whole; the model is loaded, and nothing is computed.
+    """Set up a run from a request: it is checked as a whole and the model is loaded, but nothing is computed.
 
     Args:
         model: see `robustflow.evaluate`.
-        benchmark: from `open_benchmark`, narrowed to what is to run.
+        benchmark: from `open_benchmark`, restricted to what should run.
         seed, variant, severity_scale, allow_invalid, common_draws, name: see `robustflow.evaluate`.
 
     Raises:
-        UsageError: parts that do not go together, or nothing to run.
+        UsageError: parts that do not fit together, or nothing to run.
         ModelError: the model cannot be loaded.
     """
     for corruption in benchmark.corruptions:
@@ -95,11 +95,11 @@ def set_up(
 
 
 def set_up_again(run: Run, source: RunSource) -> Setup:
-    """A finished run from its manifest, with the model and the data that `source` names.
+    """Set up a finished run from its manifest, with the model and the data that `source` names.
 
     Raises:
         RunError: the model cannot be loaded any more, or what is set up now is not what was run.
-        UsageError, DataError: the data set is not there.
+        UsageError, DataError: the data set is missing.
     """
     identity = run.manifest["identity"]
     _check_registered(identity["benchmark"])
@@ -123,33 +123,35 @@ def set_up_again(run: Run, source: RunSource) -> Setup:
 def set_up_frames(
     identity: dict[str, Any], data: str | Path | None, data_options: dict[str, Any]
 ) -> tuple[Dataset, RunOptions]:
-    """Data set and options that make the frames of a run again, without its model.
+    """Data set and options with which the frames of a run can be recomputed, without its model.
 
     Raises:
         RunError: these are not the data, severities or files that the run was made with.
-        UsageError, DataError: the data set is not there.
+        UsageError, DataError: the data set is missing.
     """
     _check_registered(identity["benchmark"])
     benchmark = open_benchmark(identity["benchmark"], data, None, data_options, identity["variant"])
-    protocol = json.loads(json.dumps(benchmark.protocol, default=str))  # as it comes back from a manifest
+    protocol = json.loads(json.dumps(benchmark.protocol, default=str))  # in the form in which a manifest is read
     if DATASETS.recorded_name(benchmark.dataset.name) != identity["dataset"] or protocol != identity["protocol"]:
         raise RunError(
             f"the run's data are {identity['dataset']} {identity['protocol']}, these are {benchmark.dataset.name} "
             f"{protocol}; give the data and data options of the run"
         )
-    options = _options_of({**identity, "allow_invalid": True})  # invalid pixels are a model's, which is not here
+    options = _options_of(
+        {**identity, "allow_invalid": True}
+    )  # invalid pixels come from a model, which is not used here
     if "severity_scale" in identity and identity["severity_scale"] != f"calibrated {calibration_digest()}":
         raise RunError("the run's calibrated severities are not those of this version; use the version that ran it")
     if dict(options.sources) != (recorded := recorded_sources(identity)):
         raise RunError(
-            "the corruptions of the run read other files than are set up here "
+            "the run's corruptions read other files than those set up here "
             f"({differing(dict(options.sources), recorded)}); set ROBUSTFLOW_PSF_DIR as the run did"
         )
     return benchmark.dataset, options
 
 
 def _check_registered(benchmark: Any) -> None:
-    """Refuse a benchmark that only code named by a stranger's file could open."""
+    """Raise if only code named by a stranger's file could open a benchmark."""
     if benchmark not in BENCHMARKS and benchmark not in DATASETS:
         raise RunError(
             f"unknown benchmark '{plain(str(benchmark))}' of the run: neither this package nor an installed one offers "
@@ -164,7 +166,7 @@ def open_benchmark(
     options: dict[str, Any] | None = None,
     variant: str = "default",
 ) -> Benchmark:
-    """A benchmark by name or as it is, its clips under a variant of the corruptions.
+    """A benchmark, by name or as an object, its clips under a variant of the corruptions.
 
     Raises:
         UsageError, DataError: see `load_benchmark`.
@@ -181,8 +183,8 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
     for name in own:
         if not is_known(name):
             raise RunError(
-                f"the run's corruption '{plain(name)}' is your own or an installed package's, and not "
-                "known here: name it with --own-corruption MODULE:ATTRIBUTE, or install its package"
+                f"the run's corruption '{plain(name)}' is your own or an installed package's, and unknown here: name "
+                "it with --own-corruption MODULE:ATTRIBUTE, or install its package"
             )
     common_draws = bool(identity.get("common_draws", False))
     return _options(

@@ -1,4 +1,4 @@
-"""The small pictures of a run's slider: made while its frames are at hand, or again from frames corrupted again."""
+"""The small pictures of a run's slider: made while its frames are in memory, or later from recomputed frames."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from .setup import Setup
 
 WIDEST = 480
-"""Pixels a picture of the slider is wide at most."""
+"""Largest width of a slider picture, in pixels."""
 
 
 def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes:
-    """A JPEG of the first frame that a corruption changed: one of the two is all that over_exposure changes.
+    """A JPEG of the first frame that a corruption changed: over_exposure changes only one of the two.
 
     Args:
         frames, clean: RGB uint8 (H, W, 3).
@@ -36,9 +36,10 @@ def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes
 
 @contextmanager
 def pictures_kept(setup: Setup) -> Iterator[Setup]:
-    """A setup whose workers keep the slider's pictures while this lasts, where it is known which sample it will show.
+    """A set-up whose workers store the slider's pictures within the block, if it is known which sample it will show.
 
-    That is a run of one sample; with more, the sample is known at the end, and keeping them all would cost more.
+    That is so for a run of one sample; with more, the sample is known only at the end, and storing all pictures would
+    cost more.
     """
     if len(setup.plan.benchmark.keys) > 1:
         yield setup
@@ -51,13 +52,13 @@ def pictures_kept(setup: Setup) -> Iterator[Setup]:
 def keep_picture(
     folder: Path, frames: tuple[Frame, ...], clean: tuple[Frame, ...], corruption: str, severity: int
 ) -> None:
-    """Keep the picture of a cell. One that cannot be written is made again later."""
+    """Store the picture of a cell. One that cannot be written is made later."""
     with suppress(DataError):
         write_bytes(_path(folder, corruption, severity), slider_picture(frames, clean), durable=False)
 
 
 def kept_picture(folder: Path | None, corruption: str, severity: int) -> bytes | None:
-    """What `keep_picture` kept, or None."""
+    """The picture that `keep_picture` stored, or None."""
     try:
         return None if folder is None else _path(folder, corruption, severity).read_bytes()
     except OSError:

@@ -20,7 +20,7 @@ from .seconds import no_seconds
 
 @dataclass(frozen=True)
 class View:
-    """One cell as a person looks at it: what the model was given, what it answered, and the row that was measured.
+    """One cell in full: what the model was given, what it answered, and the measured row.
 
     Attributes:
         sample: with the clean frames.
@@ -37,15 +37,15 @@ class View:
 
 
 class Worker:
-    """Computes units of one run, keeping the last sample and its clean flow at hand.
+    """Computes units of one run, keeping the last sample and its clean flow in memory.
 
     Args:
         clean_path: where a sample's clean flow is kept between units, so that it is computed once per sample.
         on_predict: called with what is being predicted before each prediction and with None after it; the process
-            engine watches a model's time this way.
-        batch_size: severities of a unit that are predicted in one call, where the model can.
-        kept: clean rows measured earlier, by sample (see `kept_rows`); a sample of which there is one is refused
-            where its frames, its ground truth or the model's prediction are not what they were.
+            engine uses this to watch a model's time.
+        batch_size: severities of a unit that are predicted in one call, if the model can.
+        kept: clean rows measured earlier, by sample (see `kept_rows`); a sample with such a row is refused if its
+            frames, its ground truth or the model's prediction have changed.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Worker:
         return rows
 
     def look(self, key: str, corruption: str, severity: int) -> View:
-        """Compute one cell and keep everything of it."""
+        """Compute one cell and return everything about it."""
         loaded, clean = self._load(key)
         cell, frames = (key, corruption, severity), self._frames.corrupt(loaded.sample, corruption, severity)
         (flow,) = self._model.predict([self._frames.question(cell, frames)])
@@ -102,7 +102,7 @@ class Worker:
 
     def _load(self, key: str) -> tuple[Loaded, Flow]:
         if self._last is None or self._last[0].sample.key != key:
-            self._last = None  # let go of the last sample before the next one is read
+            self._last = None  # release the last sample before the next one is read
             loaded = self._frames.load(key)
             clean = self._measure.kept_clean(loaded)
             if clean is None:

@@ -1,4 +1,4 @@
-"""Are published or own results consistent? What is not is listed with both numbers."""
+"""Are published or own results consistent? Each inconsistency is listed with both numbers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def audit_published() -> Audit:
 
 
 def audit_results(results: pl.DataFrame, costs: Mapping[str, Cost] | None = None, audited: str = "results") -> Audit:
-    """Results in the tidy shape (`robustflow.analysis.results.RESULT_SCHEMA`), and a cost table where there is one."""
+    """Results in the tidy shape (`robustflow.analysis.results.RESULT_SCHEMA`), and a cost table if there is one."""
     book = Book(results)
     checks = (check_swapped, check_shifted, check_cre, check_averages, check_crer, check_bound, check_marks)
     parts = [check(book) for check in checks]

@@ -66,7 +66,8 @@ def expected_cre(values: Values) -> dict[str, float]:
 
 
 def change_tolerance(epe: Values, corruption: str, given: Printed) -> float:
-    """What rounding of the EPE, the clean EPE and a number beside their difference (CRE, RCRE) can add up to."""
+    """How much the rounding of the EPE, the clean EPE and a number compared with their difference (CRE, RCRE) can add
+    up to."""
     return epe["epe", corruption].half + epe["epe", CLEAN].half + given.half
 
 
@@ -76,7 +77,7 @@ def misfits_change(epe: Values, corruption: str, cre: Printed) -> bool:
 
 
 def below_change(epe: Values, corruption: str, rcre: Printed) -> bool:
-    """Whether an RCRE is impossible beside these EPE: below |EPE - clean EPE|."""
+    """Whether an RCRE is impossible given these EPE: below |EPE - clean EPE|."""
     lowest = abs(_change(epe, corruption))
     return rcre.value < lowest and misfits(rcre.value, lowest, change_tolerance(epe, corruption, rcre))
 
@@ -123,7 +124,7 @@ def check_averages(book: Book) -> tuple[str, int, list[Finding]]:
 
 
 def check_crer(book: Book) -> tuple[str, int, list[Finding]]:
-    """CREr = (EPE - clean EPE) / clean EPE, where results list it."""
+    """CREr = (EPE - clean EPE) / clean EPE, for results that list it."""
     count, findings = 0, []
     for key, values in book.values.items():
         clean = values.get(("epe", CLEAN))
@@ -153,7 +154,7 @@ def check_bound(book: Book) -> tuple[str, int, list[Finding]]:
             count += 1
             if below_change(values, corruption, given):
                 says = (
-                    f"{_where(key, corruption)}: RCRE {given.value:.2f} is impossible beside a change of the EPE by "
+                    f"{_where(key, corruption)}: RCRE {given.value:.2f} is impossible with a change of the EPE by "
                     f"{expected:+.2f}; it is at least as large"
                 )
                 numbers = (given.value, abs(expected), change_tolerance(values, corruption, given))

@@ -13,15 +13,15 @@ CHECKS = {
     "average": "the average is the mean over corruptions",
     "bound": "RCRE is at least |EPE - clean EPE|",
     "best": "the best of each column is marked",
-    "rank": "ranks follow from the values beside them",
-    "rank_from_epe": "ranks follow from CREr made from the EPE",
+    "rank": "ranks follow from the printed values",
+    "rank_from_epe": "ranks follow from CREr computed from the EPE",
     "swapped": "each row belongs to its model",
     "shifted": "each value is in its column",
     "summary": "the summary follows from the rows",
     "identity": "the run's digest follows from its identity",
     "rows": "the rows are possible measurements",
 }
-"""Each check and what it holds to be true."""
+"""Each check and what it asserts."""
 
 
 class Finding(BaseModel):
@@ -30,7 +30,7 @@ class Finding(BaseModel):
     Attributes:
         check: one of `CHECKS`.
         source: the table or file it is in.
-        setting, model, metric, corruption: where in it; "" where that means nothing.
+        setting, model, metric, corruption: where in it; "" if not applicable.
         given: the number as printed.
         recomputed: what follows from the other numbers.
         tolerance: how far apart rounding alone could put the two.
@@ -52,10 +52,10 @@ class Finding(BaseModel):
 
 
 class Audit(BaseModel):
-    """All findings, and how many numbers each check looked at.
+    """All findings, and how many numbers each check examined.
 
     Attributes:
-        audited: what was looked at.
+        audited: what was examined.
         checked: numbers compared, by check.
         findings: in the order of the checks.
     """

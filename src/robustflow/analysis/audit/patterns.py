@@ -1,4 +1,4 @@
-"""What many misfits together point at: two models' rows exchanged, or values moved by a column."""
+"""What many mismatches together suggest: the rows of two models were swapped, or values moved by one column."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from .findings import Finding
 from .rounding import misfits
 
 _LEAST = 3
-"""Fewer numbers that happen to fit elsewhere are not a pattern."""
+"""With fewer numbers that happen to fit elsewhere, there is no pattern."""
 
 
 def check_swapped(book: Book) -> tuple[str, int, list[Finding]]:
-    """Rows of two models of a setting that fit each other's EPE, and not their own."""
+    """Rows of two models of a setting that fit each other's EPE, but not their own."""
     count, findings = 0, []
     wrong = {key: _misfitting(book.values[key], book.values[key]) for key in book.values}
     for first, second in combinations([key for key, names in wrong.items() if len(names) >= _LEAST], 2):
@@ -42,7 +42,7 @@ def check_swapped(book: Book) -> tuple[str, int, list[Finding]]:
 
 
 def check_shifted(book: Book) -> tuple[str, int, list[Finding]]:
-    """Consecutive values of a model that fit the column beside theirs, and not their own."""
+    """Consecutive values of a model that fit the neighbouring column, but not their own."""
     count, findings = 0, []
     for key, values in book.values.items():
         expected = expected_cre(values)

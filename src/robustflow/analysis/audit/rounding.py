@@ -1,4 +1,4 @@
-"""How far rounding can put apart what is printed and what follows from other printed numbers."""
+"""How far apart rounding can put a printed number and one that follows from other printed numbers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 _UNROUNDED = 1e-9
 _FLOAT = 1e-9
-"""Of binary fractions: 0.1 + 0.2 is not a misfit."""
+"""Tolerance for binary fractions: 0.1 + 0.2 is not a mismatch."""
 
 
 class Printed(NamedTuple):
@@ -17,7 +17,7 @@ class Printed(NamedTuple):
 
     @property
     def half(self) -> float:
-        """Half a unit of the last digit: the exact value is at most that far away.
+        """Half a unit of the last digit: the exact value is at most that far off.
 
         >>> Printed(4.2, 2).half
         0.005
@@ -35,7 +35,7 @@ def misfits(given: float, recomputed: float, tolerance: float) -> bool:
 
 
 def ratio_range(top: tuple[float, float], bottom: tuple[float, float]) -> tuple[float, float]:
-    """The least and the largest quotient of two numbers known to (value, half), the second being positive.
+    """The smallest and the largest quotient of two numbers known as (value, half), the second being positive.
 
     >>> ratio_range((1.0, 0.5), (2.0, 0.0))
     (0.25, 0.75)

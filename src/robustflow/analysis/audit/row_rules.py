@@ -1,7 +1,7 @@
-"""Impossible measurements: rules that every row of a run obeys by the definitions in `robustflow.metrics.rows`.
+"""Rules that every row of a run obeys by the definitions in `robustflow.metrics.rows`.
 
-They hold for any model on any frames, so a row that breaks one was not measured, or was changed afterwards. A sum of
-lengths is compared up to a rounding of 1e-9 of itself.
+They hold for any model on any frames, so a row that breaks one was not measured, or was changed afterwards. Sums of
+lengths are compared up to a relative rounding error of 1e-9.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _Expr = pl.Expr
 
 
 def broken_rules(rows: pl.DataFrame) -> Iterator[tuple[str, pl.DataFrame]]:
-    """Each rule as what is wrong with the rows that break it, with those rows (columns of `ROW_SCHEMA` among others).
+    """For each rule, what is wrong with the rows that break it, and those rows (columns of `ROW_SCHEMA` and others).
 
     Args:
         rows: of one run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
@@ -147,10 +147,10 @@ RULES: dict[str, _Expr] = {
     "the flow moved more on the valid pixels than on all": _exceeds(pl.col("rcre_sum"), pl.col("rcre_all_sum")),
     "the flow on the clean frames differs from itself": (pl.col("corruption") == CLEAN)
     & _any([pl.col("severity") != 0] + [pl.col(c) != 0 for c in _SUMS if c.startswith("rcre")]),
-    "its size or group is another one than that of the sample's other rows": _any(
+    "its size or group differs from that of the sample's other rows": _any(
         [_differs_within_sample(name, pl.lit(True)) for name in ("height", "width", "group")]
     ),
-    "its ground truth is another one than that of the sample's other rows": _any(
+    "its ground truth differs from that of the sample's other rows": _any(
         [_differs_within_sample("n_truth", pl.col("n_truth").is_not_null())]
         + [
             _differs_within_sample(name, _whole)
@@ -158,4 +158,4 @@ RULES: dict[str, _Expr] = {
         ]
     ),
 }
-"""What is wrong with a row, and the condition under which it is. `<column>_clean` is the sample's clean row."""
+"""What is wrong with a row, and the condition that detects it. `<column>_clean` is the sample's clean row."""

@@ -1,4 +1,4 @@
-"""A run folder: the summary against the rows, the digest against the identity, and rows that are impossible."""
+"""Audit a run folder: the summary against the rows, the digest against the identity, and impossible rows."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _CLOSE = 1e-9
 
 
 def audit_run(run: Run, audited: str | None = None) -> Audit:
-    """Whether what a run's folder says follows from its rows.
+    """Check that the contents of a run's folder follow from its rows.
 
-    `summary.json` is made again from the rows and compared number by number; the digest is made again from the
-    identity; rows are checked for what no measurement can be (`row_rules.RULES`).
+    `summary.json` is recomputed from the rows and compared number by number; the digest is recomputed from the
+    identity; rows are checked for impossible measurements (`row_rules.RULES`).
 
     Args:
-        run: in its folder.
-        audited: what to call it; the folder by default.
+        run: to be audited.
+        audited: its name in the result; the folder by default.
 
     Raises:
         RunError: a folder without a readable summary.
@@ -100,7 +100,7 @@ _ABSENT = object()
 
 
 def _leaves(path: tuple[str, ...], left: Any, right: Any) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
-    """Every number, text or gap of either side, with what the other side has there."""
+    """Every number, text or gap of either side, with its counterpart."""
     if isinstance(left, dict) and isinstance(right, dict):
         for name in dict.fromkeys((*left, *right)):
             yield from _leaves((*path, str(name)), left.get(name, _ABSENT), right.get(name, _ABSENT))
@@ -123,7 +123,7 @@ def _number(value: Any) -> float | None:
         return None
     try:
         number = float(value)
-    except OverflowError:  # a whole number of hundreds of digits
+    except OverflowError:  # an integer with hundreds of digits
         return None
     return number if math.isfinite(number) else None
 

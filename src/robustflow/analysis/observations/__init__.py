@@ -24,7 +24,7 @@ __all__ = ["Observation", "Part", "Verdict", "observations"]
 
 LEAST_MODELS = 5
 LEAST_PAIRS = 20
-"""Below these a statement about models in general has too little evidence."""
+"""With fewer than these, a statement about models in general has too little evidence."""
 
 _OF_RCRE = (9, 10)
 _OBSERVATIONS = (
@@ -53,9 +53,9 @@ def observations(
         results: columns of `robustflow.analysis.results.RESULT_SCHEMA`, measured on the same frames per benchmark:
             published ones, or those of runs, not both.
         costs: FLOPs and CREr by model, for observation 6.
-        methods: what kind of method each model is, by name; the paper's models by default.
-        pairs: on how many image pairs the models were measured, where that is known. On fewer than `LEAST_PAIRS`, or
-            with fewer than `LEAST_MODELS` models, the numbers are given without a verdict: "too little evidence".
+        methods: the kind of method of each model, by name; the paper's models by default.
+        pairs: on how many image pairs the models were measured, if that is known. On fewer than `LEAST_PAIRS`, or with
+            fewer than `LEAST_MODELS` models, the numbers are given without a verdict: "too little evidence".
 
     >>> from robustflow.analysis.published.tables import published_costs, published_results
     >>> checked = observations(published_results(), published_costs())

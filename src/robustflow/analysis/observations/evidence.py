@@ -1,8 +1,8 @@
-"""Results as the observations need them.
+"""Results in the form that the observations need.
 
-CRE is made from the EPE here, because the published CRE table does not fit the EPE table (see `robustflow audit`).
-The paper leaves the knowledge-driven methods and FlowDiffuser out of its discussion (Sec. 5.2); so is it here, but for
-sentences about all models.
+CRE is computed from the EPE here, because the published CRE table does not match the EPE table (see `robustflow
+audit`). The paper leaves the knowledge-driven methods and FlowDiffuser out of its discussion (Sec. 5.2); the same is
+done here, except for statements about all models.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Entry = tuple[str, str]
 """(setting, model)."""
 
 _ROUNDING = 0.015
-"""Pixels: what rounding three numbers to hundredths can add up to."""
+"""Pixels: how much rounding three numbers to hundredths can add up to."""
 
 
 class Evidence:
@@ -92,7 +92,7 @@ class Evidence:
         return self.epe(entry, corruption) - self.clean(entry)
 
     def cre_text(self, entry: Entry) -> str:
-        """The average CRE that follows from the EPE, and the printed one where rounding cannot make it of that."""
+        """The average CRE that follows from the EPE, and the printed one if rounding cannot explain the difference."""
         made, printed = self.cre(entry), self._printed_cre.get((*entry, AVERAGE))
         if printed is None or not misfits(printed, made, _ROUNDING):
             return f"{made:.2f}"

@@ -11,12 +11,12 @@ from .evidence import Entry, Evidence, named
 from .verdict import Observation, Part, part
 
 _LEAST = 5
-"""Models below which a correlation says nothing."""
+"""Smallest number of models for which a correlation is meaningful."""
 
 
 def accuracy_and_robustness(evidence: Evidence) -> Observation:
     """1: corrupted EPE and CRE grow with the clean EPE, setting by setting (Spearman, one-sided p < 0.05)."""
-    from scipy.stats import spearmanr  # takes a second to load: not before it is needed
+    from scipy.stats import spearmanr  # takes a second to import, so only when needed
 
     parts = []
     settings = [setting for setting in evidence.settings() if len(evidence.discussed(setting)) >= _LEAST]
@@ -96,7 +96,7 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
 
 
 def _method_name(evidence: Evidence, entry: Entry) -> str:
-    """What the variants of a method have in common; the model's name where that is unknown."""
+    """The common name of a method's variants; the model's name if that is unknown."""
     method = evidence.method(entry[1])
     return method.method if method else entry[1]
 

@@ -16,11 +16,11 @@ class _Frozen(BaseModel):
 
 
 class Part(_Frozen):
-    """One sentence of an observation as a computation.
+    """One statement of an observation as a computation.
 
     Attributes:
         claim: what is computed, in words.
-        verdict: whether it is so.
+        verdict: whether it holds.
         says: the numbers, in words.
         numbers: the same by name.
         main: whether the observation depends on it; the others are further sentences below its heading.
@@ -38,7 +38,7 @@ class Observation(_Frozen):
 
     Attributes:
         number: 1 to 10.
-        title: as the paper words it.
+        title: in the paper's words.
         parts: its computations.
     """
 
@@ -48,7 +48,7 @@ class Observation(_Frozen):
 
     @property
     def verdict(self) -> Verdict:
-        """Of its main parts together."""
+        """The verdict on its main parts together."""
         verdicts = [part.verdict for part in self.parts if part.main]
         if THIN in verdicts:
             return THIN
@@ -69,6 +69,6 @@ def without_verdict(observation: Observation, reason: str) -> Observation:
 def part(
     claim: str, holds: bool | None, says: str, main: bool = False, numbers: dict[str, float] | None = None
 ) -> Part:
-    """A part from a truth value, None for what cannot be computed."""
+    """A part from a truth value; None means that it cannot be computed."""
     verdict: Verdict = UNKNOWN if holds is None else "holds" if holds else "does not hold"
     return Part(claim=claim, verdict=verdict, says=says, numbers=numbers or {}, main=main)

@@ -1,1 +1,1 @@
-"""The paper's tables as they are printed."""
+"""The paper's tables as printed."""

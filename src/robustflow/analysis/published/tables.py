@@ -1,7 +1,7 @@
 """The paper's published results: its tables 1 to 4, 7 and 8 as data, value by value as printed.
 
-Yi et al., "Benchmarking the Robustness of Optical Flow Estimation to Corruptions". Nothing is corrected here: what
-is inconsistent in the tables is listed by `robustflow audit`.
+Yi et al., "Benchmarking the Robustness of Optical Flow Estimation to Corruptions". Nothing is corrected here:
+`robustflow audit` lists the inconsistencies in the tables.
 """
 
 from __future__ import annotations
@@ -26,13 +26,14 @@ _NOT_DISCUSSED = ("FlowDiffuser",)
 
 COUNTED_SIZE = (432, 720)
 COUNTED_ITERATIONS = 12
-"""Height and width of the frames that Tab. 3 counts the cost of, and of iterative models the iterations (Sec. 4.2)."""
+"""Height and width of the frames for which Tab. 3 counts the cost, and the iterations of iterative models (Sec.
+4.2)."""
 
 _TABLES = ("kitti_fc_epe", "kitti_fc_cre", "kitti_fc_rcre", "gopro_fc_rcre")
 
 
 class Method(BaseModel):
-    """A method as the paper describes it (Tab. 1); "" where it has no such part."""
+    """A method as the paper describes it (Tab. 1); "" if it has no such part."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -92,8 +93,8 @@ def published_costs() -> dict[str, Cost]:
 
 
 def not_discussed(results: pl.DataFrame) -> tuple[str, ...]:
-    """Models that figures and observations of these results leave out: of the paper's, the learned ones that it leaves
-    out of its own (Sec. 5.2); of anyone else's none, whatever they are called.
+    """Models that figures and observations of these results leave out: for the paper's results, the learned ones that
+    it leaves out of its own discussion (Sec. 5.2); for any other results none, whatever they are called.
 
     >>> not_discussed(published_results())
     ('FlowDiffuser',)

@@ -1,6 +1,5 @@
-"""How sure a mean is: bootstrap intervals, paired tests, and what can be claimed about a difference.
-
-`docs/design/uncertainty.md` says why these methods and how well they do.
+"""How certain a mean is: bootstrap intervals, paired tests, and what can be claimed about a difference.
+`docs/design/uncertainty.md` explains the choice of methods and how well they work.
 """
 
 from __future__ import annotations

@@ -6,12 +6,13 @@ t* = (theta* - theta) / se* stands for the unknown distribution of (theta - trut
     truth in [theta - q_{1 - a/2} se, theta - q_{a/2} se]
 
 with q the quantiles of t* (Efron and Tibshirani 1993, ch. 12). The p-value inverts the same interval: it is below a
-exactly where the interval of level 1 - a leaves 0 out, up to the grain of the resamples.
+exactly if the interval of level 1 - a excludes 0, up to the granularity of the resamples.
 
-Errors are skewed, so the two tails of a mean are estimated apart. They are estimated together (quantiles of |t*|, a
-symmetric interval) for a difference between models, which is nearly symmetric and whose test would reject too often
-otherwise; and for fewer than `FEW` clusters, where one tail alone rests on too few distinct resamples. With so few that
-the resamples without any spread outweigh the tail there is no interval. `docs/design/uncertainty.md` has the figures.
+Errors are skewed, so the two tails of a mean are estimated separately. They are estimated together (quantiles of |t*|,
+a symmetric interval) for a difference between models, which is nearly symmetric and whose test would reject too often
+otherwise; and for fewer than `FEW` clusters, for which one tail alone would rest on too few distinct resamples. With so
+few that the resamples without any spread outweigh the tail there is no interval. `docs/design/uncertainty.md` has the
+figures.
 """
 
 from __future__ import annotations
@@ -34,19 +35,19 @@ _BLOCK = 2**22
 """Numbers in one block of weights: resamples are drawn in blocks, so memory stays bounded."""
 
 _WIDTH = 512
-"""Columns in one product with the weights."""
+"""Number of columns in one product with the weights."""
 
 Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True)
 class Interval:
-    """An estimate and how sure it is.
+    """An estimate and its uncertainty.
 
     Attributes:
         estimate: the statistic of the data.
         standard_error: of the estimate; None for a single cluster.
-        low, high: ends of the interval; None where there are too few clusters to give one.
+        low, high: ends of the interval; None if there are too few clusters for one.
         p: two-sided p-value of the statistic being 0; None as for the ends.
     """
 
@@ -103,7 +104,7 @@ def bootstrap(
 
 
 def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, Values]]:
-    """Each statistic's values, with the products of the weights made for many statistics at once."""
+    """Each statistic's values; the products with the weights are computed for many statistics at once."""
     keys = list(statistics)
     while keys:
         width = 0
@@ -120,7 +121,7 @@ def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tup
 
 
 def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
-    """Whether resamples that draw one cluster alone, which have no spread, are rarer than the tail.
+    """Whether resamples that draw only a single cluster, which have no spread, are rarer than the tail.
 
     >>> enough_clusters(3), enough_clusters(4)
     (False, True)

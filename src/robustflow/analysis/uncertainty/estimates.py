@@ -1,8 +1,8 @@
-"""Means over images and what each cluster adds to them, for many resamples at once.
+"""Means over images and what each cluster contributes to them, for many resamples at once.
 
-A cluster is what is drawn as a whole: a video sequence, or a single image where images are independent. With T_gk
-the sum and N_gk the number of images of cluster g at condition k (a corruption at a severity), w_g how often the
-cluster was drawn, and v_k the weight of a condition (sum 1),
+A cluster is drawn as a whole: a video sequence, or a single image if images are independent. With T_gk the sum and N_gk
+the number of images of cluster g at condition k (a corruption at a severity), w_g how often the cluster was drawn, and
+v_k the weight of a condition (sum 1),
 
     mean_k = sum_g w_g T_gk / sum_g w_g N_gk        theta = sum_k v_k mean_k
 

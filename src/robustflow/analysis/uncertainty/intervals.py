@@ -39,22 +39,23 @@ def intervals(
 ) -> pl.DataFrame:
     """Intervals of EPE, CRE, CREr and RCRE: overall, per corruption, and of the clean EPE.
 
-    The images are resampled; where several share a `group` (the pairs of a video), the groups are.
+    Images are resampled; if several share a `group` (the pairs of a video), groups are.
 
     Args:
         rows: of one run.
         level: of the intervals.
         resamples: of the bootstrap.
         seed: of the bootstrap.
-        severities: also each corruption at each severity.
-        corruptions: also each corruption; without, the clean EPE and the averages alone, in a fraction of the time.
-        metrics: those to give.
+        severities: give intervals for each corruption at each severity, too.
+        corruptions: give intervals for each corruption, too; otherwise only for the clean EPE and the averages, in a
+            fraction of the time.
+        metrics: those to compute.
 
     Returns:
         Columns metric, corruption (a name, "average" or "clean"), severity (null for the mean over them), estimate
-        (equal to the run's summary), standard_error, low, high (null where there are too few images or groups; low of a
-        length, EPE or RCRE, is not below 0), images, clusters, level. Metrics that need ground truth are left out where
-        there is none.
+        (equal to the run's summary), standard_error, low, high (null if there are too few images or groups; for a
+        length, EPE or RCRE, low is not below 0), images, clusters, level. Metrics that need ground truth are left out
+        if there is none.
 
     Raises:
         UsageError: a level or number of resamples out of range.
@@ -83,5 +84,5 @@ def statistics_of(sums: ClusterSums, severities: bool = False, corruptions: bool
 
 
 def _possible(metric: str, low: float | None) -> float | None:
-    """An end of an interval without the part where no length can be, which the truth is not in."""
+    """An end of an interval, cut off where a length would be negative."""
     return max(low, 0.0) if low is not None and metric in ("epe", "rcre") else low

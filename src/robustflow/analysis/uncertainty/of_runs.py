@@ -1,4 +1,4 @@
-"""The intervals of a run that pages show, made once and kept with it."""
+"""The intervals of a run that pages show, computed once and stored with it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _Line = tuple[str, str, float, float]
 
 
 def interval_ends(run: Run, corruptions: bool = True, beside_published: bool = False) -> dict[tuple[str, str], Ends]:
-    """(metric, corruption) -> the ends of the 95 % interval, where there is one.
+    """(metric, corruption) -> the ends of the 95 % interval, if there is one.
 
     Args:
-        run: of which.
-        corruptions: of each corruption too; without, of the clean EPE and the averages alone.
+        run: whose intervals.
+        corruptions: include each corruption; otherwise only the clean EPE and the averages.
         beside_published: as for `run_results`: an average may be over fewer corruptions than the run's.
     """
     fewer = beside_published and not only_of_paper(run)

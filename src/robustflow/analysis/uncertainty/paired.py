@@ -1,7 +1,7 @@
 """Two models on the same samples: differences, intervals, p-values, Holm's correction, and a sentence.
 
-The same image is hard for both models, so the difference is made image by image before anything is averaged; its
-spread is what the test rests on.
+The same image is hard for both models, so the difference is taken image by image before anything is averaged; the test
+is based on its spread.
 """
 
 from __future__ import annotations
@@ -57,14 +57,14 @@ def compare(
 
     Args:
         first, second: rows of two runs over the same samples.
-        names: what to call the models.
+        names: of the models, for the sentences.
         level, resamples, seed: of the bootstrap.
 
     Returns:
         Columns of `COMPARISON_SCHEMA`.
 
     Raises:
-        RunError: nothing in common, or other frames under the same names (another seed, variant or data).
+        RunError: nothing in common, or different frames under the same names (another seed, variant or data).
     """
     sums = tuple(ClusterSums.of(rows) for rows in common_rows(first, second, names))
     gap = _clean_gap(sums)
@@ -88,12 +88,12 @@ def compare_all(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Every two of many models in the average of one metric, corrected over all pairs: `COMPARISON_SCHEMA`.
+    """All pairs of many models compared in the average of one metric, corrected over all pairs: `COMPARISON_SCHEMA`.
 
-    Only what all of them measured is compared, so a model has one value in all its lines.
+    Only what all of them measured is compared, so a model has the same value in all its lines.
 
     Raises:
-        RunError: nothing in common, or other frames under the same names.
+        RunError: nothing in common, or different frames under the same names.
     """
     key: Key = (metric, AVERAGE, None)
     runs = common_to_all(runs)
@@ -111,7 +111,7 @@ def compare_all(
 
 
 def common_to_all(runs: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
-    """The rows of many runs about the (sample, corruption, severity) that all of them measured.
+    """The rows of many runs for the (sample, corruption, severity) that all of them measured.
 
     Raises:
         RunError: there are none, or the frames under them are not the same.
@@ -125,7 +125,7 @@ def common_to_all(runs: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
 
 
 def common_remark(runs: Mapping[str, pl.DataFrame]) -> str:
-    """What a comparison of these runs leaves out because not all of them measured it, "" where it is nothing."""
+    """What a comparison of these runs leaves out because not all of them measured it; "" if nothing."""
     common = next(iter(common_to_all(runs).values())).height
     if all(rows.height == common for rows in runs.values()):
         return ""
@@ -154,7 +154,8 @@ def common_rows(first: pl.DataFrame, second: pl.DataFrame, names: tuple[str, str
     if other.height:
         sample, corruption, severity = other.sort(keys).select(keys).row(0)
         raise RunError(
-            f"{names[0]} and {names[1]} saw different frames under the same name (sample '{sample}', {corruption} "
+            f"{names[0]} and {names[1]} were given different frames under the same name (sample '{sample}', "
+            f"{corruption} "
             f"severity {severity}; {other.height} differ); "
             "compare runs of the same data, seed, variant and frost textures"
         )

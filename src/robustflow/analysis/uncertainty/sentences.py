@@ -18,10 +18,11 @@ def difference_sentence(
     level: float,
     clean_gap: float | None = None,
 ) -> str:
-    """Whether two models differ, how much, how sure, and from how many independent observations.
+    """Whether two models differ, by how much, how certain that is, and from how many independent observations it
+    follows.
 
-    A lower CRE or RCRE is not a merit by itself: a model that ignores the frames has the lowest. So the sentence
-    also says which of the two is more accurate.
+    A lower CRE or RCRE is not a merit in itself: a model that ignores its frames has the lowest. So the sentence also
+    says which of the two is more accurate.
 
     Args:
         names: of both.
@@ -81,7 +82,7 @@ def _verdict(metric: str, lower: str, clean_gap: float | None) -> str:
 
 
 def p_text(value: float) -> str:
-    """A p-value after the letter; below a thousandth only that it is.
+    """A p-value as written after the letter p; below one thousandth, only that bound.
 
     >>> p_text(0.0204), p_text(0.0004)
     ('= 0.020', '< 0.001')

@@ -1,4 +1,4 @@
-"""Which rank each of several models may have, and how their order moves from one condition to another."""
+"""Which ranks each of several models may have, and how their order changes from one condition to another."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ STANDINGS_SCHEMA: dict[str, Any] = {
     "best": pl.Int64,
     "worst": pl.Int64,
 }
-"""`rank` by the values alone; the model is not better than `best` nor worse than `worst` by more than chance."""
+"""`rank` is by the values alone; significantly, the model is neither better than `best` nor worse than `worst`."""
 
 STABILITY_SCHEMA: dict[str, Any] = {
     "condition": pl.String,
@@ -27,17 +27,17 @@ STABILITY_SCHEMA: dict[str, Any] = {
     "moved": pl.Int64,
     "tau": pl.Float64,
 }
-"""`moved`: the rank less that under the first condition. `tau`: Kendall's, of an order with that under the first."""
+"""`moved`: the rank minus that under the first condition. `tau`: Kendall's, of an order with that under the first."""
 
 
 def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
-    """The ranking of several models with ties: each model's rank, and the ranks that the paired tests leave it.
+    """The ranking of several models with ties: each model's rank, and the ranks that the paired tests allow.
 
-    A model that m others beat by more than chance (Holm's correction over all pairs) has rank m + 1 at best; one that
-    beats m others, at worst at m places from the end.
+    A model that m others beat significantly (Holm's correction over all pairs) has rank m + 1 at best; one that beats m
+    others is at worst m places from the end.
 
     Args:
-        pairs: of `compare_all`, every two of the models.
+        pairs: from `compare_all`, for all pairs of the models.
         names: the models.
 
     Returns:
@@ -68,7 +68,7 @@ def standings(pairs: pl.DataFrame, names: Sequence[str]) -> pl.DataFrame:
 
 
 def rank_stability(scores: Mapping[str, Mapping[str, float]]) -> pl.DataFrame:
-    """How the order of models moves between conditions: seeds, splits, variants.
+    """How the order of models changes between conditions: seeds, splits, variants.
 
     Args:
         scores: condition -> model -> score, smaller is better; the models that are in every condition are ranked.
@@ -82,7 +82,7 @@ def rank_stability(scores: Mapping[str, Mapping[str, float]]) -> pl.DataFrame:
     >>> rank_stability({"seed 0": {"a": 1.0, "b": 2.0}, "seed 1": {"a": 3.0, "b": 2.0}})["moved"].to_list()
     [0, 0, 1, -1]
     """
-    from scipy.stats import kendalltau  # takes a second to load, and only here
+    from scipy.stats import kendalltau  # takes a second to import, needed only here
 
     models = [name for name in next(iter(scores.values()), {}) if all(name in one for one in scores.values())]
     if len(scores) < 2 or len(models) < 2:

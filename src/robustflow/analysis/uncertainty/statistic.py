@@ -11,9 +11,9 @@ and with f_j the derivative of the statistic with respect to column j, the influ
     U_g = sum_j f_j (x_gj - m_j N_gj) / n_j         n_j = sum_g w_g N_gj
 
 so sum_g w_g U_g^2 is a quadratic form in the columns (x, N), whose coefficients are weights times products of columns.
-No array of resamples by clusters is made for a statistic. Columns are centred by the means of the data, so that nothing
-cancels. A resample that lacks a column altogether is left to the formula of `estimates`, as is a statistic with more
-than `_COLUMNS` of them.
+No array of resamples by clusters is made for a statistic. Columns are centred by the means of the data, to avoid
+cancellation. A resample that lacks a column altogether is left to the formula of `estimates`, as is a statistic with
+more than `_COLUMNS` of them.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ class Statistic:
         images = products[:, count : 2 * count]
         if not count or not (images > 0).all():
             return self.estimates(weights)
-        means = products[:, :count] / images  # less the centers
+        means = products[:, :count] / images  # minus the centres
         slopes = np.zeros_like(means)
         theta = np.zeros(len(weights))
         at = iter(self._slices)
@@ -145,14 +145,15 @@ class Statistic:
             form = coefficients[:, self._first] * coefficients[:, self._second]
             parts = form * products[:, 2 * count :] * np.where(self._first == self._second, 1.0, 2.0)
             squares = parts.sum(axis=1)
-            squares[squares <= _ROUNDING * np.abs(parts).sum(axis=1)] = 0.0  # one cluster alone has no spread
+            squares[squares <= _ROUNDING * np.abs(parts).sum(axis=1)] = 0.0  # a single cluster has no spread
         clusters = weights.shape[1]
         if clusters < 2:
             return _Values(theta, np.full(len(theta), np.nan))
         return _Values(theta, np.sqrt(clusters / (clusters - 1) * squares))
 
     def estimates(self, weights: Array) -> Estimates:
-        """The same with the influence of every cluster, float64 (B, G): slower by about the number of clusters."""
+        """The same with the influence of every cluster, float64 (B, G): slower by about a factor of the number of
+        clusters."""
         total: Estimates | None = None
         for term in self.terms:
             one = term.mean.estimates(weights)

@@ -1,4 +1,4 @@
-"""Rows of a run as sums per cluster and condition, from which every mean and its resamples are made."""
+"""Rows of a run as sums per cluster and condition, from which every mean and its resamples are computed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class ClusterSums:
     """Per-image errors of one run, added up per cluster.
 
     Attributes:
-        clusters: the names of the groups, in order; a group is what `Sample.group` says.
+        clusters: the names of the groups (`Sample.group`), in order.
         images: number of samples.
         conditions: (corruption, severity) of each column.
         sums: metric ("epe", "cre", "rcre") -> sum over images, float64 (G, K), pixels.
@@ -60,7 +60,7 @@ class ClusterSums:
         return cls(clusters, values["sample"].n_unique(), conditions, sums, counts, clean_sum, clean_count)
 
     def corruptions(self) -> list[str]:
-        """The corruptions found, the paper's first and in its order."""
+        """The corruptions in the rows, the paper's first and in its order."""
         measured = {name for name, _ in self.conditions}
         return [name for name in PAPER_ORDER if name in measured] + sorted(measured - set(PAPER_ORDER))
 

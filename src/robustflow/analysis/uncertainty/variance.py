@@ -1,9 +1,9 @@
 """How much of a score's spread comes from the images, from the seed of the corruptions, and from the severity.
 
 With y_ijk the score of image i with seed j at severity k, averaged over corruptions, and each source's mean square from
-the crossed analysis of variance (one value per cell), the components follow by the method of moments, negative ones cut
-off at 0 (Searle, Casella and McCulloch 1992, ch. 4). Severity is a choice of the protocol and not a sample, so its
-component is described and is not part of the error of the mean, for which images and seeds count:
+the crossed analysis of variance (one value per cell), the components follow by the method of moments, negative ones set
+to 0 (Searle, Casella and McCulloch 1992, ch. 4). Severity is a choice of the protocol and not a sample, so its
+component is reported but is not part of the error of the mean, for which images and seeds count:
 
     var(mean) = image / n + seed / s + rest / (n s)
 
@@ -39,7 +39,7 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
     """The spread of one model's score by image, seed, severity and the rest.
 
     Args:
-        runs: seed -> rows of a run with it; what all of them measured counts.
+        runs: seed -> rows of a run with it; only what all of them measured is used.
         metric: "epe", "cre" or "rcre".
 
     Returns:
@@ -66,7 +66,7 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
     square_inter = levels * np.square(inter).sum() / ((images - 1) * (seeds - 1))
     per_image = max(0.0, (square_image - square_inter) / (seeds * levels))
     per_seed = max(0.0, (square_seed - square_inter) / (images * levels))
-    rest_of_mean = square_inter / levels  # of an image's mean over severities, with one seed
+    rest_of_mean = square_inter / levels  # for an image's mean over severities, with one seed
     per_level = float(level.var(ddof=1)) if levels > 1 else 0.0
     residual = y - both[:, :, None] - level[None, None, :] + mean
     within = np.square(residual).sum() / max(1, images * seeds * (levels - 1)) if levels > 1 else 0.0
@@ -85,7 +85,7 @@ def variance_split(runs: Mapping[int, pl.DataFrame], metric: str = "cre") -> pl.
 
 
 def _cells(runs: Mapping[int, pl.DataFrame], metric: str) -> np.ndarray:
-    """float64 (images, seeds, severities): means over the corruptions that all have at all severities."""
+    """float64 (images, seeds, severities): means over the corruptions that all runs have at all severities."""
     parts = [
         image_errors(rows).filter(pl.col("corruption") != CLEAN).drop_nulls(metric).with_columns(_seed=pl.lit(index))
         for index, rows in enumerate(runs.values())

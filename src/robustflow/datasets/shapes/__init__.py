@@ -1,1 +1,1 @@
-"""Flying shapes: pairs made from numbers alone, with exact flow and occlusion, as many as one asks for."""
+"""Flying shapes: pairs generated from numbers alone, with exact flow and occlusion, as many as needed."""

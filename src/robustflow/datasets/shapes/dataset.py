@@ -1,4 +1,5 @@
-"""`shapes`: textured layers that move over a moving background, after FlyingChairs' idea, made from a seed."""
+"""`shapes`: textured layers that move over a moving background, following the idea of FlyingChairs, generated from a
+seed."""
 
 from __future__ import annotations
 
@@ -25,12 +26,12 @@ class FlyingShapes(Samples):
     """Pairs with exact flow and occlusion. A pair is a function of seed, split, size, motion and textures alone.
 
     Args:
-        pairs: how many; the first ones are the same whatever this is.
+        pairs: how many; the first ones do not depend on it.
         size: HEIGHTxWIDTH of the frames, 16 to 4096 pixels a side.
         seed: of everything.
-        split: "test" or "train": pairs of one share no texture and no draw with those of the other.
-        motion: factor on all translations. At 1 the flow has a mean length of some 5 % of the frame's height, a few
-            pairs several times that.
+        split: "test" or "train": the pairs of one share neither textures nor draws with those of the other.
+        motion: factor on all translations. At 1 the mean length of the flow is about 5 % of the frame's height, and
+            several times that in a few pairs.
         textures: a folder of pictures to take textures from, in place of the procedural ones.
 
     Raises:
@@ -46,8 +47,8 @@ class FlyingShapes(Samples):
     has_flow = True
     facts = DatasetFacts(
         title="Flying shapes",
-        description="Textured layers that move over a moving background, made from a seed with exact flow; "
-        "as many pairs as you ask for.",
+        description="Textured layers that move over a moving background, generated from a seed with exact flow; as "
+        "many pairs as you want.",
         licence="made by this package; no terms",
         citation="after Dosovitskiy et al., FlowNet: Learning Optical Flow with Convolutional Networks, ICCV 2015",
         layout="no root needed",

@@ -1,4 +1,4 @@
-"""How a layer moves: an affine map and a smooth wave, and its inverse to rounding. For use inside compiled loops.
+"""How a layer moves: an affine map and a smooth wave, and its inverse up to rounding. For use inside compiled loops.
 
 A layer's own coordinates are those of frame 1. A point m of it is at T(m) = c + t + A (m - c + d(m)) in frame 2; d is a
 wave of each axis, made of parabolas instead of sines, because only the four operations and the square root give the
@@ -22,7 +22,7 @@ MOTION = 24
 """Numbers of a motion."""
 _STEPS = 30
 _CLOSE = 1e-24
-"""Square of a step, in pixels, after which the inverse is found."""
+"""Square of the step, in pixels, below which the inverse is accepted."""
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -40,7 +40,7 @@ def _slope(turns: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def forward(m: Any, x: Any, y: Any) -> Any:
-    """Where the point (x, y) of frame 1 is in frame 2."""
+    """The position in frame 2 of the point (x, y) of frame 1."""
     u = x - m[0] + m[12] * wave(m[13] * x + m[14] * y + m[15])
     v = y - m[1] + m[16] * wave(m[17] * x + m[18] * y + m[19])
     return m[0] + m[2] + m[4] * u + m[5] * v, m[1] + m[3] + m[6] * u + m[7] * v
@@ -48,7 +48,7 @@ def forward(m: Any, x: Any, y: Any) -> Any:
 
 @njit(cache=True, nogil=True)
 def backward(m: Any, x: Any, y: Any) -> Any:
-    """Which point of frame 1 is at (x, y) in frame 2: Newton's method, to rounding."""
+    """The point of frame 1 that is at (x, y) in frame 2: Newton's method, up to rounding."""
     u, v = x - m[0] - m[2], y - m[1] - m[3]
     goal_x, goal_y = m[0] + m[8] * u + m[9] * v, m[1] + m[10] * u + m[11] * v
     if m[12] == 0.0 and m[16] == 0.0:

@@ -17,7 +17,7 @@ from numba import njit
 from .motion import wave
 
 SIDES = 6
-"""Most sides of a polygon."""
+"""The most sides of a polygon."""
 OUTLINE = 13 + 2 * SIDES
 """Numbers of an outline."""
 

@@ -15,7 +15,8 @@ from .scene import Scene
 
 
 def render_pair(scene: Scene) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """Both frames, the flow of the uppermost layer at each pixel of the first, and where it is hidden in the second.
+    """Both frames, the flow of the uppermost layer at each pixel of the first, and where that point is hidden in the
+    second.
 
     Returns:
         Frames RGB uint8 (H, W, 3), flow float32 (H, W, 2) in pixels, and the occlusion map, bool (H, W): the point is
@@ -30,10 +31,10 @@ def render_pair(scene: Scene) -> tuple[tuple[Frame, Frame], Flow, Mask]:
 
 
 def colours_at(scene: Scene, points: npt.NDArray[np.float64], which: int) -> npt.NDArray[np.float64]:
-    """The colours at any points of frame 0 or 1, between pixels too and before rounding.
+    """The colours at any points of frame 0 or 1, also between pixels, before rounding.
 
     Args:
-        scene: what is seen.
+        scene: the scene to render.
         points: (N, 2), (x, y) in pixels.
         which: 0 or 1.
 
@@ -54,7 +55,7 @@ def flow_at(scene: Scene, points: npt.NDArray[np.float64]) -> tuple[npt.NDArray[
 
 @njit(cache=True, nogil=True)
 def _covers_near(outline: Any, motion: Any, which: Any, x: Any, y: Any) -> Any:
-    """False where a point is surely outside a layer: a circle, so that most layers cost next to nothing."""
+    """False if a point is certainly outside a layer: tested by a circle, so that most layers cost next to nothing."""
     if outline[7] < 0.0:
         return True
     if which == 0:

@@ -1,4 +1,4 @@
-"""What is in a pair and how it moves: every number drawn from the pair's own stream."""
+"""What a pair shows and how it moves: every number is drawn from the pair's own stream."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from .textures import SIZE, Textures
 Numbers = npt.NDArray[np.float64]
 
 _LAYERS = (4, 13)
-"""Shapes over the background: from, and below."""
+"""Number of shapes over the background: from, and below."""
 _REFERENCE = math.sqrt(384 * 512)
 """Pixels: lengths are drawn for frames of FlyingChairs' size and scaled with the square root of the area."""
 _BACKGROUND_SHIFT, _SHIFT = 7.0, 10.0
 """Pixels at that size, of a draw of one standard deviation; a few are much longer (see `_spread`)."""
 _FOLLOWS = 0.6
-"""Probability that a shape moves with the background, besides its own motion, as what a camera passes does."""
+"""Probability that a shape moves with the background in addition to its own motion, like things that a camera
+passes."""
 _WAVES = 0.5
-"""Probability of a motion that is not rigid."""
+"""Probability of a non-rigid motion."""
 _STEEPEST = 0.2
 """Largest slope of a wave; the inverse of a motion needs the sum of both axes below 1."""
 _UNEVEN = 0.1
-"""By how much of the angle between two sides of a polygon one may be turned."""
+"""The share of the angle between two sides of a polygon by which one may be turned."""
 _GAIN, _OFFSET = (0.6, 1.3), 40.0
 
 
@@ -39,9 +40,9 @@ class Scene:
     Attributes:
         shape: (H, W).
         motions, outlines: a row of numbers for each layer, see `motion` and `outline`.
-        fills: for each layer, where its texture is taken (two rows of an affine map from pixels to texels), then gain
-            and offset of each channel.
-        chosen: which texture.
+        fills: for each layer, where its texture is taken from (two rows of an affine map from pixels to texels), then
+            gain and offset of each channel.
+        chosen: the index of each layer's texture.
         textures: to choose from.
     """
 
@@ -83,7 +84,7 @@ def draw_scene(rng: Rng, shape: tuple[int, int], motion: float, textures: Textur
 
 
 def _spread(rng: Rng) -> float:
-    """Sign and 1.5th power of a standard normal number: many small, some large."""
+    """A standard normal number raised to the power 1.5, with its sign: many small values, some large ones."""
     number = float(rng.normals(1)[0])
     return number * math.sqrt(abs(number))
 
@@ -166,7 +167,7 @@ def _outline(rng: Rng, centre: tuple[float, float], unit: float) -> tuple[Number
 
 
 def _fill(rng: Rng) -> Numbers:
-    """Where a layer takes its texture, and its colours."""
+    """Where a layer takes its texture from, and its colours."""
     cosine, sine = _turn(rng.uniform(-1.0, 1.0))
     scale = rng.uniform(0.4, 1.2)
     place = [

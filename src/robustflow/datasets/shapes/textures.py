@@ -28,7 +28,7 @@ COUNT = 32
 _LEAVES = 4000
 _RADII = (4.0, 140.0)
 _MOST_PICTURES = 256
-"""Of the user's own: 200 MB."""
+"""The most pictures of the user's own: 200 MB."""
 
 Textures = npt.NDArray[np.uint8]
 """(count, SIZE, SIZE, 3), RGB."""
@@ -36,7 +36,7 @@ Textures = npt.NDArray[np.uint8]
 
 @lru_cache(maxsize=2)
 def procedural_textures(seed: int, split: str) -> Textures:
-    """The textures of a seed, the same for all its pairs; made once in a process, in a few seconds."""
+    """The textures of a seed, the same for all its pairs; made once per process, in a few seconds."""
     return np.stack([_texture(Rng.of(seed, "shapes", split, "texture", index)) for index in range(COUNT)])
 
 
@@ -90,7 +90,7 @@ def _texture(rng: Rng) -> npt.NDArray[np.uint8]:
 
 @njit(cache=True, nogil=True)
 def _paint(numbers: Any, base: Any, contrast: Any, smallest: Any, largest: Any, out: Any) -> None:
-    """Leaves from front to back: each fills what is still free of it, across the seam too."""
+    """Leaves from front to back: each fills the pixels that are still free, also across the seam."""
     size = out.shape[0]
     free = size * size
     ratio = (smallest / largest) ** 2

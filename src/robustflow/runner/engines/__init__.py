@@ -1,3 +1,3 @@
-"""Engines: the same plan and the same worker, in this process or in many."""
+"""Engines: the same plan and the same worker, in one process or in many."""
 
 from __future__ import annotations

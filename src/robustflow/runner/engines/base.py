@@ -1,4 +1,4 @@
-"""What an engine gets and what it gives back."""
+"""What an engine is given and what it returns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..worker import Worker
 
 @dataclass(frozen=True)
 class Job:
-    """All a worker needs, picklable where the model is."""
+    """Everything that a worker needs; picklable if the model is."""
 
     dataset: Dataset
     model: ModelSpec | AnyModel
@@ -26,21 +26,21 @@ class Job:
     folder: Path
     batch_size: int = 1
     loaded: AnyModel | None = field(default=None, compare=False)
-    """The model, where this process has it already; it does not travel to another process."""
+    """The model, if this process has loaded it already; it is not sent to another process."""
     kept: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    """Clean rows that the run holds already, by sample: a sample that goes on has to give the same again."""
+    """Clean rows that the run already holds, by sample: a sample that is continued has to give the same row again."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "loaded": None}
 
     def load_model(self) -> AnyModel:
-        """The model that is loaded, or one that is loaded now."""
+        """The loaded model; it is loaded now if it was not."""
         if self.loaded is not None:
             return self.loaded
         return self.model.load() if isinstance(self.model, ModelSpec) else self.model
 
     def worker(self, on_predict: Callable[[str | None], None] = lambda what: None) -> Worker:
-        """A worker with the model of `load_model`."""
+        """A worker with the model that `load_model` returns."""
         clean_path = RunFolder(self.folder).clean_path
         model = self.load_model()
         return Worker(self.dataset, model, self.options, clean_path, on_predict, self.batch_size, self.kept)
@@ -54,7 +54,7 @@ class FinishedUnit:
     rows: list[dict[str, Any]]
     seconds: dict[str, float]
     place: str | None = None
-    """Node and device that computed it, where the engine has several."""
+    """Node and device that computed it, if the engine has several."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class Engine:
     """A way to compute units.
 
     Attributes:
-        describe: in a few words, for the units that there are.
-        compute: each unit once, in any order that puts a sample's clean unit first.
+        describe: the engine in a few words, for the given units.
+        compute: computes each unit once, in any order that puts a sample's clean unit first.
     """
 
     describe: Callable[[Sequence[Unit]], str]

@@ -1,8 +1,8 @@
-"""Which cell a feeder gets next, and which units that finishes.
+"""Which cell a feeder gets next, and which units are finished.
 
-A feeder stays with the sample it has loaded. Which of its cells comes next depends on how much the model has to do: a
-costly corruption while enough frames are waiting, a cheap one while they run out. So the corruptions that take a
-second (a lens's blur) never hold up the model, whatever their place in the plan; what each costs is learned on the way.
+A feeder stays with the sample it has loaded. Which of its cells comes next depends on how much work the model has: a
+costly corruption while enough frames are waiting, a cheap one while they run out. So the corruptions that take a second
+(lens blur) never hold up the model, wherever they are in the plan; their cost is measured during the run.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .base import FinishedUnit
 
 @dataclass
 class _Open:
-    """A unit of which cells were handed out."""
+    """A unit whose cells are being handed out."""
 
     unit: Unit
     rows: dict[int, dict[str, Any]] = field(default_factory=dict)
@@ -26,9 +26,9 @@ class _Open:
 
 
 class CellSchedule:
-    """Hands out the cells of units, each once, and puts their rows together.
+    """Hands out the cells of units, each once, and collects their rows.
 
-    A sample's clean cell comes first. Until its row is there, only the feeder that got it goes on with the sample.
+    A sample's clean cell comes first. Until its row has arrived, only the feeder that got it continues with the sample.
 
     >>> schedule = CellSchedule([Unit("a", "clean", (0,)), Unit("a", "fog", (1, 2))])
     >>> [schedule.take("a" if number else None, False) for number in range(3)]
@@ -39,13 +39,13 @@ class CellSchedule:
 
     def __init__(self, units: Iterable[Unit]) -> None:
         self._waiting: dict[str, list[Unit]] = {}
-        """Units by sample, in the plan's order; each sample until it is begun."""
+        """Units of samples that have not been started, in the plan's order."""
         for unit in units:
             self._waiting.setdefault(unit.key, []).append(unit)
         self._fresh = list(reversed(self._waiting))
-        """Samples that no feeder has begun, the next one last."""
+        """Samples that no feeder has started, the next one last."""
         self._cells: dict[str, list[Cell]] = {}
-        """Cells that are left of the samples that were begun."""
+        """Remaining cells of the samples that were started."""
         self._blocked: set[str] = set()
         """Samples whose clean cell is being computed."""
         self._open: dict[tuple[str, str], _Open] = {}
@@ -53,15 +53,15 @@ class CellSchedule:
 
     @property
     def finished(self) -> bool:
-        """Whether every unit is."""
+        """Whether every unit is finished."""
         return not self._waiting and not self._open
 
     def take(self, last_key: str | None, plenty: bool) -> Cell | None:
-        """The next cell of a feeder; None where all that is left has to wait.
+        """The next cell for a feeder; None if all remaining cells have to wait.
 
         Args:
-            last_key: the sample of the cell that it was given last.
-            plenty: whether enough frames wait for the model.
+            last_key: the sample of the feeder's previous cell.
+            plenty: whether enough frames are waiting for the model.
         """
         key = last_key if last_key in self._cells else None
         if key is None and self._fresh:
@@ -78,12 +78,12 @@ class CellSchedule:
         return cell
 
     def learn(self, corruption: str, seconds: float) -> None:
-        """A cell's frames took `seconds` to make."""
+        """Note that a cell's frames took `seconds` to make."""
         known = self._cost.get(corruption)
         self._cost[corruption] = seconds if known is None else 0.5 * (known + seconds)
 
     def finish(self, cell: Cell, row: dict[str, Any], seconds: dict[str, float]) -> FinishedUnit | None:
-        """Take the row of a cell and what it took; the unit, where it was the last of it."""
+        """Take the row of a cell and its cost; returns the unit if this was its last row."""
         key, corruption, severity = cell
         if corruption == CLEAN:
             self._blocked.discard(key)
@@ -104,8 +104,8 @@ class CellSchedule:
             self._blocked.add(key)
 
     def _choice(self, cells: list[Cell], plenty: bool) -> int:
-        """The place of the cell to take: the clean one; with plenty one of unknown cost, from the plan's end, or the
-        costliest; else the cheapest known, or the first."""
+        """The index of the cell to take: the clean one; with plenty, one of unknown cost from the plan's end, or the
+        costliest; otherwise the cheapest known, or the first."""
         if cells[0][1] == CLEAN:
             return 0
         costs = [self._cost.get(corruption) for _, corruption, _ in cells]

@@ -1,7 +1,7 @@
 """A child process that can be watched, and that ends when this process does.
 
-Each child has one pipe of its own for messages (kind, value). When this process dies, however it dies, a second pipe
-closes, which a thread of the child waits for: also a child that hangs inside a model ends then.
+Each child has its own pipe for messages (kind, value). When this process dies, for whatever reason, a second pipe
+closes; a thread of the child waits for that, so even a child that hangs inside a model ends.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Child:
     """One child process.
 
     Args:
-        life: what it does: called with its end of the pipe and `arguments`; a function of a module.
+        life: what the child runs: a module-level function, called with its end of the pipe and `arguments`.
         arguments: picklable; connections and `SharedSlots` among them are handed over.
     """
 
@@ -60,8 +60,8 @@ class Child:
         """The next message.
 
         Args:
-            doing: what the child was given to do, for the sentence about one that ended.
-            advice: what to try then.
+            doing: what the child was working on, for the message if it ended.
+            advice: what to try in that case.
 
         Raises:
             RunError: the child ended without a message.
@@ -95,10 +95,10 @@ class Child:
 
 
 def refuse_unguarded_script() -> None:
-    """Raise where a worker process, as it starts, runs the script that started it from the top again.
+    """Raise if a starting worker process runs the script that started it from the top again.
 
     Raises:
-        UsageError: it does, as Python does with every script without an `if __name__ == "__main__":`.
+        UsageError: it does, as with every script that has no `if __name__ == "__main__":`.
     """
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise UsageError(_UNGUARDED)
@@ -117,10 +117,10 @@ def may_have_children() -> bool:
 
 
 def check_picklable(model: Any) -> None:
-    """Refuse a model object that cannot be sent to another process.
+    """Raise if a model object cannot be sent to another process.
 
     Raises:
-        UsageError: it cannot.
+        UsageError: it cannot be sent.
     """
     if isinstance(model, ModelSpec):
         return
@@ -135,7 +135,7 @@ def check_picklable(model: Any) -> None:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """The environment in which a process begins whose libraries compute in one thread each."""
+    """The environment for a process whose libraries each compute in one thread."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
@@ -150,10 +150,12 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Ctrl-C waits here until a process has started, which inherits being deaf to it."""
-    resource_tracker.ensure_running()  # started with the first process, it would let Ctrl-C through again
+    """Hold back Ctrl-C until a process has started, which inherits ignoring it."""
+    resource_tracker.ensure_running()  # if it started with the first process, it would let Ctrl-C through again
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    came: list[int] = []  # another thread of this process may still be told, and would have the first one raise
+    came: list[
+        int
+    ] = []  # another thread of this process may still receive the signal, and would make the main thread raise
     in_charge = threading.current_thread() is threading.main_thread()
     handler = signal.signal(signal.SIGINT, lambda number, frame: came.append(number)) if in_charge else None
     try:
@@ -168,7 +170,7 @@ def _no_interrupt() -> Iterator[None]:
 
 def _live(pipe: Connection, watched: Connection, life: Callable[..., None], arguments: tuple[Any, ...]) -> None:
     """The life of a child, from its start to its last message."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with_parent, args=(watched,), daemon=True).start()
     warnings.formatwarning = errors.plain_warning

@@ -21,17 +21,17 @@ from .staged import staged
 ENGINES = ("serial", "processes", "ray")
 
 _FEEDERS_PER_DEVICE = 8
-"""At most, unless more are asked for: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
+"""Most feeders per device, unless more are requested: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
 
 
 def choose_engine(
     name: str | None, workers: int | None, timeout: float | None, address: str | None, model: NamedModel
 ) -> Engine:
-    """The engine of a name, or the one that suits the model, the number of workers and the timeout.
+    """The engine of this name, or the one that suits the model, the number of workers and the timeout.
 
-    A model on accelerators gets one process each that only predicts, and feeders beside it, as many as there are
-    processors; one on the processor stays in this process, unless there are workers or a timeout. `workers` are the
-    feeders, or the processes that do everything.
+    A model on accelerators gets one process per accelerator that only predicts, and as many feeders as there are
+    processors; a model on the processor stays in this process, unless workers or a timeout are given. `workers` is the
+    number of feeders, or of processes that do everything.
 
     Raises:
         UsageError: an unknown name, or workers or a timeout that the engine does not support.
@@ -58,7 +58,7 @@ def choose_engine(
     if name == "processes":
         return _processes(workers or 1, timeout)
     if (workers or 1) > 1 or timeout is not None:
-        raise UsageError("the serial engine has one worker and cannot stop a model that hangs; use --engine processes")
+        raise UsageError("the serial engine has one worker and cannot stop a hanging model; use --engine processes")
     return replace(SERIAL, describe=lambda units: f"serial{why}")
 
 
@@ -89,7 +89,7 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
     wanted = workers or max(len(devices), min(_processors(), _FEEDERS_PER_DEVICE * len(devices)))
 
     def parts(units: Sequence[Unit]) -> tuple[Sequence[str], int]:
-        """No more of either than there are cells."""
+        """At most as many of each as there are cells."""
         cells = max(1, sum(len(unit.severities) for unit in units))
         return devices[:cells], min(wanted, cells)
 
@@ -101,7 +101,7 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
 
 
 def _kept_here(model: NamedModel) -> str:
-    """Why a model on a device is not given to another process unasked; nothing where it can be."""
+    """Why a model on a device is not moved to another process by default; empty if it can be."""
     if not may_have_children():
         return ' (processes need the script\'s own code under `if __name__ == "__main__":`)'
     if model.spec is None:

@@ -1,4 +1,4 @@
-"""A process that corrupts frames and measures flows for a model that another process predicts with."""
+"""A process that corrupts frames and measures flows, while another process runs the model."""
 
 from __future__ import annotations
 
@@ -22,43 +22,43 @@ from .predictor import SlotQuestion
 from .shared_slots import SharedSlots
 
 _OPEN_SAMPLES = 4
-"""Samples whose flows a feeder may be waiting for, and which it holds in memory."""
+"""The most samples that a feeder holds in memory because it is waiting for their flows."""
 
 
 def cells_ahead(batch_size: int) -> int:
-    """Cells that a feeder is given before it has begun them."""
+    """Cells that a feeder is given in advance."""
     return batch_size + 2
 
 
 @dataclass
 class _Sample:
-    """A sample that is open: its clean flow is there, or asked for."""
+    """A sample in progress: its clean flow is known or has been requested."""
 
     loaded: Loaded
     slot_bytes: int
     clean: Flow | None = None
     unmeasured: int = 0
-    """Cells whose flow is still to come, the clean flow among them."""
+    """Cells whose flow has not arrived yet, including the clean one."""
 
 
 @dataclass(frozen=True)
 class _Sent:
-    """A question that is on its way."""
+    """A question that was sent."""
 
     sample: _Sample
     question: SlotQuestion
     digest: str
     wanted: bool
-    """Whether its row is; of a clean flow it may be there already."""
+    """Whether a row is needed; that of a clean flow may exist already."""
 
 
 def feed_forever(driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
     """The life of a feeder.
 
     Args:
-        driver: gives cells ("cell", cell), tells that there is none for now ("none", None), or that there is one after
-            all ("late", cell); it is told what a cell's frames took ("made", (corruption, seconds, plenty)), which asks
-            for another, and given ("row", (cell, row, seconds)).
+        driver: sends cells ("cell", cell), or that there is none for now ("none", None), or that there is one after all
+            ("late", cell); it receives the cost of a cell's frames ("made", (corruption, seconds, plenty)), which also
+            requests another cell, and ("row", (cell, row, seconds)).
         job: without a model.
         device: the predicting process; see `predictor.Link`.
         slots: shared with it.
@@ -69,7 +69,7 @@ def feed_forever(driver: Connection, job: Job, device: Connection, slots: Shared
 
 
 class _Feeder:
-    """What a feeder has in hand, and what it waits for."""
+    """The cells that a feeder has, and the answers that it waits for."""
 
     def __init__(self, driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
         self._driver, self._device, self._slots = driver, device, slots
@@ -83,10 +83,10 @@ class _Feeder:
         self._batch: list[_Sent] = []
         self._flying: deque[list[_Sent]] = deque()
         self._unanswered = cells_ahead(job.batch_size)
-        """Cells that the driver still owes an answer for."""
+        """Requests that the driver has not answered yet."""
 
     def step(self) -> None:
-        """Take what has come; else make one cell's frames; else wait."""
+        """Process what has arrived; otherwise make the frames of one cell; otherwise wait."""
         busy = bool(self._hand) and self._can_make(self._hand[0])
         if not busy:
             self._send_batch_unless_it_grows()
@@ -103,7 +103,7 @@ class _Feeder:
             self._make(self._hand[0])
 
     def _can_make(self, cell: Cell) -> bool:
-        """Whether there is room for the frames of a cell; without, it waits for flows to come back."""
+        """Whether there is room for the frames of a cell; if not, the feeder waits for flows to come back."""
         sample = self._samples.get(cell[0])
         if sample is None:
             return len(self._samples) < _OPEN_SAMPLES
@@ -114,7 +114,7 @@ class _Feeder:
         if key not in self._samples:
             loaded = self._frames.load(key)
             self._samples[key] = _Sample(loaded, _slot_bytes(loaded, self._frames))
-            return  # there may have to be larger slots first
+            return  # larger slots may be needed first
         sample = self._samples[key]
         if sample.clean is None and not sample.unmeasured:
             self._find_clean(sample, cell)
@@ -124,25 +124,25 @@ class _Feeder:
             digest = self._measure.digest(sample.loaded.sample.frames)
             assert sample.clean is not None
             self._report(cell, sample, sample.clean, digest)
-            before = self._seconds["corrupt"]  # counting started again with the row
+            before = self._seconds["corrupt"]  # the clock was reset with the row
         else:
             frames = self._frames.corrupt(sample.loaded.sample, corruption, severity)
             self._ask(sample, cell, frames, wanted=True)
         self._begun(cell, self._seconds["corrupt"] - before)
 
     def _find_clean(self, sample: _Sample, cell: Cell) -> None:
-        """The clean flow from disk, or else a question for it, which is the cell itself where that is clean."""
+        """Take the clean flow from disk, or else ask for it; that question is the cell itself if the cell is clean."""
         sample.clean = self._measure.kept_clean(sample.loaded)
         if sample.clean is not None:
             return
         wanted = cell[1] == CLEAN
         self._ask(sample, (cell[0], CLEAN, 0), sample.loaded.sample.frames, wanted)
-        self._send_batch()  # alone, as the other engines do
+        self._send_batch()  # not in a batch, as in the other engines
         if wanted:
             self._begun(cell, 0.0)
 
     def _begun(self, cell: Cell, cost: float) -> None:
-        """A cell of the hand is on its way, whose frames took `cost` seconds; ask for another."""
+        """Note that a cell, whose frames took `cost` seconds, was sent; request another."""
         self._hand.popleft()
         self._unanswered += 1
         plenty = 2 * self._slots.taken >= self._slots.count
@@ -164,7 +164,7 @@ class _Feeder:
             self._send_batch()
 
     def _send_batch_unless_it_grows(self) -> None:
-        """Nothing can be made now: send what there is, unless the driver is about to give another cell."""
+        """Nothing can be made now: send what is ready, unless the driver is about to send another cell."""
         if self._hand or not self._unanswered:
             self._send_batch()
 
@@ -197,7 +197,7 @@ class _Feeder:
             self._slots.put_back(question.slot)
 
     def _report(self, cell: Cell, sample: _Sample, flow: Flow, digest: str) -> None:
-        assert sample.clean is not None  # a device answers in order, and the clean flow was asked for first
+        assert sample.clean is not None  # a device answers in order, and the clean flow was requested first
         row = self._measure.row(sample.loaded, sample.clean, flow, digest, cell)
         self._driver.send(("row", (cell, row, taken(self._seconds))))
         needed = {key for key, *_ in self._hand} | {cell[0]}
@@ -205,13 +205,13 @@ class _Feeder:
             del self._samples[key]
 
     def _wait_for_the_end(self) -> None:
-        """The predicting process is gone; the driver says why, and ends this one."""
+        """The predicting process is gone; the driver reports why, and ends this process."""
         while True:
             self._driver.recv()
 
 
 def _slot_bytes(loaded: Loaded, frames: FrameStage) -> int:
-    """Bytes of what the model is given, or of the flow, whichever is more."""
+    """Bytes of the model's input or of the flow, whichever is larger."""
     height, width = loaded.sample.shape
     given: Any = frames.question((loaded.sample.key, CLEAN, 0), loaded.sample.frames)
     return max(len(given.frames) * 3, 8) * height * width

@@ -1,4 +1,4 @@
-"""A process that only predicts: it has the model on its device, and shares memory with the feeders of the device."""
+"""A process that only predicts: it holds the model on its device, and shares memory with the feeders of the device."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ..question import Question
 from ..seconds import no_seconds, taken
 from .shared_slots import SharedSlots
 
-if TYPE_CHECKING:  # not loaded by a process that needs nothing of it
+if TYPE_CHECKING:  # not imported by a process that does not need it
     from ...runs.plan import Cell
 
 
 @dataclass(frozen=True)
 class SlotQuestion:
-    """A `Question` whose frames are in a slot; the answer goes into the same.
+    """A `Question` whose frames are in a slot; the answer goes into the same slot.
 
     Attributes:
         cell: (sample key, corruption, severity).
-        slot, slot_bytes: where.
+        slot, slot_bytes: number and size of the slot.
         shape: of the frames, (count, H, W, 3).
         index: of frame 1 in a clip, None for a pair.
     """
@@ -37,14 +37,15 @@ class SlotQuestion:
 
 
 Link = tuple[Connection, SharedSlots]
-"""To one feeder: lists of `SlotQuestion` come in, the seconds that their prediction took go out, in the same order."""
+"""A connection to one feeder: lists of `SlotQuestion` come in, the seconds that their prediction took go out, in the
+same order."""
 
 
 def predict_forever(driver: Connection, model: ModelSpec | AnyModel, links: list[Link]) -> None:
     """The life of a predicting process: one batch after the other, in the order in which they come.
 
     Args:
-        driver: is told what is being predicted.
+        driver: is notified of what is being predicted.
         model: for this process's device.
         links: to the feeders.
     """
@@ -61,7 +62,7 @@ def predict_forever(driver: Connection, model: ModelSpec | AnyModel, links: list
                 continue
             try:
                 waiting.append((ready, ready.recv()))
-            except (EOFError, ConnectionError):  # a feeder that ended is the driver's to notice
+            except (EOFError, ConnectionError):  # the driver notices that a feeder ended
                 del slots[ready]
         if waiting:
             link, batch = waiting.popleft()

@@ -1,6 +1,6 @@
-"""A pool of worker processes, each of which does all stages of a unit with a model of its own.
+"""A pool of worker processes, each of which does all stages of a unit with its own copy of the model.
 
-For models on the processor. A model that hangs or crashes ends the run with a sentence. Only this process writes
+For models on the processor. A model that hangs or crashes ends the run with a one-line error. Only this process writes
 shards, so an orphan can never write into a folder that a resumed run holds.
 """
 

@@ -1,7 +1,7 @@
-"""Actors on the nodes of a Ray cluster, or on this machine: an actor per GPU, or per processor.
+"""Actors on the nodes of a Ray cluster, or on this machine: one per GPU, or per processor.
 
 Only this process writes rows, and it knows who computes what, so actors and nodes can be lost at any moment: their
-units are handed out again. Ray's own retries are off; they could run a unit twice whose answer was only late.
+units are handed out again. Ray's own retries are off; they could run a unit twice when its answer was merely late.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from .ray_member import Member
 from .schedule import Schedule
 
 ATTEMPTS = 3
-"""Times that one unit is given to an actor that is lost with it."""
+"""How many actors may be lost while computing the same unit."""
 _LOOK_S = 1.0
-"""Between two looks at what the cluster has."""
+"""Seconds between two checks of the cluster's resources."""
 _PATIENCE_S = 30.0
-"""Without any actor, until a warning says so."""
+"""Seconds without any actor before a warning says so."""
 
 
 def on_ray(
@@ -42,16 +42,16 @@ def on_ray(
     """Compute the units on a Ray cluster.
 
     Args:
-        job: named by `module:attribute` or not, its code has to be importable on every node, and its data readable
-            there under the same path; both are checked.
+        job: its code has to be importable on every node, whether named by `module:attribute` or not, and its data
+            readable there under the same path; both are checked.
         units: to compute.
-        workers: actors; by default one per GPU of the cluster for a model on a GPU, else one per processor, and more
-            as nodes join.
+        workers: number of actors; by default one per GPU of the cluster for a model on a GPU, otherwise one per
+            processor, and more as nodes join.
         timeout: the longest a single prediction may take, in seconds.
         address: of the cluster, see `connected`; None for one on this machine that ends with the run.
 
     Raises:
-        UsageError, RunError: Ray, the cluster, or a node of it lacks something; a unit was lost `ATTEMPTS` times.
+        UsageError, RunError: Ray, the cluster or one of its nodes lacks something; a unit was lost `ATTEMPTS` times.
         DataError, ModelError: as with the other engines.
     """
     gpu = needs_gpu(job)
@@ -65,7 +65,7 @@ def on_ray(
 
 
 class _Crew:
-    """The actors of a run, and the units that are left."""
+    """The actors of a run, and the remaining units."""
 
     def __init__(
         self,
@@ -95,13 +95,13 @@ class _Crew:
         self._losses: dict[Unit, list[str]] = {}
         self._failed_starts = 0
         self._most = 0
-        """GPUs or processors that the cluster had at its best; a lost node's may come back."""
+        """The most GPUs or processors that the cluster has had; those of a lost node may come back."""
         self._heard = time.monotonic()
         self._looked = self._heard - _LOOK_S
         self._warned = False
 
     def compute(self) -> Iterator[FinishedUnit]:
-        """All units, as they are finished."""
+        """Yield all units, as they are finished."""
         tick = _LOOK_S if self._timeout is None else min(_LOOK_S, max(0.05, self._timeout / 4))
         while self._left:
             self._fill_up()
@@ -125,7 +125,7 @@ class _Crew:
             member.kill()
 
     def _fill_up(self) -> None:
-        """As many actors as the cluster has room for; those that find none wait for a node to join."""
+        """Start as many actors as the cluster has room for; the others wait for a node to join."""
         now = time.monotonic()
         if now - self._looked < _LOOK_S:
             return
@@ -185,7 +185,7 @@ class _Crew:
         return value
 
     def _lost(self, member: Member, error: Exception) -> None:
-        """Do without an actor; what it was computing is computed again."""
+        """Drop an actor; its unit is computed again."""
         self._members.remove(member)
         member.kill()
         self._looked -= _LOOK_S
@@ -194,8 +194,8 @@ class _Crew:
             self._failed_starts += 1
             if self._failed_starts >= ATTEMPTS * max(1, self._workers or self._most):
                 raise RunError(
-                    f"no worker comes up on the Ray cluster: {self._failed_starts} were lost as they started, the last "
-                    f"on {where} ({why}); out of memory or a crash as the model is loaded are the usual causes"
+                    f"no worker comes up on the Ray cluster: {self._failed_starts} were lost while starting, the last "
+                    f"on {where} ({why}); the usual causes are lack of memory or a crash while the model is loaded"
                 )
             return
         losses = self._losses.setdefault(member.unit, [])
@@ -203,14 +203,14 @@ class _Crew:
         if len(losses) == ATTEMPTS:
             raise RunError(
                 f"a worker ended without a message while it computed sample '{member.unit.key}', "
-                f"{member.unit.corruption}, {ATTEMPTS} times: on {', '.join(losses)}; out of memory or a crash inside "
-                "the model are the usual causes: try fewer --workers"
+                f"{member.unit.corruption}, {ATTEMPTS} times: on {', '.join(losses)}; the usual causes are lack of "
+                "memory or a crash inside the model: try fewer --workers"
             )
         self._schedule.give_back(member.unit)
 
 
 def _cannot_start(error: Exception) -> RunError:
-    """A node that cannot even load this package; the user's code is loaded later."""
+    """The error for a node that cannot even load this package; the user's code is loaded later."""
     address = re.search(r"\bip=([^,\s)]+)", str(error))
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return RunError(

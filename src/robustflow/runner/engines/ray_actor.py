@@ -1,7 +1,7 @@
-"""What runs on a node: it says what is installed there, loads the model, and computes units.
+"""What runs on a node: it reports what is installed there, loads the model, and computes units.
 
-Ray loads this file on the node by its name. Whatever the user's code raises comes back as an answer, so that an
-exception of Ray's means that actor or node are lost.
+Ray loads this file on the node by its name. Whatever the user's code raises comes back as an answer, so an exception
+from Ray means that the actor or the node is lost.
 """
 
 from __future__ import annotations
@@ -31,11 +31,12 @@ Answer = tuple[str, Any]
 """("done", value), or ("error", (type, message, traceback))."""
 
 Files = Sequence[tuple[str, int]]
-"""Paths and sizes."""
+"""Paths and sizes of files."""
 
 
 def installed() -> dict[str, str]:
-    """Everything here that can change a number, by name: this package with a hash of its code, and what it uses."""
+    """Version by name of everything installed that can change a number: this package with a hash of its code, and the
+    libraries it uses."""
     from ...digest import digest_of_bytes
     from ...runs.environment import environment
 
@@ -51,11 +52,11 @@ def installed() -> dict[str, str]:
 
 
 def check_installed(host: str, here: dict[str, str], there: dict[str, str]) -> None:
-    """Refuse a node that may compute other numbers.
+    """Raise if a node may compute other numbers.
 
     Args:
         host: the node's name.
-        here, there: what is `installed` where the run was started, and on the node.
+        here, there: what `installed` returns where the run was started, and on the node.
 
     Raises:
         RunError: they differ.
@@ -81,9 +82,9 @@ class UnitActor:
         """The node's name and what is installed there.
 
         Args:
-            variables: of the environment, set before anything is loaded that reads them.
-            folder: the driver's, where relative paths begin.
-            path: folders of modules, besides the node's own.
+            variables: environment variables, set before anything that reads them is loaded.
+            folder: the driver's working folder, which relative paths refer to.
+            path: folders of modules, in addition to the node's own.
         """
         os.environ.update(variables)
         if os.path.isdir(folder):
@@ -92,12 +93,12 @@ class UnitActor:
         return self._host, installed()
 
     def begin(self, pickled: bytes, identity: dict[str, Any], files: Files) -> Answer:
-        """Load data set and model; the device it computes on.
+        """Load data set and model, and return the device it computes on.
 
         Args:
             pickled: a `Job`.
-            identity: that the model has to have.
-            files: of one sample, which have to be there.
+            identity: the expected identity of the model.
+            files: of one sample, which have to exist on the node.
         """
         return answered(lambda: self._begin(pickled, identity, files))
 
@@ -106,7 +107,7 @@ class UnitActor:
         return answered(lambda: self._run(unit, files))
 
     def predicting(self) -> tuple[str, float] | None:
-        """What the model is asked for at this moment, and for how many seconds already."""
+        """What the model is predicting at this moment, and for how many seconds already."""
         now = self._predicting
         return now and (now[0], time.monotonic() - now[1])
 
@@ -160,7 +161,7 @@ class UnitActor:
             except OSError as error:
                 raise DataError(
                     f"node {self._host}: {os.path.abspath(path)} cannot be read ({error.strerror}); give every node "
-                    "the data under the same path, best an absolute one"
+                    "the data under the same path, preferably an absolute one"
                 ) from error
             if here != size:
                 raise DataError(
@@ -173,7 +174,7 @@ def answered(compute: Callable[[], Any]) -> Answer:
     """What a call returns or raises, as an answer."""
     try:
         return "done", compute()
-    except BaseException as error:  # SystemExit too: to Ray it would be an actor that ends on purpose
+    except BaseException as error:  # SystemExit as well: Ray would take it for an actor that ends on purpose
         return "error", (type(error).__name__, str(error), traceback.format_exc())
 
 

@@ -1,4 +1,4 @@
-"""A Ray cluster to compute on: one that is there, or one of this machine's that lasts as long as the run."""
+"""A Ray cluster to compute on: an existing one, or one on this machine that lasts as long as the run."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from typing import Any
 from ...errors import RobustFlowError, RunError, UsageError
 
 REACH_S = 10.0
-"""Within which the head of a cluster has to answer."""
+"""Seconds within which the head of a cluster has to answer."""
 _STORE_BYTES = 200 * 2**20
-"""Of the object store of a cluster of our own, beside what is sent to every actor: rows are small."""
+"""Bytes of the object store of a cluster started here, in addition to what is sent to every actor: rows are small."""
 _LONGEST_TMP = 30
-"""Ray puts sockets below its folder, whose paths may have 107 characters."""
+"""Ray puts sockets into its folder, and their paths may have at most 107 characters."""
 _SETTINGS = b"\4"
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
-"""How a client of HTTP/2 begins, which Ray's ports speak; a server answers with its settings (RFC 9113, 3.4)."""
+"""The preface of an HTTP/2 client, which is what Ray's ports speak; a server answers with its settings (RFC 9113,
+3.4)."""
 _NO_RAY = "the ray engine needs Ray, which is not installed here: pip install 'robustflow[ray]'"
 
 
@@ -41,24 +42,25 @@ def ray_module() -> Any:
 
 @contextmanager
 def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0) -> Iterator[Any]:
-    """The module `ray`, connected; what was connected or started here ends with the block.
+    """The module `ray`, connected; a connection or cluster that was started here ends with the block.
 
     Args:
         address: of a cluster: "auto" (the one that this machine is part of, or RAY_ADDRESS), "host:port" of its head,
             on a machine that is part of it, or "ray://host:port" from any machine. None starts a cluster of this
-            machine; where the caller's process is connected already, that cluster serves.
-        cpus: of a cluster that is started here; all of this machine's by default.
+            machine; if the caller's process is connected already, that cluster is used.
+        cpus: of a cluster that is started here; all CPUs of this machine by default.
         sent_bytes: size of what every actor is sent.
 
     Raises:
-        UsageError: Ray is not installed, or an address that is none.
+        UsageError: Ray is not installed, or the address is malformed.
         RunError: nothing answers there.
     """
     ray = ray_module()
     if ray.is_initialized():
         if address not in (None, "auto"):
             raise UsageError(
-                "this process is connected to a Ray cluster already: leave out the address, or ray.shutdown()"
+                "this process is already connected to a Ray cluster: leave out the address, or call ray.shutdown() "
+                "first"
             )
         yield ray
         return
@@ -71,7 +73,7 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
                 _start(ray, cpus, sent_bytes, folder)
             else:
                 _join(ray, address)
-        _restore(handler)  # Ray puts its own in the place of the caller's
+        _restore(handler)  # Ray replaces the caller's
         yield ray
     finally:
         with _quiet():
@@ -113,14 +115,14 @@ def _join(ray: Any, address: str) -> None:
         raise UsageError("an address with ray:// needs Ray's client: pip install 'ray[client]'") from error
     except ValueError as error:
         raise UsageError(f"--address {address} is not an address: give auto, host:port or ray://host:port") from error
-    except SystemExit as error:  # Ray's own answer to a head that speaks something else
-        raise RunError(f"{spelled} does not answer as Ray does; check the address and its port") from error
+    except SystemExit as error:  # what Ray raises for a server that speaks something else
+        raise RunError(f"{spelled} does not answer like Ray; check the address and its port") from error
     except Exception as error:
         raise RunError(f"{spelled} cannot be joined from here: {_first_sentence(error)}") from error
 
 
 def _check_answers(address: str, spelled: str) -> None:
-    """Ray itself would try for two minutes, and then end the process."""
+    """Check the address first: Ray itself would try for two minutes, and then end the process."""
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not (colon and host and port.isdecimal()):
         return
@@ -135,7 +137,7 @@ def _check_answers(address: str, spelled: str) -> None:
             f"{spelled} cannot be reached ({error}); start it (ray start --head), or check host and port"
         ) from error
     if answer[3:4] != _SETTINGS and not os.environ.get("RAY_USE_TLS"):
-        raise RunError(f"{spelled} does not answer as Ray does; check host and port")
+        raise RunError(f"{spelled} does not answer like Ray; check host and port")
 
 
 def _new_folder() -> str:
@@ -146,7 +148,7 @@ def _new_folder() -> str:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without Ray's words on starting and ending, and without its usage statistics."""
+    """Without Ray's messages on starting and ending, and without its usage statistics."""
     logger = logging.getLogger("ray")
     level, before = logger.level, os.environ.get("RAY_USAGE_STATS_ENABLED")
     logger.setLevel(logging.ERROR)
@@ -162,7 +164,8 @@ def _quiet() -> Iterator[None]:
 
 
 def _show_messages(ray: Any, shown: bool) -> None:
-    """Ray prints its words on a lost actor to standard output, where our tables go, and has no option against it."""
+    """Ray prints its messages about a lost actor to standard output, where our tables go, and has no option to turn
+    them off."""
     ray._private.worker._worker_logs_enabled = shown
 
 

@@ -1,4 +1,4 @@
-"""What a node needs of a job: itself, a GPU or none, the model that it has to load, the files that it has to have."""
+"""What a node needs for a job: the job itself, a GPU or none, the model to load, and the files it must have."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .ray_cluster import ray_module
 
 
 def pickled(job: Job) -> bytes:
-    """The job as every node is sent it.
+    """The job as it is sent to every node.
 
     Raises:
         UsageError: it cannot be sent, or Ray is not installed.
@@ -31,10 +31,10 @@ def pickled(job: Job) -> bytes:
 
 
 def needs_gpu(job: Job) -> bool:
-    """Whether every actor needs a GPU of its own.
+    """Whether every actor needs its own GPU.
 
     Raises:
-        UsageError: one GPU is named, which only Ray can choose.
+        UsageError: a particular GPU is named, but only Ray can choose one.
     """
     listed = job.model.devices() if isinstance(job.model, ModelSpec) else ()
     if any(":" in device for device in listed):
@@ -45,17 +45,17 @@ def needs_gpu(job: Job) -> bool:
 
 
 def model_identity_of(job: Job) -> dict[str, Any]:
-    """What a node's model has to be."""
+    """The identity that a node's model must have."""
     model = job.load_model()
     return job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
 
 
 def files_of(job: Job, key: str) -> tuple[tuple[str, int], ...]:
-    """Paths and sizes of what a node needs for a sample."""
+    """Paths and sizes of the files that a node needs for a sample."""
     return tuple((str(path), path.stat().st_size) for path in job.dataset.files(key))
 
 
 def variables() -> dict[str, str]:
-    """Of the environment, for every actor: where the user's files are, and one thread a library."""
+    """Environment variables for every actor: where the user's files are, and one thread per library."""
     mine = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")}
     return mine | dict.fromkeys(ONE_THREAD, "1")

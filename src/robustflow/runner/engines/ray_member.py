@@ -1,4 +1,4 @@
-"""One actor as this process sees it: where it is, what it was asked last, and what it computes."""
+"""One actor as this process sees it: where it is, its last call, and what it computes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from .ray_actor import Files, UnitActor
 from .watch import too_slow
 
 _UNANSWERED_S = 30.0
-"""How much longer than a prediction may take an actor may be silent; a lost node is noticed within that time."""
+"""How much longer than the timeout of a prediction an actor may be silent; a lost node is noticed within that time."""
 
 
 class Member:
-    """An actor. Each call is answered before the next; `call` is the one that is not answered yet.
+    """An actor. Each call is answered before the next one is made; `call` is the one not answered yet.
 
     Attributes:
-        host: the node's name; None until the actor has said it.
+        host: the node's name; None until the actor has reported it.
         device: what it computes on; None until it has loaded the model.
-        unit: that it computes.
+        unit: that it is computing.
         last_key: the sample that it has loaded.
     """
 
@@ -48,7 +48,7 @@ class Member:
 
     @property
     def is_idle(self) -> bool:
-        """Whether it waits for a unit."""
+        """Whether it is waiting for a unit."""
         return self.device is not None and self.call is None
 
     def greet(self, variables: dict[str, str], folder: str, path: list[str]) -> None:
@@ -61,26 +61,26 @@ class Member:
         self.call = self._actor.begin.remote(pickled, identity, files)
 
     def give(self, unit: Unit, files: Files) -> None:
-        """Let it compute a unit."""
+        """Make it compute a unit."""
         self.unit, self.last_key = unit, unit.key
         self.call = self._actor.run.remote(unit, files)
 
     def take_call(self) -> Any:
-        """The call that is answered now."""
+        """The call that has now been answered."""
         call, self.call = self.call, None
         return call
 
     def finish(self) -> Unit:
-        """The unit, which is computed."""
+        """The unit, now computed."""
         unit, self.unit, self._question = self.unit, None, None
         assert unit is not None
         return unit
 
     def check(self, timeout: float) -> None:
-        """End the run when a prediction takes too long; to be called again and again.
+        """End the run if a prediction takes too long; to be called repeatedly.
 
         Raises:
-            ModelError: it does, or it keeps the actor from saying so.
+            ModelError: it takes too long, or keeps the actor from reporting that.
         """
         if self.unit is None:
             return
@@ -92,7 +92,7 @@ class Member:
         if self._ray.wait([self._question], timeout=0)[0]:
             try:
                 predicting = self._ray.get(self._question)
-            except self._ray.exceptions.RayError:  # the unit's own call says so as well
+            except self._ray.exceptions.RayError:  # the unit's own call reports it as well
                 predicting = None
             self._question = None
             if predicting is not None and predicting[1] > timeout:

@@ -1,4 +1,4 @@
-"""Clips prepared on a Ray cluster, a task each. Nodes write into the output folder: it has to be one for them all."""
+"""Clips prepared on a Ray cluster, one task each. All nodes write into the output folder, so they must share it."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .ray_actor import Answer, answered, check_installed, installed
 from .ray_cluster import connected
 
 ATTEMPTS = 3
-"""Times that one clip is given to a node that is lost with it."""
+"""How many nodes may be lost while preparing the same clip."""
 _APPEARS_S = 10.0
-"""Within which a file that one machine wrote has to be seen by another."""
+"""Seconds within which a file written by one machine must be visible to another."""
 
 
 def prepare_on_ray(
@@ -34,9 +34,9 @@ def prepare_on_ray(
     workers: int | None = None,
     address: str | None = None,
 ) -> None:
-    """Prepare every clip in the folder of its name below `output`, with a processor, or a GPU for FLAVR, for each.
+    """Prepare every clip in a folder of its name below `output`, each with one processor, or one GPU for FLAVR.
 
-    A node that is lost costs at most the segment that it was making: another one goes on with what is in the folder.
+    A lost node costs at most the segment that it was making: another one continues with what is in the folder.
 
     Args:
         sources, output, preparation, progress: see `prepare_folder`.
@@ -77,7 +77,7 @@ def prepare_on_ray(
 
 
 def _is_done(ray: Any, call: Any, source: Source, losses: Counter[str]) -> bool:
-    """Whether a clip is finished; False where its node was lost."""
+    """Whether a clip is finished; False if its node was lost."""
     try:
         kind, value = ray.get(call)
     except ray.exceptions.RayTaskError as error:
@@ -89,7 +89,7 @@ def _is_done(ray: Any, call: Any, source: Source, losses: Counter[str]) -> bool:
         if losses[source.name] == ATTEMPTS:
             raise RunError(
                 f"clip '{source.name}' was lost {ATTEMPTS} times with the node that prepared it "
-                f"({type(error).__name__}); out of memory is the usual cause: try fewer --workers"
+                f"({type(error).__name__}); lack of memory is the usual cause: try fewer --workers"
             ) from error
         return False
     if kind == "error":

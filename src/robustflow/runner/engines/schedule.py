@@ -1,4 +1,4 @@
-"""Which unit a free worker gets next."""
+"""Which unit an idle worker gets next."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class Schedule:
         for unit in units:
             self._waiting.setdefault(unit.key, deque()).append(unit)
         self._fresh = [key for key, mine in reversed(self._waiting.items()) if mine[0].corruption == CLEAN]
-        """Samples that no worker has begun, the next one last."""
+        """Samples that no worker has started, the next one last."""
 
     def take(self, last_key: str | None) -> Unit | None:
-        """The next unit for a worker that has `last_key` loaded; None when all that is left has to wait."""
+        """The next unit for a worker that has `last_key` loaded; None if all remaining units have to wait."""
         if last_key is not None and self._ready(last_key):
             return self._pop(last_key)
-        if self._fresh:  # a new sample before another worker's: two workers on one sample load it twice
+        if self._fresh:  # prefer a new sample to another worker's: two workers on one sample load it twice
             key = self._fresh.pop()
             self._blocked.add(key)
             return self._pop(key)

@@ -20,4 +20,4 @@ def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
 
 
 SERIAL = Engine(lambda units: "serial", serial)
-"""The engine that does so."""
+"""The serial engine."""

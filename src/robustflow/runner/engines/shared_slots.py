@@ -1,7 +1,7 @@
-"""Memory that two processes share: slots of one size, each of which holds the frames of a cell, then its flow.
+"""Memory shared by two processes: slots of equal size, each of which holds the frames of a cell, then its flow.
 
 The memory has no name (`memfd_create`), so nothing is left of it when the last of the two ends, however it ends, and
-the 64 MB that a container has under /dev/shm are no limit. A slot costs memory from its first use on.
+the 64 MB that a container has under /dev/shm are no limit. A slot takes memory only from its first use on.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from ...errors import RunError
 from ...sample import Flow, Frame
 
 BUDGET = 128 * 2**20
-"""Bytes that the slots of one feeder may take together, unless the fewest slots take more."""
+"""Bytes that the slots of one feeder may take together, unless the minimum number of slots takes more."""
 MOST_SLOTS = 64
 _PAGE = 4096
 
 
 class SharedSlots:
-    """Slots that a feeder fills and empties, and a predicting process answers in.
+    """Slots that a feeder fills and empties, and in which a predicting process answers.
 
     Can be sent to a child process with the arguments that it starts with.
 
     Args:
-        fewest: slots that there are at least, however large.
+        fewest: minimum number of slots, however large.
     """
 
     def __init__(self, fewest: int) -> None:
@@ -50,7 +50,7 @@ class SharedSlots:
         return _attached, (DupFd(self._descriptor), self._fewest)
 
     def close(self) -> None:
-        """Let go of the memory in this process; views that are still there stay good."""
+        """Release the memory in this process; existing views stay valid."""
         os.close(self._descriptor)
         self._map = None
 
@@ -58,16 +58,16 @@ class SharedSlots:
 
     @property
     def free(self) -> int:
-        """Slots that can be taken."""
+        """Number of slots that can be taken."""
         return len(self._free)
 
     @property
     def taken(self) -> int:
-        """Slots that are in use."""
+        """Number of slots in use."""
         return self.count - len(self._free)
 
     def fit(self, size: int) -> bool:
-        """Make slots of at least `size` bytes; False where that has to wait until none is in use."""
+        """Make slots of at least `size` bytes; False if that has to wait until none is in use."""
         if size <= self.slot_bytes:
             return True
         if self.taken:
@@ -79,10 +79,10 @@ class SharedSlots:
         return True
 
     def take(self) -> int:
-        """A free slot, the one last used first: fewer slots then cost memory.
+        """A free slot, the one used last first, so that fewer slots take memory.
 
         Raises:
-            RunError: there is no memory for it.
+            RunError: there is not enough memory.
         """
         slot = self._free.pop()
         if slot not in self._used:
@@ -97,7 +97,7 @@ class SharedSlots:
         return slot
 
     def put_back(self, slot: int) -> None:
-        """A slot is free again."""
+        """Give a slot back."""
         self._free.append(slot)
 
     # Both sides.

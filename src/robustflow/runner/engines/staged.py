@@ -1,8 +1,8 @@
 """Processes that only predict, one per device, and processes that corrupt and measure for them.
 
 The feeders of a device send it frames through shared memory and get flows back the same way, directly; this process
-hands out cells, watches, and is the only one that writes rows. What is on its way is bounded by the slots of each
-feeder: one that has none free waits.
+hands out cells, watches the others, and is the only one that writes rows. The number of frames in flight is bounded by
+the slots of each feeder: a feeder without a free slot waits.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ def staged(
     Args:
         job: its model is loaded once per device.
         units: to compute.
-        devices: one predicting process each; a model by name is told which is its own.
-        feeders: processes that corrupt and measure, at least as many as devices, which take turns in getting one.
+        devices: one predicting process each; a model loaded by name is given its device.
+        feeders: number of processes that corrupt and measure, at least as many as devices, to which they are assigned
+            in turn.
         timeout: the longest that a prediction, or a batch of them, may take, in seconds.
 
     Raises:
@@ -96,21 +97,22 @@ class _Predictor:
 
 
 class _Feeder:
-    """A feeder, and what it was given."""
+    """A feeder, and the cells it was given."""
 
     def __init__(self, job: Job, link: Any, slots: SharedSlots) -> None:
         self.child = Child(feed_forever, replace(job, model=ModelSpec("none")), link, slots)
         self._asked = cells_ahead(job.batch_size)
-        """Cells that it asked for and that were not answered."""
+        """Requested cells that were not answered yet."""
         self._late = 0
-        """Cells that it asked for and was told that there are none."""
+        """Requested cells to which the answer was that there is none."""
         self._last_key: str | None = None
         self._plenty = False
         self._unmade: deque[Cell] = deque()
-        """Cells that it was given and whose frames it has not made; at the first of them it is at work, or will be."""
+        """Cells that it was given and whose frames it has not made yet; it is working on the first of them, or will
+        be."""
 
     def hear(self, schedule: CellSchedule) -> FinishedUnit | None:
-        """Take one message; the unit that it finishes."""
+        """Take one message, and return the unit that it finishes, if any."""
         doing = place(*self._unmade[0]) if self._unmade else "the last rows"
         kind, value = self.child.receive(doing, "try fewer --workers")
         if kind == "made":
@@ -122,7 +124,7 @@ class _Feeder:
         return schedule.finish(*value)
 
     def deal(self, schedule: CellSchedule) -> None:
-        """Give it the cells that it asked for, as far as there are any for now."""
+        """Send it the cells that it requested, as far as any are available now."""
         while self._asked or self._late:
             cell = schedule.take(self._last_key, self._plenty)
             if cell is not None:

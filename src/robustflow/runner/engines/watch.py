@@ -11,7 +11,7 @@ class Watch:
     """Watches the predictions of one process.
 
     Args:
-        timeout: the longest that one may take, in seconds; None for any time.
+        timeout: the longest that one may take, in seconds; None for no limit.
     """
 
     def __init__(self, timeout: float | None) -> None:
@@ -25,7 +25,7 @@ class Watch:
         self.what, self._since = what, time.monotonic()
 
     def check(self) -> None:
-        """Look at the clock.
+        """Check the clock.
 
         Raises:
             ModelError: the prediction takes too long.
