@@ -150,7 +150,7 @@ def test_a_network_of_torchvision_needs_no_declaration():
 
 def test_the_order_of_a_trained_network_is_found_and_reported():
     net = trained_matcher()
-    with pytest.warns(UserWarning, match=r"Matcher did not say .* taken: scaling=-1-1, order=bgr, layout=pair"):
+    with pytest.warns(UserWarning, match=r"Matcher did not declare .* using scaling=-1-1, order=bgr, layout=pair"):
         model = rf.TorchModel(net, scaling="-1-1", device="cpu")
     assert model.identity()["input"]["order"] == "bgr"
     pair = shifted_pair(1000)
