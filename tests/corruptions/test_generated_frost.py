@@ -61,6 +61,13 @@ def test_the_first_command_needs_no_network(tmp_path, asked):
     assert json.loads(manifest.read_text())["identity"]["frost"] == "generated 1"
 
 
+@pytest.mark.slow
+def test_a_leaderboard_without_runs_needs_no_network(tmp_path):
+    done = offline(tmp_path, "leaderboard", "-o", "site")
+    assert done.returncode == 0, done.stderr
+    assert '"shots":{"1":' in (tmp_path / "site/index.html").read_text()
+
+
 def test_what_is_refused_offline_would_be_noticed(tmp_path):
     """The guard above refuses what fetches: the same corruption of the user's own frames, with the photographs."""
     for name, frame in zip(("a.png", "b.png"), load_benchmark("demo").dataset.load("motorcycle").frames, strict=True):

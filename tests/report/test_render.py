@@ -108,6 +108,15 @@ def test_the_terminal_is_never_wider_than_it_is(width):
     assert "51.76" in text
 
 
+@pytest.mark.parametrize("width", [60, 120])
+def test_the_terminal_does_not_cut_an_address(width):
+    address = f"https://example.org/{'weights/' * 20}raft.ckpt"
+    line = Line("RAFT", (TableCell(f"get {address} as a stand-in"),))
+    text = render_terminal(Table("plan", "plan", (Column("How", prose=True),), (Section("OOD", (line,)),)), width)
+    assert max(map(len, text.splitlines())) <= width
+    assert address in "".join(part.rpartition("│")[2].strip() for part in text.splitlines())
+
+
 @pytest.mark.parametrize("name", HOSTILE)
 def test_latex_of_a_hostile_name_has_no_live_command(name):
     text = render(_table(name, note=name), "latex")
