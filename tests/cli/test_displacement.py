@@ -48,7 +48,7 @@ def _stills(folder, grey):
 def test_the_page_of_a_run_shows_it_at_once(robustflow, tmp_path):
     data = _stills(tmp_path / "data", 40)
     run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
-    assert "How far things move" not in (run.path / "report.html").read_text()
+    assert "How far pixels move" not in (run.path / "report.html").read_text()
     assert robustflow("displacement", "folder", "--data", data, "-m", "dis", "--into", run.path)[0] == 0
     assert "our own frames, 2 pairs (dis)" in (run.path / "report.html").read_text()
 

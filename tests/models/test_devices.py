@@ -60,7 +60,7 @@ def test_a_users_model_that_takes_no_device_is_where_it_says(four_gpus):
 
 
 def test_a_list_is_of_gpus():
-    with pytest.raises(UsageError, match="a list is of GPUs"):
+    with pytest.raises(UsageError, match="only GPUs can be listed"):
         devices_of(_spec("raft", "cuda:0,cpu"), On("cuda:0"))
 
 

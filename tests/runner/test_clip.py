@@ -215,7 +215,7 @@ def test_a_model_of_both_kinds_gets_clips_where_there_are_some(folder, tmp_path)
 def test_what_a_multi_frame_model_cannot_do(folder, tmp_path, models_on_path):
     with pytest.raises(UsageError, match="one clip at a time; leave out --batch-size"):
         run(Recorder(), folder, tmp_path / "run", batch_size=2)
-    with pytest.raises(UsageError, match="cannot be predicted in tiles"):
+    with pytest.raises(UsageError, match="cannot predict in tiles"):
         load_model(MODEL, tile="64x64")
     with pytest.raises(ModelError, match="the model's window is 'all'"):
         run(Recorder("all"), folder, tmp_path / "run")

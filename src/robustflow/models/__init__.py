@@ -1,4 +1,4 @@
-"""Flow models: the protocol, the built-in adapters, and how a model is found by name."""
+"""Flow models: the protocol, the built-in adapters, and loading a model by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What RobustFlow asks of a model: two frames in, or a clip where it sees more; one flow out. No base class needed."""
+"""The protocol of models: two frames in, or a clip for a multi-frame model; one flow out. No base class is needed."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .window import Window
 class FlowModel(Protocol):
     """Anything with `predict`.
 
-    A model may also have `identity() -> dict` naming whatever changes its numbers (parameters, checkpoint hash,
-    library version); it becomes part of a run's identity. One that computes on an accelerator says so by an attribute
-    `device` ("cuda:0"): frames are then corrupted and flows measured beside it, in other processes (see `devices`).
+    A model may also have `identity() -> dict` that lists everything that changes its numbers (parameters, checkpoint
+    hash, library version); it becomes part of a run's identity. A model that computes on an accelerator declares it by
+    an attribute `device` ("cuda:0"): frames are then corrupted and flows measured in other processes (see `devices`).
     """
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:
@@ -41,15 +41,15 @@ class BatchedFlowModel(FlowModel, Protocol):
 
 @runtime_checkable
 class ClipModel(Protocol):
-    """A multi-frame model: it declares which frames around the pair it wants, and gets the pair among them.
+    """A multi-frame model: it declares which frames around the pair it needs, and gets them together with the pair.
 
-    All frames of a clip are corrupted by one draw, and the pair is, to the byte, the one that a two-frame model gets
+    All frames of a clip are corrupted by one draw, and the pair is byte for byte the one that a two-frame model gets
     (see docs/design/architecture.md). Nothing may be kept from one call to the next: samples come in any order, and in
-    several processes. A model that also has `predict` is given the two frames alone where a data set has no more.
+    several processes. A model that also has `predict` is given only the two frames if a data set has no more.
 
     Attributes:
-        window: (before, after): frames before frame 1 and after frame 2; or a `Window`, which says besides what
-            happens at the ends of a sequence.
+        window: (before, after): frames before frame 1 and after frame 2; or a `Window`, which also states what happens
+            at the ends of a sequence.
     """
 
     window: tuple[int, int] | Window
@@ -59,7 +59,8 @@ class ClipModel(Protocol):
 
         Args:
             frames: RGB uint8 (H, W, 3) each, of one size, in the order of time. With the window (before, after) always
-                before + 2 + after of them: at an end of the sequence its last frame is repeated for the missing ones.
+                before + 2 + after of them: at either end of the sequence, its outermost frame is repeated for the
+                missing ones.
             index: of frame 1 of the pair; with the window (before, after) always `before`.
         """
         ...
@@ -67,7 +68,7 @@ class ClipModel(Protocol):
 
 @runtime_checkable
 class FlowLookup(Protocol):
-    """A model whose flows were computed elsewhere: it is asked by name instead of by frames."""
+    """A model whose flows were computed elsewhere: they are looked up by sample instead of predicted from frames."""
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
         """The flow of a sample; `corruption` is "clean" and `severity` 0 for the clean frames."""
@@ -75,11 +76,11 @@ class FlowLookup(Protocol):
 
 
 AnyModel: TypeAlias = FlowModel | ClipModel | FlowLookup
-"""Whatever can be evaluated."""
+"""Everything that can be evaluated."""
 
 
 def model_identity(model: Any) -> dict[str, Any]:
-    """What names this model in a run's identity; the class name where the model says nothing itself."""
+    """The model's part of a run's identity; its class name if the model does not provide one."""
     if hasattr(model, "identity"):
         identity = model.identity()
         if not isinstance(identity, Mapping):
@@ -94,7 +95,7 @@ def model_identity(model: Any) -> dict[str, Any]:
 
 
 def name_of(model: Any) -> str | None:
-    """What a user's own model calls itself: its attribute `name`, where that is a text; None without one.
+    """The name that a user's own model gives itself: its attribute `name`, if that is a string; otherwise None.
 
     >>> class Mine:
     ...     name = "My model"
@@ -108,7 +109,7 @@ def name_of(model: Any) -> str | None:
 def predict_checked(
     model: FlowModel | FlowLookup, frames: tuple[Frame, ...], key: str, corruption: str, severity: int
 ) -> Flow:
-    """Ask the model and check that the answer is a flow of the frames' size (its values may still be non-finite).
+    """Call the model and check that the result is a flow of the frames' size (its values may still be non-finite).
 
     Raises:
         ModelError: the model raised, or returned something that is not float (H, W, 2).
@@ -125,7 +126,7 @@ def predict_checked(
 def predict_clip_checked(
     model: ClipModel, frames: tuple[Frame, ...], index: int, key: str, corruption: str, severity: int
 ) -> Flow:
-    """As `predict_checked`, of a multi-frame model; `index` is that of frame 1 of the pair."""
+    """Like `predict_checked`, for a multi-frame model; `index` is that of frame 1 of the pair."""
     where = place(key, corruption, severity)
     with _named(where):
         flow = model.predict_clip(_copies(frames), index)
@@ -135,7 +136,7 @@ def predict_clip_checked(
 def predict_batch_checked(
     model: BatchedFlowModel, pairs: Sequence[tuple[Frame, ...]], cells: Sequence[tuple[str, str, int]]
 ) -> list[Flow]:
-    """As `predict_checked`, of several pairs in one call of the model; each cell is (key, corruption, severity)."""
+    """Like `predict_checked`, for several pairs in one call of the model; each cell is (key, corruption, severity)."""
     where = places(cells)
     with _named(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
@@ -155,7 +156,7 @@ def place(key: str, corruption: str, *severities: int) -> str:
 
 
 def places(cells: Sequence[tuple[str, str, int]]) -> str:
-    """As `place`, of several cells (key, corruption, severity).
+    """Like `place`, for several cells (key, corruption, severity).
 
     >>> places([("a", "fog", 1), ("a", "fog", 2), ("a", "snow", 1)])
     "sample 'a', fog severity 1, 2; sample 'a', snow severity 1"
@@ -175,12 +176,13 @@ def _named(where: str) -> Iterator[None]:
     except (Exception, SystemExit) as error:
         raise ModelError(
             f"the model raised {type(error).__name__} on {where}: {error or 'no message'}{where_raised(error)}; "
-            "give --debug for its whole traceback"
+            "give --debug for the full traceback"
         ) from error
 
 
 def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
-    """A model may write into what it is given; the frames are still to be corrupted, measured and drawn."""
+    """Copies for the model, which may write into its input; the frames are still needed to corrupt, measure and
+    draw."""
     return tuple(frame.copy() for frame in frames)
 
 
@@ -188,7 +190,7 @@ def _checked(flow: Any, frames: tuple[Frame, ...], where: str) -> Flow:
     expected = (*frames[0].shape[:2], 2)
     try:
         array = np.asarray(flow)
-    except Exception as error:  # a tensor on a GPU, or one that gradients flow through; rows of several lengths
+    except Exception as error:  # a tensor on a GPU, or one that requires gradients; rows of different lengths
         reason = " ".join(str(error).split()) or type(error).__name__
         raise ModelError(
             f"the model returned a {type(flow).__name__} on {where} that is not an array ({reason}); return a NumPy "

@@ -17,7 +17,7 @@ _NOT_FOR_ALL = {
     "precision": "has no precision to choose",
     "checkpoint": "has no weights to load",
 }
-"""Options that the command line offers for every model, and why some models do not take them."""
+"""Options that the command line offers for every model, and why some models do not support them."""
 
 
 class FunctionModel:
@@ -37,11 +37,12 @@ class FunctionModel:
 
 
 def as_model(candidate: Any, what: str) -> AnyModel:
-    """Anything with `predict`, `predict_clip` or `lookup` as it is; a class built, a module or function wrapped.
+    """Anything with `predict`, `predict_clip` or `lookup` unchanged; an instance of a class; a module or function
+    wrapped.
 
     Args:
         candidate: what should be a model.
-        what: to call it in messages.
+        what: its name in messages.
 
     Raises:
         ModelError: none of these, or a class that cannot be built.
@@ -82,8 +83,8 @@ def construct(factory: Callable[..., Any], name: str, options: dict[str, Any]) -
         options: its keyword arguments.
 
     Raises:
-        UsageError: an option that it does not take, or one that it needs is missing.
-        ModelError: it fails.
+        UsageError: an unknown option, or a required one is missing.
+        ModelError: the call fails.
     """
     parameters = parameters_of(factory)
     takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
@@ -124,7 +125,7 @@ def takes_two_frames(function: Callable[..., Any]) -> bool:
 
 
 def parameters_of(function: Callable[..., Any]) -> Mapping[str, inspect.Parameter]:
-    """A callable's parameters; none where Python cannot tell (some built-in types)."""
+    """A callable's parameters; none if Python cannot tell (some built-in types)."""
     try:
         return inspect.signature(function).parameters
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Which accelerators a model computes on, as it says itself: an attribute `device`, a text or one of PyTorch's."""
+"""The accelerators that a model computes on, as it declares: an attribute `device`, a string or one of PyTorch's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .loading import ModelSpec
 
 
 def device_of(model: Any) -> str:
-    """Where a model computes: "cuda:0", "cuda", ...; "cpu" where it does not say.
+    """Where a model computes: "cuda:0", "cuda", ...; "cpu" if it does not say.
 
     >>> class Mine:
     ...     device = "cuda:1"
@@ -24,7 +24,7 @@ def device_of(model: Any) -> str:
 
 
 def is_accelerator(device: str) -> bool:
-    """Whether a device is another than the processor.
+    """Whether a device is not the processor.
 
     >>> is_accelerator("cuda:0"), is_accelerator("cpu")
     (True, False)
@@ -35,20 +35,20 @@ def is_accelerator(device: str) -> bool:
 def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
     """The accelerators that a run of a model uses, one predicting process each; none for a model on the CPU.
 
-    Those that the option `device` lists ("cuda:0,cuda:1"); every one that PyTorch sees where it is "cuda", or left out
-    of one of this package's networks; else the one that the loaded model says.
+    Those that the option `device` lists ("cuda:0,cuda:1"); every one that PyTorch finds if it is "cuda", or is left out
+    for one of this package's networks; otherwise the one that the loaded model declares.
 
     Args:
         spec: how to load the model again; None for an object.
         model: loaded.
 
     Raises:
-        UsageError: a list of devices with the processor among them.
+        UsageError: a list of devices that includes the processor.
     """
     listed = spec.devices() if spec is not None else ()
     if len(listed) > 1:
         if not all(is_accelerator(device) for device in listed):
-            raise UsageError(f"--device {','.join(listed)}: a list is of GPUs; give cpu alone, and --workers")
+            raise UsageError(f"--device {','.join(listed)}: only GPUs can be listed; give cpu alone, and --workers")
         return listed
     own = device_of(model)
     if not is_accelerator(own):
@@ -59,6 +59,6 @@ def devices_of(spec: ModelSpec | None, model: Any) -> tuple[str, ...]:
 
 
 def _visible(kind: str) -> int:
-    """How many devices of a kind PyTorch sees; 0 where it does not say, or is not what the model uses."""
+    """How many devices of a kind PyTorch finds; 0 if it does not say, or if the model does not use PyTorch."""
     torch = sys.modules.get("torch")
     return int(torch.cuda.device_count()) if torch is not None and kind == "cuda" else 0

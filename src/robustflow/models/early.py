@@ -16,12 +16,12 @@ from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_fil
 def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, str]) -> None:
     """Refuse a file that is missing, a library that is not installed, or a network without its checkpoint.
 
-    Silence means nothing: the model itself checks again, and the rest.
+    Passing proves nothing: the model itself checks this again, and everything else.
 
     Args:
         name: of the model.
         options: of the model.
-        exported: endings of files that are a model by themselves.
+        exported: extensions of files that are a model by themselves.
 
     Raises:
         ModelError: one of these.

@@ -20,13 +20,14 @@ class Execution:
     """How a PyTorch network is executed.
 
     Attributes:
-        device: "auto" (a CUDA device where there is one, else the CPU), "cpu", "cuda", "cuda:1", ...
+        device: "auto" (a CUDA device if there is one, otherwise the CPU), "cpu", "cuda", "cuda:1", ...
         precision: "fp32" (without TF32) or "bf16" (automatic mixed precision).
         compile: compile the network with `torch.compile` on its first call.
-        threads: of the CPU. One by default: more can change the last bits of a result, and runs use more processes.
+        threads: CPU threads, one by default: more can change the last bits of a result, and runs use more processes
+            instead.
 
     Raises:
-        UsageError: an unknown precision, no number of threads, `compile` neither true nor false.
+        UsageError: an unknown precision, an invalid number of threads, `compile` neither true nor false.
 
     >>> Execution(threads=2).record("cpu")
     {'device': 'cpu', 'precision': 'fp32', 'compile': False, 'threads': 2}
@@ -44,12 +45,12 @@ class Execution:
         check_switch("compile", self.compile)
 
     def record(self, device: str) -> dict[str, Any]:
-        """For a model's identity; `device` is the kind that was taken."""
+        """For a model's identity; `device` is the kind of device used."""
         return {"device": device, "precision": self.precision, "compile": self.compile, "threads": self.threads}
 
 
 def with_execution(factory: Callable[..., Model]) -> Callable[..., Model]:
-    """Let a factory take the fields of `Execution` as options of its own, and give it one `execution`.
+    """Decorator: the factory takes the fields of `Execution` as options, and is given one `execution`.
 
     >>> @with_execution
     ... def build(size=3, *, execution):

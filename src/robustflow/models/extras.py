@@ -8,12 +8,12 @@ from ..errors import ModelError
 
 
 def require(library: str, extra: str, model: str) -> None:
-    """Say which extra a model needs where its library is not installed.
+    """Raise an error that names the extra a model needs if its library is not installed.
 
     >>> require("numpy", "none", "dis")
 
     Raises:
-        ModelError: the library is not there.
+        ModelError: the library is not installed.
     """
     if find_spec(library) is None:
         title = "PyTorch" if library == "torch" else library

@@ -1,4 +1,4 @@
-"""How a network wants its images: colour order, range, and what is done about sizes it cannot take."""
+"""The input that a network expects: colour order, range, and how sizes that it cannot take are handled."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from ..errors import ModelError, UsageError, unknown_name
 from .option_checks import check_count
 
 RAFT_SMALLEST = 121
-"""Pixels a side. RAFT halves its correlation volume three times and divides by the last one's sides less one, which is
-0 up to 120 pixels: NaN. Its authors evaluate nothing so small and pad to multiples of 8 only, so such frames are
-refused, whichever implementation runs."""
+"""Pixels per side. RAFT halves its correlation volume three times and divides by the side of the last one minus one,
+which is 0 up to 120 pixels: NaN. Its authors evaluate nothing that small and only pad to multiples of 8, so such frames
+are refused, whichever implementation runs."""
 
 ORDERS = ("rgb", "bgr")
 _PerChannel = tuple[float, float, float]
-# Of ImageNet, RGB in 0..1, as torchvision documents them.
+# ImageNet's, for RGB in 0..1, as torchvision documents them.
 _MEAN: _PerChannel = (255 * 0.485, 255 * 0.456, 255 * 0.406)
 _STD: _PerChannel = (255 * 0.229, 255 * 0.224, 255 * 0.225)
 _NONE: _PerChannel = (0.0, 0.0, 0.0)
@@ -25,9 +25,10 @@ SCALINGS: dict[str, tuple[_PerChannel, float | _PerChannel]] = {
     "0-255": (_NONE, 1.0),
     "imagenet": (_MEAN, (1 / _STD[0], 1 / _STD[1], 1 / _STD[2])),
 }
-"""By name: what is subtracted from RGB values 0..255, and what the difference is multiplied by."""
+"""By name: what is subtracted from RGB values 0..255, and the factor for the difference."""
 _SMALLEST, _LARGEST = 4, 2**15
-"""Pixels along a side that an input fixes. Less is a number of channels, more asks for more memory than there is."""
+"""Range of the sides of a fixed input, in pixels. Less would be a number of channels, more needs more memory than
+exists."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,13 @@ class InputConvention:
         mean: subtracted from values 0..255, per channel in `order`.
         scale: then multiplied by this, one number or one per channel in `order`.
         order: of the colours.
-        fit: what is done about sizes that are not a multiple of `multiple`: "none" (the network takes any), "pad" or
-            "stretch" up to `size` or the next multiple, and crop the flow, or stretch it back, values included.
+        fit: how sizes that are not a multiple of `multiple` are handled: "none" (the network takes any), "pad" or
+            "stretch" up to `size` or the next multiple; the flow is then cropped, or stretched back, including its
+            values.
         multiple: of height and width.
         size: (height, width) to fit to; None, or None for one of them, for the next multiple.
         padding: of "pad": "replicate" repeats the border, "zeros" adds network zeros.
-        smallest: pixels that both sides of a frame must have for the network to give numbers.
+        smallest: minimum side of a frame, in pixels, for which the network gives numbers.
         vertical: where "pad" adds rows: "both" (the smaller half above) or "bottom". Columns are added on both sides.
     """
 
@@ -97,7 +99,7 @@ class InputConvention:
         return columns // 2, columns - columns // 2, above, rows - above
 
     def describe(self) -> dict[str, Any]:
-        """What a run's manifest says about it; nothing that has no effect."""
+        """Its entry in a run's manifest, without fields that have no effect."""
         about: dict[str, Any] = {"order": self.order, "mean": list(self.mean), "fit": self.fit}
         about["scale"] = list(self.scale) if isinstance(self.scale, tuple) else self.scale
         if self.fit != "none":
@@ -112,13 +114,13 @@ class InputConvention:
 def named_convention(
     *, order: str, scaling: str, multiple: int, size: tuple[int | None, int | None] = (None, None)
 ) -> InputConvention:
-    """The convention that options describe: what the file of an exported network, or a user's module, leaves open.
+    """The convention that options describe, for what the file of an exported network, or a user's module, leaves open.
 
     Args:
         order: of the colours, "rgb" or "bgr".
         scaling: of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, less ImageNet's mean, over its deviation).
         multiple: of height and width, reached by repeating the border.
-        size: (height, width) the network takes, where it takes one only; None for a dynamic side.
+        size: (height, width) of the input, if the network takes only one size; None for a dynamic side.
 
     Raises:
         UsageError: an unknown order or scaling, or a multiple below 1 or larger than any frame.
@@ -136,7 +138,7 @@ def named_convention(
         raise UsageError(f"multiple must be {_LARGEST} pixels at most, not {multiple}")
     if not all(side is None or _SMALLEST <= side <= _LARGEST for side in size):
         asked = "x".join("?" if side is None else str(side) for side in size)
-        raise ModelError(f"the network asks for frames of {asked}; export it for (N, 3, H, W), H and W dynamic")
+        raise ModelError(f"the network expects frames of {asked}; export it for (N, 3, H, W), with H and W dynamic")
     mean, scale = SCALINGS[scaling]
     if order == "bgr":
         mean, scale = mean[::-1], scale[::-1] if isinstance(scale, tuple) else scale

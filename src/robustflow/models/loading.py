@@ -1,4 +1,5 @@
-"""Find a model by name, by `module.path:Attribute`, in the file of an exported network or in a folder of flow files."""
+"""Load a model by name, by `module.path:Attribute`, from the file of an exported network or from a folder of flow
+files."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ TORCH_OPTIONS = (
     *("scaling", "order", "multiple", "layout", "output", "checkpoint", "sha256", "batched"),
     *("device", "precision", "compile", "threads"),
 )
-"""Options of `TorchModel` that a `module:factory` of a bare PyTorch module takes from the command line."""
+"""Options of `TorchModel` that the command line accepts for a `module:factory` of a plain PyTorch module."""
 
 
 def load_model(name: str, **options: Any) -> AnyModel:
@@ -71,7 +72,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
         from .ptlflow.pairs import is_of_ptlflow
 
         if is_of_ptlflow(name):
-            raise UsageError(f"unknown model '{name}': the library ptlflow has one of this name, {PTLFLOW}{name}")
+            raise UsageError(f"unknown model '{name}': the library ptlflow has a model of this name, {PTLFLOW}{name}")
     return construct(MODELS.get(name), name, options)
 
 
@@ -86,14 +87,14 @@ class ModelSpec:
     options: tuple[tuple[str, Any], ...] = ()
 
     def load(self) -> AnyModel:
-        """Load the model; every call makes a new one. Of a list of devices it takes the first."""
+        """Load the model; every call makes a new one. If several devices are listed, the first is used."""
         options = {key: value for key, value in self.options if key != DECLARED}
         if len(self.devices()) > 1:
             options["device"] = self.devices()[0]
         return load_model(self.name, **options)
 
     def devices(self) -> tuple[str, ...]:
-        """The devices that the option `device` lists; none where it is not given.
+        """The devices that the option `device` lists; none if it is not given.
 
         >>> ModelSpec("raft", (("device", "cuda:0,cuda:1"),)).devices()
         ('cuda:0', 'cuda:1')
@@ -111,7 +112,7 @@ class ModelSpec:
         return ModelSpec(self.name, (*kept, ("device", device)))
 
     def refuse_early(self) -> None:
-        """Say what is missing without importing the libraries that would read it; see `early`."""
+        """Raise if something is missing, without importing the libraries that would read it; see `early`."""
         refuse_early(self.name, dict(self.options), EXPORTED)
 
     @property
@@ -120,13 +121,13 @@ class ModelSpec:
         return ":" in self.name and not self.name.startswith(PTLFLOW) and not Path(self.name).exists()
 
     def identity(self, model: AnyModel) -> dict[str, Any]:
-        """What names `model` in a run's identity. A user's own module counts with the hash of its source file, so
-        that an edited model never continues the run of the unedited one. What the model says itself about an option
-        counts instead of the option: a checkpoint by its hash, wherever the file is."""
+        """The identity of `model` in a run. For a user's own module it includes the hash of its source file, so that an
+        edited model never continues the run of the unedited one. What the model itself states about an option replaces
+        the option: a checkpoint is identified by its hash, wherever the file is."""
         identity = model_identity(model)
         known = set(identity)
         identity["options"] = {key: str(value) for key, value in self.options if key not in known | {DECLARED}}
-        if len(self.devices()) > 1 and "device" in identity["options"]:  # how many there are changes no number
+        if len(self.devices()) > 1 and "device" in identity["options"]:  # the number of devices changes no result
             identity["options"]["device"] = self.devices()[0].partition(":")[0]
         users = ":" in self.name and not self.name.startswith(PTLFLOW)
         source = source_of_target(self.name) if users else None
@@ -157,7 +158,7 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     if inspect.isclass(target) or (callable(target) and not takes_two_frames(target)):
         parameters = parameters_of(target)
         takes_any = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters.values())
-        # Where the factory makes a bare module, what it does not take itself says how the module is to be used.
+        # If the factory makes a plain module, options that it does not take say how to use the module.
         rest = {} if takes_any else {key: options[key] for key in options if key not in parameters}
         factory_options = {key: options[key] for key in options if key not in rest}
         if rest and not any(key in TORCH_OPTIONS for key in rest):

@@ -1,4 +1,4 @@
-"""Open the file of a model as what it is: an untrusted download. Importable without the torch extra."""
+"""Open the file of a model, an untrusted download. Importable without the torch extra."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _NO_MODEL = {
 
 
 def require_file(path: Path) -> None:
-    """Say that a file is missing, before any library that would read it is imported.
+    """Raise if a file is missing, before any library that would read it is imported.
 
     Raises:
-        ModelError: there is nothing at `path`.
+        ModelError: `path` does not exist.
     """
     if not path.exists():
         raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or give its path")
@@ -30,15 +30,15 @@ def require_file(path: Path) -> None:
 
 @contextmanager
 def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, str]]:
-    """Open a file, at its beginning, and say its SHA-256, 64 hexadecimal digits.
+    """Open a file, positioned at its beginning, and return its SHA-256 as 64 hexadecimal digits, too.
 
     Args:
         path: the file.
         sha256: the hash it must have, or the first eight or more digits of it.
 
     Raises:
-        ModelError: missing, no file (a pipe, a device), cannot be read, empty, a web page, a pointer of Git LFS, or
-            another hash.
+        ModelError: missing, not a regular file (a pipe, a device), unreadable, empty, a web page, a Git LFS pointer, or
+            with another hash.
         UsageError: `sha256` is not such digits.
     """
     try:
@@ -59,7 +59,7 @@ def opened(path: Path, sha256: str | None = None) -> Iterator[tuple[BinaryIO, st
 
 
 def damaged(path: Path, error: Exception) -> ModelError:
-    """The error for a file that its library cannot read, with the first line of what the library says."""
+    """The error for a file that its library cannot read, with the first line of the library's message."""
     first_line = next(iter(str(error).splitlines()), "it ends early")
     return ModelError(
         f"{path}: truncated or damaged ({path.stat().st_size} bytes; {type(error).__name__}: {first_line[:120]}); "
@@ -81,6 +81,6 @@ def _check_hash(path: Path, digest: str, expected: str) -> None:
         raise UsageError(f"sha256={expected} is not the 64 hexadecimal digits of a SHA-256, nor the first 8 or more")
     if not digest.startswith(expected.lower()):
         raise ModelError(
-            f"{path}: its SHA-256 is {digest}, expected {expected}: not the expected file, or changed on the "
-            "way; download it again"
+            f"{path}: its SHA-256 is {digest}, expected {expected}: not the expected file, or damaged in transit; "
+            "download it again"
         )

@@ -1,7 +1,7 @@
-"""The knowledge-driven methods OpenCV ships: Farneback and (grey) DIS.
+"""The knowledge-driven methods in OpenCV: Farneback and (grey) DIS.
 
-OpenCV splits DIS into as many stripes as it has threads, and the stripes change the result; both adapters therefore
-run on one OpenCV thread, which makes the flow the same on every machine.
+OpenCV splits DIS into as many stripes as it has threads, and the stripes change the result; therefore both adapters run
+on one OpenCV thread, which makes the flow the same on every machine.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class Farneback:
     """Gunnar Farneback's polynomial expansion (2003) on grey frames, at the paper's OpenCV defaults.
 
     Args:
-        pyr_scale: size of each scale by the one before, above 0 and below 1.
-        levels: scales beside the full size.
+        pyr_scale: size of each scale relative to the previous one, above 0 and below 1.
+        levels: number of scales in addition to the full size.
         winsize: side of the window that flow is averaged over, in pixels.
         iterations: at each scale.
         poly_n: side of the neighbourhood that a polynomial is fitted to, in pixels.
@@ -52,7 +52,7 @@ class Farneback:
             ("iterations", iterations, 1),
             ("poly_n", poly_n, 1),
         ):
-            check_count(name, value, least)  # OpenCV takes less, and crashes or answers with NaN
+            check_count(name, value, least)  # OpenCV accepts smaller values, and then crashes or returns NaN
         for name, number, limit in (("pyr_scale", pyr_scale, 1.0), ("poly_sigma", poly_sigma, np.inf)):
             if not isinstance(number, int | float) or not 0 < number < limit:
                 raise UsageError(f"{name} must be a number above 0{' and below 1' * (limit == 1)}, not {number!r}")
@@ -78,7 +78,7 @@ class Farneback:
 
 
 class Dis:
-    """Dense inverse search (Kroeger et al. 2016) as OpenCV has it: on grey frames.
+    """Dense inverse search (Kroeger et al. 2016) in OpenCV's version: on grey frames.
 
     Args:
         preset: "ultrafast", "fast" or "medium" (default).
@@ -111,7 +111,7 @@ class Dis:
             )
         grey1, grey2 = (cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in (frame1, frame2))
         with one_opencv_thread():
-            # A fresh object per pair: DIS keeps the last flow as a starting point otherwise.
+            # A new object per pair: otherwise DIS starts from the previous flow.
             method = cv2.DISOpticalFlow.create(self.PRESETS.index(self._preset))
             flow = method.calc(grey1, grey2, None)
         return np.asarray(flow, np.float32)

@@ -1,4 +1,4 @@
-"""What an option of a model must be. The command line turns text into numbers and truth values."""
+"""Checks of a model's options. The command line has turned text into numbers and truth values."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from ..errors import UsageError
 
 
 def check_count(name: str, value: int, least: int = 1) -> None:
-    """Refuse anything but a whole number from `least` on.
+    """Raise unless a value is a whole number, `least` or more.
 
     Args:
         name: of the option, for the message.
         value: as it was given; True is not 1.
-        least: the smallest that can be meant.
+        least: the smallest allowed value.
 
     Raises:
         UsageError: something else.
@@ -26,7 +26,7 @@ def check_count(name: str, value: int, least: int = 1) -> None:
 
 
 def check_switch(name: str, value: bool) -> None:
-    """Refuse what is neither true nor false; "no" would count as true.
+    """Raise unless a value is true or false; "no" would count as true.
 
     Args:
         name: of the option, for the message.

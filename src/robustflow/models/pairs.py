@@ -1,4 +1,4 @@
-"""Pairs of frames on their way into a network: checked, and those of one size together."""
+"""Check pairs of frames for a network, and group those of equal size."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def predict_by_size(
         frames2: as many, each of its first frame's size.
 
     Raises:
-        UsageError: frames that are no pairs of RGB uint8 images.
+        UsageError: frames that are not pairs of RGB uint8 images.
 
     >>> black = np.zeros((2, 3, 3), np.uint8)
     >>> predict_by_size(lambda first, second: [frame[..., :2] for frame in first], [black], [black])[0].shape
     (2, 3, 2)
     """
     if len(frames1) != len(frames2):
-        raise UsageError(f"{len(frames1)} first frames and {len(frames2)} second frames; give pairs")
+        raise UsageError(f"{len(frames1)} first frames but {len(frames2)} second frames; give pairs")
     sizes: dict[tuple[int, ...], list[int]] = {}
     for i, (frame1, frame2) in enumerate(zip(frames1, frames2, strict=True)):
         _check_pair(frame1, frame2)
@@ -50,7 +50,7 @@ def _check_pair(frame1: Frame, frame2: Frame) -> None:
 
 
 def check_pair(model: str, frame1: Frame, frame2: Frame) -> None:
-    """Refuse frames that are not RGB uint8 (H, W, 3) of one size.
+    """Raise unless frames are RGB uint8 (H, W, 3) of one size.
 
     Raises:
         ModelError: they are not; `model` is named.

@@ -1,4 +1,4 @@
-"""A model that exists only as files: one flow per sample and setting, computed elsewhere."""
+"""A model that exists only as files: one flow per sample and condition, computed elsewhere."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Precomputed:
     """Flows from a folder laid out like the released benchmark:
     `clean/<key>.<ext>` and `<corruption>_<severity>/<key>.<ext>`, ext one of flo, png (KITTI 16-bit), pfm, flo5.
 
-    A key with slashes (`alley_1/frame_0001`) is a path below the setting's folder.
+    A key with slashes (`alley_1/frame_0001`) is a path below the condition's folder.
 
     Raises:
         ModelError: the folder has no `clean`.
@@ -32,8 +32,8 @@ class Precomputed:
             )
 
     def identity(self) -> dict[str, Any]:
-        """Names and contents of all files: another set of flows is another model, wherever it lies. Sizes would not
-        do, they are those of the frames."""
+        """Names and contents of all files: another set of flows is another model, wherever it is stored. File sizes
+        would not suffice, because they follow from the frames."""
         listing = hashlib.sha256()
         settings = [folder for folder in sorted(self._folder.iterdir()) if folder.is_dir()]
         for path in (path for folder in settings for path in sorted(folder.rglob("*"))):
@@ -43,7 +43,7 @@ class Precomputed:
         return {"name": "precomputed", "files": listing.hexdigest()}
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
-        """See `FlowLookup.lookup`. Pixels a file marks as unknown come back as NaN.
+        """See `FlowLookup.lookup`. Pixels that a file marks as unknown are returned as NaN.
 
         Raises:
             ModelError: there is no such file.

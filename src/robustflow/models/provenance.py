@@ -1,4 +1,4 @@
-"""What a model was trained on; what that makes of its numbers on a benchmark is in `benchmarks/setting.py`."""
+"""What a model was trained on; what that means for its numbers on a benchmark is in `benchmarks/setting.py`."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ TRAINING_SETS = {
     "IN": "imagenet",
     "X": "other",
 }
-"""Training sets by the letters of the literature. `SET:train` is the part that a benchmark does not evaluate (see
+"""Training sets by their letters in the literature. `SET:train` is the part that a benchmark does not evaluate (see
 `PARTS`); "other" is anything that shares no frames and no scenes with any benchmark."""
 
 DECLARED = "trained_on"
 """The option of every model, and the attribute of a user's own, that declares its training sets."""
 
 PARTS = {"kitti2015": ("train", "drive-disjoint", "released")}
-"""Which part of a training set a declaration may name, `SET:PART`, where it is not "train" alone: the training part of
-the project's split, of its drive-disjoint one, or of the released KITTI-FC."""
+"""Which parts of a training set a declaration may name, `SET:PART`, if not only "train": the training part of the
+project's split, of its drive-disjoint one, or of the released KITTI-FC."""
 
 KNOWLEDGE = "method"
-"""The basis of what is known of a method that learns nothing."""
+"""The basis for a method that learns nothing."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class Training:
     """What a model was trained on.
 
     Attributes:
-        sets: names among `TRAINING_SETS`, perhaps with ":train" or another of `PARTS`; None where unknown.
+        sets: names among `TRAINING_SETS`, perhaps with ":train" or another of `PARTS`; None if unknown.
         basis: how that is known.
-        note: what is not certain.
+        note: what is uncertain.
         trained: False for methods that learn nothing and for random weights.
     """
 
@@ -64,13 +64,13 @@ class Training:
 
 
 def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Training:
-    """What the model of an identity was trained on.
+    """What the model with an identity was trained on.
 
-    A checkpoint of the catalogue is known by the hash of its file, wherever it is and whatever is declared.
+    A checkpoint of the catalogue is recognised by the hash of its file, wherever it is and whatever is declared.
 
     Args:
         identity: of the model: `name`, `checkpoint`.
-        declared: training sets in the words of the user, see `parse_training_sets`.
+        declared: training sets as the user declared them, see `parse_training_sets`.
 
     >>> training_of({"name": "dis"}).trained, training_of({"name": "mine"}).basis
     (False, 'undeclared')
@@ -106,7 +106,7 @@ def parse_training_sets(text: str) -> tuple[str, ...]:
     ('sintel', 'other')
 
     Raises:
-        UsageError: nothing, or a set that is not known, whose consequence is unknown.
+        UsageError: nothing is declared, or an unknown set.
     """
     sets: list[str] = []
     for part in re.split(r"[+>,\s]+", str(text).strip()):

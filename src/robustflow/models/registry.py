@@ -1,4 +1,4 @@
-"""The registered models: each a name, and where its class or factory is."""
+"""The registered models: the name of each, and where its class or factory is."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ MODELS.add("onnx", "robustflow.models.exported.onnx:OnnxModel")
 MODELS.add("torch_export", "robustflow.models.exported.pt2:torch_export")
 
 PTLFLOW = "ptlflow:"
-"""Before the name of any model of ptlflow."""
+"""Prefix of the names of ptlflow's models."""
 
 EXPORTED = {".onnx": "onnx", ".pt2": "torch_export"}
-"""Endings of files that are a model by themselves, and the model that reads them."""
+"""Extensions of files that are a model by themselves, and the model that reads them."""
 
 TORCHSCRIPT = (".ts", ".torchscript")
-"""Endings of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods of the file while it
-reads, before anything could be checked, and TorchScript's operators can write files."""
+"""Extensions of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods in the file while
+reading, before anything could be checked, and TorchScript's operators can write files."""

@@ -1,4 +1,4 @@
-"""The inputs and outputs of a network: how a pair goes in, at what size, and how a flow comes out.
+"""The inputs and outputs of a network: how a pair is passed in, at what size, and how the flow is returned.
 
 Shared by ONNX files, torch.export files and a user's own modules. Importable without the torch extra.
 """
@@ -15,19 +15,19 @@ LAYOUTS = ("pair", "stacked", "concatenated")
 """Two inputs (N, 3, H, W); one input (N, 2, 3, H, W); one input (N, 6, H, W)."""
 
 Dim = int | None
-"""A dimension of an input; None where it is dynamic."""
+"""A dimension of an input; None if it is dynamic."""
 
 
 def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str | None) -> Layout:
-    """How a pair goes into a network.
+    """How a pair is passed to a network.
 
     Args:
-        inputs: names and shapes of what the network takes; the shape is None where the file does not say.
+        inputs: names and shapes of what the network takes; the shape is None if the file does not say.
         layout: one of `LAYOUTS`, or None to tell it from the inputs.
 
     Raises:
         UsageError: an unknown layout.
-        ModelError: inputs that no layout fits, or several do.
+        ModelError: inputs that no layout fits, or that several fit.
 
     >>> infer_layout([("images", (None, 6, None, None))], None)
     'concatenated'
@@ -43,12 +43,14 @@ def infer_layout(inputs: Sequence[tuple[str, Sequence[Dim] | None]], layout: str
     elif fitting:
         reason = f"layout={layout} does not fit; {fitting[0]} does"
     else:
-        reason = "expected two of (N, 3, H, W), one of (N, 2, 3, H, W) or one of (N, 6, H, W); export it with such"
+        reason = (
+            "expected two of (N, 3, H, W), one of (N, 2, 3, H, W) or one of (N, 6, H, W); export it with such inputs"
+        )
     raise ModelError(f"the network's inputs are {describe_arrays(inputs)}: {reason}")
 
 
 def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[bool, tuple[Dim, Dim]]:
-    """Whether a network takes several pairs at once, and the (height, width) it takes, None where that is dynamic.
+    """Whether a network takes several pairs at once, and the (height, width) of its input, None if dynamic.
 
     Raises:
         ModelError: a batch fixed at more than one pair, or inputs of two sizes.
@@ -61,8 +63,8 @@ def batch_and_size(inputs: Sequence[tuple[str, Sequence[Dim] | None]]) -> tuple[
     sizes = [{shape[axis] for shape in shapes} - {None} for axis in (-2, -1)]
     if batches - {1} or any(len(side) > 1 for side in sizes):
         raise ModelError(
-            f"the network's inputs are {describe_arrays(inputs)}: expected a dynamic batch or a batch of 1, and frames "
-            "of one size; export it with such"
+            f"the network's inputs are {describe_arrays(inputs)}: expected a dynamic batch or a batch of 1, and "
+            "frames of one size; export it with such inputs"
         )
     height, width = (next(iter(side), None) for side in sizes)
     return not batches and bool(shapes), (height, width)
@@ -76,8 +78,8 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
         names: of its inputs, first frame first, separated by a comma; None for the file's order.
 
     Raises:
-        UsageError: a name the network does not have.
-        ModelError: inputs that would get nothing.
+        UsageError: the network has no input of this name.
+        ModelError: some inputs would be given nothing.
 
     >>> chosen_inputs([("next", None), ("previous", None)], "previous, next")
     [1, 0]
@@ -96,28 +98,28 @@ def chosen_inputs(inputs: Sequence[tuple[str, Sequence[Dim] | None]], names: str
 
 
 def refuse_lost_frame(inputs: Iterable[str], read: Container[str]) -> None:
-    """Refuse a network that reads one of its two frames only.
+    """Raise if a network reads only one of its two frames.
 
-    That is what `torch.export` makes, and `torch.onnx.export` with dynamo, of one example tensor given twice.
+    That is what `torch.export`, and `torch.onnx.export` with dynamo, make of a single example tensor given twice.
 
     Args:
         inputs: names of what the network takes.
         read: those that it reads.
 
     Raises:
-        ModelError: it reads some and not others.
+        ModelError: it reads some inputs and not others.
     """
     inputs = list(inputs)
     lost = [name for name in inputs if name not in read]
     if 0 < len(lost) < len(inputs):
         raise ModelError(
-            f"the network does not read its input {', '.join(lost)[:60]}: given one tensor as both frames, the "
-            "exporter took them for one input; export it with two tensors"
+            f"the network does not read its input {', '.join(lost)[:60]}: the exporter was given one tensor for both "
+            "frames and took them for one input; export it with two tensors"
         )
 
 
 def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Literal["nchw", "nhwc"]:
-    """Which axis of an output holds (u, v): recognised by its shape, channels first where both would fit.
+    """Which axis of an output holds (u, v): recognised by its shape, channels first if both would fit.
 
     Args:
         shape: of the output.
@@ -136,7 +138,8 @@ def flow_layout(shape: Sequence[int], pairs: int, height: int, width: int) -> Li
         return "nhwc"
     raise ModelError(
         f"the network's flow has the shape {tuple(shape)} for {pairs} inputs of {height}x{width}; expected "
-        f"{(pairs, 2, height, width)} or {(pairs, height, width, 2)}; make it so, or choose another with -O output="
+        f"{(pairs, 2, height, width)} or {(pairs, height, width, 2)}; change the network, or choose another output "
+        "with -O output="
     )
 
 
@@ -155,7 +158,7 @@ def describe_arrays(arrays: Sequence[tuple[str, Sequence[Any] | None]]) -> str:
 
 
 def _fits(layout: str, shapes: Sequence[Sequence[Dim] | None]) -> bool:
-    """Whether inputs of these shapes can be this layout; an unknown side or shape fits everywhere."""
+    """Whether inputs of these shapes fit this layout; an unknown side or shape fits any."""
     count, axes = {"pair": (2, (3,)), "stacked": (1, (2, 3)), "concatenated": (1, (6,))}[layout]
     return len(shapes) == count and all(
         shape is None

@@ -1,6 +1,6 @@
 """Predict in overlapping tiles and blend them, as the authors of FlowFormer and SAMFlow evaluate on large frames.
 
-Their networks were trained on crops of one size and lose accuracy on others; tiles of that size keep to it.
+Their networks were trained on crops of one size and lose accuracy on others; tiles have that size.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from ..size import parse_size
 from .base import AnyModel, ClipModel, FlowModel, model_identity
 
 OVERLAP = 20
-"""Pixels that neighbouring tiles share at least."""
+"""Minimum overlap of neighbouring tiles, in pixels."""
 LARGEST = 8192
-"""Pixels along a side of a tile. Every frame is padded to a tile, and more asks for more memory than there is."""
+"""Largest side of a tile, in pixels. Every frame is padded to a tile, and more would need more memory than exists."""
 SIGMA = 0.05
 """Standard deviation of the blending weight, in tile sides."""
 
@@ -38,7 +38,7 @@ def tile_origins(length: int, tile: int) -> list[int]:
 
 
 def tile_weights(height: int, width: int) -> npt.NDArray[np.float64]:
-    """The Gaussian that a tile's flow is weighted by, (height, width), largest in the middle.
+    """The Gaussian weight of a tile's flow, (height, width), largest in the middle.
 
     The corners weigh 1e-44 of the middle. In float32 that is a denormal number or zero, and the mean of pixels that
     only corners cover would be coarse or 0/0; hence float64.
@@ -48,29 +48,29 @@ def tile_weights(height: int, width: int) -> npt.NDArray[np.float64]:
 
 
 def tiled(model: AnyModel, tile: str | None) -> AnyModel:
-    """`model` in tiles of `tile`, HEIGHTxWIDTH; the model itself where `tile` is None or "none".
+    """`model` run in tiles of `tile`, HEIGHTxWIDTH; the model itself if `tile` is None or "none".
 
     Raises:
-        UsageError: a model whose flows were computed elsewhere, or of more than two frames; no size.
+        UsageError: a model whose flows were computed elsewhere, or a multi-frame model; not a size.
     """
     if tile in (None, "none"):
         return model
     if isinstance(model, ClipModel):
-        raise UsageError("a multi-frame model cannot be predicted in tiles; leave the option tile out")
+        raise UsageError("a multi-frame model cannot predict in tiles; leave out the option tile")
     if not isinstance(model, FlowModel):
-        raise UsageError("flows computed elsewhere cannot be predicted in tiles; leave the option tile out")
+        raise UsageError("flows computed elsewhere cannot be predicted in tiles; leave out the option tile")
     return TiledModel(model, str(tile))
 
 
 class TiledModel:
-    """A model that sees tiles only. Frames smaller than a tile are padded with black at the bottom and right.
+    """A model that is only given tiles. Frames smaller than a tile are padded with black at the bottom and right.
 
     Args:
         model: predicts the tiles.
         tile: HEIGHTxWIDTH of a tile; the authors take 432x960 for KITTI and Sintel, 384x720 for KITTI's test server.
 
     Raises:
-        UsageError: no size, or one that leaves nothing beside the overlap.
+        UsageError: not a size, or one that is not larger than the overlap.
 
     >>> class Right:
     ...     def predict(self, frame1, frame2):

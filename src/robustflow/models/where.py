@@ -1,4 +1,4 @@
-"""Where a model failed: the line of its own code, for the one sentence that a person reads."""
+"""Where a model failed: the line of its own code, for the one-line error message."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PACKAGE = str(Path(__file__).resolve().parent.parent)
 def where_raised(error: BaseException) -> str:
     """The last line of the user's code that an exception passed, or else the last at all: " (at net.py:12)".
 
-    Code of libraries and of this package is passed over where there is other.
+    Code of libraries and of this package is skipped if there is other code.
 
     >>> try:
     ...     {}["a"]

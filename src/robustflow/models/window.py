@@ -15,11 +15,11 @@ class Window(NamedTuple):
     Attributes:
         before: frames before frame 1.
         after: frames after frame 2.
-        ends: where the sequence has fewer frames on one side. "repeat": the frame nearest to those that are missing
-            stands for them, so that there are always before + 2 + after frames and frame 1 is number `before`.
-            "short": they are left out, so that there are fewer frames. "inside": the window moves until it lies
-            within the sequence, so that the pair takes another place in it; a sequence shorter than the window is
-            given whole.
+        ends: what happens if the sequence has fewer frames on one side. "repeat": the frame nearest to the missing ones
+            is repeated, so that there are always before + 2 + after frames and frame 1 is number `before`. "short":
+            they are left out, so that there are fewer frames. "inside": the window moves until it lies within the
+            sequence, so that the pair has another position in it; a sequence shorter than the window is given as a
+            whole.
     """
 
     before: int
@@ -28,14 +28,14 @@ class Window(NamedTuple):
 
     @property
     def reach(self) -> int:
-        """How far from the pair a frame may lie at most, on either side."""
+        """The largest distance of a frame from the pair, on either side."""
         return self.before + self.after
 
     def offsets(self, there: range) -> tuple[int, ...]:
         """The frames that the model is given, in order.
 
         Args:
-            there: the offsets that the sequence has; 0 and 1 are among them.
+            there: the offsets that the sequence has, including 0 and 1.
 
         >>> Window(2, 1).offsets(range(0, 9)), Window(2, 1, "short").offsets(range(0, 9))
         ((0, 0, 0, 1, 2), (0, 1, 2))

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 
 def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0) -> Table:
-    """Overall means of runs with confidence intervals: "3.21 [2.50, 4.10]", without brackets where there are too few
-    images to give one."""
+    """Overall means of runs with confidence intervals: "3.21 [2.50, 4.10]", without brackets if there are too few
+    images for one."""
     keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
     columns = [Column("clean EPE (px)")]
     columns += [Column(metric_label(metric)) for metric in METRIC_LABELS]
@@ -77,7 +77,7 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
             lines.append(_line(long_label(row["corruption"]), [None] * 6 + [row["slope"]]))
         sections.append(Section(name, tuple(lines)))
     remark = (
-        "share: of the pixels; adds: what a family adds to the mean CRE, below 0 where it helps; broken: pixels that "
+        "share: of the pixels; adds: what a family adds to the mean CRE, below 0 if it helps; broken: pixels that "
         "became Fl outliers, net; slope: "
         "RCRE per step of severity."
     )
@@ -85,7 +85,7 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
 
 
 def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost], pairs: int | None = None) -> Table:
-    """The ten observations with their verdicts; results must be comparable, `pairs` as for `observations`."""
+    """The ten observations with their verdicts; results must be comparable; `pairs` as for `observations`."""
     columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
     sections = []
     for observation in observations(results, costs, pairs=pairs):

@@ -1,4 +1,4 @@
-"""Which tables and figures runs and the published results give together."""
+"""Which tables and figures can be made from runs and the published results."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MOST_NAMED = 4
 
 
 def results_of(runs: Sequence[Run], published: bool) -> pl.DataFrame:
-    """Results of runs, after the published ones where wanted: `results.RESULT_SCHEMA`."""
+    """Results of runs, after the published ones if requested: `results.RESULT_SCHEMA`."""
     return pl.concat(([published_results()] if published else []) + [run_results(runs, published)])
 
 
@@ -49,8 +49,8 @@ def tables_of(
 
     Args:
         runs: none or more.
-        published: whether the paper's results are shown beside them.
-        wanted: of `ALL_TABLES`; by default all that these runs can fill.
+        published: whether the paper's results are shown as well.
+        wanted: names of `ALL_TABLES`; by default all that these runs can fill.
         seed: of the bootstrap behind the intervals.
         only_own: whether effective robustness and observations are left out for the paper's models.
 
@@ -97,13 +97,13 @@ def tables_of(
         try:
             tables += makers[name]()
         except UsageError:
-            # Not everything can be made of every run; what was not asked for by name is left out.
+            # Not everything can be made from every run; what was not requested by name is left out.
             continue
     return _concluded(tables, runs)
 
 
 def _concluded(tables: list[Table], runs: Sequence[Run]) -> list[Table]:
-    """The last table of RCRE ends with what runs without ground truth allow to conclude."""
+    """The last table of RCRE ends with what can be concluded from runs without ground truth."""
     last = next((index for index in reversed(range(len(tables))) if tables[index].name in ("rcre", "means")), None)
     if last is not None:
         tables[last] = replace(tables[last], remarks=(*tables[last].remarks, *conclusions(runs)))
@@ -111,8 +111,8 @@ def _concluded(tables: list[Table], runs: Sequence[Run]) -> list[Table]:
 
 
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
-    """Every figure that the runs, and the published results where wanted, give. Runs on the same frames are drawn
-    together."""
+    """Every figure that can be made from the runs, and from the published results if requested. Runs on the same frames
+    are drawn together."""
     from .figures import all_figures, displacement_figure
     from .figures.canvas import SERIES
 
@@ -131,8 +131,8 @@ def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
 
 
 def _by_sample_set(results: pl.DataFrame, make: Callable[[pl.DataFrame], Table]) -> list[Table]:
-    """One table per set of comparable results that has enough models, its title saying whose they are; an error where
-    none has."""
+    """One table per set of comparable results that has enough models, with a title that names the set; raises an error
+    if none has."""
     tables: list[Table] = []
     reason = UsageError("there are no results")
     for frames in dict.fromkeys(results["sample_set"]):

@@ -1,4 +1,4 @@
-"""`Comparison`: whether two runs differ, as frames, as a sentence, and as what a notebook shows."""
+"""`Comparison`: whether two runs differ, as data frames, as a sentence, and as a notebook's output."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Comparison:
     Attributes:
         names: of the two runs.
         frame: everything, columns of `robustflow.analysis.uncertainty.paired.COMPARISON_SCHEMA`.
-        remark: what was left out because only one of them measured it, "" for nothing.
+        remark: what was left out because only one of them measured it; "" if nothing.
     """
 
     names: tuple[str, str]
@@ -42,7 +42,7 @@ class Comparison:
 
     @property
     def metric(self) -> str:
-        """The metric of the headline: "cre", or "rcre" where there is no ground truth."""
+        """The metric of the headline: "cre", or "rcre" without ground truth."""
         return "cre" if "cre" in set(self.frame["metric"]) else "rcre"
 
     @property
@@ -58,8 +58,8 @@ class Comparison:
             metric: "epe", "cre", "crer" or "rcre"; the headline's by default.
 
         Returns:
-            Columns corruption, value_first, value_second, difference, low, high (null where there are too few images),
-            p, and p_holm, corrected over all corruptions and the average.
+            Columns corruption, value_first, value_second, difference, low, high (null if there are too few images), p,
+            and p_holm, corrected over all corruptions and the average.
 
         Raises:
             UsageError: unknown metric.
@@ -72,7 +72,8 @@ class Comparison:
 
     @property
     def sentence(self) -> str:
-        """What can be claimed about the headline metric's average, or its first corruption where there is none."""
+        """What can be claimed about the headline metric's average, or about its first corruption if there is no
+        average."""
         return self._sentence(self.metric)
 
     def _sentence(self, metric: str) -> str:
@@ -119,11 +120,11 @@ class Comparison:
 
 
 def pairs_table(frame: pl.DataFrame, note: str = "") -> Table:
-    """Every two of many models, for `robustflow.report.render`.
+    """All pairs of many models, for `robustflow.report.render`.
 
     Args:
         frame: from `robustflow.analysis.uncertainty.compare_all`, of one metric, not empty.
-        note: what was left out, "" for nothing.
+        note: what was left out; "" if nothing.
     """
     metric = frame["metric"][0]
     lines = [
@@ -162,7 +163,7 @@ def compare(first: Run, second: Run, *, level: float = LEVEL, resamples: int = R
         resamples, seed: of the bootstrap. The same seed gives the same numbers.
 
     Raises:
-        RunError: nothing in common, or other frames under the same names.
+        RunError: nothing in common, or different frames under the same names.
         UsageError: a level or number of resamples out of range.
 
     >>> import tempfile, numpy as np

@@ -33,17 +33,17 @@ def cost_table(
     run_costs: Mapping[tuple[str, str], RunCost] | None = None,
     doubted: Mapping[tuple[str, str], str] | None = None,
 ) -> Table:
-    """CREr beside cost, ranked by the rule of `ranking`.
+    """CREr and cost, ranked by the rule of `ranking`.
 
-    The models of `costs` come first with their CREr of both settings as printed; then models of `results` that were
-    measured on other frames, each with the CREr of its setting, ranked among those measured on the same frames only:
-    the published models never share a rank with them.
+    The models of `costs` come first, with their printed CREr in both settings; then models of `results` that were
+    measured on other frames, each with the CREr of its setting, ranked only among those measured on the same frames:
+    the published models are never ranked with them.
 
     Args:
         results: columns of `results.RESULT_SCHEMA`.
         costs: the published ones.
         run_costs: of runs, by (sample set, name).
-        doubted: of runs, why their models have no rank.
+        doubted: for runs, why their models have no rank.
 
     Raises:
         UsageError: neither costs nor a CREr.

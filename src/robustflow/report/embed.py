@@ -1,4 +1,4 @@
-"""What may stand inside a page that anyone may open: data as JSON, and the policy that lets nothing else run."""
+"""What is embedded in a page that anyone may open: data as JSON, and the policy that lets nothing else run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 
 def json_block(value: Any) -> Markup:
-    """JSON that may stand inside `<script type="application/json">`: no text in it can end the element.
+    """JSON that is safe inside `<script type="application/json">`: no text in it can end the element.
 
     >>> print(json_block({"model": "</script><!--"}))
     {"model":"\\u003c/script\\u003e\\u003c!--"}

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 def result_html(run: Run) -> str:
-    """Means by class of corruption, with the figure of CREr where there is ground truth. Every text is escaped, and the
-    figure is part of it: nothing is loaded from elsewhere."""
+    """Means by class of corruption, with the figure of CREr if there is ground truth. Every text is escaped, and the
+    figure is embedded: nothing is loaded from elsewhere."""
     from .figures import figure_bytes
 
     fragment = render(result_table(run), "html")

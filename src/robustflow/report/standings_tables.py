@@ -10,7 +10,7 @@ from .table import Column, Line, Section, Table, TableCell
 
 
 def standings_table(standings: pl.DataFrame, metric: str) -> Table:
-    """The ranking of models with the ranks that the tests leave each, of `analysis.uncertainty.standings`."""
+    """The ranking of models with the ranks that the tests allow for each, from `analysis.uncertainty.standings`."""
     lines = tuple(
         Line(
             plain(row["model"]),
@@ -32,7 +32,7 @@ def standings_table(standings: pl.DataFrame, metric: str) -> Table:
 
 
 def variance_table(split: pl.DataFrame, metric: str, name: str) -> Table:
-    """The spread of one model's score by source, of `analysis.uncertainty.variance_split`."""
+    """The spread of one model's score by source, from `analysis.uncertainty.variance_split`."""
     lines = tuple(
         Line(
             row["source"],
@@ -55,7 +55,7 @@ def variance_table(split: pl.DataFrame, metric: str, name: str) -> Table:
 
 
 def stability_table(stability: pl.DataFrame, metric: str) -> Table:
-    """The order of models under each condition, of `analysis.uncertainty.rank_stability`."""
+    """The order of models under each condition, from `analysis.uncertainty.rank_stability`."""
     sections = []
     for condition in stability["condition"].unique(maintain_order=True):
         rows = stability.filter(condition=condition)
@@ -68,7 +68,9 @@ def stability_table(stability: pl.DataFrame, metric: str) -> Table:
         )
         sections.append(Section(f"{plain(condition)} (tau {rows['tau'][0]:.2f})", lines))
     columns = (Column(metric_label(metric)), Column("rank"), Column("moved"))
-    remark = "moved: ranks lost against the first condition; tau: Kendall's, of the order with that under the first."
+    remark = (
+        "moved: ranks lost relative to the first condition; tau: Kendall's, of the order with that under the first."
+    )
     return Table("stability", "Order of the models", columns, tuple(sections), (remark,))
 
 

@@ -1,4 +1,4 @@
-"""A table as data: what each cell holds, and which is the best of its column."""
+"""A table as data: the contents of each cell, and which is the best of its column."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Column:
 
 @dataclass(frozen=True)
 class TableCell:
-    """What a cell says; `best` where it is the smallest of its column among the lines it can be compared with."""
+    """The text of a cell; `best` if it is the smallest of its column among the lines it can be compared with."""
 
     text: str
     best: bool = False
@@ -25,8 +25,8 @@ class TableCell:
 
 @dataclass(frozen=True)
 class Line:
-    """A model. `note` is "" or how it differs from the paper's measurement; `best` where the line as a whole is what a
-    reader should choose, as the paper shades the lines of the best average rank."""
+    """A model. `note` is "" or how it differs from the paper's measurement; `best` if the line as a whole is the
+    recommended choice, as the paper shades the lines of the best average rank."""
 
     label: str
     cells: tuple[TableCell, ...]
@@ -47,12 +47,12 @@ class Table:
     """A table; every text in it may come from a file and is escaped by the renderers.
 
     Attributes:
-        name: one of `tables.TABLES`, or what made it.
+        name: one of `tables.TABLES`, or the name of its source.
         title: what it shows, in words.
-        columns: without the first, which names the lines.
+        columns: all but the first, which names the lines.
         sections: in the paper's order.
         remarks: sentences below it.
-        lines_are: what heads the first column.
+        lines_are: the heading of the first column.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Table:
 
 
 def with_doubt(note: str, reason: str | None) -> str:
-    """The note of a line, and why its model is the best of nothing.
+    """The note of a line, and why its model is never marked as best.
 
     >>> with_doubt("3 pairs", "its weights are random")
     '3 pairs; not marked as best: its weights are random'
@@ -73,7 +73,7 @@ def with_doubt(note: str, reason: str | None) -> str:
 
 
 def number_text(value: float | None, decimals: int | None) -> str:
-    """As it was printed, or with two decimals.
+    """A number as it was printed, or with two decimals.
 
     >>> number_text(4.2, 2), number_text(1.23456, None), number_text(None, 2)
     ('4.20', '1.23', '-')

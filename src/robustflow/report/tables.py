@@ -45,9 +45,9 @@ def build_table(
         results: columns of `results.RESULT_SCHEMA`: published, of runs, or both after one another.
         costs: published ones by model, for "cost".
         run_costs: of runs by (sample set, name), for "cost"; runs that are not in it are listed without.
-        doubted: by (sample set, name) of a run, why its model is the best of nothing; a footnote says so.
-        coverage: by (sample set, name) of a run, the share of the pixels that its model predicted, where it left out
-            any: a column of its own.
+        doubted: by (sample set, name) of a run, why its model is never marked as best; a footnote says so.
+        coverage: by (sample set, name) of a run, the share of the pixels that its model predicted, if it left out any;
+            shown in a separate column.
 
     Raises:
         UsageError: an unknown table, or results without anything that belongs in it.
@@ -65,7 +65,7 @@ def build_table(
     if name == "cost":
         return cost_table(results, costs or {}, run_costs, doubted)
     metric = "rcre" if name == "gopro-rcre" else name
-    # The paper's two tables of RCRE: its benchmark without ground truth has one of its own.
+    # The paper has two tables of RCRE: its benchmark without ground truth has a separate one.
     apart = [benchmark for benchmark in results["benchmark"].unique() if _published_without_flow(benchmark)]
     of_these = pl.col("benchmark").is_in(apart)
     chosen = results.filter(pl.col("metric") == metric, of_these if name == "gopro-rcre" else ~of_these)
@@ -103,7 +103,7 @@ _BEST = "Best of each column among models of one setting measured on the same fr
 
 
 _COVERAGE = "coverage"
-_SHARE = "Coverage: share of the pixels with ground truth that the model predicted; its errors are over these alone."
+_SHARE = "Coverage: share of the pixels with ground truth that the model predicted; its errors are over these only."
 
 
 def _listed(benchmarks: pl.Series) -> str:
@@ -116,7 +116,7 @@ def _listed(benchmarks: pl.Series) -> str:
 
 
 def settings_in_order(results: pl.DataFrame) -> list[str]:
-    """The settings found, the paper's first."""
+    """The settings in the results, the paper's first."""
     found = list(dict.fromkeys(results["setting"]))
     return [name for name in SETTING_LABELS if name in found] + sorted(set(found) - set(SETTING_LABELS))
 

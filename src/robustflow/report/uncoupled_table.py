@@ -1,4 +1,4 @@
-"""Robustness less bound to accuracy, beside the paper's metrics: one line a run."""
+"""Robustness less tied to accuracy than by the paper's metrics: one line per run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _COLUMNS = (
     "given the motion",
 )
 _REMARK = (
-    "log ratio: ln(EPE / clean EPE) of an image, mean over images; 0.69 where errors double. Medians are over images. "
+    "log ratio: ln(EPE / clean EPE) of an image, mean over images; 0.69 if errors double. Medians are over images. "
     "Fl increase: percentage points of Fl-all. Rank correlation: over images, of the corrupted with the clean EPE; "
     "then given the length of the true flow. CRE is EPE - clean EPE, so it is not independent of the accuracy."
 )

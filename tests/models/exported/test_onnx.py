@@ -144,10 +144,10 @@ def one_input(path, shape, kind=TensorProto.FLOAT, count=1):
     ("shape", "count", "says"),
     [
         ([1, 4, 8, 8], 1, r"inputs are x0 \(1, 4, 8, 8\): expected two of \(N, 3, H, W\)"),
-        (["n", "h", "w", 3], 2, r"asks for frames of \?x3"),
+        (["n", "h", "w", 3], 2, r"expects frames of \?x3"),
         ([1, 3, 8, 8], 3, r"x2 \(1, 3, 8, 8\): expected two"),
         ([4, 6, 8, 8], 1, r"x0 \(4, 6, 8, 8\): expected a dynamic batch or a batch of 1"),
-        ([1, 6, 2**20, 2**20], 1, "asks for frames of 1048576x1048576"),
+        ([1, 6, 2**20, 2**20], 1, "expects frames of 1048576x1048576"),
     ],
 )
 def test_inputs_that_are_no_pair(tmp_path, shape, count, says):

@@ -150,7 +150,7 @@ def test_a_network_of_torchvision_needs_no_declaration():
 
 def test_the_order_of_a_trained_network_is_found_and_reported():
     net = trained_matcher()
-    with pytest.warns(UserWarning, match=r"Matcher did not say .* taken: scaling=-1-1, order=bgr, layout=pair"):
+    with pytest.warns(UserWarning, match=r"Matcher did not declare .* using scaling=-1-1, order=bgr, layout=pair"):
         model = rf.TorchModel(net, scaling="-1-1", device="cpu")
     assert model.identity()["input"]["order"] == "bgr"
     pair = shifted_pair(1000)
@@ -187,7 +187,7 @@ class AnyRange(nn.Module):
             r"scaling=.* is not clearly better than scaling=.*; declare it: ",
         ),
         (Channels(), {}, "as networks without trained weights are; declare it"),
-        (nn.Conv2d(3, 2, 3), {}, "takes a pair in none of the common ways"),
+        (nn.Conv2d(3, 2, 3), {}, "accepts a pair in none of the common ways"),
     ],
     ids=["any range", "untrained", "no flow"],
 )
@@ -205,7 +205,7 @@ def test_what_cannot_be_told_asks_for_a_declaration(net, options, says):
         ({"layout": "both"}, "unknown layout 'both'"),
         ({"multiple": 0}, "multiple must be a whole number from 1"),
         ({"precision": "fp64"}, "unknown precision 'fp64'"),
-        ({"sha256": "0" * 64}, "sha256 is of a checkpoint's file"),
+        ({"sha256": "0" * 64}, "sha256 is that of a checkpoint's file"),
     ],
 )
 def test_options_that_cannot_be(options, says):

@@ -1,7 +1,7 @@
 """What is known about the methods and their public checkpoints, as data: `methods.csv` and `checkpoints.csv`.
 
-The training sets of a checkpoint are those its authors state; where they contradict themselves, `note` says so and the
-larger set counts.
+The training sets of a checkpoint are those that its authors state; if they contradict themselves, `note` says so and
+the larger set is used.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _ADDRESSES = {
     "ptlflow": "https://github.com/hmorimitsu/ptlflow/releases/download/weights1/",
     "torchvision": "https://download.pytorch.org/models/",
 }
-"""Where the libraries' checkpoints are published."""
+"""Base addresses of the libraries' published checkpoints."""
 
 
 class MethodEntry(BaseModel):
@@ -28,16 +28,15 @@ class MethodEntry(BaseModel):
 
     Attributes:
         model: the name it is loaded by.
-        method: what tables, figures and pages call it: as its paper does, no two alike. `dis` is DIS as most know it,
-            OpenCV's on grey frames; `dis_rgb` is DIS-RGB, the version that the benchmark's paper calls DIS.
+        method: its label in tables, figures and pages: that of its paper, and unique. `dis` is the DIS that most people
+            know, OpenCV's on grey frames; `dis_rgb` is DIS-RGB, the version that the benchmark's paper calls DIS.
         year: of its publication.
         type: what it was made from: prior knowledge, or training with or without labels.
         source: whose implementation runs: a library's, or the project's own.
-        extra: of the installation it needs, "" for none.
-        frames: that it sees; 2, or more for a multi-frame method, at most.
+        extra: the extra of the installation that it needs, "" for none.
+        frames: the most that it is given: 2, or more for a multi-frame method.
         code_licence: of that implementation; hardly any weights state one.
-        undeclared: names of its public checkpoints of which the catalogue does not say what they have seen, joined by
-            "+".
+        undeclared: names of its public checkpoints whose training sets the catalogue does not know, joined by "+".
     """
 
     model_config = _FROZEN
@@ -63,7 +62,7 @@ class CheckpointEntry(BaseModel):
         sha256: the first eight digits of the file's hash.
         trained_on: training sets, in the words of `provenance.TRAINING_SETS`, separated by "+".
         confidence: of `trained_on`.
-        note: what is not certain, or what else it was trained on.
+        note: what is uncertain, or what else it was trained on.
     """
 
     model_config = _FROZEN
@@ -119,7 +118,7 @@ def published_names(model: str) -> list[str]:
 
 
 def is_installed(method: MethodEntry) -> bool:
-    """Whether the libraries that a method needs are here.
+    """Whether the libraries that a method needs are installed.
 
     >>> is_installed(methods()["dis"])
     True

@@ -27,7 +27,7 @@ class Option(NamedTuple):
     """An option of a network.
 
     Attributes:
-        default: its value where it is not given.
+        default: its value if it is not given.
         check: raises UsageError for a value it cannot have; is given the option's name and the value.
         fit: for an option that changes how images enter, the convention for a value; others go to the net and are
             part of the model's identity.
@@ -44,8 +44,8 @@ class OwnNetwork:
 
     Attributes:
         net: "module:attribute" in `nets/` that makes it; is given the options as keywords.
-        source: which file its checkpoint is and where the authors keep it.
-        convention: how it wants its images.
+        source: which file its checkpoint is and where the authors publish it.
+        convention: the input that it expects.
         options: by name.
         fixed: further keywords, recorded like options.
         scope: see `load_weights`.
@@ -152,7 +152,7 @@ OWN = {
 """Every own network by the name it is loaded by."""
 
 _UNRECORDED = ("size",)
-"""Fixed keywords that the model's name says already."""
+"""Fixed keywords that are implied by the model's name."""
 
 
 @with_execution
@@ -174,7 +174,7 @@ def own_model(
         options: of this network; and `tile`, for those that predict in tiles.
 
     Raises:
-        UsageError: an option that it cannot have.
+        UsageError: an unknown option or value.
         ModelError: no torch, no checkpoint, or one of another network.
     """
     own = OWN[name]
@@ -202,7 +202,7 @@ def own_model(
 
 
 def own_factory(name: str) -> Callable[..., AnyModel]:
-    """What makes the own network of a name, with its options in its signature.
+    """The factory of an own network by name, with its options in its signature.
 
     >>> [key for key in inspect.signature(own_factory("arflow")).parameters if key in ("checkpoint", "size", "tile")]
     ['checkpoint', 'size']
@@ -218,7 +218,7 @@ def own_factory(name: str) -> Callable[..., AnyModel]:
 
 
 def __getattr__(name: str) -> Any:
-    """`networks.arflow` and the like, which the registry of models asks for."""
+    """Attributes such as `networks.arflow`, which the registry of models refers to."""
     if name not in OWN:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     return own_factory(name)

@@ -1,7 +1,7 @@
-"""`tiny` and its variants: the project's own small network with the weights that come with the package.
+"""`tiny` and its variants: the project's own small network with the weights shipped in the package.
 
 With the torch extra PyTorch computes, otherwise NumPy. The flows agree within 1e-4 px at 99.9 % of pixels and within
-5e-4 px at all, which is what single precision leaves of either, and a run's identity says which it was.
+5e-4 px at all of them, which is the accuracy of single precision, and a run's identity states which one was used.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ def small_network(
 
     Args:
         name: of `SHIPPED`.
-        checkpoint: a file of `robustflow train tiny`, or "random"; the shipped weights where it is not given.
-        runtime: "torch", "numpy", or "auto" for PyTorch where it is installed.
+        checkpoint: a file of `robustflow train tiny`, or "random"; the shipped weights by default.
+        runtime: "torch", "numpy", or "auto" for PyTorch if it is installed.
         sha256: of `checkpoint`, or its first eight or more digits, to be checked.
-        execution: see `Execution`; its fields are options. NumPy has the CPU and fp32 alone.
+        execution: see `Execution`; its fields are options. NumPy runs only on the CPU in fp32.
 
     Raises:
         UsageError: an unknown runtime, or an option that NumPy does not have.
-        ModelError: no torch where it is needed, or a checkpoint of another network.
+        ModelError: torch is needed but not installed, or a checkpoint of another network.
     """
     if runtime not in RUNTIMES:
         raise unknown_name("runtime", str(runtime), RUNTIMES)
@@ -80,7 +80,7 @@ def _check_for_numpy(name: str, checkpoint: str | Path | None, execution: Execut
 
 
 def __getattr__(name: str) -> Callable[..., AnyModel]:
-    """`tiny.tiny_all` and the like, which the registry of models asks for."""
+    """Attributes such as `tiny.tiny_all`, which the registry of models refers to."""
     if name not in SHIPPED:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     factory = partial(small_network, name)

@@ -1,4 +1,4 @@
-"""Where a checkpoint lies: the path that was given, or the cache for one that is published under a name."""
+"""Where a checkpoint is: the given path, or the cache for one that is published under a name."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from pathlib import Path
 from ...errors import ModelError, unknown_name
 
 SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file of https://download.pytorch.org/models"}
-"""Where the weights of a library's networks are, for messages."""
+"""Where the weights of a library's networks are published, for messages."""
 
 RANDOM = "random"
-"""The checkpoint that is none: seeded random weights, for measuring cost and for tests."""
+"""Instead of a checkpoint: seeded random weights, for measuring cost and for tests."""
 
 
 def refuse_missing_file(
     model: str, checkpoint: str | Path | None, published: Collection[str], source: str, *, strict: bool = True
 ) -> None:
-    """Refuse a checkpoint that was given and is not there. Needs no library, so it comes before their imports.
+    """Raise if a given checkpoint does not exist. It needs no library, so it is called before their imports.
 
     Args:
         model: for messages.
         checkpoint: a path, a name among `published`, "random", or None, which passes.
         published: names of checkpoints that can be fetched.
-        source: which file is meant and where its authors keep it.
+        source: which file is meant and where its authors publish it.
         strict: `published` is complete, so any other name is unknown.
 
     Raises:
@@ -44,21 +44,21 @@ def refuse_missing_file(
 def find_checkpoint(
     model: str, checkpoint: str | Path | None, published: Mapping[str, str], source: str
 ) -> tuple[Path, str | None]:
-    """The file of a checkpoint, fetched into PyTorch's cache where it is published by name and not there yet.
+    """The file of a checkpoint, downloaded into PyTorch's cache if it is published by name and not there yet.
 
-    A name goes before a file of the same name in the current folder, which `./NAME` reaches.
+    A name takes precedence over a file of the same name in the current folder, for which write `./NAME`.
 
     Args:
         model: for messages.
         checkpoint: a path, or a name among `published`.
         published: addresses by name; a file name that ends in `-XXXXXXXX.ext` states the beginning of its SHA-256.
-        source: which file is meant and where its authors keep it.
+        source: which file is meant and where its authors publish it.
 
     Returns:
-        The path, and the digits its SHA-256 has to begin with, or None where they are not known.
+        The path, and the digits that its SHA-256 must begin with, or None if they are not known.
 
     Raises:
-        ModelError: no checkpoint, no such file, or one that cannot be fetched: says where to put it.
+        ModelError: no checkpoint, no such file, or one that cannot be downloaded; it says where to put it.
         UsageError: a name that is not published.
     """
     if checkpoint is None:
@@ -70,7 +70,7 @@ def find_checkpoint(
 
 
 def needs_checkpoint(model: str, published: Collection[str], source: str) -> ModelError:
-    """The error for a network that was given no weights."""
+    """The error for a network without weights."""
     return ModelError(
         f"model '{model}' needs its checkpoint: {_get(published, source)}, and give its path as --checkpoint"
     )
@@ -91,7 +91,7 @@ def _cached(model: str, url: str) -> tuple[Path, str | None]:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             torch.hub.download_url_to_file(url, str(path), hash_prefix=prefix, progress=False)
-        except Exception as error:  # no network, no permission, another hash: each has a class of its own
+        except Exception as error:  # no network, no permission, another hash: each is another exception
             reason = getattr(error, "reason", None) or next(iter(str(error).splitlines()), type(error).__name__)
             raise ModelError(
                 f"model '{model}': cannot fetch {url} ({reason}); put that file at {path}, or give the path of a copy "

@@ -1,4 +1,4 @@
-"""How an undeclared network wants its images, found by trying the common conventions on shifted textures."""
+"""The input that an undeclared network expects, determined by trying the common conventions on shifted textures."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from .shifted import SHIFTS, ShiftedPair, shifted_pair
 
 LAST = -1
 _FIRST_ROUND = 2
-"""Pairs after which conventions that are far behind are given up."""
+"""Number of pairs after which conventions that are far behind are dropped."""
 _FAR = 2.0
 _CLEAR = 0.9
-"""The error of the best, as a fraction of the next one's, that is clearly better; and better on every pair."""
+"""The best is clearly better if its error is below this fraction of the next one's, and it is better on every pair."""
 _SEES = 0.5
-"""The error of a network that measures motion at all, as a fraction of that of zero flow."""
+"""A network measures motion at all if its error is below this fraction of that of zero flow."""
 
 
 @dataclass(frozen=True)
 class Declared:
-    """How a module takes a pair and where its flow is; None for what was not declared.
+    """How a module takes a pair and where it returns the flow; None for what was not declared.
 
     Attributes:
         scaling: a name of `input_convention.SCALINGS`.
@@ -51,7 +51,7 @@ class Declared:
         return self.scaling is not None and self.order is not None
 
     def describe(self) -> str:
-        """In the words of the options.
+        """Written as options.
 
         >>> Declared("0-1", "rgb", "pair", -1).describe()
         'scaling=0-1, order=rgb, layout=pair, output=-1'
@@ -77,7 +77,7 @@ class _Candidate:
 def complete(
     module: nn.Module, call: Callable[[list[Any]], Any], declared: Declared, device: torch.device, threads: int = 1
 ) -> tuple[Declared, str]:
-    """What was declared, completed by what the network answers best to.
+    """The declared convention, completed by what works best for the network.
 
     Args:
         module: in evaluation mode, on `device`.
@@ -87,10 +87,10 @@ def complete(
         threads: of the CPU.
 
     Returns:
-        The whole convention; and the evidence in words, "" where all was declared or only one way in works.
+        The complete convention; and the evidence in words, "" if everything was declared or only one convention works.
 
     Raises:
-        ModelError: no way in works, or no convention is clearly best.
+        ModelError: no convention works, or none is clearly best.
     """
     with torch.inference_mode(), reproducible(threads):
         trial = _Trial(module, call, device)
@@ -106,14 +106,14 @@ def complete(
     best, zero = ranked[0], float(np.mean([np.hypot(*shift) for shift in SHIFTS]))
     if best.mean > _SEES * zero:
         raise ModelError(
-            f"cannot tell how this network wants its images: on shifted textures the best of {len(ranked)} conventions "
-            f"is off by {best.mean:.2g} px, where zero flow is by {zero:.2g} px, as networks without trained weights "
-            f"are; {_ASK}"
+            f"cannot tell what input this network expects: on shifted textures the best of {len(ranked)} conventions "
+            f"is off by {best.mean:.2g} px, and zero flow by {zero:.2g} px, as for networks without trained weights; "
+            f"{_ASK}"
         )
     rival = next((other for other in ranked[1:] if not best.clearly_beats(other)), None)
     if rival is not None:
         raise ModelError(
-            f"cannot tell how this network wants its images: on shifted textures {best.way.describe()} "
+            f"cannot tell what input this network expects: on shifted textures {best.way.describe()} "
             f"({best.mean:.3g} px) is not clearly better than {rival.way.describe()} ({rival.mean:.3g} px); {_ASK}"
         )
     following = f", the next best by {ranked[1].mean:.2g} px" if len(ranked) > 1 else ""
@@ -129,7 +129,7 @@ class _Trial:
         self._pairs: list[ShiftedPair] = [shifted_pair(i) for i in range(len(SHIFTS))]
 
     def working_layouts(self, declared: Declared) -> list[str]:
-        """Those in which the network returns a flow at all; the declared one is believed."""
+        """Those for which the network returns a flow at all; a declared one is trusted."""
         if declared.layout is not None:
             return [declared.layout]
         working, failures = [], []
@@ -141,11 +141,11 @@ class _Trial:
             except ModelError as error:
                 failures.append(f"{layout}: {error}")
         if not working:
-            raise ModelError(f"the network takes a pair in none of the common ways ({failures[0]}); wrap it in one")
+            raise ModelError(f"the network accepts a pair in none of the common ways ({failures[0]}); wrap it in one")
         return working
 
     def rank(self, ways: Sequence[Declared]) -> list[_Candidate]:
-        """Those not given up after the first pairs, with their errors on every pair, the best first."""
+        """Those not dropped after the first pairs, with their errors on every pair, the best first."""
         candidates: dict[Declared, _Candidate] = {}
         for number, pair in enumerate(self._pairs):
             if number == _FIRST_ROUND and candidates:
@@ -159,7 +159,7 @@ class _Trial:
         return sorted(self._last_unless_clear(whole), key=lambda one: one.mean)
 
     def _last_unless_clear(self, candidates: list[_Candidate]) -> list[_Candidate]:
-        """Of the outputs of one convention, one: the last, unless another is clearly better."""
+        """One of the outputs under a convention: the last, unless another is clearly better."""
         chosen: dict[tuple[Any, ...], _Candidate] = {}
         for one in candidates:
             key = (one.way.scaling, one.way.order, one.way.layout)

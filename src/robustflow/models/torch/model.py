@@ -1,4 +1,4 @@
-"""A PyTorch network as a flow model: the adapter owns the images' way in, the flow's way out, device and precision."""
+"""A PyTorch network as a flow model: the adapter handles the input images, the output flow, device and precision."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class NetworkModel:
     Args:
         name: of the model.
         net: two images (N, 3, H, W) to one flow (N, 2, H, W) in pixels; put into evaluation mode here.
-        convention: how the network wants its images.
+        convention: the input that the network expects.
         settings: what else changes its numbers (checkpoint hash, iterations), for `identity`.
         execution: device, precision, compilation, threads.
 
@@ -34,7 +34,7 @@ class NetworkModel:
     """
 
     trained_on: str | None = None
-    """Training sets as the checkpoint declares them."""
+    """Training sets that the checkpoint declares."""
 
     def __init__(
         self,
@@ -53,7 +53,7 @@ class NetworkModel:
         self._call = torch.compile(self.net) if execution.compile else self.net
 
     def identity(self) -> dict[str, Any]:
-        """What changes the numbers: the network's settings, its input, and how it is executed."""
+        """Everything that changes the numbers: the network's settings, its input, and how it is executed."""
         return {
             "name": self.name,
             **self._settings,
@@ -80,7 +80,7 @@ class NetworkModel:
             float32 (H, W, 2) each, (u right, v down) in pixels.
 
         Raises:
-            UsageError: frames that are no pairs of RGB uint8 images.
+            UsageError: frames that are not pairs of RGB uint8 images.
         """
         return predict_by_size(self._predict, frames1, frames2)
 
@@ -119,7 +119,7 @@ class NetworkModel:
         except Exception as error:
             advice = "many networks fail on small frames: try larger ones"
             if isinstance(error, torch.OutOfMemoryError):
-                advice = "predict fewer pairs at once, in tiles (option tile), or on the cpu"
+                advice = "predict fewer pairs at once, in tiles (option tile), or on the CPU"
             message = " ".join(str(error).split())
             raise ModelError(
                 f"model '{self.name}' fails on frames of {height}x{width} ({type(error).__name__}: {message}"
@@ -135,7 +135,7 @@ def find_device(name: str) -> torch.device:
     'cpu'
 
     Raises:
-        UsageError: no device's name.
+        UsageError: not the name of a device.
         ModelError: this machine has no such device.
     """
     if name == "auto":

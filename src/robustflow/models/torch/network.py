@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def weights_seeded(seed: int) -> Iterator[None]:
-    """Within it the checkpoint "random" stands for the random weights of this seed, outside for those of seed 0."""
+    """Within the block the checkpoint "random" stands for random weights of this seed, outside for those of seed 0."""
     token = _SEED.set(seed)
     try:
         yield
@@ -50,16 +50,16 @@ def network_model(
     Args:
         name: of the model.
         build: makes the network; imports it, so that nothing here needs torch.
-        convention: how the network wants its images.
+        convention: the input that the network expects.
         checkpoint: a file, a name among `published`, or "random" for seeded random weights, which the model's
             identity shows; there are no silent random weights.
-        source: which file is meant and where its authors keep it, for the message when there is none.
-        sha256: what the file's hash has to begin with, where it is known.
-        published: checkpoints that can be fetched, by name: their addresses.
+        source: which file is meant and where its authors publish it, for the message if there is none.
+        sha256: what the file's hash must begin with, if that is known.
+        published: addresses of the checkpoints that can be downloaded, by name.
         scope: see `load_weights`.
         settings: what else changes the network's numbers.
-        adapt: changes the network by what the checkpoint says beside its weights, before they are loaded; returns what
-            is to be recorded.
+        adapt: changes the network according to what the checkpoint holds besides weights, before these are loaded;
+            returns what should be recorded.
         execution: device, precision, compilation, threads.
 
     Raises:

@@ -27,20 +27,20 @@ _KNOWN = {
     "torchvision.models.optical_flow": (Declared("-1-1", "rgb", "pair", LAST), 8),
     "ptlflow.models": (Declared("0-1", "bgr", "images", "flows"), 1),
 }
-"""Libraries whose models all take their images alike, and the multiple of height and width that they need."""
+"""Libraries whose models all expect the same kind of input, and the multiple of height and width that they need."""
 MULTIPLE = 8
 
 
 class TorchModel(NetworkModel):
     """A PyTorch module as a flow model. Satisfies `FlowModel`.
 
-    Say how the network was trained to see its images; what is left out is looked up (torchvision, ptlflow), or found
-    by trying the common conventions on shifted textures. Only one that is clearly best is taken, and a warning says
-    which; of a network without trained weights nothing can be found, so it must be declared. What was taken is part of
-    `identity`, and so of a run's manifest.
+    State the input that the network was trained on; what is left out is looked up (torchvision, ptlflow), or determined
+    by trying the common conventions on shifted textures. A convention is used only if it is clearly best, and a warning
+    says which; for a network without trained weights nothing can be determined, so it must be declared. The convention
+    used is part of `identity`, and so of a run's manifest.
 
     Args:
-        net: the module. A copy of it is put into evaluation mode and run; training of the original can go on.
+        net: the module. A copy of it is put into evaluation mode and run; training of the original can continue.
         scaling: of the values: "0-1", "-1-1", "0-255", or "imagenet" (0..1, less ImageNet's mean, over its deviation).
         order: of the colours, "rgb" or "bgr".
         multiple: of height and width, reached by repeating the border, half of it on each side; 8 by default.
@@ -50,13 +50,13 @@ class TorchModel(NetworkModel):
             (N, 2, H, W) or (N, H, W, 2), (u right, v down) in pixels, at the images' resolution.
         checkpoint: a file of weights to load first, strictly and without running anything in it.
         sha256: the file's hash, or its first eight or more digits, to be checked.
-        name: to show in tables and figures; the class's by default.
+        name: in tables and figures; the class's by default.
         trained_on: training sets ("C+T"), see `robustflow list models`.
-        batched: it takes several pairs at once, and none changes another's flow.
+        batched: whether it takes several pairs at once, and none changes another's flow.
         device, precision, compile, threads: see `Execution`.
 
     Raises:
-        UsageError: not a module, or an option that it cannot have.
+        UsageError: not a module, or an invalid option.
         ModelError: no convention is clearly best, the module fails, or a checkpoint that does not fit.
 
     >>> class Net(nn.Module):
@@ -115,13 +115,13 @@ class TorchModel(NetworkModel):
             declared, evidence = complete(module, call, declared, find_device(device), threads)
         if evidence:
             warnings.warn(
-                f"{type(net).__name__} did not say how it wants its images; taken: {declared.describe()}, because "
+                f"{type(net).__name__} did not declare what input it expects; using {declared.describe()}, because "
                 f"{evidence}. Declare it with robustflow.TorchModel to be sure",
                 stacklevel=2,
             )
         self.declared = declared
         self.trained_on = trained_on
-        """Its training sets, in the letters of the literature; None where they are not declared."""
+        """Its training sets, by their letters in the literature; None if they are not declared."""
         convention = named_convention(
             order=declared.order or "rgb",
             scaling=declared.scaling or "0-1",
@@ -154,13 +154,13 @@ def _copied(net: nn.Module, kind: str) -> nn.Module:
 
 
 def _loaded(module: nn.Module, checkpoint: str | Path | None, sha256: str | None, name: str) -> str:
-    """Load a checkpoint, where one is given; the hash of it, or else of the weights that the module has."""
+    """Load a checkpoint, if one is given, and return its hash, or otherwise that of the module's weights."""
     if checkpoint is not None:
         read = read_checkpoint(checkpoint, sha256)
         load_weights(module, read, name)
         return read.sha256
     if sha256 is not None:
-        raise UsageError("sha256 is of a checkpoint's file: give the checkpoint, or leave it out")
+        raise UsageError("sha256 is that of a checkpoint's file: give the checkpoint, or leave out sha256")
     digest = hashlib.sha256()
     for key, value in sorted(module.state_dict().items()):
         if isinstance(value, Tensor):

@@ -1,4 +1,4 @@
-"""Put the weights of a checkpoint into a network: every entry, no other, or a sentence that says what differs."""
+"""Load the weights of a checkpoint into a network: exactly its entries, or an error that says what differs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...errors import ModelError
 from .checkpoint import Checkpoint
 
 PREFIXES = ("module.", "_model.", "model.")
-"""What wrappers put before a network's own names: data parallel training, ptlflow, Lightning and others."""
+"""Prefixes that wrappers put before a network's own names: data parallel training, ptlflow, Lightning and others."""
 
 
 def bare_name(key: str) -> str:
@@ -32,14 +32,14 @@ def load_weights(net: nn.Module, checkpoint: Checkpoint, model: str, scope: str 
         net: takes the weights.
         checkpoint: from `read_checkpoint`.
         model: the model's name, for messages.
-        scope: where a checkpoint keeps other things beside the network, the prefix of the network's own entries
-            (after `module.`). The rest is left out; without any entry of this prefix nothing is.
+        scope: if a checkpoint holds more than the network, the prefix of the network's own entries (after `module.`).
+            The rest is left out; without any entry of this prefix nothing is.
 
     Returns:
-        The dtype of the file's weights where it is not the network's (they were cast), else None.
+        The dtype of the file's weights if it differs from the network's (they were cast), otherwise None.
 
     Raises:
-        ModelError: missing or unexpected entries, other shapes, values that are not finite.
+        ModelError: missing or unexpected entries, other shapes, or non-finite values.
     """
     own = {bare_name(key): key for key in net.state_dict()}
     by_name = _by_bare_name(checkpoint, _in_scope(checkpoint.weights, scope))

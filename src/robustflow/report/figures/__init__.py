@@ -50,7 +50,7 @@ _TOGETHER: dict[str, Callable[[pl.DataFrame], MarkedFigure]] = {
 
 
 def all_figures(results: pl.DataFrame, runs: Mapping[str, pl.DataFrame]) -> dict[str, Figure]:
-    """Every figure that these results and runs (name -> rows) can give, by name.
+    """Every figure that can be made from these results and runs (name -> rows), by name.
 
     Results measured on other frames are not drawn together: the figures of the published values and of each sample
     set are separate, the latter with the number of the set in their names. Own models on the same frames are drawn
@@ -81,13 +81,13 @@ def figures_by_sample_set(results: pl.DataFrame) -> dict[str, dict[str, MarkedFi
             try:
                 figures[frames][name] = draw(part)
             except UsageError:
-                # Not every set of results has what each figure shows; the caller sees what there is.
+                # Not every set of results has what each figure needs; the result shows which could be made.
                 continue
     return figures
 
 
 def _by_setting(results: pl.DataFrame) -> bool:
-    """Whether a panel per setting tells more than one of all: for the paper's values, and where a model was measured
-    in two settings."""
+    """Whether one panel per setting is more informative than one for all: for the paper's values, and if a model was
+    measured in two settings."""
     models = results.select("setting", "model").unique()
     return PAPER in results["sample_set"] or models["model"].is_duplicated().any()

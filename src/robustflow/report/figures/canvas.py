@@ -1,5 +1,5 @@
-"""What all figures share: a figure without global state, colours that print and that the colour-blind tell apart, and
-names as text."""
+"""What all figures share: a figure without global state, colours that print well and are safe for colour-blind readers,
+and names as text."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ KIND_COLOURS = {
 """Near the paper's: purple for CNNs, green for Transformers, blue for unsupervised models."""
 
 SETTING_COLOURS = {"OOD": BLUE, "ID": RED}
-"""Of the paper's settings of learned models; others are orange."""
+"""Colours of the paper's settings of learned models; others are orange."""
 
 _NAME_SIZE = 7.0
 _NAMES_AT_ANY_COST = 40
 _OVERLAP = 10.0
-"""What it costs a name to overlap another."""
+"""The cost of a name that overlaps another."""
 
 _Place = tuple[float, float, Literal["left", "center", "right"]]
 
@@ -54,7 +54,7 @@ SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY, BLACK, YELLOW)
 
 
 def kind_of(model: str) -> str:
-    """The group a model is coloured by: a key of `KIND_COLOURS`; "Own" where the paper does not know it.
+    """The group a model is coloured by: a key of `KIND_COLOURS`; "Own" if it is not in the paper.
 
     >>> kind_of("SAMFlow-H"), kind_of("CRAFT"), kind_of("ARFlow"), kind_of("Mine")
     ('Transformer-based', 'Transformer-based', 'Unsupervised', 'Own')
@@ -90,13 +90,13 @@ def panel_figure(count: int) -> tuple[MarkedFigure, list[Axes]]:
 
 
 def set_heading(figure: MarkedFigure, text: str) -> None:
-    """A heading over all panels, on as many lines as the figure's width needs."""
+    """A heading over all panels, on as many lines as the figure's width requires."""
     figure.suptitle(textwrap.fill(text, int(12.5 * figure.get_figwidth())), fontsize=10)
 
 
 def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Sequence[float] = ()) -> list[Annotation]:
-    """Names beside their points, each where it overlaps the fewest names and points placed before it. Of more than
-    `_NAMES_AT_ANY_COST` points, those that would overlap another name are not shown.
+    """Put names next to their points, each where it overlaps the fewest names and points placed before. With more than
+    `_NAMES_AT_ANY_COST` points, names that would overlap another are not shown.
 
     Args:
         axes: with its limits set, of a figure whose layout is settled (`files.settle_layout`).
@@ -105,7 +105,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
-    axes.get_xlim()  # has the limits follow from what is drawn, of both axes
+    axes.get_xlim()  # makes the limits of both axes follow from what is drawn
     per_point = figure.dpi / 72
     dots = [axes.transData.transform((x, y)) for x, y, _ in points]
     centres = np.array(dots)
@@ -144,7 +144,8 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
 
 
 def _places(radius: float) -> list[_Place]:
-    """Where a name may be placed around a marker, the best first: (right, up) in points, and the side it hangs by."""
+    """Where a name may be placed around a marker, the best first: (right, up) in points, and the side it is aligned
+    to."""
     places: list[_Place] = []
     for reach in (radius + 3, radius + 11, radius + 20):
         slant = 0.8 * reach

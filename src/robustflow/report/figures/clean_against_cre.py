@@ -21,7 +21,7 @@ Model = tuple[str, str]
 """(setting, name)."""
 
 _AREA = 260.0
-"""Square points of a bubble of CREr 1, where none is larger than `_LARGEST`."""
+"""Square points of a bubble of CREr 1, if none is larger than `_LARGEST`."""
 
 _LARGEST = 1000.0
 
@@ -29,12 +29,12 @@ _LARGEST = 1000.0
 def clean_against_cre(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
     """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting.
 
-    CRE is made from the EPE. Of the paper's models those of `not_discussed` are left out, and knowledge-driven methods
-    where there are others, as in the paper.
+    CRE is computed from the EPE. Of the paper's models those of `not_discussed` are left out, and knowledge-driven
+    methods if there are others, as in the paper.
 
     Args:
         results: with clean and average EPE.
-        together: all models in one panel, knowledge-driven ones too.
+        together: all models in one panel, including knowledge-driven ones.
 
     Raises:
         UsageError: no model has a clean and an average EPE.
@@ -82,7 +82,7 @@ def clean_against_cre(results: pl.DataFrame, *, together: bool = False) -> Marke
         if kind in kinds
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
-    set_heading(figure, "Accuracy and robustness: area of a bubble = CREr, printed beside the name")
+    set_heading(figure, "Accuracy and robustness: area of a bubble = CREr, printed next to the name")
     settle_layout(figure)
     for panel, models, named in zip(axes, panels.values(), names, strict=True):
         for (setting, model), text in zip(models, spread_labels(panel, *named), strict=True):

@@ -36,8 +36,8 @@ def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None)
 
     Args:
         results: with EPE per corruption.
-        models: which; by default the paper's example models (Fig. 1) and those it does not know, all where
-            there are none of these; at most nine.
+        models: which; by default the paper's example models (Fig. 1) and those not in the paper, or all if there are
+            none of these; at most nine.
 
     Raises:
         UsageError: none of the models has a clean EPE.

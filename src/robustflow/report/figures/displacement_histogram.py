@@ -19,7 +19,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
 
     Args:
         tables: label -> bins `low`, `high` (pixels, the last may reach to infinity) and `share` (0 to 1), see
-            `displacement_histogram`; at most eight. What the last bin holds is drawn as wide as the one before.
+            `displacement_histogram`; at most eight. The last bin is drawn as wide as the one before.
 
     Raises:
         UsageError: more than eight tables, or none that counts a pixel.
@@ -33,7 +33,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
     right = 0.0
     for drawn, (label, table) in enumerate(tables.items()):
         colour = SERIES[drawn]
-        # Broad ones first, so that a line that covers another leaves its rim visible.
+        # Broad lines first, so that a line that covers another leaves its rim visible.
         width = 1.3 + 0.4 * (len(tables) - 1 - drawn)
         lows, shares = table["low"].to_list(), [100 * share for share in table["share"]]
         edges = [*lows, _end(table)]

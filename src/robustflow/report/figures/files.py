@@ -20,7 +20,7 @@ FILE_FORMATS = ("png", "svg", "pdf")
 
 @contextmanager
 def any_script() -> Iterator[None]:
-    """Without a warning for each character that matplotlib's font lacks: here it is only measured, or left to the
+    """Suppress the warning for each character that matplotlib's font lacks: here it is only measured, or left to the
     reader's fonts. Where it is drawn, as a box, the warning stays."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph \d+ ", UserWarning)
@@ -28,7 +28,7 @@ def any_script() -> Iterator[None]:
 
 
 def settle_layout(figure: Figure) -> None:
-    """Place the axes of a figure as its layout has them now, without drawing anything."""
+    """Place the axes of a figure where its layout puts them, without drawing anything."""
     engine = figure.get_layout_engine()
     if engine is not None:
         with any_script():
@@ -38,7 +38,7 @@ def settle_layout(figure: Figure) -> None:
 def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     """A figure as a file: "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
 
-    With `live_text` an SVG holds its texts as texts, in whatever font the reader has, and not as outlines.
+    With `live_text` an SVG holds its texts as text, in whatever font the reader has, instead of outlines.
 
     Raises:
         UsageError: another format.
@@ -46,9 +46,9 @@ def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     if format not in FILE_FORMATS:
         raise unknown_name("figure format", format, FILE_FORMATS)
     if figure.get_layout_engine() is not None:
-        # The layout is settled once: every draw would move it by a little, and the bytes with it.
+        # The layout is settled once: every draw would shift it slightly, and change the bytes.
         settle_layout(figure)
-        figure.set_layout_engine(None)  # not "none", for which it would all be drawn once more to measure it
+        figure.set_layout_engine(None)  # not "none", for which everything would be drawn again to measure it
     metadata: dict[str, Any] = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[format]
     out = io.BytesIO()
     outlines = "none" if live_text else "path"

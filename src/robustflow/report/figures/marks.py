@@ -17,9 +17,9 @@ class Mark:
     """A point, bar or name in a figure.
 
     Attributes:
-        model: whose it is.
-        setting: of the model, "" where the figure does not distinguish settings.
-        values: (what, number with its unit), as the figure shows them; none for a name beside a point.
+        model: the model it belongs to.
+        setting: of the model, "" if the figure does not distinguish settings.
+        values: (what, number with its unit), as the figure shows them; none for a name next to a point.
     """
 
     model: str
@@ -39,7 +39,7 @@ class MarkedFigure(Figure):
         self.marks: dict[str, tuple[Mark, ...]] = {}
 
     def _repr_png_(self) -> bytes:
-        """What a notebook shows, whatever backend it uses."""
+        """The notebook's output, whatever backend it uses."""
         return figure_bytes(self, "png")
 
     def mark(self, artist: Artist, marks: Sequence[Mark]) -> None:

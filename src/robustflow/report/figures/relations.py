@@ -1,4 +1,4 @@
-"""The paper's figure of how clean EPE, corrupted EPE, CRE and RCRE go together, with correlation."""
+"""The paper's figure of how clean EPE, corrupted EPE, CRE and RCRE are related, with correlations."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "
 def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
     """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model.
 
-    Pearson's r and Spearman's rho are given per setting. `not_discussed` are left out, and knowledge-driven methods
-    where there are others, as in the paper's discussion; CRE is made from the EPE. With `together` all models are
-    drawn, and one correlation is given over all of them.
+    Pearson's r and Spearman's rho are given per setting. `not_discussed` are left out, and knowledge-driven methods if
+    there are others, as in the paper's discussion; CRE is computed from the EPE. With `together` all models are drawn,
+    and one correlation is given over all of them.
 
     Raises:
         UsageError: no model has all four.

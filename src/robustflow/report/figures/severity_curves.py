@@ -22,7 +22,7 @@ _LEGEND_PT = 8
 
 
 def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, seed: int = 0) -> MarkedFigure:
-    """A metric at each severity of each corruption, with 95 % intervals where there are enough images.
+    """A metric at each severity of each corruption, with 95 % intervals if there are enough images.
 
     Args:
         runs: name -> rows; at most eight.
@@ -45,7 +45,7 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     figure, axes = new_figure(2.3 * columns, 1.9 * rows + 0.5, rows, columns)
-    figure.set_layout_engine(None)  # Equal panels need no measuring, which takes longer than drawing them.
+    figure.set_layout_engine(None)  # Equal panels need no measuring, which would take longer than drawing them.
     for extra in axes[len(shown) :]:
         extra.remove()
     for panel, corruption in zip(axes, shown, strict=False):

@@ -1,4 +1,5 @@
-"""What a gallery of a clip shows: the same few frames under each corruption, so that it can be seen over time."""
+"""What a gallery of a clip shows: the same few frames under each corruption, so that its course over time is
+visible."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from ...datasets.video import Video
 
 LONGEST_PART = 96
-"""Frames of a clip that are encoded: what H.264 and bit errors do to a frame depends on those before it."""
+"""Number of frames that are encoded: what H.264 and bit errors do to a frame depends on those before it."""
 
 SHOWN = 10
 MOST_SHOWN = 24
@@ -30,14 +31,14 @@ MADE_FROM_CLIP = tuple(name for name in CLIP if name != OBJECT_MOTION)
 """The corruptions that need a clip and can be made from any."""
 
 _NEEDS_MORE = (
-    f"{OBJECT_MOTION} is left out: it averages frames between the frames, which a clip has only once it is "
-    "interpolated in time (robustflow prepare gopro-fc)"
+    f"{OBJECT_MOTION} is left out: it averages frames between the frames, which a clip only has after interpolation "
+    "in time (robustflow prepare gopro-fc)"
 )
 
 
 @dataclass(frozen=True)
 class ClipCell:
-    """The frames under one corruption at one severity; none where the severity does not exist on the scale."""
+    """The frames under one corruption at one severity; none if the severity does not exist on the scale."""
 
     name: str
     severity: int
@@ -51,8 +52,8 @@ class ClipPart:
 
     Args:
         path: a video file, or a folder of pictures (of a folder of such folders, the first).
-        start, stop: frame numbers, or for a video times such as "12.5s"; `stop` is not in it.
-        shown: how many frames, 2 to `MOST_SHOWN`; fewer where the part has fewer.
+        start, stop: frame numbers, or for a video times such as "12.5s"; `stop` is exclusive.
+        shown: how many frames, 2 to `MOST_SHOWN`; fewer if the part has fewer.
 
     Raises:
         DataError: not a clip, or fewer than two frames in the part.
@@ -86,7 +87,7 @@ def chosen_corruptions(names: Sequence[str] | None, scale: str) -> tuple[list[st
     """What a gallery of a clip shows, and sentences about what it leaves out.
 
     Raises:
-        UsageError: a corruption that cannot be made from a clip as it is was asked for by name.
+        UsageError: a corruption was requested by name that cannot be made from a plain clip.
 
     >>> chosen, left_out = chosen_corruptions(None, "paper")
     >>> len(chosen), [sentence.partition(":")[0] for sentence in left_out]

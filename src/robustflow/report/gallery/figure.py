@@ -1,4 +1,4 @@
-"""The gallery on paper: the paper's figure of all corruptions at one severity, as PNG or PDF."""
+"""The gallery as a figure: the paper's figure of all corruptions at one severity, as PNG or PDF."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The gallery as one HTML file with a slider: opens from disk, asks the network for nothing."""
+"""The gallery as one HTML file with a slider: opens from disk, loads nothing from the network."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def render_page(clean: Frame, cells: Sequence[CorruptedPicture], severity: int, 
 
     Args:
         clean: RGB uint8 (H, W, 3), the first frame.
-        cells: of every severity the slider shall reach.
+        cells: for every severity that the slider should reach.
         severity: where the slider starts.
         title: text; names and titles are escaped.
 
@@ -65,12 +65,12 @@ def clip_slider(
     title: str,
     first_frame: int,
 ) -> Slider:
-    """The slider of a clip's page; of the cells, which may be a generator, one is held at a time.
+    """The slider of a clip's page; `cells` may be a generator, of which one cell is held at a time.
 
     Args:
         clean: RGB uint8 (H, W, 3), the frames shown.
-        cells: what becomes of them.
-        severities: what the slider reaches; severity: where it stands at first.
+        cells: the corrupted frames.
+        severities: those that the slider reaches; severity: the initial one.
         title: text.
         first_frame: the number of the first of the frames in the clip.
     """
@@ -106,8 +106,8 @@ def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
 
 
 def example_slider(clean: Frame, cells: Iterable[CorruptedPicture], title: str) -> Slider:
-    """A slider for a page that shows one corruption at a time beside all else; severities that do not exist are left
-    out, and its hundred pictures weigh about a megabyte."""
+    """A slider for a page on which it is one element of many; it shows one corruption at a time, severities that do not
+    exist are left out, and its hundred pictures take about a megabyte."""
     pictures = ((cell.name, cell.severity, [cell.frame], "") for cell in cells if cell.frame is not None)
     return make_slider(title, [clean], pictures, widest=256, quality=50)
 

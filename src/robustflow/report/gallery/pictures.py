@@ -21,8 +21,8 @@ class CorruptedPicture:
     Attributes:
         name: the corruption.
         severity: 1 to 5.
-        frame: RGB uint8, the first frame of the pair that the corruption changes; None where the severity does not
-            exist on the scale.
+        frame: RGB uint8, the first frame of the pair that the corruption changes; None if the severity does not exist
+            on the scale.
         index: which frame that is, 0 or 1.
         ssim: its mean SSIM to the clean frame.
     """
@@ -76,7 +76,7 @@ def gallery(
 
 
 def _changed(pair: Sequence[Frame], corruption: Corruption, severity: int, seed: int, key: str) -> tuple[Frame, int]:
-    """The first frame that is not as it was (one of the two is not exposed), or the first."""
+    """The first frame that changed (one of the two is not exposed), or the first one."""
     unchanged = pair[0]
     for index, frame in enumerate(corrupt_clip(pair, corruption, severity, seed, key)):
         if not np.array_equal(frame, pair[index]):

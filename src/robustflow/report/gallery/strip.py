@@ -1,4 +1,4 @@
-"""What a model makes of corruptions, at a glance: a column for each, with the frame, the flow and its errors."""
+"""A model under corruptions at a glance: a column for each, with the frame, the flow and its errors."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def strip_columns(
     Args:
         pair: two frames, RGB uint8 (H, W, 3).
         predict: of the model.
-        corruptions: loaded, with the textures that are meant.
+        corruptions: loaded, with the intended textures.
         severity: 1 to 5.
         seed, key: of the draws.
     """
@@ -66,7 +66,7 @@ def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> by
     """A picture of three rows: frames, flows in one scale of colours, end-point errors; a WebP file.
 
     Args:
-        sample: the clean pair; errors are to its ground truth or, where it has none, to the first column's flow.
+        sample: the clean pair; errors are relative to its ground truth or, if it has none, to the first column's flow.
         columns: the clean frames first.
         model: its name, for the captions.
 

@@ -1,7 +1,7 @@
 """Tables written out: one file per format, and those of users.
 
-Names in a table may come from anyone's file. Every renderer first takes out what no format should receive
-(`robustflow.text.plain`), then escapes what its own gives a meaning.
+Names in a table may come from anyone's file. Every renderer first removes what no format should receive
+(`robustflow.text.plain`), then escapes what is special in its own format.
 """
 
 from __future__ import annotations
@@ -66,5 +66,5 @@ def renderer(format: str) -> Renderer:
         return FORMATS.get(format)
     function = import_target(format, "format")
     if not callable(function):
-        raise UsageError(f"{format} is not a function of a table, so it writes none")
+        raise UsageError(f"{format} is not a function, so it cannot write a table")
     return function

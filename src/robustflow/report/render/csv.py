@@ -10,7 +10,7 @@ from ..table import Column, Table
 
 
 def render(table: Table) -> str:
-    """The table as CSV with a heading: section, the line's name, one column each, best ("; " between), note."""
+    """The table as CSV with a header: section, the line's name, one column each, best (separated by "; "), note."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     headings = [_heading(column) for column in table.columns]

@@ -1,4 +1,4 @@
-"""The terminal: a table that is too wide is folded into blocks of columns, each with the models' names again."""
+"""The terminal: a table that is too wide is split into blocks of columns, each with the models' names."""
 
 from __future__ import annotations
 

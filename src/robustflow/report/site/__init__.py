@@ -1,4 +1,4 @@
-"""The pages: a report of runs and the leaderboard, each one HTML file that asks the network for nothing."""
+"""The pages: a report of runs and the leaderboard, each one HTML file that loads nothing from the network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The leaderboard as data: which columns, and which lines below which heading."""
+"""The leaderboard as data: its columns, and the lines below each heading."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ BOARD_METRICS = ("epe", "cre", "rcre")
 
 @dataclass(frozen=True)
 class BoardColumn:
-    """A column: it is shown in some `views` (`OVERVIEW`, `CLASSES`, a family), if it has a metric only with that."""
+    """A column: it is shown in some `views` (`OVERVIEW`, `CLASSES`, a family), and only with its metric if it has
+    one."""
 
     key: Key
     label: str
@@ -52,9 +53,9 @@ class Board:
     """The leaderboard of a benchmark.
 
     Attributes:
-        benchmark: its name; `label` as it is written.
-        views, metrics, settings: what can be chosen, (value, label), of a setting also what it means.
-        start: the column that the lines are sorted by at first, an index.
+        benchmark: its name; `label` for display.
+        views, metrics, settings: the choices as (value, label), for a setting also its meaning.
+        start: index of the column by which the lines are sorted initially.
     """
 
     benchmark: str

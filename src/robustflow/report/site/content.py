@@ -1,4 +1,4 @@
-"""What a page is made from: runs, results files, and the paper's results beside them."""
+"""What a page is made from: runs, results files, and the paper's results."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 
 MOST_DETAILED = 24
-"""Runs on a page that shows intervals of every corruption, and pictures; of more, the intervals of the averages."""
+"""The most runs for which a page shows intervals of every corruption, and pictures; with more, only intervals of the
+averages."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +37,14 @@ class Content:
         title: of the page.
         runs: (sample set, name) -> run.
         results: of everything, columns of `results.RESULT_SCHEMA`.
-        costs: the paper's, empty where its results are not there.
+        costs: the paper's, empty if its results are not shown.
         entries: the lines of the leaderboard.
         group_titles: sample set -> heading.
-        alone: whether the page is about its runs, and the paper's results are only shown beside them: then they have no
-            figures, observations and audit of their own.
-        doubted: (sample set, name) of a run -> why its model is the best of nothing.
-        of_paper: whether the runs' averages are over the paper's corruptions alone, to stand beside the published ones.
+        alone: whether the page is about its runs, and the paper's results are only shown for comparison: then there are
+            no figures, observations and audit of the latter.
+        doubted: (sample set, name) of a run -> why its model is never marked as best.
+        of_paper: whether the runs' averages are over the paper's corruptions only, for comparison with the published
+            ones.
     """
 
     title: str
@@ -67,7 +69,7 @@ class Content:
 
 
 def run_content(run: Run) -> Content:
-    """Of a run's own report: the run first, the paper's lines below."""
+    """The content of a run's own report: the run first, the paper's lines below."""
     title = f"{run.name} on {benchmark_words(str(run.manifest['identity']['benchmark']))}"
     return _content(plain(title, 160), [run], [], published=True, alone=True)
 
@@ -79,13 +81,13 @@ def whole_content(
     published: bool = True,
     only_own: bool = False,
 ) -> Content:
-    """Of a leaderboard.
+    """The content of a leaderboard.
 
     Args:
         runs: none or more.
         files: (name of a file, the results read from it). Each is a sample set of its own unless its lines name one.
-        published: whether the paper's results are shown beside them.
-        only_own: whether the page is about the runs and files: the paper's results are only shown beside them.
+        published: whether the paper's results are shown as well.
+        only_own: whether the page is about the runs and files, and the paper's results are only shown for comparison.
 
     Raises:
         DataError: a value that appears twice, in two files or in a file and the paper's results.
@@ -97,7 +99,7 @@ def whole_content(
 def _content(
     title: str, runs: Sequence[Run], files: Sequence[tuple[str, pl.DataFrame]], published: bool, alone: bool
 ) -> Content:
-    # A page about its runs says of each what was asked for; the paper's lines only stand below.
+    # A page about its runs states what was requested of each; the paper's lines are only shown below.
     beside = published and not alone
     by_name = {}
     known = {}

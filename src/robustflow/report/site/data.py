@@ -1,7 +1,8 @@
-"""What a page shows, as data: its script makes of it the leaderboard's rows, the pages of models and the downloads.
+"""What a page shows, as data, from which its script makes the leaderboard's rows, the pages of models and the
+downloads.
 
-A row of markup is many times the size of its numbers, and most rows and pages are never looked at. Every text from
-outside is data here and becomes text in the browser, never markup.
+A row of markup is many times the size of its numbers, and most rows and pages are never viewed. Every text from outside
+is data here and becomes text in the browser, never markup.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ def page_data(boards: Sequence[Board], pages: Sequence[ModelPage]) -> dict[str, 
     """The data of a page.
 
     Returns:
-        `boards` in their order, `models` by the id of their page, `settings`: name -> (words, class of its chip,
-        what it means), `labels`: what the lines of heat tables are called, which they name by number.
+        `boards` in their order, `models` by the id of their page, `settings`: name -> (words, class of its chip, what
+        it means), `labels`: the labels of the lines of heat tables, which refer to them by number.
     """
     labels = {label: number for number, label in enumerate(_labels(pages))}
     settings = {entry.setting for board in boards for group in board.groups for entry in group.entries}
@@ -67,7 +68,7 @@ def _is_number(metric: str, corruption: str) -> bool:
 
 
 def _entry(entry: Entry, place: dict[Key, int], title: str) -> dict[str, Any]:
-    """Only what is there: most entries have no intervals, and many no note."""
+    """Only existing parts: most entries have no intervals, and many no note."""
     values: list[str | int] = [0] * len(place)
     for key, text in entry.texts.items():
         values[place[key]] = text
@@ -87,7 +88,7 @@ def _entry(entry: Entry, place: dict[Key, int], title: str) -> dict[str, Any]:
 
 
 def _remark(entry: Entry, title: str) -> str:
-    """Below the name: how it differs, unless the heading says so, and why it is the best of nothing."""
+    """Below the name: how it differs, unless the heading says so, and why it is never marked as best."""
     doubt = f"not marked as best: {plain(entry.doubt, 160)}" if entry.doubt else ""
     return "; ".join(part for part in (plain(entry.note, 80) if entry.note not in title else "", doubt) if part)
 
@@ -128,12 +129,12 @@ def _labels(pages: Sequence[ModelPage]) -> list[str]:
 
 
 def _heat_table(table: HeatTable, labels: Mapping[str, int]) -> dict[str, Any]:
-    """A line is the number of its label, its texts with a space between them, and its notes where it has any."""
+    """A line is the number of its label, its texts separated by spaces, and its notes, if any."""
     lines = []
     for label, cells in table.lines:
         notes = [note for _, note in cells]
         lines.append((labels[label], " ".join(text for text, _ in cells), *([notes] if any(notes) else [])))
-    tops = [None if top is None else float(f"{top:.4g}") for top in table.tops]  # a shade, not a number to read
+    tops = [None if top is None else float(f"{top:.4g}") for top in table.tops]  # only for the shade, not to be read
     return {"title": table.title, "columns": table.columns, "tops": tops, "lines": lines}
 
 

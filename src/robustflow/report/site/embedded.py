@@ -1,4 +1,5 @@
-"""The slider of the embedded pair, for a page whose runs have no pictures: drawn once and kept in the user's cache."""
+"""The slider of the embedded pair, for a page whose runs have no pictures: drawn once and stored in the user's
+cache."""
 
 from __future__ import annotations
 
@@ -76,4 +77,4 @@ def _write(slider: Slider, source: str) -> None:
             folder / f"{_KEY}.json", {"source": source, "digest": digest_of_value(kept, size=16), "slider": kept}
         )
     except DataError:
-        pass  # Nothing can be kept here: drawn again next time.
+        pass  # The cache cannot be written: draw it again next time.

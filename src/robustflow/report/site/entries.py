@@ -27,8 +27,8 @@ COVERAGE: Key = ("coverage", "")
 Interval = tuple[float, float]
 
 START: tuple[Key, ...] = (("epe", AVERAGE), ("rcre", AVERAGE), ("epe", CLEAN))
-"""What lines are sorted by at first: the error under corruption, or how far the flow moves without ground truth. CRE
-alone would put the knowledge-driven methods first, whose clean error leaves little room to get worse."""
+"""The initial sort key: the error under corruption, or how far the flow moves without ground truth. CRE alone would put
+the knowledge-driven methods first, whose clean error leaves little room to get worse."""
 
 
 @dataclass
@@ -36,17 +36,17 @@ class Entry:
     """A line of the leaderboard.
 
     Attributes:
-        benchmark, sample_set, setting: what it was measured on, and what its model has seen of it.
+        benchmark, sample_set, setting: what it was measured on, and how that relates to the model's training.
         model: the name, as one printable line, as `setting` and `note` are.
         name: the name as the results have it.
-        note: how it differs from the paper's measurement, "" for not at all.
+        note: how it differs from the paper's measurement; "" if not at all.
         page: the id of the model's page.
         texts: the printed numbers.
         numbers: the same as numbers.
-        derived: keys of numbers that the paper has not printed and that are made from others of its.
+        derived: keys of numbers that the paper does not print and that are computed from its others.
         best: keys whose printed number is the smallest among the models of its setting and sample set.
-        intervals: 95 % confidence intervals, where there are any.
-        doubt: why its model is the best of nothing, "" for a sound one.
+        intervals: 95 % confidence intervals, if any.
+        doubt: why its model is never marked as best; "" for a sound one.
     """
 
     benchmark: str
@@ -64,7 +64,7 @@ class Entry:
     doubt: str = ""
 
     def set(self, key: Key, value: float | None, decimals: int | None = None) -> None:
-        """Keep a number as it is printed; None is not kept."""
+        """Store a number as printed; None is skipped."""
         if value is not None:
             self.numbers[key], self.texts[key] = value, number_text(value, decimals)
 
@@ -85,10 +85,9 @@ def entries_of(
         costs: the paper's, by model: its CREr is shown as printed.
         intervals: by (sample set, name) of a run.
         run_costs: of runs, by (sample set, name).
-        first: (benchmark, sample set, setting, model, note) of entries that are there whatever the results say, before
-            the others.
+        first: (benchmark, sample set, setting, model, note) of entries that come first, whatever the results.
         doubted: by (sample set, name) of a run, why its model is the best of nothing.
-        coverage: of runs that left out pixels, which share of them is in the errors.
+        coverage: for runs that left out pixels, the share that is included in the errors.
     """
     entries: dict[tuple[str, str, str, str], Entry] = {}
     slugs = Slugs()
@@ -151,7 +150,7 @@ _UNMARKED = {("parameters", ""), ("flops", ""), COVERAGE}
 
 
 def _mark_best(entries: list[Entry], doubted: Mapping[tuple[str, str], str]) -> None:
-    """As in the paper, knowledge-driven methods have no marks, nor have numbers that the paper does not print."""
+    """As in the paper, knowledge-driven methods have no marks, and neither do numbers that the paper does not print."""
     lines = []
     for entry in entries:
         unmarked = entry.texts.keys() if entry.setting == "knowledge" else entry.derived | _UNMARKED

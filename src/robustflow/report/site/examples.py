@@ -1,4 +1,4 @@
-"""Example pictures of a run's folder, and of the embedded pair, ready to stand inside a page.
+"""Example pictures of a run's folder, and of the embedded pair, ready to be embedded in a page.
 
 A folder may come from anyone: its list is checked, a file's name is a plain name, and a picture is decoded and encoded
 again, so that nothing but pixels reaches the page.
@@ -30,8 +30,8 @@ _SLIDER_WIDTH, _PANEL_WIDTH = 384, 1200
 _QUALITY = 62
 
 MOST_RUNS = 12
-"""Runs of which a page shows panels: each adds a third of a megabyte. A page of more runs shows those of the first;
-each run's own page has its own."""
+"""The most runs whose panels a page shows: each adds a third of a megabyte. A page of more runs shows those of the
+first ones; each run's own page has its own."""
 
 _File = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")]
 _Text = Annotated[str, Field(max_length=500)]
@@ -70,7 +70,7 @@ class _Examples(_Strict):
 
 @dataclass(frozen=True)
 class Examples:
-    """What a page shows of its pictures: a slider, and panels by (sample set, name) of the run."""
+    """The pictures of a page: a slider, and panels by (sample set, name) of the run."""
 
     slider: Slider
     panels: Mapping[tuple[str, str], list[PanelPicture]] = field(default_factory=dict)
@@ -78,7 +78,7 @@ class Examples:
 
 @dataclass(frozen=True)
 class PanelPicture:
-    """A sample, what was predicted on it, and the errors; `corruption` as tables spell it."""
+    """A sample, what was predicted on it, and the errors; `corruption` as written in tables."""
 
     title: str
     corruption: str
@@ -90,10 +90,10 @@ class PanelPicture:
 
 
 def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
-    """The pictures of a run's folder; None where it has none.
+    """The pictures of a run's folder; None if it has none.
 
     Raises:
-        DataError: the list or a picture is damaged, too large, or not what it should be.
+        DataError: the list or a picture is damaged, too large, or not as expected.
     """
     folder = run.path / FOLDER
     if not (folder / EXAMPLES_FILE).is_file():
@@ -110,8 +110,8 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
 
 
 def examples_of(runs: Mapping[tuple[str, str], Run]) -> Examples | None:
-    """The slider of the first run with examples, and the panels of all of them; among more than `MOST_RUNS` runs, those
-    of the first alone."""
+    """The slider of the first run with examples, and the panels of all of them; among more than `MOST_RUNS` runs, only
+    those of the first."""
     slider: Slider | None = None
     panels: dict[tuple[str, str], list[PanelPicture]] = {}
     for key, run in runs.items():

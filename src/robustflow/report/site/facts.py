@@ -20,7 +20,8 @@ Facts = list[tuple[str, str]]
 
 
 def run_facts(run: Run) -> Facts:
-    """Of a run, from its manifest: model, data, seed, versions, and what is left out or not as in the paper."""
+    """Facts of a run, from its manifest: model, data, seed, versions, and what is left out or differs from the
+    paper."""
     manifest = run.manifest
     identity, environment = manifest["identity"], manifest.get("environment") or {}
     provenance = run.provenance
@@ -46,7 +47,7 @@ def run_facts(run: Run) -> Facts:
 
 
 def published_facts(model: str, sources: list[str]) -> Facts:
-    """Of a model of the paper or of a results file: its method, and the tables its values are in."""
+    """Facts of a model from the paper or a results file: its method, and the tables that contain its values."""
     method = method_of(model)
     facts = [("Source", ", ".join(source for source in sources if source))]
     if method is not None:

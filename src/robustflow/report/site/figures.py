@@ -28,7 +28,7 @@ _TEXTS = {
         "Bars of CREr for each class of corruptions, one colour per setting: what fine-tuning on the domain costs.",
     ),
     "relations": (
-        "How the numbers go together",
+        "How the numbers are related",
         "Four panels, a point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE.",
     ),
     "effective_trend": (
@@ -37,8 +37,8 @@ _TEXTS = {
         "predicts.",
     ),
     "displacement": (
-        "How far things move",
-        "Share of the pixels by the length of their flow on the clean frames: what is hard about a benchmark to begin "
+        "How far pixels move",
+        "Share of the pixels by the length of their flow on the clean frames: what makes a benchmark hard to begin "
         "with.",
     ),
     "severity_curves": (
@@ -52,8 +52,8 @@ _MOST_LINES = 200
 @dataclass(frozen=True)
 class PageFigure:
     """A figure: `svg` is markup, `apart` the same with a scale for each panel where the panels of `svg` share one,
-    `columns` and `lines` say the same in numbers, empty where tables elsewhere do; `head`
-    is what a line is of; `wide` where it has many panels."""
+    `columns` and `lines` give the same as numbers, empty if tables elsewhere do; `head` is what a line is of; `wide` if
+    it has many panels."""
 
     id: str
     title: str
@@ -68,8 +68,8 @@ class PageFigure:
 
 
 def page_figures(content: Content) -> list[PageFigure]:
-    """Figures of each sample set that the page is about, the severity curves of its runs and how far things move in
-    their frames, eight in a figure."""
+    """Figures of each sample set that the page is about, the severity curves of its runs and how far pixels move in
+    their frames, eight per figure."""
     drawn: list[tuple[str, str, MarkedFigure]] = []
     for frames, figures in figures_by_sample_set(content.focus).items():
         drawn += [(frames, name, figure) for name, figure in figures.items() if _compares(name, figure)]
@@ -82,7 +82,7 @@ def page_figures(content: Content) -> list[PageFigure]:
         try:
             curves = severity_curves({name: content.runs[frames, name].rows for name in runs})
         except UsageError:
-            # Runs without a single pixel to measure have no curve.
+            # Runs in which no pixel could be measured have no curve.
             continue
         drawn.append((frames, "severity_curves", curves))
     moved = iter(displacements_of(list(content.runs.values())).items())
@@ -96,8 +96,8 @@ def page_figures(content: Content) -> list[PageFigure]:
 
 
 def _best_runs(frames: str, content: Content) -> list[str]:
-    """Names of the runs of a sample set, as many as a figure can distinguish, in the order of the runs: of more, those
-    that come first on the leaderboard."""
+    """Names of the runs of a sample set, at most as many as a figure can distinguish, in the order of the runs; if
+    there are more, those that are first on the leaderboard."""
     names = [name for of, name in content.runs if of == frames]
     if len(names) <= len(SERIES):
         return names
@@ -107,7 +107,7 @@ def _best_runs(frames: str, content: Content) -> list[str]:
 
 
 def _compares(name: str, figure: MarkedFigure) -> bool:
-    """Whether there is something to see: one point does not make a cloud."""
+    """Whether there is something to see: a single point is not a distribution."""
     return name == "crer_by_family" or len({mark.model for marks in figure.marks.values() for mark in marks}) > 1
 
 

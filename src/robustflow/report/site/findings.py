@@ -26,7 +26,7 @@ class Checked:
 
 
 def checked_observations(content: Content) -> list[Checked]:
-    """For each sample set that the page is about, where at least one observation can be computed."""
+    """The observations on each sample set that the page is about, if at least one can be computed."""
     checked = []
     sound = sound_results(content.focus, content.doubted)
     for frames in dict.fromkeys(sound["sample_set"]):
@@ -39,7 +39,7 @@ def checked_observations(content: Content) -> list[Checked]:
 
 
 def audits(content: Content) -> list[Audit]:
-    """Of the paper's tables, and of the results that came from files; runs are audited by `robustflow audit RUN`."""
+    """The audit of the paper's tables, and of results from files; runs are audited by `robustflow audit RUN`."""
     frames = set(content.results["sample_set"])
     audits = [audit_published()] if content.costs and not content.alone else []
     from_runs = {of for of, _ in content.runs}

@@ -1,4 +1,4 @@
-"""The first sentences of a page: who is best, and whether that is significant."""
+"""The first sentences of a page: which model is best, and whether that is significant."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def headline(content: Content) -> list[str]:
     if published and not content.alone:
         sentences.append(
             f"Of the published models, those that change least under corruption are {'; '.join(published)}. The paper "
-            "prints means and no values per image, so it is unknown whether a lead is more than chance."
+            "prints means but no values per image, so it is unknown whether a lead is more than chance."
         )
     if imported:
         sentences.append(f"Not judged here: {counted(imported, 'imported line')}, in which nothing can be verified.")
@@ -63,7 +63,7 @@ def _own_without_truth(entries: Sequence[Entry], content: Content) -> dict[str, 
 
 
 def _best_of_settings(entries: list[Entry]) -> list[str]:
-    """Per setting the model with the lowest CRE, or RCRE where there is none."""
+    """For each setting the model with the lowest CRE, or RCRE if there is no CRE."""
     leaders = []
     for setting in dict.fromkeys(entry.setting for entry in entries if entry.setting != "knowledge"):
         ranked = _ranked([entry for entry in entries if entry.setting == setting])
@@ -74,7 +74,7 @@ def _best_of_settings(entries: list[Entry]) -> list[str]:
 
 
 def _printed(entry: Entry, key: Key) -> str:
-    """A printed score; beside a CRE that does not follow from the printed EPE, the one that does."""
+    """A printed score; for a CRE that does not follow from the printed EPE, also the one that does."""
     epe, clean = (entry.numbers.get(("epe", name)) for name in (AVERAGE, CLEAN))
     text = f"{entry.texts[key]} px"
     if key != ("cre", AVERAGE) or epe is None or clean is None or not misfits(entry.numbers[key], epe - clean, 0.015):
@@ -105,7 +105,7 @@ def _alone(entry: Entry) -> list[str]:
 
 
 def _of_own(entries: list[Entry], content: Content) -> list[str]:
-    """The lowest CRE beside the accuracy, among the models without doubts."""
+    """The lowest CRE together with the accuracy, among the models without doubts."""
     left_out = _not_ranked(entries, content, "Not ranked")
     sound = [entry for entry in entries if not _doubts(entry, content)]
     ranked = _ranked(sound)
@@ -129,7 +129,7 @@ def _of_own(entries: list[Entry], content: Content) -> list[str]:
 
 
 def _shown(entry: Entry, key: Key) -> str:
-    """A score beside the accuracy that it cannot be read without."""
+    """A score together with the accuracy, without which it cannot be judged."""
     clean = entry.texts.get(_CLEAN)
     return f"{entry.texts[key]} px" + (f"; clean EPE {clean} px" if clean else "")
 
@@ -147,8 +147,8 @@ def _not_ranked(entries: Sequence[Entry], content: Content, start: str) -> list[
 
 
 def _difference(metric: str, order: Sequence[Entry], content: Content) -> list[str]:
-    """Whether the best differs from the second, corrected for every pair of the best `MOST_COMPARED`: which two are
-    compared was chosen by looking at all."""
+    """Whether the best differs from the second, corrected for every pair of the best `MOST_COMPARED`, because the two
+    were chosen by looking at all."""
     runs = {entry.name: content.runs.get((entry.sample_set, entry.name)) for entry in order[:MOST_COMPARED]}
     rows = paper_rows if content.of_paper else (lambda run: run.rows)
     measured = {name: rows(run) for name, run in runs.items() if run is not None}
@@ -157,7 +157,7 @@ def _difference(metric: str, order: Sequence[Entry], content: Content) -> list[s
     try:
         table = compare_all(measured, metric)
     except RunError:
-        return []  # Frames differ under the same names; the leaderboard still says what each run measured.
+        return []  # Frames differ under the same names; the leaderboard still shows what each run measured.
     pair = table.filter(first=order[0].name, second=order[1].name)
     return [plain(sentence, None) for sentence in pair["sentence"]]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 
 def scale_top(values: Iterable[float | None]) -> float:
-    """The value of the strongest colour: the 95th percentile, so that one outlier does not pale all others.
+    """The value of the strongest colour: the 95th percentile, so that one outlier does not make all others pale.
 
     >>> scale_top([1.0, None, 2.0, -3.0])
     3.0

@@ -28,7 +28,7 @@ _TILES = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE),
 
 @dataclass(frozen=True)
 class HeatTable:
-    """Corruptions down, severities or settings across.
+    """Corruptions as rows, severities or settings as columns.
 
     Attributes:
         title: what it shows.
@@ -51,11 +51,11 @@ class ModelPage:
         id: of the page.
         name: of the model.
         tiles: per line of the leaderboard (label, text, interval) of the overall means.
-        says: sentences.
+        says: sentences about it.
         tables: heat tables, the first one the most telling.
         facts: what ran.
         anatomy: error by region and family, of a run.
-        panels: pictures of what a run predicted.
+        panels: pictures of a run's predictions.
     """
 
     id: str
@@ -72,7 +72,7 @@ def model_pages(content: Content, panels: Mapping[tuple[str, str], Sequence[Pane
     """A page for each model of each sample set, in the order of the entries.
 
     Args:
-        content: of which.
+        content: of the page.
         panels: pictures of predictions, by (sample set, name) of a run.
     """
     by_page: dict[str, list[Entry]] = {}
@@ -131,13 +131,13 @@ def _tiles(entry: Entry) -> tuple[tuple[str, str, str], ...]:
 
 
 def interval_text(entry: Entry, key: Key) -> str:
-    """ "[1.02, 1.71]", or "" where there is no interval."""
+    """ "[1.02, 1.71]", or "" if there is no interval."""
     interval = entry.intervals.get(key)
     return f"[{interval[0]:.2f}, {interval[1]:.2f}]" if interval else ""
 
 
 def _sentences(entry: Entry) -> tuple[str, ...]:
-    """Under which corruptions the model does worst and best."""
+    """The corruptions under which the model is worst and best."""
     for metric in ("cre", "rcre"):
         values = {name: entry.numbers[metric, name] for name in PAPER_ORDER if (metric, name) in entry.numbers}
         if len(values) < 2:

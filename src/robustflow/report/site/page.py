@@ -22,7 +22,7 @@ from .models import model_pages
 
 
 def render_site(content: Content, gallery: Slider | None = None) -> str:
-    """The page as one HTML file: it opens from disk and asks the network for nothing.
+    """The page as one HTML file: it opens from disk and loads nothing from the network.
 
     Args:
         content: what it shows.

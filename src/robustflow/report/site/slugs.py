@@ -9,7 +9,7 @@ _LONGEST = 40
 
 
 class Slugs:
-    """Gives every thing its own id of letters, digits and hyphens, the same one each time it is asked.
+    """Gives every thing its own id of letters, digits and hyphens, always the same one.
 
     >>> slugs = Slugs()
     >>> slugs.of(1, "SAMFlow-H"), slugs.of(2, "samflow h"), slugs.of(1, "SAMFlow-H"), slugs.of(3, "<>")

@@ -1,4 +1,4 @@
-"""A matplotlib figure as SVG inside a page: it takes the page's colours and fonts, and its marks say what they are."""
+"""A matplotlib figure as SVG inside a page: it uses the page's colours and fonts, and its marks carry their meaning."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _COLOURS = {
     PINK.lower(): "var(--chart-pink)",
     YELLOW.lower(): "var(--chart-yellow)",
 }
-"""Colours as matplotlib writes them, in lower case, and what the page calls them."""
+"""Colours as matplotlib writes them, in lower case, and their names in the page."""
 
 _FONT = re.compile(r"font:[^;]*?([\d.]+)px[^;]*")
 _FAMILY = re.compile(r"\s*font-family:[^;]*;?")
@@ -42,12 +42,12 @@ def inline_svg(
 
     Args:
         figure: with its marks.
-        prefix: of every id in it, so that several figures can stand in one page.
+        prefix: of every id in it, so that one page can hold several figures.
         title, description: what it shows, for those who do not see it.
         page_of: the id of a model's page, by the model's name.
 
     Returns:
-        The element; marks have `class="mark"`, `data-page` and `data-says`, names beside them `class="name"`.
+        The element; marks have `class="mark"`, `data-page` and `data-says`, names next to them `class="name"`.
     """
     root = ElementTree.fromstring(figure_bytes(figure, "svg", live_text=True))
     by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
@@ -102,7 +102,7 @@ def _drop(root: ElementTree.Element, *tags: str) -> None:
 
 
 def _share_shapes(root: ElementTree.Element) -> None:
-    """Of shapes that are the same, the first is used wherever one is."""
+    """Equal shapes are replaced by references to the first."""
     first: dict[tuple[str | None, ...], str] = {}
     same: dict[str, str] = {}
     for group in list(root.iter()):
@@ -122,7 +122,8 @@ def _share_shapes(root: ElementTree.Element) -> None:
 
 
 def _share_styles(root: ElementTree.Element) -> None:
-    """What all points of a group have in common is said once, by the group; and no space between elements."""
+    """Attributes that all points of a group have in common are moved to the group; and spaces between elements are
+    removed."""
     for group in root.iter():
         for text in ("text", "tail"):
             if not (getattr(group, text) or "").strip():
@@ -137,7 +138,7 @@ def _share_styles(root: ElementTree.Element) -> None:
 
 
 def _rename_ids(root: ElementTree.Element, prefix: str) -> None:
-    """Only ids that something refers to stay."""
+    """Remove ids to which nothing refers."""
     used: set[str] = set()
     for element in root.iter():
         target = element.attrib.pop(_XLINK, None)

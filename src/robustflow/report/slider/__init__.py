@@ -1,4 +1,4 @@
-"""The picture slider of every page: a clean picture beside corrupted ones, by corruption, severity and frame."""
+"""The picture slider of every page: a clean picture next to corrupted ones, by corruption, severity and frame."""
 
 from __future__ import annotations
 

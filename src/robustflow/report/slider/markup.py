@@ -1,4 +1,4 @@
-"""The slider as HTML, its style and its script, for any page to take in."""
+"""The slider as HTML, with its style and script, for inclusion in any page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .pictures import Shot, Slider
 def slider_markup(slider: Slider) -> Markup:
     """The slider's element, with its pictures as data. Every text in it is escaped.
 
-    The pictures that are shown at first are in the markup itself, so that they can be seen without scripts.
+    The pictures shown initially are in the markup itself, so that they are visible without scripts.
     """
     figures = []
     for index, (name, shots) in enumerate(slider.corruptions):
@@ -29,7 +29,7 @@ def slider_markup(slider: Slider) -> Markup:
 
 @cache
 def style() -> Markup:
-    """The slider's style sheet; colours are taken from the page's own variables where it has them."""
+    """The slider's style sheet; colours are taken from the page's own variables if it has them."""
     return Markup(_text("slider.css"))
 
 
@@ -46,7 +46,8 @@ def _first(slider: Slider, shots: tuple[Shot, ...]) -> Shot | None:
 
 
 def _data(slider: Slider) -> dict[str, Any]:
-    """What the script needs. A picture that the markup holds is null here: its bytes are in the page once."""
+    """The data for the script. A picture that the markup holds is null here, so that its bytes are in the page only
+    once."""
     corruptions = []
     for name, shots in slider.corruptions:
         first = _first(slider, shots)

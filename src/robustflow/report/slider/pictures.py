@@ -23,16 +23,16 @@ class Shot:
 
 @dataclass(frozen=True)
 class Slider:
-    """Frames as they are and under corruptions.
+    """Clean frames and the same under corruptions.
 
     Attributes:
         title: what the frames are.
         width, height: of every picture, pixels.
         clean: a `data:` address for each frame; with more than one the page has a frame control.
-        corruptions: (label, shots by ascending severity); a severity without a shot says `absent`.
-        severities: what the severity control reaches.
-        start: the severity shown at first, or the one nearest to it.
-        together: whether all corruptions are shown at first, rather than the first of them.
+        corruptions: (label, shots by ascending severity); a severity without a shot shows `absent`.
+        severities: those of the severity control.
+        start: the severity shown initially, or the nearest one.
+        together: whether all corruptions are shown initially, rather than the first of them.
         absent: why a severity may have no picture.
         first_frame: the number of the first frame in its clip.
     """
@@ -62,13 +62,13 @@ def make_slider(
     absent: str = "This severity was not run.",
     first_frame: int = 0,
 ) -> Slider:
-    """A slider from frames; holds one corrupted clip at a time where `pictures` is a generator.
+    """A slider from frames; holds one corrupted clip at a time if `pictures` is a generator.
 
     Args:
-        title, severities, start, together, absent, first_frame: as `Slider` has them.
+        title, severities, start, together, absent, first_frame: see `Slider`.
         clean: RGB uint8 (H, W, 3), one or more frames of one size.
         pictures: (corruption, severity, as many frames as `clean`, caption) in the order of the choice of corruptions.
-            Without frames the corruption is listed and its severity says `absent`.
+            Without frames the corruption is listed and its severity shows `absent`.
         widest: pixels that pictures are shrunk to.
         quality: of the JPEG encoding, 1 to 95.
 
