@@ -266,7 +266,7 @@ def test_missing_data_and_a_missing_start_are_one_line(request_for, tmp_path):
     from robustflow.training.recipe import load_recipe
 
     things = load_recipe("raft_small", "things").changed(batch=2, crop=(128, 144))
-    with pytest.raises(UsageError, match="begins with the weights of its stage 'chairs'"):
+    with pytest.raises(UsageError, match="starts from the weights of its stage 'chairs'"):
         run_training(replace(request_for(), recipe=things.changed(mix="chairs"), start=None))
 
 

@@ -1,9 +1,9 @@
 """A counter-based random generator: value `i` of stream `key` is a hash of (key, i).
 
-Nothing is carried from call to call but a position, so a stream can be read from anywhere, in any order, by any
-number of threads, and gives the same values on every machine: all arithmetic is on 64-bit integers, the conversion
-to floating point is exact, and normal numbers need nothing but the operations that IEEE 754 fixes to the bit. Streams
-are named by what they are for (`Rng.of(seed, "fog", 3, "000010")`), not by when they were made.
+Nothing is carried from call to call but a position, so a stream can be read from anywhere, in any order, by any number
+of threads, and gives the same values on every machine: all arithmetic is on 64-bit integers, the conversion to floating
+point is exact, and normal numbers need nothing but operations whose results IEEE 754 fixes exactly. Streams are named
+by what they are for (`Rng.of(seed, "fog", 3, "000010")`), not by when they were made.
 
 The hash is two rounds of the 64-bit finaliser of MurmurHash3 as improved by Stafford ("variant 13", used by
 SplitMix64; Steele, Lea and Flood 2014), keyed by adding the key before each round.
