@@ -121,7 +121,7 @@ class Previewer:
             "size": [sample.shape[1], sample.shape[0]],
             "truth": sample.flow is not None,
             "seconds": round(seconds, 3),
-            "call": f"corrupt(frame1, frame2, {_spelled(wanted, source.textures)}, severity={severity}, "
+            "call": f"corrupt(frame1, frame2, {_described(wanted, source.textures)}, severity={severity}, "
             f"seed={wanted.seed}, key={sample.key!r})",
             **_numbers(sample, flow, clean, name, severity),
             **_pictures(sample, corrupted, flow, clean, wanted.frames),
@@ -139,7 +139,7 @@ class Previewer:
         return self._clean[place]
 
 
-def _spelled(wanted: PreviewRequest, textures: Textures) -> str:
+def _described(wanted: PreviewRequest, textures: Textures) -> str:
     """The corruption as a caller of the library writes it."""
     name, _ = wanted.corruption
     if textures == PHOTOGRAPHS or all(layer.name != "frost" for layer in wanted.layers):

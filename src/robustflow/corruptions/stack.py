@@ -135,8 +135,8 @@ class Stack(Corruption):
             if level is not None:
                 part.parameter(level)
         self._parts = parts
-        spelled = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
-        self.name = _PLUS.join(spelled)  # type: ignore[misc]  # a stack's name is its own
+        names = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
+        self.name = _PLUS.join(names)  # type: ignore[misc]  # a stack's name is its own
 
     def with_textures(self, textures: Textures) -> Stack:
         """Every part with these textures."""

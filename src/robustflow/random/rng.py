@@ -43,13 +43,13 @@ def fill_bits(key: Any, start: Any, out: Any) -> None:
 
 
 def key_of(*parts: str | int) -> int:
-    """A 64-bit key from strings and integers; no two different tuples are spelled the same.
+    """A 64-bit key from strings and integers; different tuples are hashed from different texts.
 
     >>> key_of("fog", 1) != key_of("fog1") != key_of("fog", "1")
     True
     """
-    spelled = "\x1f".join(f"{type(part).__name__}:{len(str(part))}:{part}" for part in parts)
-    return int.from_bytes(hashlib.blake2b(spelled.encode(), digest_size=8).digest(), "little")
+    text = "\x1f".join(f"{type(part).__name__}:{len(str(part))}:{part}" for part in parts)
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little")
 
 
 class Rng:

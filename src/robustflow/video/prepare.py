@@ -214,5 +214,5 @@ def _with_key_frames(
 
 
 def _digest(wanted: ClipManifest) -> str:
-    spelled = json.dumps(wanted.model_dump(), sort_keys=True)
-    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
+    text = json.dumps(wanted.model_dump(), sort_keys=True)
+    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
