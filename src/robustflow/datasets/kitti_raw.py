@@ -74,8 +74,8 @@ class KittiRaw(PairDataset):
         }
         if not pairs:
             raise DataError(
-                f"{root}: no pair of frames in its {len(drive_folders)} drives, apart from those of KITTI 2015 and 2012; "
-                "give others, or drives=all"
+                f"{root}: no pair of frames in its {len(drive_folders)} drives, apart from those of KITTI 2015 and "
+                "2012; give others, or drives=all"
             )
         super().__init__(pairs, root)
 
