@@ -91,7 +91,7 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
         assert np.array_equal(flows[condition], model.predict(*pair))
 
     results = read_results("submission/results.csv")
-    rcre = values_of(results, "rcre", benchmark="robustspring")
+    rcre = values_of(results, "rcre", benchmark="RobustSpring")
     assert set(results["setting"]) == {"knowledge"}
     assert {name for _, _, name in rcre} == {"fog", "rain", "average"}
     moved = []

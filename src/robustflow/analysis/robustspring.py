@@ -13,7 +13,7 @@ from ..text import counted
 from .results import AVERAGE, RESULT_SCHEMA
 from .scores import OWN
 
-BENCHMARK = "robustspring"
+BENCHMARK = "RobustSpring"
 
 
 def robustspring_results(run: Run, moved: Mapping[str, Sequence[float]]) -> pl.DataFrame:

@@ -1,6 +1,8 @@
 """The frames around a pair, for multi-frame models: which exist, how they are read, corrupted by the pair's own draw,
-and put in order. Within a run they come after the pair, so that everything that uses a pair (metrics, digests,
-pictures) sees the pair that a two-frame model gets, byte for byte.
+and put in order.
+
+Within a run they come after the pair, so that everything that uses a pair (metrics, digests, pictures) sees the pair
+that a two-frame model gets, byte for byte.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""GoPro-FC as prepared: pairs of key frames of clips, and the corruptions that need the whole clip. Image corruptions
-are made on the fly as elsewhere. Object motion blur and the three video corruptions are made from the clip (see
-`robustflow.video.open_clip`): for the runner, these frames come already corrupted.
+"""GoPro-FC as prepared: pairs of key frames of clips, and the corruptions that need the whole clip.
+
+Image corruptions are made on the fly as elsewhere. Object motion blur and the three video corruptions are made from the
+clip (see `robustflow.video.open_clip`): for the runner, these frames come already corrupted.
 """
 
 from __future__ import annotations
@@ -107,8 +108,9 @@ class GoProFCPrepared(Samples):
         return corruption in CLIP
 
     def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
-        """See `PreCorrupted.corrupted`; made on first use, which for a video corruption takes a pass over the clip. A
-        `UserWarning` is issued at that point if bit errors changed nothing or cost frames.
+        """See `PreCorrupted.corrupted`; made on first use, which for a video corruption takes a pass over the clip.
+
+        A `UserWarning` is issued at that point if bit errors changed nothing or cost frames.
         """
         first, second = (self.corrupted_frame(key, offset, corruption, severity) for offset in (0, 1))
         return first, second

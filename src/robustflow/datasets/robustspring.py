@@ -9,8 +9,9 @@ CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5.
 Source: Schmalfuss et al., RobustSpring, arXiv 2505.09368. The layout of the flows, the names and the lengths of the
 sequences are those of springeval/templates/springeval/faq.html and subsampling/flow_robust_subsampling.cpp in
 cv-stuttgart/springwebsite at bbfabe8. That of the frames is what two independent readers of the files expect:
-tools/official_transfer_probe.py in eLiAshaun/CAR-GR-RoCo-Spring at 5cbd69a, and the data set class of
-wision-lab/instant-video-models. This reader has not been run on the 20,000 released frames themselves.
+tools/official_transfer_probe.py in eLiAshaun/CAR-GR-RoCo-Spring at 5cbd69a and
+instant_video_models/datasets/robust_spring.py in wision-lab/instant-video-models at e685f56. This reader has not been
+run on the released frames themselves.
 """
 
 from __future__ import annotations

@@ -166,8 +166,9 @@ def check_version(record: dict[str, Any], name: str) -> None:
 
 
 def shareable_manifest(manifest: dict[str, Any], keep_paths: bool = False) -> dict[str, Any]:
-    """A run's manifest in the form for a record: names of files without folders, kind of machine, versions, times. The
-    command line is left out because it contains paths, and so are the machine's name and system version.
+    """A run's manifest in the form for a record: names of files without folders, kind of machine, versions, times.
+
+    The command line is left out because it contains paths, and so are the machine's name and system version.
 
     Raises:
         RunError: a text in it contains a path of this machine, but is part of the run's identity and cannot be left

@@ -18,6 +18,7 @@ from ..benchmarks import benchmark_facts
 from ..corruptions.registry import FAMILIES
 from ..report.table import Column, Line, Section, Table, TableCell, number_text
 from ..runs.run import Run
+from ..severity import SEVERITIES
 from ..text import text_cell
 from .artefacts import Artefact
 from .plan import Runnable
@@ -52,13 +53,15 @@ def pair_of(artefact: Artefact, runnable: Runnable, run: Run) -> Pair:
     """A variant that was run, beside the published values over the same corruptions."""
     here = _values(run_results([run], beside_published=True))
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
+    levels = run.manifest["selection"]["severities"]
     setting = "training not stated" if run.setting == "undeclared" else run.setting
     differs = setting not in (runnable.variant.setting, "untrained")
     notes = (
         runnable.weights,
         f"{setting}, not the setting of this line" if differs else "",
         note_of(run, beside_published=True),
-        "" if len(measured) == len(_of_paper(artefact)) else "the published average is over the same ones",
+        "" if len(measured) == len(_of_paper(artefact)) else "the published average is over the same corruptions",
+        "" if set(levels) == set(SEVERITIES) else "the published values are over all five severities",
     )
     published = _published(artefact, runnable.variant, measured)
     return Pair(runnable.variant, published, here, "; ".join(filter(None, notes)), runnable.random)

@@ -89,7 +89,9 @@ def histogram(flows: Iterable[tuple[Flow, Mask]], edges: Sequence[float] = EDGES
 
 def keep_displacement(result: Run, benchmark: Benchmark) -> None:
     """Store the histogram of a run's ground truth in its folder, for its pages, unless it exists or there is no ground
-    truth. It takes one more pass over the clean pairs, where the run itself takes a hundred.
+    truth.
+
+    It takes one more pass over the clean pairs, where the run itself takes a hundred.
 
     Args:
         result: of the run.

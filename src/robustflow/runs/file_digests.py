@@ -1,5 +1,6 @@
-"""A digest of every file that a run's samples are read from, so that a later change of a single byte is noticed. Many
-formats (BMP, PPM, uncompressed TIFF, .flo) cannot detect a changed byte themselves.
+"""A digest of every file that a run's samples are read from, so that a later change of a single byte is noticed.
+
+Many formats (BMP, PPM, uncompressed TIFF, .flo) cannot detect a changed byte themselves.
 """
 
 from __future__ import annotations

@@ -69,8 +69,9 @@ class Run:
 
     @cached_property
     def summary(self) -> Summary:
-        """Means over the corruptions of this run, the paper's means, and where they are incomplete. Read from
-        `summary.json` if that was made from these rows, otherwise computed.
+        """Means over the corruptions of this run, the paper's means, and where they are incomplete.
+
+        Read from `summary.json` if that was made from these rows, otherwise computed.
         """
         return self._kept_means() or self._means
 

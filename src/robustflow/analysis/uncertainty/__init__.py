@@ -1,4 +1,5 @@
 """How certain a mean is: bootstrap intervals, paired tests, and what can be claimed about a difference.
+
 `docs/design/uncertainty.md` explains the choice of methods and how well they work.
 """
 

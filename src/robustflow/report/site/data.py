@@ -1,6 +1,8 @@
 """What a page shows, as data, from which its script makes the leaderboard's rows, the pages of models and the
-downloads. A row of markup is many times the size of its numbers, and most rows and pages are never viewed. Every text
-from outside is data here and becomes text in the browser, never markup.
+downloads.
+
+A row of markup is many times the size of its numbers, and most rows and pages are never viewed. Every text from outside
+is data here and becomes text in the browser, never markup.
 """
 
 from __future__ import annotations
