@@ -17,8 +17,9 @@ _BYTES = 4
 
 def expected_memory(recipe: Recipe) -> float | None:
     """GiB for weights, gradients, moments and what is kept for the backward pass, with the whole batch on one device
-    and in single precision; None for a network that was not measured. Mixed precision needs less; the workspaces of
-    convolutions and the memory of a device's libraries are not included.
+    and in single precision; None for a network that was not measured.
+
+    Mixed precision needs less; the workspaces of convolutions and the memory of a device's libraries are not included.
 
     >>> from robustflow.training.recipe import load_recipe
     >>> recipe = load_recipe("raft", "ood")
