@@ -168,7 +168,7 @@ def test_one_process_and_two_make_the_same_weights_to_rounding(request_for, tmp_
     assert start.recipe.method == "raft_small"
 
 
-def test_one_of_two_processes_is_asked_to_stop_and_both_do(request_for, tmp_path):
+def test_one_of_two_processes_is_told_to_stop_and_both_do(request_for, tmp_path):
     """A signal reaches the processes at different moments; the one that stops must not leave the other waiting."""
     import pickle
 

@@ -29,7 +29,7 @@ class _Strict(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-class RecordEntry(_Strict):
+class Entry(_Strict):
     """Size and hash of an entry of the file."""
 
     bytes: Annotated[int, Field(ge=0)]
@@ -43,7 +43,7 @@ class Record(_Strict):
     version: Annotated[int, Field(ge=1, le=VERSION)] = VERSION
     run: _Digest
     complete: bool
-    entries: dict[str, RecordEntry]
+    entries: dict[str, Entry]
     author: Annotated[str, Field(max_length=200)] = ""
     link: Annotated[str, Field(max_length=500)] = ""
     description: Annotated[str, Field(max_length=2000)] = ""
