@@ -10,7 +10,7 @@ from ..atomic import json_bytes, write_bytes
 from ..errors import DataError, RunError, UsageError
 from ..runs.costs import PROFILE, read_cost
 from .container import container_bytes, read_file
-from .contents import FORMAT, VERSION, Record, Entry, shareable_manifest, validated
+from .contents import FORMAT, VERSION, Entry, Record, shareable_manifest, validated
 from .read import Reader
 from .rows_text import rows_to_text
 from .text import check_text
