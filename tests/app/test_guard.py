@@ -170,7 +170,7 @@ def test_a_port_that_is_taken():
     [
         (("--port", "70000"), "port 70000 does not exist"),
         (("--host", "203.0.113.1"), "cannot listen on 203.0.113.1"),
-        (("-O", "preset=fast"), "preset belongs to a model"),
+        (("-O", "preset=fast"), "preset is an option of a model"),
     ],
 )
 def test_what_cannot_be_served(arguments, says):
