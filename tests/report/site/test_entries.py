@@ -6,6 +6,7 @@ from statistics import fmean
 
 import pytest
 
+from robustflow.analysis.imported import NOTE
 from robustflow.analysis.labels import SETTING_LABELS
 from robustflow.analysis.published.tables import published_costs, published_results
 from robustflow.analysis.results import parse_results
@@ -101,3 +102,12 @@ def test_order_puts_what_is_missing_last():
     text = head + "OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n"
     entries = sorted(entries_of(parse_results(text, "a.csv", "a"), {}), key=default_order)
     assert [entry.model for entry in entries] == ["C", "A", "B"]
+
+
+def test_imported_lines_are_the_best_of_nothing():
+    lines = "setting,model,metric,corruption,value,note\n"
+    numbers = [(model, f"own,{model},epe,fog,{value}") for model, value in (("A", "1.00"), ("B", "2.00"))]
+    for note, best in (("", 1), (NOTE, 0)):
+        text = lines + "".join(f'{line},"{note}"\n' for _, line in numbers)
+        entries = entries_of(parse_results(text, "r.csv", "file"), {})
+        assert len([entry for entry in entries if ("epe", "fog") in entry.best]) == best

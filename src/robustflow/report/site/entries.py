@@ -9,6 +9,7 @@ import polars as pl
 
 from ...analysis.best import Compared, best_of_columns
 from ...analysis.cost_ranks import cost_ranks, measured_crer, run_ranks
+from ...analysis.imported import NOTE as IMPORTED
 from ...analysis.published.tables import PAPER, Cost
 from ...analysis.results import AVERAGE, CLEAN
 from ...benchmarks import benchmark_facts
@@ -150,10 +151,12 @@ _UNMARKED = {("parameters", ""), ("flops", ""), COVERAGE}
 
 
 def _mark_best(entries: list[Entry], doubted: Mapping[tuple[str, str], str]) -> None:
-    """As in the paper, knowledge-driven methods have no marks, and neither do numbers that the paper does not print."""
+    """As in the paper, knowledge-driven methods have no marks, and neither do numbers that the paper does not print.
+    Nor do imported lines: that they were measured on the same frames cannot be verified."""
     lines = []
     for entry in entries:
-        unmarked = entry.texts.keys() if entry.setting == "knowledge" else entry.derived | _UNMARKED
+        never = entry.setting == "knowledge" or entry.note == IMPORTED
+        unmarked = entry.texts.keys() if never else entry.derived | _UNMARKED
         texts = {key: text for key, text in entry.texts.items() if key not in unmarked}
         group = (entry.benchmark, entry.sample_set, entry.setting)
         lines.append(Compared(group, texts, (entry.sample_set, entry.name) in doubted))
