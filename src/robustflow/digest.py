@@ -29,5 +29,5 @@ def digest_of_value(value: Any, size: int = 8) -> str:
     >>> digest_of_value({})
     '01e7b720ff566d53'
     """
-    spelled = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
-    return digest_of_bytes(spelled.encode(), size=size)
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+    return digest_of_bytes(text.encode(), size=size)

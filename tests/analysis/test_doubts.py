@@ -38,7 +38,7 @@ def test_a_flow_that_does_not_depend_on_the_frames_is_flagged():
     assert not doubts_from_rows(same), "frames that are not changed by a corruption say nothing"
 
 
-def test_a_lower_cre_is_no_verdict_without_the_accuracy():
+def test_a_lower_cre_is_not_a_verdict_without_the_accuracy():
     lines = compare(_USELESS, _SOUND, ("random", "dis"), resamples=499)
     cre = lines.filter(metric="cre", corruption="average")["sentence"].item()
     gap = 18 * _HARD.mean()

@@ -16,7 +16,7 @@ VALUES = st.lists(st.integers(-4, 4) | st.floats(allow_nan=False), max_size=30)
 
 
 @given(VALUES)
-def test_ranks_are_those_of_scipy_to_the_bit(values):
+def test_ranks_are_those_of_scipy_bit_for_bit(values):
     numbered = dict(enumerate(values))
     assert list(competition_ranks(numbered).values()) == rankdata(values, method="min").tolist()
     assert middle_ranks(values) == rankdata(values).tolist()

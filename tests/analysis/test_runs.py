@@ -173,7 +173,7 @@ def test_runs_over_the_same_frames_are_one_sample_set(runs, tmp_path):
     assert sample_set(other) not in {sample_set(run) for run in runs}
 
 
-def test_what_is_averaged_over_less_is_no_rival(runs, tmp_path):
+def test_what_is_averaged_over_less_is_not_a_rival(runs, tmp_path):
     """The same plan, but the hardest settings are missing: its average is not that of the others."""
     folder = RunFolder(shutil.copytree(runs[0].path, tmp_path / "part"))
     rows = folder.rows()

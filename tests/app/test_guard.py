@@ -180,7 +180,7 @@ def test_what_cannot_be_served(arguments, says):
     assert found.stderr.count("\n") == 1
 
 
-def test_other_machines_only_when_asked_for_and_with_a_warning(tmp_path):
+def test_other_machines_only_when_requested_and_with_a_warning(tmp_path):
     with running_app(tmp_path, "--host", "0.0.0.0") as running:
         port = running.host.rpartition(":")[2]
         assert running.ask("GET", "/choices", host=f"192.168.0.7:{port}")[0] == 200

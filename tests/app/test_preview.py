@@ -119,7 +119,7 @@ def test_what_shows_in_the_middle_is_one_line_too(app, changed, says):
 
 
 @pytest.mark.parametrize("body", ["", "[]", "null", "{", '{"a": NaN}', "[" * 10000, '"\\ud800"', b"\xff\xfe"])
-def test_what_is_no_request(app, body):
+def test_what_is_not_a_request(app, body):
     status, answer, _ = app.ask("POST", "/preview", body)
     assert status == 400
     assert list(json.loads(answer)) == ["error"]

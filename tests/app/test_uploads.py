@@ -115,7 +115,7 @@ def test_too_little_or_no_video(app, files):
 
 
 @pytest.mark.parametrize("name", ["../../../etc/cron.d/x.png", "C:\\windows\\x.png", "/abs/x.png", "..\\..\\x.png"])
-def test_a_name_is_no_path(app, name):
+def test_a_name_is_not_a_path(app, name):
     status, found = app.upload(frame1=(name.replace("\\", "\\\\"), _png(FRAME)), frame2=("b.png", _png(OTHER)))
     assert (status, found["name"]) == (200, "x.png, b.png")
 

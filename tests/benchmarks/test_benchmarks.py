@@ -117,7 +117,7 @@ def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):
         list(export(chosen, tmp_path / "fc", seed=5))
 
 
-def test_an_export_goes_on_and_never_mixes(kitti, tmp_path):
+def test_an_export_continues_and_never_mixes(kitti, tmp_path):
     benchmark = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
     list(export(benchmark, tmp_path / "fc"))
     frame = tmp_path / "fc" / "contrast_1" / "val" / "image_2" / "000000_11.png"

@@ -89,7 +89,7 @@ def test_show_measures_robustness_beside_accuracy(robustflow, tmp_path):
 
 
 @pytest.mark.parametrize("metric", ["all", "rcre"])
-def test_a_name_or_folder_is_no_markup_and_steers_no_terminal(robustflow, tmp_path, metric):
+def test_a_name_or_folder_is_not_markup_and_steers_no_terminal(robustflow, tmp_path, metric):
     run = tmp_path / "r[/blue]"
     rf.evaluate(_Named(), "demo", output=run, corruptions=["contrast"], severities=[1], examples=False)
     code, out, err = robustflow("show", run, "--metric", metric)

@@ -56,7 +56,7 @@ def test_ours_beside_the_published_values(robustflow, data, tmp_path):
     assert f"{ours - _published('DIS', 'contrast'):+.2f}" in out
 
 
-def test_a_second_call_goes_on_and_the_figure_takes_the_same_runs(robustflow, data, tmp_path):
+def test_a_second_call_continues_and_the_figure_takes_the_same_runs(robustflow, data, tmp_path):
     few = ("--models", "dis", "--corruptions", "contrast", "--severities", "1")
     robustflow("reproduce", "tab2", "--data", data, *few, "--limit", "1")
     code, _, error = robustflow("reproduce", "fig4", "--data", data, *few)

@@ -104,7 +104,7 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
     )
 
 
-def test_a_stopped_export_goes_on_and_has_the_same_results(robustflow, run, frames):
+def test_a_stopped_export_continues_and_has_the_same_results(robustflow, run, frames):
     command = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog", "--limit", "4", "-o", "out")
     assert "8 flows, 8 written" in robustflow(*command)[1]
     first = Path("out/results.csv").read_bytes()

@@ -72,7 +72,7 @@ def test_it_composes_with_torchvision():
         (({"flow": 3},), "no image"),
     ],
 )
-def test_what_is_no_image_is_refused(tensors, says):
+def test_what_is_not_an_image_is_refused(tensors, says):
     with pytest.raises(DataError, match=says):
         TorchCorruption(["contrast"])(*tensors)
 

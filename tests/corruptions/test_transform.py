@@ -115,7 +115,7 @@ def test_keys_name_draws_and_calls_count_them():
     assert (CorruptionTransform(["impulse_noise"], [3], seed=2)(image, key="x") != again(image, key="x")).any()
 
 
-def test_names_severities_and_probability_are_drawn_as_asked():
+def test_names_severities_and_probability_are_drawn_as_requested():
     image = np.full((16, 16, 3), 100, np.uint8)
     transform = CorruptionTransform(["high_light", "low_light"], [1, 2], probability=0.5)
     seen = [int(transform(image, key=key)[0, 0, 0]) for key in range(400)]
@@ -134,7 +134,7 @@ def test_nothing_is_drawn_that_the_scale_lacks():
         CorruptionTransform([name], lacking, scale="calibrated")
 
 
-def test_a_pickled_copy_goes_on_where_the_original_stood():
+def test_a_pickled_copy_continues_where_the_original_stood():
     transform, image = CorruptionTransform(["shot_noise"], [2]), picture()
     transform(image)
     copy = pickle.loads(pickle.dumps(transform))
@@ -221,7 +221,7 @@ def test_the_guides_example_runs():
     )
 
 
-def test_psf_blur_takes_a_second_and_is_no_default():
+def test_psf_blur_takes_a_second_and_is_not_a_default():
     assert set(IMAGE_PAIR) - set(CorruptionTransform().names) == {"psf_blur"}
     assert CorruptionTransform(["psf_blur"]).names == ("psf_blur",)
 

@@ -50,7 +50,7 @@ def test_folder_of_folders(tmp_path: Path) -> None:
     assert dataset.load("clip10/2").group == "clip10"
 
 
-def test_frames_that_are_no_sequence(tmp_path: Path) -> None:
+def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:
     picture(tmp_path / "a.png")
     refused(tmp_path, "1 frame, but pairs at a step of 1 need 2 or more")
     picture(tmp_path / "b.png", height=9)
@@ -183,7 +183,7 @@ def test_a_damaged_video_is_refused(tmp_path: Path) -> None:
     assert taken < changed / 4
 
 
-def test_a_playlist_under_another_name_is_no_video(tmp_path: Path) -> None:
+def test_a_playlist_under_another_name_is_not_a_video(tmp_path: Path) -> None:
     """FFmpeg looks at contents: this text would be read as a list of files, whatever it is called."""
     write_video(tmp_path / "secret.mp4", 20, 6)
     (tmp_path / "clip.mp4").write_text("ffconcat version 1.0\nfile secret.mp4\n")

@@ -125,13 +125,13 @@ def test_hostile_flo5(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("channels", [1, 3, 4])
-def test_a_picture_is_no_flow(tmp_path: Path, channels: int) -> None:
+def test_a_picture_is_not_a_flow(tmp_path: Path, channels: int) -> None:
     picture = np.zeros((4, 5, channels), np.uint8)
     cv2.imwrite(str(tmp_path / "8.png"), picture)
     assert "8-bit PNG" in refused(tmp_path / "8.png")
 
 
-def test_a_16_bit_grey_png_is_no_flow(tmp_path: Path) -> None:
+def test_a_16_bit_grey_png_is_not_a_flow(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "disparity.png"), np.zeros((4, 5), np.uint16))
     assert "16-bit PNG with 1 channel" in refused(tmp_path / "disparity.png")
 

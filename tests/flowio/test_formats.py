@@ -148,7 +148,7 @@ def test_flo5_without_h5py_names_the_extra(tmp_path: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("suffix", FLOW_SUFFIXES)
-def test_writing_refuses_what_is_no_flow_and_leaves_nothing(tmp_path: Path, suffix: str) -> None:
+def test_writing_refuses_what_is_not_a_flow_and_leaves_nothing(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"flow{suffix}"
     for flow in (np.zeros((2, 2)), np.zeros((2, 2, 3)), np.zeros((0, 2, 2)), np.zeros((2, 2, 2), complex)):
         with pytest.raises(DataError, match=r"\(H, W, 2\)"):

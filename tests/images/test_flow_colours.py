@@ -85,6 +85,6 @@ def test_radius_ignores_outliers_and_what_is_unknown():
 
 
 @pytest.mark.parametrize(("shape", "radius"), [((2, 2), 1.0), ((2, 2, 3), 1.0), ((2, 2, 2), 0.0), ((2, 2, 2), np.nan)])
-def test_what_is_no_flow_is_refused(shape, radius):
+def test_what_is_not_a_flow_is_refused(shape, radius):
     with pytest.raises(DataError, match="cannot colour"):
         flow_colours(np.zeros(shape, np.float32), radius)

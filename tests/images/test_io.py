@@ -130,7 +130,7 @@ def test_orientation_is_applied_as_opencv_does(tmp_path: Path, orientation: int)
     ],
 )
 @pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")
-def test_what_is_no_picture(tmp_path: Path, content: bytes, match: str) -> None:
+def test_what_is_not_a_picture(tmp_path: Path, content: bytes, match: str) -> None:
     (tmp_path / "a.ppm").write_bytes(content)
     refused(tmp_path / "a.ppm", match)
     refused(tmp_path / "missing.png", "no such picture")

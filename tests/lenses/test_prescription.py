@@ -47,7 +47,7 @@ def test_a_faulty_prescription_is_refused_in_one_line_that_names_the_fault(tmp_p
 
 
 @pytest.mark.parametrize("content", ["", "[]", "{", '{"name": NaN}', "\x00\x01"])
-def test_what_is_no_prescription_is_refused(tmp_path, content):
+def test_what_is_not_a_prescription_is_refused(tmp_path, content):
     path = tmp_path / "lens.json"
     path.write_text(content)
     with pytest.raises(DataError, match="is not a lens prescription"):

@@ -27,7 +27,7 @@ def test_media_and_stop_of_a_structure():
     assert Structure(("N-BK7",), 0).media == ("air", "air", "N-BK7", "air")
 
 
-def test_random_structures_have_the_power_asked_for():
+def test_random_structures_have_the_power_requested():
     """Thin and in contact, the powers (n - 1) (c1 - c2) add up to that of the lens, 1 in units of its focal length."""
     for number in range(20):
         candidate = random_candidate(Rng.of("test", number), 3, 1)

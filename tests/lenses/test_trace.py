@@ -120,7 +120,7 @@ def test_rays_that_miss_or_are_totally_reflected_are_dead_and_stay_finite():
     assert all(np.isfinite(part).all() for part in end)
 
 
-def test_rims_block_rays_only_when_asked_to():
+def test_rims_block_rays_only_when_requested():
     lens = cooke_triplet()
     wide = bundle([0.0, 4.5])
     assert trace(lens, wide, 0.55).alive.tolist() == [1.0, 1.0]

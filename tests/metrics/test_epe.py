@@ -14,7 +14,7 @@ from .strategies import flows, masks, shapes
 
 
 @given(st.data())
-def test_error_map_and_sum_equal_the_naive_loop_to_the_bit(data):
+def test_error_map_and_sum_equal_the_naive_loop_bit_for_bit(data):
     shape = data.draw(shapes)
     a, b = data.draw(flows(shape, finite=False)), data.draw(flows(shape, finite=False))
     mask = data.draw(masks(shape))
@@ -82,7 +82,7 @@ def test_memory_layout_changes_no_bit(name):
     ],
     ids=["float64", "three channels", "one channel", "no channels", "a list"],
 )
-def test_what_is_no_flow_is_refused(wrong):
+def test_what_is_not_a_flow_is_refused(wrong):
     with pytest.raises(DataError, match="float32 array of shape"):
         epe_map(wrong, np.zeros((3, 4, 2), np.float32))
 

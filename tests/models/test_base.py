@@ -47,6 +47,6 @@ class _OnAGpu:
         (np.zeros((4, 5, 2), np.int16), r"returned int16 \(4, 5, 2\) on sample"),
     ],
 )
-def test_an_answer_that_is_no_flow_is_an_error_that_says_what_it_is(answer, says):
+def test_an_answer_that_is_not_a_flow_is_an_error_that_says_what_it_is(answer, says):
     with pytest.raises(ModelError, match=says):
         predict_checked(FunctionModel(lambda frame1, frame2: answer, {}), FRAMES, "a", "clean", 0)

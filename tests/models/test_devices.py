@@ -64,6 +64,6 @@ def test_a_list_is_of_gpus():
         devices_of(_spec("raft", "cuda:0,cpu"), On("cuda:0"))
 
 
-def test_the_number_of_devices_is_no_part_of_an_identity():
+def test_the_number_of_devices_is_not_part_of_an_identity():
     model = SimpleNamespace(identity=lambda: {"name": "mine"})
     assert _spec("m", "cuda:0,cuda:1").identity(model) == _spec("m", "cuda:2,cuda:3").identity(model)

@@ -10,7 +10,7 @@ from robustflow.models.option_checks import check_count, check_switch
 
 
 @pytest.mark.parametrize("value", [0, -1, 1.0, "3", None, True])
-def test_what_is_no_count_is_refused(value):
+def test_what_is_not_a_count_is_refused(value):
     with pytest.raises(UsageError, match="iterations must be a whole number from 1, not"):
         check_count("iterations", value)
 
@@ -27,6 +27,6 @@ def test_what_is_neither_true_nor_false_is_refused(value):
         check_switch("compile", value)
 
 
-def test_true_is_no_number_of_levels():
+def test_true_is_not_a_number_of_levels():
     with pytest.raises(UsageError, match="levels must be a whole number from 0, not True"):
         load_model("farneback", levels=True)

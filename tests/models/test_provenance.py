@@ -167,7 +167,7 @@ def test_random_weights_are_untrained():
 
 
 @pytest.mark.parametrize("text", ["", "C+Q", "kiti2015", "K:test", "K:", "C++T+"])
-def test_what_is_no_training_set(text):
+def test_what_is_not_a_training_set(text):
     with pytest.raises(UsageError, match="training set"):
         parse_training_sets(text)
 

@@ -57,7 +57,7 @@ def test_what_a_model_may_declare():
 
 
 @pytest.mark.parametrize("declared", [None, 2, (2,), (0, 0), (-1, 1), (1.0, 1), (True, 1), (1, 1, "wrap"), "21"])
-def test_what_is_no_window(declared):
+def test_what_is_not_a_window(declared):
     with pytest.raises(ModelError, match=r"declare \(before, after\)") as error:
         window_of(SimpleNamespace(window=declared))
     assert "\n" not in str(error.value)

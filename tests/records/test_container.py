@@ -135,7 +135,7 @@ def test_bytes_around_and_between(packed):
     assert "before or after" in _refused(commented.getvalue())
 
 
-def test_what_is_no_zip():
+def test_what_is_not_a_zip():
     for data in (b"", b"PK", b"PK\x05\x06" + bytes(18), b"\x89PNG\r\n\x1a\n", b"[" * 100_000):
         _refused(data)
 

@@ -196,7 +196,7 @@ def test_the_folder_of_a_record_goes_with_it(packed, tmp_path):
     assert not folder.exists()
 
 
-def test_what_is_no_run(run, packed, tmp_path):
+def test_what_is_not_a_run(run, packed, tmp_path):
     assert load_run(run.path).path == run.path
     (tmp_path / "a.txt").write_text("PK")
     with pytest.raises(RunError, match="neither a run's folder nor a record"):

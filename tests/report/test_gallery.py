@@ -69,7 +69,7 @@ def test_a_severity_that_does_not_exist_is_an_empty_place(pair):
     assert draw_figure(pair[0], [CorruptedPicture(name, lacking)], "t", "png")[:4] == b"\x89PNG"
 
 
-def test_what_is_no_pair_or_needs_a_clip_is_refused(pair):
+def test_what_is_not_a_pair_or_needs_a_clip_is_refused(pair):
     with pytest.raises(DataError, match="size"):
         list(gallery(pair[0], pair[1][:-1], [3]))
     with pytest.raises(UsageError, match="clip"):

@@ -70,7 +70,7 @@ def test_html_of_a_hostile_name_is_text(name):
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_csv_of_a_hostile_name_is_no_formula(name):
+def test_csv_of_a_hostile_name_is_not_a_formula(name):
     rows = list(csv.reader(io.StringIO(render(_table(name, note=name), "csv"))))
     assert len(rows) == 2
     assert len(rows[0]) == len(rows[1]) == 6
@@ -158,7 +158,7 @@ def test_latex_shades_as_the_paper_does_and_can_be_referred_to():
     assert r"\cellcolor" not in cost
 
 
-def test_latex_of_sentences_longer_than_a_page_goes_on_in_another_table():
+def test_latex_of_sentences_longer_than_a_page_continues_in_another_table():
     table = observations_table(published_results(), published_costs())
     text = render(table, "latex")
     assert text.count(r"\begin{table*}") == text.count(r"\caption") == 2
@@ -170,7 +170,7 @@ def test_latex_of_sentences_longer_than_a_page_goes_on_in_another_table():
     assert "of 2" not in render(short, "latex")
 
 
-def test_latex_of_many_lines_goes_on_in_another_table():
+def test_latex_of_many_lines_continues_in_another_table():
     runs = [
         Section(f"run {index}", tuple(Line(f"part {n}", (TableCell("1.00"),)) for n in range(36))) for index in range(3)
     ]

@@ -93,7 +93,7 @@ def test_the_catalogue_knows_a_file_by_its_content_and_a_name_is_not_enough(tmp_
         weights_in([tmp_path / "none"])
 
 
-def test_the_papers_dis_is_the_one_on_colours_unless_asked_otherwise():
+def test_the_papers_dis_is_the_one_on_colours_unless_requested_otherwise():
     assert [variant.model for variant in paper_variants("kitti-fc", ["DIS"])] == ["dis_rgb"]
     assert "grey" in choose(paper_variants("kitti-fc", ["dis"]), "kitti-fc", [])[0].weights
     with pytest.raises(UsageError, match="one model at a time"):

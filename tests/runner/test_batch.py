@@ -56,7 +56,7 @@ def test_a_model_without_batches(tmp_path):
         (lambda flows: 1 / 0, "raised ZeroDivisionError on sample 'motorcycle', contrast severity 1, 2, 4"),
     ],
 )
-def test_a_batch_that_is_no_answer(tmp_path, answer, says):
+def test_a_batch_that_is_not_an_answer(tmp_path, answer, says):
     class Wrong(Batched):
         def predict_batch(self, frames1, frames2):
             flows = super().predict_batch(frames1, frames2)

@@ -39,7 +39,7 @@ def test_rows_summary_and_report_are_there(whole):
 
 
 @pytest.mark.parametrize("options", [{"workers": 2}, {"workers": 4}, {"engine": "processes"}])
-def test_engines_agree_to_the_byte(whole, tmp_path, options):
+def test_engines_agree_byte_for_byte(whole, tmp_path, options):
     other = _run(tmp_path / "run", **options)
     assert other.rows.equals(whole.rows)
     assert (other.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()

@@ -190,7 +190,7 @@ def test_the_user_may_name_the_model_again(tmp_path):
     assert RunSource().model_to_reuse({}) is None
 
 
-def test_a_benchmark_that_a_run_names_is_no_code(drawn):
+def test_a_benchmark_that_a_run_names_is_not_code(drawn):
     run = rf.load_run(drawn.path)
     run.manifest["identity"]["benchmark"] = "marker_module:touch"
     with pytest.raises(RunError, match="no code is loaded because a run names it"):

@@ -87,7 +87,7 @@ def test_frames_that_no_file_names_are_compared(tmp_path, severities):
     assert _run_drawn(tmp_path, Drawn(0, 1), severities).summary.complete
 
 
-def test_every_sample_that_goes_on_is_compared_not_only_the_first(tmp_path):
+def test_every_sample_that_continues_is_compared_not_only_the_first(tmp_path):
     _run_drawn(tmp_path, Drawn(0, 1), [1])
     with pytest.raises(RunError, match="sample '1' has other frames than when this run measured it"):
         _run_drawn(tmp_path, Drawn(0, 9), [1, 2])
@@ -146,7 +146,7 @@ def test_an_edited_module_that_the_model_imports_stops_a_run(tmp_path, frames, m
             _run(tmp_path, frames, [1], "model_that_imports_for_test:flow")
 
 
-def test_an_interrupted_run_goes_on_with_the_same_model(tmp_path, frames):
+def test_an_interrupted_run_continues_with_the_same_model(tmp_path, frames):
     alive = []
     clean = cv2.imread(str(frames / "0000.bmp"))[..., ::-1]
 

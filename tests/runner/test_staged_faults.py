@@ -34,7 +34,7 @@ def _trouble(tmp_path, trouble, **options):
         ("raises", r"raised ValueError on sample '0', \w+ severity \d: no weights"),
     ],
 )
-def test_an_answer_that_is_no_flow(tmp_path, models_on_path, trouble, says):
+def test_an_answer_that_is_not_a_flow(tmp_path, models_on_path, trouble, says):
     with pytest.raises(ModelError, match=says):
         _trouble(tmp_path, trouble)
 
@@ -90,7 +90,7 @@ def _wait(condition, seconds=60):
 
 
 @pytest.mark.parametrize("trouble", [pytest.param("", marks=pytest.mark.slow), "hangs"])
-def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_goes_on(tmp_path, trouble):
+def test_a_killed_driver_leaves_no_process_and_no_memory_and_the_run_continues(tmp_path, trouble):
     """Also where the model hangs: its process would never look at a pipe again."""
     before = set(os.listdir("/dev/shm"))
     log = tmp_path / "log"

@@ -115,7 +115,7 @@ def test_regions_average_over_the_images_that_have_them():
 OTHERS = ("elastic_transform", "fog+jpeg_compression", "my_own_corruption")
 
 
-def test_a_run_averages_what_was_asked_for():
+def test_a_run_averages_what_was_requested():
     rows = [row("a", epe=1.0), row("a", "fog", 1, epe=2.0)]
     extra = [row("a", name, 1, epe=101.0 + i) for i, name in enumerate(OTHERS)]
     alone, beside = summarize(rows_frame(rows)), summarize(rows_frame(rows + extra))

@@ -39,7 +39,7 @@ def test_a_changed_byte_of_a_bmp_is_another_run(frames, tmp_path):
         rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
 
 
-def test_a_run_of_before_goes_on(frames, tmp_path):
+def test_a_run_of_before_continues(frames, tmp_path):
     rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
     path = tmp_path / "run" / "manifest.json"
     manifest = json.loads(path.read_text())

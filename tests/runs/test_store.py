@@ -205,7 +205,7 @@ def test_temporary_files_of_a_killed_run_are_cleared_and_never_read(tmp_path):
     folder.unlock()
 
 
-def test_clean_flows_come_back_to_the_bit(tmp_path):
+def test_clean_flows_come_back_bit_for_bit(tmp_path):
     flow = np.random.default_rng(0).normal(size=(5, 7, 2)).astype(np.float32)
     assert read_clean(tmp_path / "a.npy", "a") is None
     write_clean(tmp_path / "a.npy", flow, "a")

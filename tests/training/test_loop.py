@@ -168,7 +168,7 @@ def test_one_process_and_two_make_the_same_weights_to_rounding(request_for, tmp_
     assert start.recipe.method == "raft_small"
 
 
-def test_one_of_two_processes_is_asked_to_stop_and_both_do(request_for, tmp_path):
+def test_one_of_two_processes_is_told_to_stop_and_both_do(request_for, tmp_path):
     """A signal reaches the processes at different moments; the one that stops must not leave the other waiting."""
     import pickle
 
@@ -266,7 +266,7 @@ def test_missing_data_and_a_missing_start_are_one_line(request_for, tmp_path):
     from robustflow.training.recipe import load_recipe
 
     things = load_recipe("raft_small", "things").changed(batch=2, crop=(128, 144))
-    with pytest.raises(UsageError, match="begins with the weights of its stage 'chairs'"):
+    with pytest.raises(UsageError, match="starts from the weights of its stage 'chairs'"):
         run_training(replace(request_for(), recipe=things.changed(mix="chairs"), start=None))
 
 

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.training
 @given(count=st.integers(1, 300), block=st.integers(1, 12), seed=st.integers(0, 99), epoch=st.integers(0, 3))
 def test_an_epoch_holds_every_place_at_most_once_and_leaves_out_less_than_an_update(count, block, seed, epoch):
     if count < block:
-        with pytest.raises(UsageError, match="fewer than one update takes"):
+        with pytest.raises(UsageError, match="fewer than one update needs"):
             Order(count, block, seed)
         return
     order = Order(count, block, seed)

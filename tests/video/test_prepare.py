@@ -57,7 +57,7 @@ def test_odd_sizes_are_padded_and_cropped_back(tmp_path):
     assert read_image(clip.key_frame_path(16)).shape == (37, 51, 3)
 
 
-def test_a_stopped_run_goes_on_and_ends_in_the_same_files(tmp_path, monkeypatch):
+def test_a_stopped_run_continues_and_ends_in_the_same_files(tmp_path, monkeypatch):
     monkeypatch.setattr(prepare_module, "SEGMENT", 8)
     source = PictureFolder(clips.folder(tmp_path / "seq", 36))
     prepare_clip(source, tmp_path / "straight", FLOW)

@@ -86,7 +86,7 @@ def test_frames_by_number_are_turned_too(tmp_path, rotation, quarter):
     assert dataset.load(dataset.keys()[0]).frames[0].shape == expected.shape
 
 
-def test_a_turn_that_is_no_quarter_is_refused(tmp_path):
+def test_a_turn_that_is_not_a_quarter_is_refused(tmp_path):
     path = video(tmp_path / "a.mp4", [np.zeros((32, 64, 3), np.uint8)] * 3, rotation=30)
     with pytest.raises(DataError, match="only quarter turns can be followed"):
         VideoReader(path).frame(0)

@@ -135,8 +135,8 @@ def _sample_set(run: Run) -> str:
     parts["frames"] = sorted(clean.iter_rows())
     if not run.summary.complete:
         parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
-    spelled = json.dumps(parts, sort_keys=True, default=str)
-    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
+    text = json.dumps(parts, sort_keys=True, default=str)
+    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
 
 def note_of(run: Run, beside_published: bool = False) -> str:

@@ -127,8 +127,8 @@ def uncoupled(rows: pl.DataFrame) -> Uncoupled:
     for key, group in images.partition_by("corruption", "severity", as_dict=True, maintain_order=True).items():
         corruption, severity = key
         by_condition[corruption, severity] = _scores(group)
-    found = list(dict.fromkeys(corruption for corruption, _ in sorted(by_condition)))
-    order = [name for name in PAPER_ORDER if name in found] + [name for name in found if name not in PAPER_ORDER]
+    measured = list(dict.fromkeys(corruption for corruption, _ in sorted(by_condition)))
+    order = [name for name in PAPER_ORDER if name in measured] + [name for name in measured if name not in PAPER_ORDER]
     corruptions = {
         name: _mean_scores([scores for (of, _), scores in by_condition.items() if of == name]) for name in order
     }
@@ -238,8 +238,8 @@ def _mean_scores(parts: Sequence[UncoupledScores]) -> UncoupledScores:
 
 def _correlations(images: pl.DataFrame, order: Sequence[str]) -> dict[str, Correlation]:
     parts: Mapping[str, pl.DataFrame] = {name: images.filter(corruption=name) for name in order}
-    found = {name: _correlation(part) for name, part in {**parts, AVERAGE: images}.items()}
-    return {name: one for name, one in found.items() if one is not None}
+    correlations = {name: _correlation(part) for name, part in {**parts, AVERAGE: images}.items()}
+    return {name: one for name, one in correlations.items() if one is not None}
 
 
 def _correlation(images: pl.DataFrame) -> Correlation | None:

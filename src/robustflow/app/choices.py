@@ -40,7 +40,7 @@ class Models:
 
     @property
     def offers(self) -> list[dict[str, Any]]:
-        """For the page: each model's name, whether it takes a checkpoint, and the published ones it knows."""
+        """For the page: each model's name, whether it takes a checkpoint, and its published ones."""
         known = methods()
         published: dict[str, list[str]] = {}
         for entry in checkpoints():
@@ -55,7 +55,7 @@ class Models:
         ]
 
     def check(self, name: str, checkpoint: str = "") -> None:
-        """Refuse an unknown name before anything is loaded or imported for it.
+        """Raise for an unknown name before anything is loaded or imported for it.
 
         Raises:
             UsageError: an unknown name, or a checkpoint for a model without weights.
@@ -67,7 +67,8 @@ class Models:
             raise UsageError(f"{name} has no weights: leave the checkpoint empty")
 
     def load(self, name: str, checkpoint: str = "") -> FlowModel:
-        """The model, loaded where it is not the one loaded last; `checkpoint` goes before the one it was offered with.
+        """The model, loaded unless it is the one loaded last; `checkpoint` takes precedence over the one it was offered
+        with.
 
         Raises:
             UsageError: not one of `names`.
@@ -75,7 +76,7 @@ class Models:
         """
         self.check(name, checkpoint)
         if self._loaded is None or self._loaded[0] != (name, checkpoint):
-            self._loaded = None  # two networks at once may be more than fits
+            self._loaded = None  # two networks at once may not fit into memory
             spec = self._specs[name]
             if checkpoint:
                 spec = ModelSpec(name, tuple((dict(spec.options) | {"checkpoint": checkpoint}).items()))

@@ -1,6 +1,6 @@
-"""Who may talk to the app: this page of this session, and no one else.
+"""Who may send requests to the app: this page of this session, and no one else.
 
-A web server on loopback can be reached by every page the same browser opens. Three things keep those out: the Host
+A web server on loopback can be reached by every page that the same browser opens. Three things keep those out: the Host
 header must name this server (a foreign domain may be made to resolve to 127.0.0.1), a POST must come from a page of
 this server (Origin), and everything needs the session's token, which only the address printed in the terminal carries.
 """
@@ -36,7 +36,7 @@ class Guard:
     """Middleware around the whole app.
 
     Args:
-        app: what is guarded.
+        app: the app to guard.
         token: of this session.
         port: that the server listens on.
         host: that it listens on, where other machines may call it: by that name or an address.
@@ -64,11 +64,11 @@ class Guard:
         await (self._refusal(scope) or self._app)(scope, receive, with_headers)
 
     def _refusal(self, scope: Scope) -> Response | None:
-        """What is answered instead of the app, or None."""
+        """The response in place of the app's, or None."""
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if not self._is_this_server(host):
-            return _text("this server answers to its own address alone: use the one printed in the terminal", 421)
+            return _text("this server only answers to its own address: use the one printed in the terminal", 421)
         if scope["method"] not in _SAFE and headers.get("origin") != f"http://{host}":
             return _text("requests from other pages are refused", 403)
         given = QueryParams(scope["query_string"]).get("token", "")
@@ -91,7 +91,7 @@ class Guard:
 
 
 def _is_address(name: str) -> bool:
-    """A number, which no foreign name server decides on."""
+    """Whether a host is a numeric address, which no foreign name server can control."""
     try:
         ipaddress.ip_address(name)
     except ValueError:

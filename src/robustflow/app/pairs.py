@@ -1,4 +1,4 @@
-"""What can be looked at: the demo pair, uploaded pairs, and the pairs of uploaded clips. The latest few are kept."""
+"""The available pairs: the demo pair, uploaded pairs, and the pairs of uploaded clips. The latest few are kept."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..sample import Sample
 
 DEMO = "demo"
 KEPT = 4
-"""Uploads held at once; the least recently used one goes first."""
+"""Uploads held at once; the least recently used one is removed first."""
 
 
 class PairSource(Protocol):
@@ -36,7 +36,7 @@ class PairSource(Protocol):
         """Pair number `index`, from 0."""
 
     def close(self) -> None:
-        """Let go of files."""
+        """Remove its files."""
 
 
 @dataclass
@@ -92,7 +92,7 @@ class SourceStore:
         self._lock = threading.Lock()
 
     def add(self, source: PairSource) -> str:
-        """Keep a source, letting go of the oldest where there are too many; returns what it is asked for by."""
+        """Add a source, removing the oldest if there are too many; returns its number."""
         with self._lock:
             number = secrets.token_hex(8)
             self._sources[number] = source
@@ -105,7 +105,7 @@ class SourceStore:
         """A source.
 
         Raises:
-            UsageError: it was never there, or had to make room.
+            UsageError: it never existed, or was removed to make room.
         """
         if number == DEMO:
             return self._demo
@@ -116,7 +116,7 @@ class SourceStore:
             return self._sources[number]
 
     def close(self) -> None:
-        """Let go of everything."""
+        """Remove everything."""
         with self._lock:
             gone, self._sources = list(self._sources.values()), OrderedDict()
         for source in gone:

@@ -1,4 +1,4 @@
-"""One worker at one queue: predictions run one at a time beside the server, and only those that are still wanted."""
+"""One worker with one queue: predictions run one at a time in a thread, and only those that are still wanted."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from ..errors import RobustFlowError, UsageError
 
 WAITING = 8
-"""Jobs that may wait at once, of as many pages."""
+"""The most jobs that may wait at once, each of another page."""
 
 Message = dict[str, Any]
 
@@ -24,12 +24,12 @@ class OutdatedError(Exception):
 
 @dataclass(eq=False)
 class QueuedPrediction:
-    """Work that a page waits for.
+    """Work for which a page is waiting.
 
     Attributes:
         page: whose work it is; a newer job of the same page makes it outdated.
         work: called in the worker's thread with a function that reports the stage, and raises once the job is outdated.
-        tell: takes every message: stages, and at last a result, an error, or that it is outdated.
+        tell: called with every message: stages, and finally a result, an error, or that it is outdated.
     """
 
     page: str
@@ -65,7 +65,7 @@ class PredictionQueue:
                     other.outdated.set()
             self._waiting = deque(other for other in self._waiting if not _dismiss_outdated(other))
             if len(self._waiting) >= WAITING:
-                raise UsageError(f"{WAITING} predictions wait already; try again when they are done")
+                raise UsageError(f"{WAITING} predictions are waiting already; try again when they are done")
             self._waiting.append(job)
             self._change.notify()
 
@@ -103,6 +103,6 @@ def _outcome(job: QueuedPrediction) -> Message:
         return {"outdated": True}
     except RobustFlowError as error:
         return {"error": " ".join(str(error).split())}
-    except (Exception, SystemExit) as error:  # a model that ends its program must not end the worker
+    except (Exception, SystemExit) as error:  # a model that exits must not end the worker
         traceback.print_exc(file=sys.stderr)
-        return {"error": f"the app failed ({type(error).__name__}); the terminal that it was started in says more"}
+        return {"error": f"the app failed ({type(error).__name__}); see the terminal in which it was started"}

@@ -31,7 +31,7 @@ from .choices import Models
 from .pairs import SourceStore
 
 WIDEST = 1280
-"""Pixels a picture is wide at most; numbers come from all pixels."""
+"""Largest width of a picture in pixels; numbers are computed from all pixels."""
 
 _CLEAN_KEPT = 4
 
@@ -48,7 +48,7 @@ class Layer(BaseModel):
 
 
 class PreviewRequest(BaseModel):
-    """What a page wants to see.
+    """A page's request.
 
     Attributes:
         page: a name the page chose for itself.
@@ -57,7 +57,7 @@ class PreviewRequest(BaseModel):
         checkpoint: its weights, a published name or a file of this machine; "" for those it was offered with.
         layers: the corruptions, applied in order.
         seed: of the draws.
-        frames: whether the clean frames and the ground truth are wanted too.
+        frames: whether the clean frames and the ground truth are requested, too.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -86,7 +86,7 @@ class PreviewRequest(BaseModel):
 
 
 class Previewer:
-    """Computes previews, keeping the flows on the clean frames that were asked for last. Used from one thread."""
+    """Computes previews, keeping the flows on the clean frames that were requested last. Used from one thread."""
 
     def __init__(self, sources: SourceStore, models: Models) -> None:
         self._sources = sources
@@ -94,7 +94,7 @@ class Previewer:
         self._clean: OrderedDict[tuple[str, int, str, str], Flow] = OrderedDict()
 
     def preview(self, wanted: PreviewRequest, stage: Stage) -> dict[str, Any]:
-        """Pictures as `data:` addresses, and numbers in pixels, None where there are none.
+        """Pictures as `data:` addresses, and numbers in pixels, None if unavailable.
 
         Raises:
             UsageError, DataError, ModelError: as `corrupt` and the model do.
@@ -121,7 +121,7 @@ class Previewer:
             "size": [sample.shape[1], sample.shape[0]],
             "truth": sample.flow is not None,
             "seconds": round(seconds, 3),
-            "call": f"corrupt(frame1, frame2, {_spelled(wanted, source.textures)}, severity={severity}, "
+            "call": f"corrupt(frame1, frame2, {_described(wanted, source.textures)}, severity={severity}, "
             f"seed={wanted.seed}, key={sample.key!r})",
             **_numbers(sample, flow, clean, name, severity),
             **_pictures(sample, corrupted, flow, clean, wanted.frames),
@@ -139,7 +139,7 @@ class Previewer:
         return self._clean[place]
 
 
-def _spelled(wanted: PreviewRequest, textures: Textures) -> str:
+def _described(wanted: PreviewRequest, textures: Textures) -> str:
     """The corruption as a caller of the library writes it."""
     name, _ = wanted.corruption
     if textures == PHOTOGRAPHS or all(layer.name != "frost" for layer in wanted.layers):

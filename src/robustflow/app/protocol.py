@@ -1,4 +1,4 @@
-"""HTTP connections that must say what they want within a few seconds.
+"""HTTP connections that must send their request headers within a few seconds.
 
 uvicorn waits for a request's headers for as long as the connection stays open. A few half-sent requests would then use
 up the connections that the server allows, and the page would no longer be answered.

@@ -36,9 +36,9 @@ def serve(
     """Serve until interrupted.
 
     Args:
-        given: models to offer before those that are installed; they are loaded when first asked for.
+        given: models to offer before those that are installed; they are loaded on first use.
         host: to listen on; loopback by default.
-        port: to listen on; 8642 by default, and another where that is taken. 0 takes any.
+        port: to listen on; 8642 by default, and another one if that is taken. 0 takes any.
         browser: whether to open the page.
         say, warn: take one line.
 
@@ -81,7 +81,7 @@ def serve(
 
 
 class _Server(uvicorn.Server):
-    """A server that does not wait for a prediction when it is asked to end."""
+    """A server that does not wait for a prediction when it should end."""
 
     def __init__(self, config: uvicorn.Config, queue: PredictionQueue) -> None:
         super().__init__(config)

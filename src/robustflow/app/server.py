@@ -112,7 +112,7 @@ async def _refused(request: Request, error: Exception) -> Response:
 
 
 async def _failed(request: Request, error: Exception) -> Response:
-    return JSONResponse({"error": f"the app failed ({type(error).__name__}); its terminal says more"}, 500)
+    return JSONResponse({"error": f"the app failed ({type(error).__name__}); see its terminal"}, 500)
 
 
 def _choices(models: Models, sources: SourceStore) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-"""Uploaded frames, ground truth and clips: hostile until read. Sizes are checked before anything is kept or decoded."""
+"""Uploaded frames, ground truth and clips: untrusted until read. Sizes are checked before anything is stored or
+decoded."""
 
 from __future__ import annotations
 
@@ -52,7 +53,7 @@ def limited(request: Request, most: int) -> Request:
 
 def _too_large(most: int) -> HTTPException:
     size = f"{most // 2**20} MB" if most >= 2**20 else f"{most // 2**10} kB"
-    return HTTPException(413, f"more than {size}; shrink it or take less")
+    return HTTPException(413, f"more than {size}; shrink it or use less")
 
 
 def source_of(form: FormData, folder: Path) -> PairSource:
@@ -77,7 +78,7 @@ def source_of(form: FormData, folder: Path) -> PairSource:
     finally:
         if not kept:
             shutil.rmtree(folder, ignore_errors=True)
-    raise UsageError("give two frames, with ground truth where there is one, or one clip")
+    raise UsageError("give two frames, with ground truth if there is any, or one clip")
 
 
 def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:

@@ -19,7 +19,7 @@ from .scale import calibrated_severities
 from .stack import Stack, is_stack, parse_stack, with_targets_adopted
 
 STREAM_VERSION = 1
-"""Part of every stream's name: raised when a corruption's bytes change, so that old and new results never mix."""
+"""Part of every stream's name: incremented when a corruption's bytes change, so that old and new results never mix."""
 
 
 _PACKAGE = __name__.rpartition(".")[0] + "."
@@ -28,7 +28,7 @@ _PACKAGE = __name__.rpartition(".")[0] + "."
 def load_corruption(
     name: str | Corruption | type[Corruption], variant: str = "default", scale: str = "paper"
 ) -> Corruption:
-    """The corruption registered as `name`, or the stack that a name such as `"fog+jpeg_compression:2"` spells.
+    """The corruption registered as `name`, or the stack described by a name such as `"fog+jpeg_compression:2"`.
 
     Args:
         name: as `robustflow list corruptions` prints it, or several joined by "+"; or a corruption of your own, as a
@@ -72,9 +72,9 @@ def load_corruption(
 
 
 def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
-    """The name under which a corruption is run and reported; a corruption of the user's own is known by it afterwards.
+    """The name under which a corruption is run and reported; a user's own corruption is known by it afterwards.
 
-    Only for what the user asks for: `module.path:Attribute`, alone or in a stack, is imported.
+    Only for what the user requests: `module.path:Attribute`, alone or in a stack, is imported.
 
     Raises:
         UsageError: it cannot be imported, or is not a corruption.
@@ -87,7 +87,7 @@ def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
 
 def stream_for(corruption: Corruption, severity: int, seed: int, key: str, common_draws: bool = False) -> Rng:
     """The random stream of (benchmark seed, corruption, severity, sample key); with `common_draws` one for all five
-    severities, which then differ in strength alone."""
+    severities, which then differ only in strength."""
     return Rng.of("robustflow", STREAM_VERSION, seed, corruption.name, 0 if common_draws else severity, key)
 
 
@@ -124,17 +124,17 @@ def corrupt(
 
     Args:
         frame1, frame2: RGB uint8 (H, W, 3), the same size; or images of Pillow, which come back as such (RGB). Without
-            `frame2` the image stands for the first frame of a pair: it is that frame, to the byte. So of a corruption
-            that changes one frame of the two (`over_exposure`, `under_exposure`) it is left alone by half of the draws.
+            `frame2` the image is treated as the first frame of a pair, byte for byte. So a corruption that changes one
+            frame of the two (`over_exposure`, `under_exposure`) leaves it unchanged in half of the draws.
         corruption: a name (`robustflow list corruptions`), `module.path:Attribute`, or a corruption of your own.
         severity: 1 (mild) to 5 (severe).
         seed: the benchmark's seed.
         key: the pair's name; pairs with different keys get different draws.
-        variant: "default", "reference" (the reference code's behaviour), "reference-bgr" (on frames whose channels
-            stand in the order BGR, as that code read them) or "paper" (its text to the letter).
-        scale: of the severities, "paper" or "calibrated"; variant and scale say nothing to a `Corruption`.
+        variant: "default", "reference" (the reference code's behaviour), "reference-bgr" (on frames whose channels are
+            in the order BGR, as that code read them) or "paper" (the literal text).
+        scale: of the severities, "paper" or "calibrated"; variant and scale are ignored for a `Corruption`.
         common_draws: the same draw at all five severities: the same drops, flakes and exposed frame, only stronger. By
-            default each severity is drawn apart, as the paper's frames were.
+            default each severity is drawn independently, as the paper's frames were.
 
     Returns:
         Two new frames of the same shape; of a single image, one. The same arguments give the same bytes, always.
@@ -152,7 +152,7 @@ def corrupt(
     True
     """
     if isinstance(corruption, str) and not corruption:
-        raise UsageError("no corruption is named: corrupt(frame1, frame2, 'fog', severity=3)")
+        raise UsageError("no corruption is given: corrupt(frame1, frame2, 'fog', severity=3)")
     given = (frame1,) if frame2 is None else (frame1, frame2)
     frames = tuple(as_frame(frame) for frame in given)
     Sample(key or "pair", (frames[0], frames[-1]))
@@ -172,7 +172,8 @@ def corrupt_clip(
     first: int = 0,
     common_draws: bool = False,
 ) -> Iterator[Frame]:
-    """Corrupt frames one at a time: what a clip shares stays, what changes from frame to frame changes.
+    """Corrupt frames one at a time: what the frames of a clip share is drawn once, what differs from frame to frame is
+    drawn per frame.
 
     Arguments as for `corrupt`, and `first`, the number of the first frame given. Frames 0 and 1 equal the pair that
     `corrupt` returns for the same seed and key; a clip that begins before that pair begins with a negative number.

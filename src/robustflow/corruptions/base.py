@@ -18,11 +18,11 @@ from ..severity import SEVERITIES, check_severity
 from .textures import Textures
 
 VARIANTS = ("default", "reference", "paper")
-"""`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the
-paper's text to the letter. Where a corruption knows no difference, the three are the same."""
+"""`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the paper's
+text to the letter. If a corruption makes no difference, the three are the same."""
 
 BGR = "reference-bgr"
-"""As `reference`, with BGR frames handed to code that expects RGB, as the reference code does: see channel_order."""
+"""Like `reference`, with BGR frames passed to code that expects RGB, as in the reference code: see channel_order."""
 
 SCALES = ("paper", "calibrated")
 """`paper`: the paper's numbers. `calibrated`: equal mean SSIM for all corruptions (docs/severity-scales.md)."""
@@ -41,9 +41,9 @@ class Corruption(ABC):
     """True for the seven that the paper calls temporal: made for pairs and clips, not for single images."""
     paper_severities: ClassVar[tuple[Any, ...]]
     level: ClassVar[type[NamedTuple] | None] = None
-    """What a severity's parameters are called, where it has several."""
+    """The names of a severity's parameters, if it has several."""
     source_key: ClassVar[str] = ""
-    """The name of `source` in a run's identity; empty where no file of the user's decides the result."""
+    """The name of `source` in a run's identity; empty if no user's file affects the result."""
 
     def __init__(self, variant: str = "default", severities: tuple[Any, ...] | None = None) -> None:
         """`severities` replaces the paper's five parameters (the calibrated scale does that); a None among them is a
@@ -78,14 +78,14 @@ class Corruption(ABC):
 
     @property
     def source(self) -> str:
-        """What names files of the user's that decide the result, for a run's identity; empty where there are none.
+        """Identifies the user's files that affect the result, for a run's identity; empty if there are none.
 
         A class that overrides this also sets `source_key`.
         """
         return ""
 
     def with_textures(self, textures: Textures) -> Corruption:
-        """The same corruption with other textures, where it lays any over frames; frost is the one that does."""
+        """The same corruption with other textures, if it uses any; only frost does."""
         return self
 
     @abstractmethod

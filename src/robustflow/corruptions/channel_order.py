@@ -13,7 +13,7 @@ from .textures import Textures
 
 
 class ChannelsReversed(Corruption):
-    """A corruption whose code sees blue where it expects red (variant "reference-bgr"); frames stay RGB outside.
+    """A corruption whose code is given blue where it expects red (variant "reference-bgr"); frames stay RGB outside.
 
     Mud turns blue, JPEG takes another luma, and psf_blur blurs red as the lens blurs blue.
 

@@ -102,12 +102,12 @@ def adopt(made: Made) -> str:
     """
     for method in ("draw", "apply"):
         if not callable(getattr(made, method, None)):
-            raise UsageError(f"{_spelled(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
+            raise UsageError(f"{_described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
     name = name_of(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
         raise UsageError(f"a corruption cannot be called '{name}': give it a name of letters, digits and '_'")
     if name in SHIPPED:
-        raise UsageError(f"{_spelled(made)} has the name of the corruption '{name}': give it another `name`")
+        raise UsageError(f"{_described(made)} has the name of the corruption '{name}': give it another `name`")
     _own[name] = made
     return name
 
@@ -173,7 +173,7 @@ def _build(kind: type[Any], variant: str) -> Any:
         ) from error
 
 
-def _spelled(made: Made) -> str:
+def _described(made: Made) -> str:
     kind = made if inspect.isclass(made) else type(made)
     if inspect.isroutine(made):
         return f"the function {made.__name__}"

@@ -1,8 +1,8 @@
 """The calibrated scale: the table that `robustflow calibrate` writes, as it ships with the package.
 
-The paper says that its severities cannot be compared from one corruption to another. On this scale they can, as far
-as SSIM can tell: severity s of any corruption leaves the same mean SSIM to the clean image. A severity that a
-corruption cannot be brought to does not exist on the scale, and nothing takes its place.
+The paper says that its severities cannot be compared between corruptions. On this scale they can, as far as SSIM can
+tell: severity s of any corruption leaves the same mean SSIM to the clean image. A severity that a corruption cannot
+reach does not exist on the scale, and nothing replaces it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class CalibratedCorruption(_Frozen):
 
 
 class CalibrationTable(_Frozen):
-    """Everything needed to make the table again, and the table.
+    """The table, and everything needed to reproduce it.
 
     Attributes:
         version: of this layout.
@@ -100,7 +100,7 @@ def read_table(path: Path) -> CalibrationTable:
 
 
 def merged(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
-    """`old` with the corruptions of `new` in the place of its own.
+    """`old` with its corruptions replaced by those of `new`.
 
     Raises:
         UsageError: the two were made in different ways.

@@ -1,7 +1,8 @@
 """Several corruptions one after the other, as one: `"fog+jpeg_compression"`, `"fog:2+jpeg_compression:4"`.
 
-Real footage is foggy *and* compressed; the paper names this its first limitation. A part without a severity takes the
-stack's; a part with one keeps it. Order is kept, and every part draws from a stream of its own, named by its place.
+Real footage is foggy *and* compressed; the paper names this as its first limitation. A part without a severity takes
+the stack's; a part with one keeps it. The order is kept, and every part draws from its own stream, named by its
+position.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def parse_stack(name: str) -> list[tuple[str, int | None]]:
 
 
 def split_stack(name: str) -> list[tuple[str, int | None]]:
-    """As `parse_stack`, but a corruption need not be known here: the name may come from a run on another machine.
+    """Like `parse_stack`, but a corruption need not be known here: the name may come from a run on another machine.
 
     >>> split_stack("rain+fog:2")
     [('rain', None), ('fog', 2)]
@@ -85,7 +86,7 @@ def with_targets_adopted(name: str) -> str:
 
 
 def levels_of(name: str, severities: tuple[int, ...], scale: str = "paper") -> tuple[int, ...]:
-    """The severities at which a corruption exists and differs: all, but for two exceptions.
+    """The severities at which a corruption exists and differs: all, with two exceptions.
 
     A stack that fixes every part's severity has one, the highest of them. On the calibrated scale those are missing
     that the corruption, or a part of the stack, cannot be brought to.
@@ -134,8 +135,8 @@ class Stack(Corruption):
             if level is not None:
                 part.parameter(level)
         self._parts = parts
-        spelled = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
-        self.name = _PLUS.join(spelled)  # type: ignore[misc]  # a stack's name is its own
+        names = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
+        self.name = _PLUS.join(names)  # type: ignore[misc]  # a stack's name is its own
 
     def with_textures(self, textures: Textures) -> Stack:
         """Every part with these textures."""

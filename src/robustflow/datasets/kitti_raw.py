@@ -59,23 +59,23 @@ class KittiRaw(PairDataset):
         if listing:
             super().__init__(_listed(root, user_path(listing)), root)
             return
-        found = list(_drives(root))
-        if not found:
+        drive_folders = list(_drives(root))
+        if not drive_folders:
             raise DataError(
                 f"{root}: not laid out like KITTI raw; expected {_EXPECTED}; check the path, or unpack it there"
             )
         known = _evaluated() if drives == "apart" else frozenset()
         pairs = {
             f"{drive.name}/{images}/{first.stem}": Pair((first, second), group=drive.name)
-            for drive in found
+            for drive in drive_folders
             if drive.name.removesuffix("_sync") not in known
             for images in cameras
             for first, second in _frames(drive / images / "data")
         }
         if not pairs:
             raise DataError(
-                f"{root}: no pair of frames in its {len(found)} drives, apart from those of KITTI 2015 and 2012; give "
-                "others, or drives=all"
+                f"{root}: no pair of frames in its {len(drive_folders)} drives, apart from those of KITTI 2015 and "
+                "2012; give others, or drives=all"
             )
         super().__init__(pairs, root)
 

@@ -49,8 +49,10 @@ class Sintel(PairDataset):
         folder = locate("MPI-Sintel", root, ["flow"], ("training", ""), "a pass (clean/ or final/) and flow/")
         passes = [path.name for path in folders(folder) if path.name not in _MAPS]
         if render_pass not in passes:
-            found = ", ".join(passes) or "none"
-            raise DataError(f"{folder}: no pass '{render_pass}'; found: {found}; choose one with -D render_pass=PASS")
+            available = ", ".join(passes) or "none"
+            raise DataError(
+                f"{folder}: no pass '{render_pass}'; found: {available}; choose one with -D render_pass=PASS"
+            )
         scenes = {path.name for kind in (render_pass, "flow") for path in folders(folder / kind)}
         pairs: dict[str, Pair] = {}
         for scene in sorted(scenes):

@@ -79,12 +79,12 @@ class TartanAir(PairDataset):
 
 def _environments(root: Path) -> list[tuple[str, Path]]:
     """Name and folder of each environment."""
-    found = []
+    environments = []
     for folder in [root, *folders(root)]:
         for place in (folder, folder / folder.name):
             if any((place / level).is_dir() for level in _DIFFICULTIES):
-                found.append((folder.name, place))
-    return found
+                environments.append((folder.name, place))
+    return environments
 
 
 def _flight(flight: Path, group: str) -> dict[str, Pair]:

@@ -1,4 +1,5 @@
-"""What is compared: one network, start, data and number of updates, with other corruptions over the training frames."""
+"""What is compared: the same network, start, data and number of updates, with different corruptions on the training
+frames."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from dataclasses import dataclass
 from ..corruptions import FAMILIES, IMAGE_PAIR
 
 TESTED = ("digital", "illumination", "weather", "noise", "blur")
-"""Families that are left out one at a time; those of whole clips cannot be had from a pair of images."""
+"""Families that are left out one at a time; those of whole clips cannot be applied to a pair of images."""
 PLAIN, ALL = "plain", "all"
 
 
@@ -17,7 +18,7 @@ class Arm:
 
     Attributes:
         name: "plain", "all", or "no_FAMILY".
-        families: whose corruptions lie over the training frames.
+        families: whose corruptions are applied to the training frames.
     """
 
     name: str
@@ -25,12 +26,12 @@ class Arm:
 
     @property
     def corruptions(self) -> list[str]:
-        """The corruptions of its families that a pair of images can have."""
+        """The corruptions of its families that can be applied to a pair of images."""
         return [name for family in self.families for name in members(family)]
 
 
 def members(family: str) -> list[str]:
-    """The corruptions of a family that a pair of images can have.
+    """The corruptions of a family that can be applied to a pair of images.
 
     >>> members("noise")
     ['gaussian_noise', 'shot_noise', 'impulse_noise']

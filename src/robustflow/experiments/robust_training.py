@@ -1,7 +1,7 @@
-"""Does training with corruptions make flow robust, also against those that training did not have?
+"""Does training with corruptions make flow robust, also against corruptions not used in training?
 
-From one set of weights, `tiny` is trained on with each arm's corruptions, once for each seed, and every result is
-measured on held-out flying shapes and on real pairs. A training or a run that is complete is not made again.
+From one set of weights, training of `tiny` is continued with each arm's corruptions, once for each seed, and every
+result is measured on held-out flying shapes and on real pairs. A complete training or run is not repeated.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ class Plan:
 
     Attributes:
         output: folder of everything it writes.
-        start: weights that every arm begins with: a file of `train tiny`.
-        measured: on what.
+        start: weights that every arm starts from: a file of `train tiny`.
+        measured: the data sets to measure on.
         seeds: how many, from 0: of order, augmentation and corruption of the training.
         steps: of each training; None for the recipe's.
-        severities: that are measured.
-        loaders: processes that read ahead.
+        severities: those to measure.
+        loaders: processes that prepare batches in advance.
     """
 
     output: Path
@@ -78,7 +78,9 @@ def measured_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Measured
         if not equals:
             raise UsageError(f"--data {entry}: say which data set it is: NAME=FOLDER, for example kitti2015={entry}")
         if not load_dataset(name, folder).has_flow:
-            raise UsageError(f"--data {entry}: {dataset_facts(name).title} has no ground truth; give pairs that have")
+            raise UsageError(
+                f"--data {entry}: {dataset_facts(name).title} has no ground truth; give pairs with ground truth"
+            )
         sets.append(Measured(name, Path(folder).expanduser().resolve()))
     return tuple(sets)
 
@@ -86,15 +88,15 @@ def measured_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Measured
 def run_experiment(
     plan: Plan, say: Callable[[str], None], stop: Callable[[], bool] = lambda: False
 ) -> dict[tuple[str, str, int], Run] | None:
-    """Train and measure what is not there yet.
+    """Train and measure what is still missing.
 
     Args:
         plan: of the experiment.
-        say: is told what is done.
-        stop: asked after each update; True ends there, and a later call goes on.
+        say: called with messages about the progress.
+        stop: called after each update; True ends there, and a later call continues.
 
     Returns:
-        Runs by (arm, data set, seed); None where it was stopped.
+        Runs by (arm, data set, seed); None if it was stopped.
 
     Raises:
         RunError: the folder holds trainings from another start or with other steps.
@@ -114,7 +116,7 @@ def run_experiment(
 
 
 def _trained(plan: Plan, arm: Arm, seed: int, stop: Callable[[], bool]) -> Path | None:
-    """The weights of an arm; None where its training was stopped."""
+    """The weights of an arm; None if its training was stopped."""
     folder = plan.output / "trainings" / f"seed-{seed}" / arm.name
     done = folder / "complete"
     recipe = load_recipe(METHOD, STAGE).changed(steps=plan.steps)

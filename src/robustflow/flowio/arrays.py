@@ -60,8 +60,8 @@ def claimed_size(path: Path, width: int, height: int) -> None:
         raise DataError(f"{path}: {width}x{height} pixels are more than the {MAX_PIXELS} of a flow; cut it into parts")
 
 
-def exact_size(path: Path, expected: int, found: int, width: int, height: int) -> None:
+def exact_size(path: Path, expected: int, size: int, width: int, height: int) -> None:
     """Refuse a file that is not exactly as long as its header says."""
-    if found != expected:
-        state = "cut short" if found < expected else "too long"
-        raise DataError(f"{path}: {state}, {found} bytes where {width}x{height} pixels take {expected}; copy it again")
+    if size != expected:
+        state = "cut short" if size < expected else "too long"
+        raise DataError(f"{path}: {state}, {size} bytes where {width}x{height} pixels take {expected}; copy it again")

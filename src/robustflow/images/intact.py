@@ -67,13 +67,13 @@ def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> Non
     passes = _ADAM7 if interlaced else ((0, 0, 1, 1),)
     sizes = [(-(-(width - x) // across), -(-(height - y) // down)) for x, y, across, down in passes]
     expected = sum(rows * (1 + -(-columns * depth // 8)) for columns, rows in sizes if columns > 0 and rows > 0)
-    inflate, found, start = zlib.decompressobj(), 0, 8
+    inflate, inflated, start = zlib.decompressobj(), 0, 8
     while start < len(data):
         length = int.from_bytes(data[start : start + 4], "big")
         if data[start + 4 : start + 8] == b"IDAT":
-            found += len(inflate.decompress(data[start + 8 : start + 8 + length], expected + 1 - found))
+            inflated += len(inflate.decompress(data[start + 8 : start + 8 + length], expected + 1 - inflated))
         start += 12 + length
-    if found < expected:
+    if inflated < expected:
         raise DataError(f"{path}: damaged, the PNG ends before its last row; copy or download it again")
 
 

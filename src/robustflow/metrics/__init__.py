@@ -1,4 +1,4 @@
-"""Metrics: from flows to sums, and from sums to rows; `robustflow.runs.aggregate` makes means of rows."""
+"""Metrics: from flows to sums, and from sums to rows; `robustflow.runs.aggregate` computes means from rows."""
 
 from .epe import epe_map, mean_epe
 from .regions import REGIONS, Regions

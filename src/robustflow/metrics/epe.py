@@ -1,9 +1,8 @@
 """End-point error: the Euclidean distance between two flow fields, and its sums.
 
-The pattern of every metric here: a pure function makes *sums* of one image, a mean is sum / count, and
-averages over images are made later from the sums (`aggregate`). All arithmetic is float64 on the float32
-flows; a sum adds the pixels one after the other in row order, so its bytes are the same on every machine and
-for every memory layout.
+The pattern of every metric here: a pure function makes *sums* of one image, a mean is sum / count, and averages over
+images are made later from the sums (`aggregate`). All arithmetic is float64 on the float32 flows; a sum adds the pixels
+one after the other in row order, so it is bit for bit the same on every machine and for every memory layout.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ class ErrorSum(NamedTuple):
 
     @property
     def mean(self) -> float | None:
-        """Sum over count, or None where no pixel was counted."""
+        """Sum over count, or None if no pixel was counted."""
         return self.total / self.n if self.n else None
 
 
@@ -92,10 +91,10 @@ def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
 
 
 def mean_epe(flow: Flow, ground_truth: Flow, valid: Mask | None = None) -> float | None:
-    """Mean end-point error in pixels over the valid pixels of one image; None where there are none.
+    """Mean end-point error in pixels over the valid pixels of one image; None if there are none.
 
-    Pixels of a flow that are not finite are left out of both the sum and the count: look for them with
-    `np.isfinite`, as the runner does, before trusting the number.
+    Pixels with a non-finite flow are left out of both the sum and the count: look for them with `np.isfinite`, as the
+    runner does, before trusting the number.
 
     >>> import numpy as np
     >>> mean_epe(np.full((2, 2, 2), 3, np.float32), np.full((2, 2, 2), [0, -1], np.float32))
@@ -105,15 +104,15 @@ def mean_epe(flow: Flow, ground_truth: Flow, valid: Mask | None = None) -> float
 
 
 def flow_array(flow: Flow) -> Flow:
-    """`flow` in C order, or the reason why it is not a flow."""
+    """`flow` in C order; raises a DataError if it is not a flow."""
     if not isinstance(flow, np.ndarray) or flow.dtype != np.float32 or flow.ndim != 3 or flow.shape[2] != 2:
         got = f"{flow.dtype} {flow.shape}" if isinstance(flow, np.ndarray) else type(flow).__name__
-        raise DataError(f"a flow is a float32 array of shape (H, W, 2), this is {got}; convert it first")
+        raise DataError(f"a flow must be a float32 array of shape (H, W, 2), not {got}; convert it first")
     return np.require(flow, requirements=["C", "A"])
 
 
 def flow_pair(flow: Flow, reference: Flow) -> tuple[Flow, Flow]:
-    """Two flows of one size in C order, or the reason why they are not."""
+    """Two flows of one size in C order; raises a DataError if they are not."""
     a, b = flow_array(flow), flow_array(reference)
     if a.shape != b.shape:
         raise DataError(

@@ -24,7 +24,7 @@ WAUC_STEPS = 100
 WAUC_PER_PIXEL = 20
 """Thresholds per pixel of error: the largest is WAUC_STEPS / WAUC_PER_PIXEL = 5 px."""
 WAUC_UNIT = WAUC_STEPS * (WAUC_STEPS + 1)
-"""What the points of a perfect pixel are."""
+"""The points of a perfect pixel."""
 
 
 @njit(types.boolean(types.float64, types.float64), inline="always", cache=True)
@@ -39,7 +39,7 @@ def wauc_points(error: Any) -> Any:
     if error > WAUC_STEPS / WAUC_PER_PIXEL:
         return 0
     k = max(1, math.ceil(error * WAUC_PER_PIXEL))
-    # The product may round down onto the threshold of an error just above it.
+    # The product of an error just above a threshold may be rounded down onto it.
     if error > k / WAUC_PER_PIXEL:
         k += 1
     return (WAUC_STEPS + 1 - k) * (WAUC_STEPS + 2 - k)

@@ -4,8 +4,8 @@
     s0_10, s10_40, s40      length of the ground truth: [0, 10), [10, 40), [40, inf) px  (MPI-Sintel's names)
     d0_10, d10_60, d60      distance to the nearest motion edge: [0, 10), [10, 60), [60, inf) px (see `edges`)
 
-Each of the three lines splits the valid pixels without rest. A pixel carries one label for all three, so an
-image is summed in one pass (`row_sums`), in at most 18 sums, of which every region adds up its own in a fixed order.
+Each of the three lines is a partition of the valid pixels. A pixel has one label for all three, so an image is summed
+in one pass (`row_sums`), in at most 18 sums, of which every region adds up its own in a fixed order.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ LABELS_TYPE = types.Array(types.uint8, 2, "C", readonly=True)
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """What the metrics need to know of a sample's ground truth, computed once.
+    """What the metrics need to know about a sample's ground truth, computed once.
 
     Attributes:
         names: the regions that exist for this sample, in the order of `REGIONS`.
@@ -53,10 +53,10 @@ class Regions:
 
     @classmethod
     def of(cls, sample: Sample) -> Regions | None:
-        """The regions of a sample, or None where it has no ground truth.
+        """The regions of a sample, or None without ground truth.
 
         Raises:
-            DataError: ground truth marked valid that is not finite.
+            DataError: non-finite ground truth is marked valid.
 
         >>> import numpy as np
         >>> frame = np.zeros((4, 6, 3), np.uint8)

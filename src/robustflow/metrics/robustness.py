@@ -1,6 +1,6 @@
 """The paper's robustness metrics: CRE, CREr and RCRE (section "Robustness Metrics").
 
-CRE and CREr are made from mean errors, whatever they are means over (an image, a corruption, all):
+CRE and CREr are computed from mean errors, whatever they are means over (an image, a corruption, all):
 
     CRE_{c,s} = EPE_{c,s} - EPE_clean            absolute robustness, pixels
     CREr      = CRE / EPE_clean                  relative robustness, no unit
@@ -18,7 +18,7 @@ from .epe import epe_map, error_sum
 
 
 def cre(epe: float | None, epe_clean: float | None) -> float | None:
-    """Corruption Robustness Error in pixels: how much the error grew. None where either error is.
+    """Corruption Robustness Error in pixels: how much the error grew. None if either error is None.
 
     >>> cre(2.5, 2.0)
     0.5
@@ -27,7 +27,7 @@ def cre(epe: float | None, epe_clean: float | None) -> float | None:
 
 
 def crer(cre: float | None, epe_clean: float | None) -> float | None:
-    """Corruption Robustness Error ratio. None where it is not defined: no CRE, or a clean error of exactly 0.
+    """Corruption Robustness Error ratio. None if it is not defined: no CRE, or a clean error of exactly 0.
 
     >>> crer(0.5, 2.0)
     0.25
@@ -43,11 +43,11 @@ def rcre(flow: Flow, clean_flow: Flow, valid: Mask | None = None) -> float | Non
 
     Args:
         flow, clean_flow: float32 (H, W, 2), the model's flow on the corrupted and on the clean frames.
-        valid: bool (H, W), the pixels to average over; all of them by default. The benchmarks pass the valid
-            ground truth where there is one, as the reference code does.
+        valid: bool (H, W), the pixels to average over; all of them by default. The benchmarks pass the pixels with
+            ground truth if there are any, as the reference code does.
 
     Returns:
-        None where no pixel is left. Pixels where either flow is not finite are not counted.
+        None if no pixel is left. Pixels where either flow is not finite are not counted.
 
     >>> import numpy as np
     >>> rcre(np.full((2, 2, 2), [3, 4], np.float32), np.zeros((2, 2, 2), np.float32))

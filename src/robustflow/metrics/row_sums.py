@@ -1,7 +1,7 @@
 """Every sum of a row in one pass over the pixels.
 
-Each sum adds its pixels one after the other in row order, in float64, so it has the bytes that a pass of its own would
-give it, on every machine. What a pixel counts for is said in `rows`.
+Each sum adds its pixels one after the other in row order, in float64, so it is bit for bit what a separate pass would
+give, on every machine. `rows` documents which pixels each sum counts.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class RowSums(NamedTuple):
     label_totals: npt.NDArray[np.float64]
 
     def region(self, name: str) -> dict[str, int | float]:
-        """The sums of a region, by the row's column less the region's name."""
+        """The sums of a region, by the row's column without the region's name."""
         labels = MEMBERS[name]
         counts, totals = self.label_counts[:, labels], self.label_totals[:, labels]
         sums: dict[str, int | float] = dict(zip(("n", "fl_count"), counts.sum(axis=1).tolist(), strict=True))
@@ -49,8 +49,8 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
 
     Args:
         pred, clean: float32 (H, W, 2), the flow on the corrupted and on the clean frames, pixels.
-        truth: float32 (H, W, 2), the ground truth; None exactly where `regions` is. Without it the sums that need it
-            are zero.
+        truth: float32 (H, W, 2), the ground truth; None exactly if `regions` is. Without it the sums that need it are
+            zero.
         regions: of the ground truth.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The row: what is kept of one (sample, corruption, severity), as sums and counts.
+"""The row: what is stored for one (sample, corruption, severity), as sums and counts.
 
 Everything reported later is computed from rows, so that another average, a region or a confidence interval
 needs no second run. CRE is not stored: it is the difference of two errors over the same pixels, `epe_sum` and
@@ -33,17 +33,17 @@ from .regions import REGIONS, Regions
 from .row_sums import row_sums
 
 ROW_SCHEMA_VERSION = 2
-"""Raised when a column is added, dropped, or means something else. Version 1 lacked `LATER_COLUMNS`."""
+"""Incremented when a column is added, dropped, or changes its meaning. Version 1 lacked `LATER_COLUMNS`."""
 
 ROW_MEANING_VERSION = 1
-"""Raised when a column means something else, so that rows of before and after cannot be in one run; part of a run's
-identity."""
+"""Incremented when a column changes its meaning, so that rows from before and after cannot be in one run; part of a
+run's identity."""
 
 CLEAN = "clean"
 """The corruption name of the row of a sample's clean frames, with severity 0."""
 
 ROW_KEY = ("sample", "corruption", "severity")
-"""No two rows of a run have the same."""
+"""The key of a row: unique within a run."""
 
 ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "sample": pl.String,
@@ -84,7 +84,7 @@ LATER_COLUMNS: dict[str, type[pl.DataType]] = {
     **{f"clean_epe_sum_{region}": pl.Float64 for region in REGIONS},
 }
 """Columns that rows of version 1 lack: pixels with ground truth, and the sums of the clean flow's error over the pixels
-that the row's own error is summed over. `complete_rows` makes them where the others decide them."""
+that the row's own error is summed over. `complete_rows` computes them if they follow from the others."""
 
 FIRST_SCHEMA = dict(ROW_SCHEMA)
 """The columns of version 1."""
@@ -110,13 +110,13 @@ def measure(
     Args:
         pred: float32 (H, W, 2), the model's flow on the corrupted frames (the clean ones for the clean row).
         clean_pred: float32 (H, W, 2), the model's flow on the clean frames.
-        sample: the sample, with its ground truth where there is one.
+        sample: the sample, with its ground truth if there is any.
         regions: `Regions.of(sample)`, computed once per sample and passed to all its rows.
         corruption, severity, frames_digest: copied into the row; the digest is the hex blake2b of the two
             frames that the model was given, the pair of the clip for a multi-frame model.
 
     Returns:
-        A dict with exactly the columns of `ROW_SCHEMA`; None where the sample has no ground truth or region.
+        A dict with exactly the columns of `ROW_SCHEMA`; None if the sample has no ground truth or region.
 
     Raises:
         DataError: a prediction that is not float32 (H, W, 2) of the frames' size, or regions that do not fit.
@@ -157,10 +157,11 @@ def measure(
 
 
 def complete_rows(rows: pl.DataFrame) -> pl.DataFrame:
-    """Rows of any version with the columns of `ROW_SCHEMA`; what rows of version 1 lack is made from the others.
+    """Rows of any version with the columns of `ROW_SCHEMA`; what rows of version 1 lack is computed from their other
+    columns.
 
-    Where a row counts as many pixels as its sample's clean row, they are the same pixels, so the clean error's sum over
-    them is the clean row's. Where it counts fewer (a model that left out pixels), version 1 did not keep it: null.
+    If a row counts as many pixels as its sample's clean row, they are the same pixels, so the clean error's sum over
+    them is the clean row's. If it counts fewer (a model that left out pixels), version 1 did not store it: null.
 
     Args:
         rows: of a whole run, the columns of version 1 or more.

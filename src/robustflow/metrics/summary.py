@@ -17,8 +17,8 @@ images at once. Means over severities, then over corruptions, follow in both."""
 METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc", "coverage")
 
 SUMMARY_VERSION = 2
-"""Raised when a field is added, or means something else. Version 1, which does not say so, had no `coverage`, `paper`
-and `paper_over`, and its overall means left out corruptions that the paper does not have."""
+"""Incremented when a field is added or changes its meaning. Version 1, which has no version field, had no `coverage`,
+`paper` and `paper_over`, and its overall means left out corruptions that are not in the paper."""
 
 
 class _Frozen(BaseModel):
@@ -26,7 +26,7 @@ class _Frozen(BaseModel):
 
 
 class Scores(_Frozen):
-    """Means of the metrics; None where there is nothing to average (no ground truth, no such pixels).
+    """Means of the metrics; None if there is nothing to average (no ground truth, no such pixels).
 
     Attributes:
         epe: end-point error, pixels.
@@ -38,7 +38,7 @@ class Scores(_Frozen):
         fl: Fl-all, percent.
         px1, px3, px5: pixels with an error above 1, 3, 5 px, percent.
         wauc: weighted area under the inlier curve, percent (100 is best).
-        coverage: share of the pixels with ground truth (of all pixels, without ground truth) that the means are over, 0
+        coverage: share of the pixels with ground truth (of all pixels, without ground truth) included in the means, 0
             to 1: the others were not predicted, here or on the clean frames.
     """
 
@@ -61,8 +61,8 @@ class CorruptionScores(Scores):
     Attributes:
         family: the paper's family; None outside the paper.
         averaged: whether it is part of the overall means.
-        severities: the severities found, ascending.
-        by_severity: for each metric a list beside `severities`.
+        severities: the measured severities, ascending.
+        by_severity: for each metric a list in the order of `severities`.
     """
 
     family: str | None
@@ -99,21 +99,21 @@ class Summary(Scores):
         version: of the summary.
         row_schema: version of the rows it was made from.
         averaging: see `Averaging`.
-        complete: False where anything is listed in `missing` or `unmeasured`; the means are over what exists.
+        complete: False if anything is listed in `missing` or `unmeasured`; the means are over what exists.
         missing: planned, but not among the rows.
         unmeasured: rows without a single pixel to measure (no predicted flow is finite, or no ground truth
             is valid).
         samples: number of samples.
-        n_invalid: predicted pixels that are not finite, in all rows; they are in none of the means.
+        n_invalid: predicted pixels that are not finite, in all rows; they are excluded from all means.
         epe_clean: end-point error on the clean frames.
         clean: the metrics on the clean frames, where CRE and CREr are not defined.
         averaged_over: corruptions in the overall means.
         corruptions: in the paper's order, then the others by name.
         families: means over the corruptions of each of the paper's families.
         regions: overall means inside each region that occurs.
-        paper: the paper's mean, over its corruptions on this benchmark alone; None unless all of them were run. Only it
-            can be compared with published averages.
-        paper_over: the corruptions of `paper`, none where it is None.
+        paper: the paper's mean, over only its corruptions on this benchmark; None unless all of them were run. Only
+            this mean can be compared with published averages.
+        paper_over: the corruptions of `paper`, empty if it is None.
     """
 
     version: int = SUMMARY_VERSION

@@ -1,9 +1,9 @@
 """A counter-based random generator: value `i` of stream `key` is a hash of (key, i).
 
-Nothing is carried from call to call but a position, so a stream can be read from anywhere, in any order, by any
-number of threads, and gives the same values on every machine: all arithmetic is on 64-bit integers, the conversion
-to floating point is exact, and normal numbers need nothing but the operations that IEEE 754 fixes to the bit. Streams
-are named by what they are for (`Rng.of(seed, "fog", 3, "000010")`), not by when they were made.
+Nothing is carried from call to call but a position, so a stream can be read from anywhere, in any order, by any number
+of threads, and gives the same values on every machine: all arithmetic is on 64-bit integers, the conversion to floating
+point is exact, and normal numbers need nothing but operations whose results IEEE 754 fixes exactly. Streams are named
+by what they are for (`Rng.of(seed, "fog", 3, "000010")`), not by when they were made.
 
 The hash is two rounds of the 64-bit finaliser of MurmurHash3 as improved by Stafford ("variant 13", used by
 SplitMix64; Steele, Lea and Flood 2014), keyed by adding the key before each round.
@@ -43,13 +43,13 @@ def fill_bits(key: Any, start: Any, out: Any) -> None:
 
 
 def key_of(*parts: str | int) -> int:
-    """A 64-bit key from strings and integers; no two different tuples are spelled the same.
+    """A 64-bit key from strings and integers; different tuples are hashed from different texts.
 
     >>> key_of("fog", 1) != key_of("fog1") != key_of("fog", "1")
     True
     """
-    spelled = "\x1f".join(f"{type(part).__name__}:{len(str(part))}:{part}" for part in parts)
-    return int.from_bytes(hashlib.blake2b(spelled.encode(), digest_size=8).digest(), "little")
+    text = "\x1f".join(f"{type(part).__name__}:{len(str(part))}:{part}" for part in parts)
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little")
 
 
 class Rng:

@@ -71,10 +71,10 @@ def build_table(
     chosen = results.filter(pl.col("metric") == metric, of_these if name == "gopro-rcre" else ~of_these)
     if chosen.is_empty():
         raise UsageError(f"the table '{name}' would be empty: these results have no such {METRIC_LABELS[metric]}")
-    found = set(chosen["corruption"])
-    known = [c for c in PAPER_ORDER if c in found]
-    others = sorted(found - {CLEAN, AVERAGE, *known})
-    keys = [CLEAN] * (CLEAN in found) + known + others + [AVERAGE]
+    measured = set(chosen["corruption"])
+    known = [c for c in PAPER_ORDER if c in measured]
+    others = sorted(measured - {CLEAN, AVERAGE, *known})
+    keys = [CLEAN] * (CLEAN in measured) + known + others + [AVERAGE]
     columns = [_column(key, metric) for key in keys]
     models = set(chosen.select("sample_set", "model").iter_rows())
     gaps = {model: share for model, share in (coverage or {}).items() if model in models and share < 1}
@@ -108,17 +108,17 @@ _SHARE = "Coverage: share of the pixels with ground truth that the model predict
 
 def _listed(benchmarks: pl.Series) -> str:
     """What was measured on, in words, the paper's benchmark first."""
-    found = dict.fromkeys(benchmarks)
-    facts = {name: benchmark_facts(name) for name in found}
-    order = sorted(found, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
+    unique = dict.fromkeys(benchmarks)
+    facts = {name: benchmark_facts(name) for name in unique}
+    order = sorted(unique, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
     names = list(map(benchmark_words, order))
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def settings_in_order(results: pl.DataFrame) -> list[str]:
     """The settings in the results, the paper's first."""
-    found = list(dict.fromkeys(results["setting"]))
-    return [name for name in SETTING_LABELS if name in found] + sorted(set(found) - set(SETTING_LABELS))
+    settings = list(dict.fromkeys(results["setting"]))
+    return [name for name in SETTING_LABELS if name in settings] + sorted(set(settings) - set(SETTING_LABELS))
 
 
 def _column(key: str, metric: str) -> Column:

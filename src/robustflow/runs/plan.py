@@ -98,9 +98,9 @@ class Plan:
         scale = self.options.severity_scale
         return {name: levels_of(name, self.benchmark.severities, scale) for name in self.benchmark.corruptions}
 
-    def missing(self, found: Iterable[Cell]) -> list[Unit]:
+    def missing(self, existing: Iterable[Cell]) -> list[Unit]:
         """The planned units without those already done."""
-        done = found if isinstance(found, AbstractSet) else set(found)
+        done = existing if isinstance(existing, AbstractSet) else set(existing)
         left = []
         for unit in self._each():
             severities = tuple(s for s in unit.severities if (unit.key, unit.corruption, s) not in done)

@@ -1,4 +1,4 @@
-"""Checks for what users bring (models, corruptions, data sets), and small fakes. Imported on first use."""
+"""Checks for users' own models, corruptions and data sets, and small fakes. Imported on first use."""
 
 from __future__ import annotations
 

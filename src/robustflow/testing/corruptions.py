@@ -12,15 +12,15 @@ from ..sample import Frame
 from ..severity import SEVERITIES
 
 _SHAPES = ((48, 64), (33, 61))
-"""A size with even numbers, and one without: code that halves an image shows itself."""
+"""An even and an odd size: they reveal code that halves an image."""
 
 
 def check_corruption(corruption: Any, seed: int = 0) -> str:
     """Try a corruption at all five severities, and return its name.
 
-    Every frame that comes back is RGB uint8 of the shape given; the frame given is not written to; the same draw gives
-    the same bytes, in another order and from a second object of the class alike; frame 0 does not change because frame
-    1 was asked for; black, white and textured frames of even and odd sizes are taken.
+    Every returned frame must be RGB uint8 of the given shape; the given frame must not be written to; the same draw
+    must give the same bytes, also in another order and from a second object of the class; frame 0 must not change
+    because frame 1 was requested; black, white and textured frames of even and odd sizes must work.
 
     Args:
         corruption: a class, an object or the name of a corruption; see docs/add-your-corruption.md.

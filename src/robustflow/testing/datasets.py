@@ -58,7 +58,8 @@ class TexturePairs(Samples):
         return []
 
     def load(self, key: str) -> Sample:
-        """See `Dataset.load`: flow float32 (H, W, 2) in pixels, known everywhere; what leaves the frame is occluded.
+        """See `Dataset.load`: flow float32 (H, W, 2) in pixels, known everywhere; pixels that leave the frame are
+        occluded.
 
         Raises:
             KeyError: no such key.
@@ -83,9 +84,9 @@ class TexturePairs(Samples):
 def check_dataset(dataset: Any, samples: int = 3) -> str:
     """Try a data set, and return its name.
 
-    It has a name, keys that are the same when asked twice, samples that are what it says (frames RGB uint8 of one size,
-    flow float32 with a valid mask where `has_flow`, the same bytes when read twice and after being sent to another
-    process), files that are there, and an error for a key that does not exist.
+    It must have a name, the same keys on every call, samples as declared (frames RGB uint8 of one size, flow float32
+    with a valid mask if `has_flow`, the same bytes when read twice and after being sent to another process), existing
+    files, and an error for a key that does not exist.
 
     Args:
         dataset: an object with the members of `robustflow.datasets.Dataset`; see docs/add-your-dataset.md.

@@ -14,9 +14,9 @@ from ..models.window import window_of
 from ..sample import Flow, Frame
 
 _SHAPES = ((128, 160), (121, 147))
-"""A size with even numbers, and one that is a multiple of nothing."""
+"""An even size, and one that is a multiple of nothing."""
 BATCH_TOLERANCE = 1e-4
-"""Pixels that a batch may change a flow by; see `BatchedFlowModel`."""
+"""By how many pixels a batch may change a flow; see `BatchedFlowModel`."""
 
 
 class ConstantFlow:
@@ -78,7 +78,7 @@ class ShiftedTruth:
     """Predicts a known flow, off by the same (u, v) pixels everywhere, so that its end-point error is known.
 
     Args:
-        flow: float32 (H, W, 2), the truth of the only pair it is asked for.
+        flow: float32 (H, W, 2), the ground truth of the only pair it predicts.
         u, v: added to it.
 
     >>> model = ShiftedTruth(np.ones((2, 2, 2), np.float32), u=3, v=4)
@@ -122,11 +122,11 @@ class BrightnessFlow:
 
 
 def check_model(model: Any, seed: int = 0) -> str:
-    """Try a model on textured frames of two sizes, and return what it is called.
+    """Try a model on textured frames of two sizes, and return its name.
 
-    Its flow is float (H, W, 2) and finite; the same frames give the same flow, after others were predicted and in
-    whatever order; it does not write into the frames that it is given; and where it predicts batches, they give the
-    flows of single pairs to 1e-4 px. A multi-frame model is given a clip of the frames that its window asks for.
+    Its flow must be float (H, W, 2) and finite; the same frames must give the same flow, also after others were
+    predicted and in any order; it must not write into the frames that it is given; and if it predicts batches, they
+    must give the flows of single pairs to 1e-4 px. A multi-frame model is given a clip of the frames in its window.
 
     Args:
         model: an object or class with `predict` or `predict_clip`, a function of two frames, or a PyTorch module.
@@ -165,7 +165,7 @@ def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:
         elif isinstance(model, FlowModel):
             returned = model.predict(given[0], given[1])
         else:
-            raise ModelError("flows computed elsewhere are asked by name, so there is nothing to predict")
+            raise ModelError("flows computed elsewhere are looked up by name, so there is nothing to predict")
     except ModelError:
         raise
     except Exception as error:

@@ -1,1 +1,1 @@
-"""Train flow networks by the recipes of the paper and of the originals. Needs the extra `torch`."""
+"""Train flow networks by the recipes of the paper and of the original authors. Needs the extra `torch`."""

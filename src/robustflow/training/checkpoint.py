@@ -1,8 +1,8 @@
-"""Checkpoints of a training: all that going on needs, in a file that `run --checkpoint` reads too.
+"""Checkpoints of a training: everything needed to continue, in a file that `run --checkpoint` can also read.
 
-`last.pth` holds weights, optimiser, loss scaling and the number of updates; the state of the random numbers is none,
-because every draw is a function of the seed and the step. Files of weights alone (`best.pth`, `update-N.pth`) hold the
-same entries without the rest. All are read with `weights_only=True`.
+`last.pth` holds weights, optimiser, loss scaling and the number of updates; random numbers have no state, because every
+draw is a function of the seed and the step. Files with weights only (`best.pth`, `update-N.pth`) hold the same entries
+without the rest. All are read with `weights_only=True`.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ _ABOUT = "robustflow_training"
 
 @dataclass(frozen=True)
 class Progressed:
-    """How far a training is.
+    """The progress of a training.
 
     Attributes:
-        updates: made so far.
-        identity: what decides the weights: recipe, seed, data.
+        updates: number made so far.
+        identity: what determines the weights: recipe, seed, data.
         best: the smallest validation error so far, pixels; None before the first validation.
     """
 
@@ -41,7 +41,7 @@ class Progressed:
 
 
 def save_weights(path: Path, weights: dict[str, Tensor], about: Progressed, trained_on: str | None) -> None:
-    """Write weights and where they come from, whole or not at all.
+    """Write weights and their origin, completely or not at all.
 
     Raises:
         DataError: the folder cannot be written, or the disk is full.
@@ -57,13 +57,13 @@ def save_training(
     optimizer: torch.optim.Optimizer,
     scaler: torch.amp.GradScaler,
 ) -> None:
-    """Likewise with what going on needs."""
+    """Likewise, with everything needed to continue."""
     state = {"optimizer": optimizer.state_dict(), "scaler": scaler.state_dict()}
     write_with(path, lambda file: _save({**_content(weights, about, trained_on), **state}, file))
 
 
 def read_progress(path: Path) -> tuple[dict[str, Any], Progressed]:
-    """What `save_training` wrote: the whole content, and how far it is.
+    """Read what `save_training` wrote: the complete content, and the progress.
 
     Raises:
         RunError: no such file, or one that no training wrote.
@@ -81,7 +81,7 @@ def read_progress(path: Path) -> tuple[dict[str, Any], Progressed]:
         return content, Progressed(int(about["updates"]), dict(about["identity"]), about["best"])
     except (KeyError, TypeError, ValueError) as error:
         raise RunError(
-            f"{path} holds weights but no training that could go on; start from them with --init {path}"
+            f"{path} holds weights but no training to continue; start from them with --init {path}"
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""BrightFlow's brightness corrector, a network that only its training needs (Marsal et al., WACV 2023)."""
+"""BrightFlow's brightness corrector, a network needed only for its training (Marsal et al., WACV 2023)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _FEATURES = 128
 
 
 class Corrector(nn.Module):
-    """An image, what the flow finds of it in the other one, and where that is seen, to offsets of its colours.
+    """From an image, the other image warped to it by the flow, and a visibility mask, to offsets of its colours.
 
     Written from a description: the encoder of the flow network on seven channels, a head of three at 1/8, and convex
     upsampling. How wide the head is and what its mask is made from is not described.

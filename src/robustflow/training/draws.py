@@ -1,4 +1,4 @@
-"""What a step draws besides its pairs: functions of the seed, the step and the position, like everything drawn."""
+"""The random numbers of a step besides its pairs: like all others, functions of the seed, the step and the position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a training writes down: one line of JSON an update, and TensorBoard's files where it is installed."""
+"""The log of a training: one line of JSON per update, and TensorBoard's files if it is installed."""
 
 from __future__ import annotations
 

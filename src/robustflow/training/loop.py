@@ -1,4 +1,4 @@
-"""The loop: from the update that comes next to the last, with a checkpoint that going on from is exact.
+"""The loop: from the next update to the last, with checkpoints from which it can continue exactly.
 
 Plain PyTorch: what a library would take over (launching, precision, clipping) is a few lines here, while the data's
 order, the random numbers and the checkpoint, on which exact resuming rests, would have to be taken from it.
@@ -36,20 +36,20 @@ from .unsupervised.objective import Moment
 
 @dataclass(frozen=True)
 class Training:
-    """All that the loop needs.
+    """Everything that the loop needs.
 
     Attributes:
         recipe: with the user's changes.
         seed: of every draw.
-        trained_on: what the weights will have seen; None where it is not known.
+        trained_on: what the weights will have been trained on; None if unknown.
         folder: where checkpoints and the log go.
         pairs: the data.
-        loaders: processes that read ahead.
+        loaders: processes that prepare batches in advance.
         save_every: updates between checkpoints.
-        keep_every: updates between files of weights that stay; None for none.
+        keep_every: updates between files of weights that are kept; None for none.
         validate_every: updates between validations; None for none.
         validate: the error of the network as it is after so many updates, `epe` in pixels, and more for the log.
-        stop: asked after each update; True ends the training there.
+        stop: called after each update; True ends the training there.
     """
 
     recipe: Recipe
@@ -67,7 +67,7 @@ class Training:
 
 @dataclass
 class State:
-    """What changes while a training goes on."""
+    """The state that changes during a training."""
 
     network: TrainedNetwork
     optimizer: torch.optim.Optimizer
@@ -76,12 +76,12 @@ class State:
 
 
 def train(training: Training, state: State, process: Process, progress: TrainingProgress) -> None:
-    """Make the updates that are left.
+    """Make the remaining updates.
 
     Raises:
         ModelError: loss or gradients are not finite; the last checkpoint is kept.
         RunError: a process that reads pairs was ended from outside.
-        DataError: a pair cannot be read, or a file not be written.
+        DataError: a pair cannot be read, or a file cannot be written.
     """
     recipe, network = training.recipe, state.network
     called: nn.Module = NetworkWithLoss(network, recipe)
@@ -120,7 +120,7 @@ def train(training: Training, state: State, process: Process, progress: Training
 def _update(
     called: nn.Module, state: State, stream: Iterator[Batch], training: Training, share: Share, update: int
 ) -> dict[str, float]:
-    """One update of the weights, and its numbers for the log."""
+    """Make one update of the weights, and return its numbers for the log."""
     recipe, device = training.recipe, next(called.parameters()).device
     state.optimizer.zero_grad(set_to_none=True)
     total: dict[str, float] = {}
@@ -141,7 +141,7 @@ def _update(
     state.scaler.unscale_(state.optimizer)
     clip = recipe.optimizer.clip
     norm = nn.utils.clip_grad_norm_(learning_parameters(state.network), clip if clip is not None else math.inf)
-    if not state.scaler.is_enabled():  # with loss scaling an overflow is expected, and the update is left out
+    if not state.scaler.is_enabled():  # with loss scaling an overflow is expected, and the update is skipped
         _check_finite("gradient", norm.item(), update, batch)
     state.scaler.step(state.optimizer)
     state.scaler.update()
@@ -152,7 +152,7 @@ def _check_finite(what: str, value: float, update: int, batch: Batch) -> None:
     if not math.isfinite(value):
         raise ModelError(
             f"the {what} is {value} at update {update}, on {', '.join(batch.names)}; the last checkpoint is kept: "
-            "try a lower --learning-rate or --precision fp32, or look at these pairs"
+            "try a lower --learning-rate or --precision fp32, or check these pairs"
         )
 
 

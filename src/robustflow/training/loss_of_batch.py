@@ -12,19 +12,19 @@ from .networks import TrainedNetwork
 from .recipe import Recipe
 
 DTYPES = {"bf16": torch.bfloat16, "fp16": torch.float16}
-"""What a mixed precision computes in."""
+"""The data type of each mixed precision."""
 
 
 def loss_of_batch(network: TrainedNetwork, batch: Batch, recipe: Recipe) -> tuple[Tensor, dict[str, float]]:
     """The loss to be minimised, and numbers for the log (EPE in pixels of the last prediction).
 
     Args:
-        network: that learns; one with a `loss` of its own says its loss itself.
+        network: the one being trained; if it has a `loss` of its own, that is used.
         batch: on the network's device.
-        recipe: says precision and loss.
+        recipe: defines precision and loss.
 
     Raises:
-        UsageError: a loss that this network has not the means for.
+        UsageError: a loss that this network does not support.
     """
     matching: Tensor | None = None
     device = batch.image1.device.type

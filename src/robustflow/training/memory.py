@@ -1,4 +1,4 @@
-"""How much memory a training takes: modelled from a count of what autograd keeps (`bench/training_memory.py`)."""
+"""How much memory a training needs: modelled from a count of what autograd keeps (`bench/training_memory.py`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .recipe import Recipe
 
 TABLE = "memory.csv"
 _COPIES = 4
-"""Of a weight that learns: itself, its gradient and AdamW's two moments."""
+"""Values per trained weight: itself, its gradient and AdamW's two moments."""
 _BYTES = 4
 
 
@@ -19,7 +19,7 @@ def expected_memory(recipe: Recipe) -> float | None:
     """GiB for weights, gradients, moments and what is kept for the backward pass, with the whole batch on one device
     and in single precision; None for a network that was not measured.
 
-    Mixed precision takes less; the workspaces of convolutions and what a device's libraries take come on top.
+    Mixed precision needs less; the workspaces of convolutions and the memory of a device's libraries are not included.
 
     >>> from robustflow.training.recipe import load_recipe
     >>> recipe = load_recipe("raft", "ood")

@@ -16,7 +16,7 @@ from .unsupervised.objective import Moment
 
 
 class NetworkWithLoss(nn.Module):
-    """The loss as a function of the weights; what spreads a training over processes wraps this, and so sees any loss.
+    """The loss as a function of the weights; `DistributedDataParallel` wraps this module, and so supports any loss.
 
     Args:
         network: that learns.

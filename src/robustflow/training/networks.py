@@ -1,4 +1,4 @@
-"""The network of a method, taken from the registry that `run` uses, as something that learns."""
+"""The network of a method, from the registry that `run` uses, ready for training."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ _NEEDED = {
 }
 """What a network must have for each loss."""
 _CORRECTOR = "corrector."
-"""How the names of BrightFlow's corrector begin, in its authors' files too."""
+"""Prefix of the names of BrightFlow's corrector, also in its authors' files."""
 
 
 class TrainedNetwork(nn.Module):
     """A network as the loop calls it: RGB images 0..255 in, the flow after every iteration out.
 
     Args:
-        model: whose network learns; it predicts with the very weights that are being trained.
-        recipe: says how its normalisation layers behave.
+        model: whose network is trained; it predicts with the same weights that are being trained.
+        recipe: defines how its normalisation layers behave.
         seed: of the random weights of BrightFlow's corrector, which no checkpoint of `run` holds.
 
     Raises:
@@ -108,14 +108,14 @@ class TrainedNetwork(nn.Module):
         return isinstance(self.net, ModuleNet) and callable(getattr(self.net.module, "loss", None))
 
     def own_loss(self, batch: Batch) -> tuple[Tensor, dict[str, float]]:
-        """What the user's own module says its loss is.
+        """The loss that the user's own module returns.
 
         Args:
             batch: the module gets a dictionary: `image1` and `image2` float (N, 3, H, W) as it declares that it takes
                 images, `flow` (N, 2, H, W) in pixels, `valid` (N, H, W), 1 where the flow is known.
 
         Raises:
-            UsageError: it returned no loss, or the crop is not one that it takes.
+            UsageError: it returned no loss, or cannot take this crop.
         """
         first, second = self._exact(batch.image1, batch.image2)
         module: Any = self._inner
@@ -140,7 +140,7 @@ class TrainedNetwork(nn.Module):
         return {name: value.detach().cpu() for name, value in state.items()}
 
     def load_weights(self, weights: dict[str, Tensor]) -> None:
-        """Put back what `weights` gave."""
+        """Load what `weights` returned."""
         own = {name: value for name, value in weights.items() if not name.startswith(_CORRECTOR)}
         self._inner.load_state_dict(own)
         if self.corrector is not None:
@@ -172,9 +172,9 @@ def load_network(
 
     Args:
         recipe: names the method and its iterations.
-        start: a checkpoint as `run --checkpoint` takes it, or "random".
-        device: as `run --device` takes it.
-        options: of the model, besides.
+        start: a checkpoint as for `run --checkpoint`, or "random".
+        device: as for `run --device`.
+        options: further options of the model.
         seed: of random weights.
 
     Raises:
@@ -200,7 +200,7 @@ def load_network(
 
 
 def kaiming(network: nn.Module, seed: int = 0) -> None:
-    """The weights that ARFlow and UPFlow begin with: He et al.'s normal ones, no biases; the same for the same seed."""
+    """The initial weights of ARFlow and UPFlow: He et al.'s normal ones, no biases; the same for the same seed."""
     generator = torch.Generator().manual_seed(seed)
     for module in network.modules():
         if isinstance(module, nn.Conv2d):
@@ -213,7 +213,7 @@ def kaiming(network: nn.Module, seed: int = 0) -> None:
 
 
 def learning_parameters(network: nn.Module) -> list[nn.Parameter]:
-    """The parameters that learn."""
+    """The parameters that are trained."""
     return [value for value in network.parameters() if value.requires_grad]
 
 

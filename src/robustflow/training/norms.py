@@ -1,4 +1,4 @@
-"""BatchNorm in training as the originals have it: frozen, or over the share of a batch that one of their GPUs saw."""
+"""BatchNorm in training as in the originals: frozen, or over the share of a batch that one of their GPUs had."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from torch.nn import functional as F
 
 
 def freeze_batchnorm(network: nn.Module) -> None:
-    """Let every BatchNorm use its running statistics and leave them as they are, `freeze_bn` of RAFT; its scale and
-    shift still learn. Call it again after each `network.train()`."""
+    """Make every BatchNorm use its running statistics without updating them, as RAFT's `freeze_bn`; scale and shift are
+    still trained. Call it again after each `network.train()`."""
     for module in network.modules():
         if isinstance(module, nn.BatchNorm2d):
             module.eval()
@@ -23,7 +23,7 @@ def freeze_all_norms(network: nn.Module) -> None:
 
 
 def group_batchnorm(network: nn.Module, groups: int) -> None:
-    """Let every BatchNorm of a network work on `groups` equal parts of a batch, as `DataParallel` over as many GPUs
+    """Make every BatchNorm of a network work on `groups` equal parts of a batch, as `DataParallel` over as many GPUs
     did (see `GroupedBatchNorm2d`). One group changes nothing."""
     if groups == 1:
         return
@@ -39,7 +39,7 @@ class GroupedBatchNorm2d(nn.BatchNorm2d):
 
     Args:
         norm: whose weights, statistics and settings it takes over.
-        groups: parts of a batch; a batch that cannot be parted so is parted into fewer.
+        groups: parts of a batch; a batch that cannot be split so is split into fewer.
     """
 
     def __init__(self, norm: nn.BatchNorm2d, groups: int) -> None:

@@ -1,7 +1,7 @@
 """What a method that learns without labels minimises, as tables of its recipe.
 
-Whatever begins in the middle of a training is given as a share of its updates, so that a shorter training passes
-through all of it.
+Anything that starts in the middle of a training is given as a fraction of its updates, so that a shorter training
+passes through all of it.
 """
 
 from __future__ import annotations

@@ -11,10 +11,10 @@ from .recipe import Recipe
 
 
 def build_optimizer(network: nn.Module, recipe: Recipe) -> torch.optim.Optimizer:
-    """The recipe's optimiser over all parameters that learn.
+    """The recipe's optimiser over all trained parameters.
 
-    AdamW of the RAFT family decays every parameter, norms and biases too; a recipe with `decay_biases = false` (ARFlow)
-    leaves biases alone.
+    AdamW of the RAFT family decays every parameter, including norms and biases; a recipe with `decay_biases = false`
+    (ARFlow) leaves biases alone.
     """
     settings = recipe.optimizer
     learning = [(name, value) for name, value in network.named_parameters() if value.requires_grad]

@@ -14,7 +14,7 @@ from .recipe import Part, Recipe, mix_parts
 
 
 def plan_text(recipe: Recipe, data: Sequence[str | Path]) -> str:
-    """The recipe, which data are there and which are missing, what each contributes, and how long it goes on.
+    """The recipe, which data are there and which are missing, what each contributes, and how long it takes.
 
     Args:
         recipe: with the user's changes.
@@ -47,7 +47,7 @@ def plan_text(recipe: Recipe, data: Sequence[str | Path]) -> str:
         if text:
             lines.append(f"{name}: {text}")
     if missing:
-        lines.append("nothing can run before the missing data are there")
+        lines.append("training cannot start before the missing data are available")
     return "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""The processes of one training: alone, or one for each device, as `torchrun` starts them."""
+"""The processes of one training: a single one, or one per device, as `torchrun` starts them."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Process:
 
 @contextmanager
 def this_process(device: str) -> Iterator[Process]:
-    """Join the other processes of a training, where `torchrun` started some.
+    """Join the other processes of a training, if `torchrun` started several.
 
     Args:
         device: "cuda" is this process's own GPU where there are several processes; else as `run --device` takes it.

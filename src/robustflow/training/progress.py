@@ -52,7 +52,7 @@ class TrainingProgress:
             self._bar.start()
 
     def advance(self, done: int, numbers: dict[str, float]) -> None:
-        """So many updates are made; the last one had these numbers."""
+        """This many updates are made; the last one had these numbers."""
         if not self._shown:
             return
         what = f"loss {numbers['loss']:.3g}, EPE {numbers['epe']:.3g} px" if "epe" in numbers else ""

@@ -1,7 +1,7 @@
-"""A recipe: everything that decides how a method is trained in one stage, read from `recipes/METHOD.toml`.
+"""A recipe: everything that determines how a method is trained in one stage, read from `recipes/METHOD.toml`.
 
-Each field has the value of its source; what could not be verified in it stands in `unverified`, where the paper and the
-original differ in `differs`.
+Each field has the value of its source; `unverified` lists what could not be verified, `differs` where the paper and the
+original differ.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Part(Table):
     margin: int = Field(0, ge=0)
 
     def spelled(self) -> str:
-        """As the identity of a training spells it: without a margin of 0, which older trainings do not have."""
+        """Its form in a training's identity: without a margin of 0, which older trainings do not have."""
         return self.model_dump_json(exclude=None if self.margin else {"margin"})
 
 
@@ -77,13 +77,14 @@ class Recipe(Table):
         method: the model's registered name.
         stage: "chairs", "things", "sintel", "kitti" of the originals, "ood" or "id" of the paper; "unsupervised" and
             others of methods that learn without labels.
-        start: which weights it begins with: "random", or a stage.
+        start: which weights it starts from: "random", or a stage.
         mix: of `recipes/mixes.toml`, or a file like it.
-        steps: as the source counts them: batches.
+        steps: number of batches, as counted by the source.
         one_more: whether the original makes one update more than `steps`.
-        batch: pairs a step, over all devices.
+        batch: pairs per step, over all devices.
         accumulate: steps for one update of the weights.
-        devices: over how many the original's batch was spread, which decides what a BatchNorm sees.
+        devices: over how many the original's batch was spread, which determines the share that a BatchNorm normalises
+            over.
         crop: (H, W), pixels.
         iterations: of a recurrent network; None, in a file "none", for one without.
         loss: "sequence"; "sequence+matching", with GMFlowNet's loss of its matching; or "denoising", the sequence loss
@@ -93,12 +94,12 @@ class Recipe(Table):
         noise: the largest standard deviation, in grey levels, of the noise added to both frames; 0 for none.
         frozen_norms: "none", "batchnorm" (running statistics stay) or "all".
         frozen: parts of the network, by the beginning of their parameters' names, that do not learn.
-        unused: parts, likewise, that the network has and never computes with, in the original too: no gradient comes
-            to them.
+        unused: parts, likewise, that the network has but never computes with, also in the original: they get no
+            gradient.
         precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
         source: where this comes from.
-        unverified: what of it could not be checked.
-        differs: where the paper and the original differ, and which is taken.
+        unverified: what could not be checked.
+        differs: where the paper and the original differ, and which is used.
     """
 
     method: str
@@ -129,11 +130,11 @@ class Recipe(Table):
 
     @property
     def updates(self) -> int:
-        """How often the weights are updated."""
+        """The number of updates of the weights."""
         return self.steps // self.accumulate + self.one_more
 
     def digest(self) -> str:
-        """32 hexadecimal digits that name everything that decides the weights."""
+        """A hash, 32 hexadecimal digits, of everything that determines the weights."""
         words = {"source", "unverified", "differs", "unused"}
         later = {"objective"} if self.objective is None else set()  # a field that came later leaves older digests alone
         return digest_of_value(self.model_dump(mode="json", exclude=words | later), size=16)
@@ -142,7 +143,7 @@ class Recipe(Table):
         """This recipe with other values, checked again; those that are None are left as they are.
 
         Raises:
-            UsageError: a value that it cannot have.
+            UsageError: an invalid value.
         """
         return _validated({**self.model_dump(), **{key: value for key, value in changes.items() if value is not None}})
 
@@ -182,7 +183,7 @@ def recipes_of(method: str) -> dict[str, Recipe]:
 
 @cache
 def trained_methods() -> list[str]:
-    """The methods that there are recipes for."""
+    """The methods that have recipes."""
     names = (entry.name for entry in files(__package__).joinpath(FOLDER).iterdir())
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml") and name != f"{MIXES}.toml")
 
@@ -214,7 +215,7 @@ def _own_parts(path: Path) -> tuple[Part, ...]:
             'parts = [{data = "sintel", augmentation = "dense", log2_scale = [-0.2, 0.6], flip = true}, ...]'
         ) from error
     if not parts:
-        raise UsageError(f"{path}: a mix of data without a part; name at least one data set")
+        raise UsageError(f"{path}: a mix of data without parts; name at least one data set")
     return parts
 
 

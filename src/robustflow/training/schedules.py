@@ -1,4 +1,4 @@
-"""Learning rates as functions of the update alone, so that a training that is resumed needs no state of a schedule."""
+"""Learning rates as functions of the update alone, so that a resumed training needs no state of a schedule."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def one_cycle(update: int, steps: int, highest: float) -> float:
 
 
 def constant(update: int, steps: int, highest: float) -> float:
-    """One rate all along (ARFlow, UPFlow)."""
+    """A constant rate (ARFlow, UPFlow)."""
     return highest
 
 

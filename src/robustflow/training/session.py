@@ -1,4 +1,4 @@
-"""A training, set up from what a user asks for, and carried out."""
+"""Set up a training from a user's request, and carry it out."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ PAIRS_OF_VALIDATION = 20
 
 @dataclass(frozen=True)
 class Request:
-    """What a user asks for.
+    """A user's request.
 
     Attributes:
         recipe: with the user's changes.
         data: folders, see `open_part`.
         output: the training's folder.
-        start: a checkpoint to begin with, or "random"; None for what the recipe begins with.
-        start_trained_on: what those weights have seen, where their file does not say.
-        resume: go on from `last.pth`.
+        start: a checkpoint to start from, or "random"; None for what the recipe starts from.
+        start_trained_on: what those weights were trained on, if their file does not say.
+        resume: continue from `last.pth`.
         seed: of every draw.
-        device: as `run --device` takes it.
+        device: as for `run --device`.
         options: of the model.
-        loaders: processes that read ahead.
+        loaders: processes that prepare batches in advance.
         save_every, keep_every, validate_every: updates, see `loop.Training`.
         validate: a benchmark, or None.
         validate_data: its data.
         validate_corruptions: besides the clean frames.
         validate_limit: its first pairs only.
-        corrupt: corruptions laid over training frames.
-        corrupt_probability: of a pair being corrupted.
+        corrupt: corruptions applied to training frames.
+        corrupt_probability: that a pair is corrupted.
         skip_bad: see `TrainingPairs`.
     """
 
@@ -81,14 +81,14 @@ class Request:
 
 
 def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> Path:
-    """Train, from the start or from the last checkpoint; the path of that checkpoint.
+    """Train, from the start or from the last checkpoint, and return the path of the last checkpoint.
 
     Args:
-        request: what is asked for.
-        stop: asked after each update; True ends the training there, with a checkpoint.
+        request: what to train.
+        stop: called after each update; True ends the training there, with a checkpoint.
 
     Raises:
-        UsageError: parts that do not go together, or a folder that holds another training.
+        UsageError: parts that do not fit together, or a folder that holds another training.
         DataError: data that are missing or cannot be read, or a folder that cannot be written.
         ModelError: weights that cannot be loaded, or a loss that is not finite.
         RunError: nothing to resume, or another training.
@@ -136,7 +136,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
 
 
 def _earlier(folder: Path, request: Request) -> tuple[dict[str, Any] | None, Progressed | None]:
-    """The last checkpoint's content where a training is resumed."""
+    """The last checkpoint's content if a training is resumed."""
     if request.resume:
         return read_progress(folder / LAST)
     if (folder / LAST).exists():
@@ -148,14 +148,15 @@ def _start(request: Request) -> str:
     recipe = request.recipe
     if request.start is None and recipe.start != RANDOM:
         raise UsageError(
-            f"recipe '{recipe.stage}' of {recipe.method} begins with the weights of its stage '{recipe.start}': give "
+            f"recipe '{recipe.stage}' of {recipe.method} starts from the weights of its stage '{recipe.start}': give "
             "them with --init FILE, or train from scratch with --init random"
         )
     return request.start or RANDOM
 
 
 def _start_record(model: NetworkModel, request: Request) -> dict[str, Any]:
-    """Which weights a training begins with, and what they have seen: names of training sets, None where unknown."""
+    """The weights that a training starts from, and what they were trained on: names of training sets, None if
+    unknown."""
     checkpoint = str(model.identity()["checkpoint"])
     if _start(request) == RANDOM and request.start_trained_on is None:
         return {"start": checkpoint, "start_trained_on": []}
@@ -164,7 +165,7 @@ def _start_record(model: NetworkModel, request: Request) -> dict[str, Any]:
 
 
 def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None:
-    """What the weights will have seen, as `--trained-on` takes it; None where some of it is not known."""
+    """What the weights will have been trained on, in the form of `--trained-on`; None if part of it is unknown."""
     sets = list(seen or [])
     for part in parts:
         name = dataset_facts(part.dataset.name).training_set
@@ -176,7 +177,7 @@ def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None
 
 
 def _identity(request: Request, parts: Sequence[OpenPart]) -> dict[str, Any]:
-    """What decides the weights, besides those it begins with."""
+    """What determines the weights, besides the initial ones."""
     keys = hashlib.blake2b(digest_size=8)
     for part in parts:
         keys.update("\x1f".join((part.dataset.name, part.part.spelled(), *part.keys)).encode())
@@ -201,7 +202,7 @@ def _check_same(folder: Path, asked: dict[str, Any], held: dict[str, Any]) -> No
 def _check_process(recipe: Recipe, process: Process) -> None:
     if recipe.batch % process.world:
         raise UsageError(
-            f"a batch of {recipe.batch} cannot be parted over {process.world} processes; give another --batch-size"
+            f"a batch of {recipe.batch} cannot be split over {process.world} processes; give another --batch-size"
         )
     if recipe.precision == "fp16" and process.device.type == "cpu":
         raise UsageError(

@@ -13,7 +13,7 @@ from .checkpoint import read_progress
 
 
 def ship(checkpoint: Path, target: Path, command: str, commit: str) -> None:
-    """Weights as safetensors, with what decided them.
+    """Write weights as safetensors, with what determined them.
 
     Args:
         checkpoint: `last.pth` of a training.

@@ -1,4 +1,4 @@
-"""Validation during training: the project's own evaluation of the network as it is."""
+"""Validation during training: the project's own evaluation of the current network."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def validator(
     """A function that measures the model on a benchmark after so many updates: `epe` on clean frames, and where
     corruptions are named `cre` and `rcre`, in pixels.
 
-    Each validation is a run of its own, `validation/update-N` in the folder of the training; one that was cut short
-    begins again.
+    Each validation is a separate run, `validation/update-N` in the folder of the training; an interrupted one starts
+    again.
 
     Raises:
         UsageError, DataError: see `robustflow.evaluate`.
@@ -54,7 +54,9 @@ def validator(
     chosen = open_benchmark(benchmark, data)
     chosen = chosen.narrowed(corruptions, None, limit) if corruptions else _clean_alone(chosen.narrowed(limit=limit))
     if not chosen.dataset.has_flow:
-        raise UsageError(f"--validate {benchmark}: it has no ground truth, so no error could be measured; take another")
+        raise UsageError(
+            f"--validate {benchmark}: it has no ground truth, so no error can be measured; choose another benchmark"
+        )
 
     def validate(updates: int) -> dict[str, float]:
         place = folder / "validation" / f"update-{updates}"

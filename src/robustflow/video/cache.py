@@ -1,4 +1,4 @@
-"""Folders made once and kept while there is room: the least recently used ones go first."""
+"""Folders made once and kept while there is room: the least recently used ones are removed first."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 class FolderCache:
     """Folders by name below `root`, at most `limit` bytes in all, shared between processes.
 
-    An entry appears by rename, so it is whole or not there. Two processes that want the same entry make it once.
+    An entry appears by rename, so it is complete or absent. If two processes need the same entry, it is made once.
 
     >>> from tempfile import mkdtemp
     >>> cache = FolderCache(Path(mkdtemp()), limit=10)
@@ -36,7 +36,7 @@ class FolderCache:
         self.limit = limit
 
     def use(self, name: str, make: Callable[[Path], object], read: Callable[[Path], T]) -> T:
-        """Read the entry `name`, making it first where it is not there.
+        """Read the entry `name`, making it first if it does not exist.
 
         Args:
             make: fills a folder that does not exist yet.

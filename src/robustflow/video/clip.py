@@ -1,6 +1,7 @@
 """Our own clips on disk: MP4 files with one H.264 stream of known length and constant frame rate.
 
-Written whole or not at all. Read as packets (to damage or to decode from the start) or by frame index.
+They are written completely or not at all, and read as packets (to damage or to decode from the start) or by frame
+index.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def read_pictures(clip: ClipFile, start: int = 0) -> Iterator[tuple[int, I420]]:
     """Every picture from index `start` on, in order.
 
     Raises:
-        DataError: the file does not hold all the frames that it should.
+        DataError: the file lacks some of its frames.
     """
     decoder = Decoder(read_header(clip), *clip.stored_size)
     expected = start

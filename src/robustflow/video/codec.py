@@ -73,7 +73,7 @@ def crf(value: int) -> Encoding:
 def abr(rate: int) -> Encoding:
     """Average bit rate in bit/s, with maxrate = bufsize = rate as in the reference code."""
     if rate <= 0:
-        raise UsageError(f"a bit rate of {rate} is not possible: give bits per second")
+        raise UsageError(f"the bit rate cannot be {rate}: give bits per second")
     return Encoding(f"abr_{rate}", (("b", str(rate)), ("maxrate", str(rate)), ("bufsize", str(rate)), *EXACT))
 
 
@@ -124,7 +124,7 @@ class Encoder:
 
 @dataclass
 class DecodeLog:
-    """What a decoder met in a damaged stream."""
+    """What a decoder encountered in a damaged stream."""
 
     refused_packets: int = 0
     strange_pictures: int = 0

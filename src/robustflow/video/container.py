@@ -1,4 +1,4 @@
-"""A user's video file, opened with care: known containers only, whole by its own account, decoded strictly."""
+"""Open a user's video file safely: known containers only, complete according to its own headers, decoded strictly."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def open_video(path: Path) -> Any:
     """A container whose video stream decodes strictly, in one thread.
 
     Raises:
-        DataError: no such file, not a video, of a container that is not read, or not as long as it says.
+        DataError: no such file, not a video, an unsupported container, or not as long as it states.
     """
     if not path.is_file():
         raise DataError(f"{path}: no such file; check the path")
@@ -49,7 +49,7 @@ def open_video(path: Path) -> Any:
 
 
 def check_length(path: Path, kind: str) -> None:
-    """Refuse a file that is shorter or longer than its container says; what a container does not say is not checked.
+    """Raise if a file is shorter or longer than its container states; what a container does not state is not checked.
 
     Args:
         kind: FFmpeg's name of the container.

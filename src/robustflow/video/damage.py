@@ -38,7 +38,7 @@ class NoiseFilter:
 
     def __init__(self, amount: int) -> None:
         if isinstance(amount, bool) or not isinstance(amount, int) or not 1 <= amount < 2**31:
-            raise UsageError(f"a noise amount of {amount!r} is not possible: give a whole number from 1 to 2**31 - 1")
+            raise UsageError(f"the noise amount cannot be {amount!r}: give a whole number from 1 to 2**31 - 1")
         self.amount = amount
         self.state = 0
 

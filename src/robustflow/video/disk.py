@@ -1,4 +1,4 @@
-"""How much disk preparing will take, reported before it starts, from the clips' own first frames."""
+"""How much disk space preparation needs, estimated before it starts from the clips' own first frames."""
 
 from __future__ import annotations
 
@@ -74,10 +74,10 @@ def estimate_disk(
 
 
 def check_room(estimate: DiskEstimate, output: Path) -> None:
-    """Refuse to begin what cannot be finished.
+    """Raise if there is not enough room.
 
     Raises:
-        DataError: less is free than masters, key frames and temporary files will take.
+        DataError: less is free than masters, key frames and temporary files need.
     """
     if estimate.kept + estimate.temporary > estimate.free:
         raise DataError(f"{output}: not enough room: {estimate}; choose another --output, or fewer clips")

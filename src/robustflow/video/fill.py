@@ -1,4 +1,4 @@
-"""Put decoded pictures back in their places, and fill the places that stayed empty.
+"""Put decoded pictures at their positions, and fill the positions that remain empty.
 
 Damage can cost a stream any of its frames. Renaming what is left by order of output, as the reference code does,
 shifts every later frame by one per loss; here a picture belongs to its presentation time. A lost frame shows what a
@@ -20,7 +20,7 @@ REORDER = 32
 
 @dataclass
 class Fill:
-    """Which frames of a clip were lost and what stands in their place.
+    """Which frames of a clip were lost and what replaces them.
 
     Attributes:
         count: frames the clip has.

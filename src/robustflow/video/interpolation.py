@@ -34,7 +34,7 @@ class Interpolator(Protocol):
         """
 
     def describe(self) -> dict[str, Any]:
-        """What decides its output (method, checkpoint hash, versions), for the manifest."""
+        """What determines its output (method, checkpoint hash, versions), for the manifest."""
 
 
 INTERPOLATORS = ("flavr", "flow")
@@ -43,14 +43,14 @@ INTERPOLATORS = ("flavr", "flow")
 def load_interpolator(
     name: str | None, factor: int, checkpoint: Path | None, device: str = "cpu"
 ) -> Interpolator | None:
-    """The interpolator that was asked for; None where the factor is 1 and nothing has to be made up.
+    """The requested interpolator; None if the factor is 1 and nothing has to be interpolated.
 
     Raises:
         UsageError: a factor above 1 without a named interpolator, or an unknown name.
         AssetError: FLAVR without its checkpoint.
     """
     if factor < 1:
-        raise UsageError(f"a factor of {factor} is not possible: give 1 (no interpolation) or more")
+        raise UsageError(f"--factor {factor}: give 1 (no interpolation) or more")
     if factor == 1:
         return None
     if name == "flow":

@@ -38,13 +38,13 @@ from .prepared import (
 from .source import Source
 
 SEGMENT = 64
-"""Gaps between source frames that are interpolated into one segment: what a stop can cost."""
+"""Gaps between source frames that are interpolated into one segment: the most that is lost when stopped."""
 
 PAIR_FPS = 30
 """Pairs per second where no step is given; the paper's."""
 
 Progress = Callable[[str, str, int, int], None]
-"""Called with (clip, what is being done, frames done, frames in all)."""
+"""Called with (clip, stage, frames done, total frames)."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Preparation:
     """How clips are prepared.
 
     Attributes:
-        fps: frames per second of the source, over what the source says; None to believe the source.
+        fps: frames per second of the source, overriding the source's own; None to use that.
         factor: how many times the frame rate; 4 is the paper's (240 -> 960).
         step: master frames from one key frame to the next; None for 30 pairs per second.
         interpolator: "flavr" or "flow"; needed where `factor` is above 1.
@@ -71,7 +71,7 @@ class Preparation:
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the preparation makes of one source: rate and length of the master, and its key frames."""
+    """The result of preparing one source: rate and length of the master, and its key frames."""
 
     fps: Fraction
     count: int
@@ -83,18 +83,18 @@ def geometry(source: Source, preparation: Preparation) -> Geometry:
     """Plan one clip.
 
     Raises:
-        UsageError: no frame rate known, or a factor or step below 1.
+        UsageError: an unknown frame rate, or a factor or step below 1.
         DataError: too short for a single pair.
     """
     rate = preparation.fps or source.fps
     if rate is None or rate <= 0:
         raise UsageError(f"{source.name}: pictures do not say how many there are per second; give --fps")
     if preparation.factor < 1:
-        raise UsageError(f"a factor of {preparation.factor} is not possible: give 1 or more")
+        raise UsageError(f"--factor {preparation.factor}: give 1 or more")
     fps = rate * preparation.factor
     step = max(1, round(fps / PAIR_FPS)) if preparation.step is None else preparation.step
     if step < 1:
-        raise UsageError(f"a step of {step} is not possible: give 1 or more")
+        raise UsageError(f"--step {step}: give 1 or more")
     count = interpolated_count(source.count, preparation.factor)
     keys = choose_key_frames(count, step)
     if len(keys) < 2:
@@ -110,7 +110,7 @@ def geometry(source: Source, preparation: Preparation) -> Geometry:
 def prepare_clip(
     source: Source, folder: Path, preparation: Preparation, progress: Progress = lambda clip, what, done, total: None
 ) -> PreparedClip:
-    """Prepare one clip in `folder`; what an earlier call finished is not done again.
+    """Prepare one clip in `folder`; what an earlier call finished is not repeated.
 
     Raises:
         DataError: a source that cannot be read to its end, or a folder that holds the clip prepared otherwise.
@@ -155,7 +155,7 @@ def prepare_clip(
 
 
 def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
-    """The clip if it is there, made the same way; encoder versions may differ, no pixel depends on them."""
+    """The clip if it exists and was made in the same way; encoder versions may differ, no pixel depends on them."""
     path = folder / CLIP_MANIFEST
     if not path.is_file():
         return None
@@ -193,7 +193,9 @@ def _segments(
         parts.append(part)
         progress(wanted.name, "interpolate", start + length, gaps)
     for _ in around:
-        raise DataError(f"{source.name}: the source has more frames than at first; leave it alone while it is prepared")
+        raise DataError(
+            f"{source.name}: the source has more frames than at the start; do not change it during preparation"
+        )
     for part in parts:
         for _, picture in read_pictures(part):
             yield picture
@@ -212,5 +214,5 @@ def _with_key_frames(
 
 
 def _digest(wanted: ClipManifest) -> str:
-    spelled = json.dumps(wanted.model_dump(), sort_keys=True)
-    return hashlib.blake2b(spelled.encode(), digest_size=8).hexdigest()
+    text = json.dumps(wanted.model_dump(), sort_keys=True)
+    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()

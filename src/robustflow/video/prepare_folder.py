@@ -83,14 +83,14 @@ def prepare_folder(
         preparation: how.
         workers: processes, where `prepare_all` is not given.
         cache_limit: bytes of transcoded variants that may be kept later.
-        progress: is told what is done.
+        progress: notified of the progress.
         prepare_all: does the work elsewhere, on a cluster.
 
     Raises:
         DataError: `output` holds other clips already, or a source fails.
     """
     if workers < 1:
-        raise UsageError(f"{workers} workers are not possible: give 1 or more")
+        raise UsageError(f"--workers {workers}: give 1 or more")
     load_interpolator(preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device)
     for source in sources:  # whatever cannot work is reported before anything is written
         geometry(source, preparation)

@@ -1,4 +1,4 @@
-"""What `robustflow prepare` leaves behind, and what reads it back.
+"""The output of `robustflow prepare`, and how it is read.
 
 gopro_fc.json                      the clips, and how they were made
 GOPR0374_11_02/clip.json           written last: a clip without it is not finished
@@ -114,7 +114,7 @@ def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
     """The clips of a prepared folder.
 
     Raises:
-        DataError: no such folder, not one of ours, or a clip that was not finished.
+        DataError: no such folder, not a prepared one, or a clip that was not finished.
     """
     manifest = _read(root / FOLDER_MANIFEST, FolderManifest)
     clips = []

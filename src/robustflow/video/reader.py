@@ -1,4 +1,4 @@
-"""Frames of a video by number: forward decoding where that is near, a jump to a key frame where it is not.
+"""Frames of a video by number: decoding forward if the frame is near, seeking to a key frame if it is not.
 
 The list of frames comes from the container's packets, without decoding, and is checked by decoding the first frame
 and everything after the last key frame. Where that check fails (no or repeated time stamps, two packets per frame,

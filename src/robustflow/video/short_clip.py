@@ -1,4 +1,4 @@
-"""What H.264 and bit errors make of a few frames of somebody's clip, on the way that GoPro-FC is made."""
+"""H.264 and bit errors on a few frames of a user's clip, applied as in GoPro-FC."""
 
 from __future__ import annotations
 
@@ -59,7 +59,9 @@ class ShortClip:
             yield rgb_to_i420(first)
             for number, frame in enumerate(rest, 1):
                 if frame.shape[:2] != size:
-                    raise DataError(f"frame {number} differs in size from the first; one clip has one size")
+                    raise DataError(
+                        f"frame {number} differs in size from the first; all frames of a clip must have one size"
+                    )
                 yield rgb_to_i420(frame)
 
         self._master = write_clip(folder / "master.mp4", pictures(), size, rate, lossless("veryfast"))

@@ -95,7 +95,7 @@ def test_frames_that_do_not_differ_do_not_move(point):
 
 
 @pytest.mark.parametrize(("one", "other"), [(0, 255), (77, 78)])
-def test_a_change_of_brightness_alone_is_no_motion_of_a_blank_frame(one, other):
+def test_a_change_of_brightness_alone_is_not_motion_of_a_blank_frame(one, other):
     flow = load_model("dis_rgb").predict(*(np.full((48, 64, 3), value, np.uint8) for value in (one, other)))
     np.testing.assert_array_equal(flow, 0)
 

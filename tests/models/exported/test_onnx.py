@@ -150,7 +150,7 @@ def one_input(path, shape, kind=TensorProto.FLOAT, count=1):
         ([1, 6, 2**20, 2**20], 1, "expects frames of 1048576x1048576"),
     ],
 )
-def test_inputs_that_are_no_pair(tmp_path, shape, count, says):
+def test_inputs_that_are_not_a_pair(tmp_path, shape, count, says):
     path = one_input(tmp_path / "net.onnx", shape, count=count)
     with pytest.raises(ModelError, match=says) as error:
         rf.load_model(str(path)).predict(*frames())
@@ -167,7 +167,7 @@ def test_an_input_of_unknown_shape_asks_for_the_layout(tmp_path):
         rf.load_model(str(path), layout="stacked")
 
 
-def test_integers_are_no_frames(tmp_path):
+def test_integers_are_not_frames(tmp_path):
     with pytest.raises(ModelError, match=r"input x0 is tensor\(int32\); expected one of tensor\(float\)"):
         rf.load_model(str(one_input(tmp_path / "net.onnx", ["n", 6, "h", "w"], TensorProto.INT32)))
 

@@ -340,7 +340,7 @@ NO_PROGRAM = {
 
 
 @pytest.mark.parametrize("kind", NO_PROGRAM)
-def test_files_that_are_no_program(tmp_path, kind):
+def test_files_that_are_not_programs(tmp_path, kind):
     path = tmp_path / "net.pt2"
     make, says = NO_PROGRAM[kind]
     make(path)

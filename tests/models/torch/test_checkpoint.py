@@ -153,7 +153,7 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path, state):
         (random.Random(0).randbytes(5000), "not a file of plain weights|truncated or damaged"),
     ],
 )
-def test_what_is_no_checkpoint(tmp_path, content, says):
+def test_what_is_not_a_checkpoint(tmp_path, content, says):
     (tmp_path / "weights.pth").write_bytes(content)
     with pytest.raises(ModelError, match=says) as error:
         load(tmp_path / "weights.pth")

@@ -73,7 +73,7 @@ def test_a_checkpoint_makes_a_model_that_says_what_it_is(name, checkpoint):
 
 
 @pytest.mark.torch
-def test_the_place_of_a_checkpoint_is_no_part_of_a_runs_identity(checkpoint):
+def test_the_place_of_a_checkpoint_is_not_part_of_a_runs_identity(checkpoint):
     specs = [ModelSpec("upflow", (("checkpoint", str(checkpoint("upflow", folder))),)) for folder in ("a", "b")]
     one, other = (spec.identity(spec.load()) for spec in specs)
     assert one == other
@@ -112,7 +112,7 @@ def test_options_that_cannot_be(name, options, says, checkpoint):
 
 
 @pytest.mark.torch
-def test_arflow_is_stretched_to_what_is_asked(checkpoint):
+def test_arflow_is_stretched_to_what_is_requested(checkpoint):
     path = checkpoint("arflow")
     sizes = {size: load_model("arflow", checkpoint=path, size=size).convention for size in ("64x128", "native")}
     assert sizes["64x128"].fitted_size(375, 1242) == (64, 128)

@@ -122,7 +122,7 @@ def test_pairs_of_several_sizes_keep_their_order():
         ((np.zeros((5, 7, 3), np.uint8), np.zeros((5, 8, 3), np.uint8)), r"\(5, 7\) and \(5, 8\)"),
     ],
 )
-def test_what_is_no_pair(pair, says):
+def test_what_is_not_a_pair(pair, says):
     with pytest.raises(UsageError, match=says):
         spy()[0].predict(*pair)
 

@@ -89,7 +89,7 @@ def test_another_shape_is_refused(copied, change):
         run_examples(copied)
 
 
-def test_what_is_no_picture_is_refused(copied):
+def test_what_is_not_a_picture_is_refused(copied):
     (copied.path / "examples" / "clean.jpg").write_bytes(b"<svg onload=alert(1)>")
     with pytest.raises(DataError, match="not a picture"):
         run_examples(copied)

@@ -18,9 +18,9 @@ from .models import (
     samflow_and_csflow,
     unsupervised_are_stable,
 )
-from .verdict import Observation, Part, Verdict, without_verdict
+from .verdict import Observation, Statement, Verdict, without_verdict
 
-__all__ = ["Observation", "Part", "Verdict", "observations"]
+__all__ = ["Observation", "Statement", "Verdict", "observations"]
 
 LEAST_MODELS = 5
 LEAST_PAIRS = 20

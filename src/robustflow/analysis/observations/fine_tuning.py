@@ -6,7 +6,7 @@ from statistics import fmean
 
 from ...corruptions.registry import FAMILIES
 from .evidence import Entry, Evidence, named
-from .verdict import Observation, Part, part
+from .verdict import Observation, Statement, part
 
 
 def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
@@ -76,7 +76,7 @@ def weather_is_why(evidence: Evidence) -> Observation:
     return Observation(number=5, title=title, parts=[*parts, *_csflow_increase(evidence)])
 
 
-def _csflow_increase(evidence: Evidence) -> list[Part]:
+def _csflow_increase(evidence: Evidence) -> list[Statement]:
     ood, entry = ("OOD", "CSFlow"), ("ID", "CSFlow")
     if not {ood, entry} <= set(evidence.entries):
         return []

@@ -8,7 +8,7 @@ from ..cost_ranks import cost_ranks
 from ..uncertainty.sentences import p_text
 from ..uncoupled import coupling
 from .evidence import Entry, Evidence, named
-from .verdict import Observation, Part, part
+from .verdict import Observation, Statement, part
 
 _LEAST = 5
 """Smallest number of models for which a correlation is meaningful."""
@@ -40,7 +40,7 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
     )
 
 
-def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Part]:
+def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Statement]:
     """The same correlation for the ratio of the errors, which does not grow where corruption multiplies every error."""
     parts = []
     for setting in settings:
@@ -101,7 +101,7 @@ def _method_name(evidence: Evidence, entry: Entry) -> str:
     return method.method if method else entry[1]
 
 
-def _larger_is_better(evidence: Evidence, setting: str) -> list[Part]:
+def _larger_is_better(evidence: Evidence, setting: str) -> list[Statement]:
     sizes: list[Entry] = [(setting, f"SAMFlow-{size}") for size in "TBH"]
     claim = f"a larger foundation model gives lower EPE and CRE: T > B > H ({setting})"
     if not set(sizes) <= set(evidence.entries):

@@ -15,7 +15,7 @@ class _Frozen(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Part(_Frozen):
+class Statement(_Frozen):
     """One statement of an observation as a computation.
 
     Attributes:
@@ -44,7 +44,7 @@ class Observation(_Frozen):
 
     number: int
     title: str
-    parts: list[Part]
+    parts: list[Statement]
 
     @property
     def verdict(self) -> Verdict:
@@ -68,7 +68,7 @@ def without_verdict(observation: Observation, reason: str) -> Observation:
 
 def part(
     claim: str, holds: bool | None, says: str, main: bool = False, numbers: dict[str, float] | None = None
-) -> Part:
+) -> Statement:
     """A part from a truth value; None means that it cannot be computed."""
     verdict: Verdict = UNKNOWN if holds is None else "holds" if holds else "does not hold"
-    return Part(claim=claim, verdict=verdict, says=says, numbers=numbers or {}, main=main)
+    return Statement(claim=claim, verdict=verdict, says=says, numbers=numbers or {}, main=main)

@@ -1,4 +1,4 @@
-"""What a corruption of a whole clip is to code that has only images: a name, five numbers, and a refusal."""
+"""A corruption of a whole clip, for code that has only images: a name, five numbers, and an error."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 A table of 2**b columns of equal height holds at most two outcomes per column. A 32-bit random word picks the column by
 its top b bits and, by the next bits, which of the two. Everything is an integer: probabilities are counts that sum to
-the number of (column, height) positions, so the table is the same, to the bit, wherever it is built.
+the number of (column, height) positions, so the table is bit for bit the same wherever it is built.
 
 An entry packs (height of the primary outcome, alias outcome, primary outcome), from the high bits to the low.
 """

@@ -1,4 +1,4 @@
-"""Shrinking by a box filter and growing by nearest neighbour, to the bit as Pillow does it.
+"""Shrinking by a box filter and growing by nearest neighbour, bit for bit as in Pillow.
 
 A box filter weighs the n pixels under it alike, so a pixel of the result is (sum * round(2**22 / n) + 2**21) >> 22.
 Columns are shrunk first, then rows, with 8-bit values between (as Pillow 10 does; Pillow 13 starts

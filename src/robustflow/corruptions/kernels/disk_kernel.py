@@ -22,7 +22,7 @@ _ROOM = 8
 """The array reaches this far from its centre, or as far as the disk if that is farther."""
 
 
-class Disk(NamedTuple):
+class DiskParts(NamedTuple):
     """The kernel's parts."""
 
     widths: npt.NDArray[np.int64]
@@ -63,7 +63,7 @@ def _smoothing_taps(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
 
 
 @lru_cache(maxsize=16)
-def disk_parts(radius: float, smoothing: float) -> Disk:
+def disk_parts(radius: float, smoothing: float) -> DiskParts:
     """The parts of `disk_kernel(radius, smoothing)`."""
     whole = int(radius)
     widths = np.array([isqrt(int(radius**2) - dy**2) for dy in range(whole + 1)])
@@ -78,7 +78,7 @@ def disk_parts(radius: float, smoothing: float) -> Disk:
     ]
     weights = [taps[j] * scale for j, *_ in rim]
     table = np.array(segments, np.int64).reshape(-1, 4)
-    return Disk(widths, (taps * scale).astype(np.float32), table, np.array(weights, np.float32))
+    return DiskParts(widths, (taps * scale).astype(np.float32), table, np.array(weights, np.float32))
 
 
 def _mirrored_rim(radius: int, reach: int) -> list[tuple[int, int, int, int, int]]:

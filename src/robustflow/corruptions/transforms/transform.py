@@ -33,8 +33,8 @@ Image = npt.NDArray[Any]
 """uint8, or float32 in [0, 1]; (H, W, 3) RGB, or grey as (H, W) or (H, W, 1)."""
 
 DEFAULT_NAMES: tuple[str, ...] = tuple(name for name in IMAGE_PAIR if name != "psf_blur")
-"""What is chosen among where nothing is named: a training step cannot wait for psf_blur, the only one of more than
-some milliseconds a pair."""
+"""The default choices: a training step cannot wait for psf_blur, the only one that takes more than a few milliseconds
+per pair."""
 
 _COLOURED = ("saturate", "spatter", "frost", "psf_blur")
 _NEUTRAL = frozenset((*IMAGE_PAIR, "elastic_transform")) - frozenset(_COLOURED)
@@ -44,16 +44,16 @@ class CorruptionTransform:
     """Corrupts images, pairs and clips at random; callable, picklable, safe in the workers of a data loader.
 
     Args:
-        names: the corruptions to choose among, each as likely. By default every image-pair corruption but psf_blur,
-            which takes about a second a pair where the others take milliseconds: name it to have it. Stacks such
-            as "fog+jpeg_compression" are allowed, corruptions of whole clips (h264_crf, ...) are not.
-        severities: the severities to choose among, each as likely.
+        names: the corruptions to choose from, with equal probability. By default every image-pair corruption but
+            psf_blur, which takes about a second a pair where the others take milliseconds: name it to have it. Stacks
+            such as "fog+jpeg_compression" are allowed, corruptions of whole clips (h264_crf, ...) are not.
+        severities: the severities to choose from, with equal probability.
         probability: of corrupting at all.
         seed: of every draw.
         variant, scale: see `load_corruption`. A severity that a corruption lacks on the scale is never chosen for it.
 
     Raises:
-        UsageError: an unknown or unfit name, severities that a corruption has none of, a probability outside [0, 1].
+        UsageError: an unknown or unsuitable name, severities that a corruption lacks, a probability outside [0, 1].
 
     >>> transform = CorruptionTransform(["gaussian_noise", "contrast"], severities=[1, 2], seed=3)
     >>> image = np.full((24, 32, 3), 0.5, np.float32)
@@ -158,7 +158,7 @@ class CorruptionTransform:
 
 
 def check_image(image: Image) -> None:
-    """Refuse what cannot be corrupted without guessing.
+    """Raise for an image that cannot be corrupted without guessing.
 
     Raises:
         DataError: see `CorruptionTransform.__call__`.
@@ -195,7 +195,7 @@ def _levels(name: str, levels: tuple[int, ...], scale: str) -> tuple[int, ...]:
 
 
 def _process() -> tuple[str | int, ...]:
-    """What tells this process's draws from those of its siblings."""
+    """What distinguishes this process's draws from those of its siblings."""
     data = sys.modules.get("torch.utils.data")
     worker = data.get_worker_info() if data is not None else None
     if worker is not None:

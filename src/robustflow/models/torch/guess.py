@@ -153,8 +153,8 @@ class _Trial:
                 kept = {(way.scaling, way.order, way.layout) for way, one in candidates.items() if one.mean <= limit}
                 ways = [way for way in ways if (way.scaling, way.order, way.layout) in kept]
             for way in ways:
-                for found, error in self._errors(way, pair).items():
-                    candidates.setdefault(found, _Candidate(found, [])).errors.append(error)
+                for completed, error in self._errors(way, pair).items():
+                    candidates.setdefault(completed, _Candidate(completed, [])).errors.append(error)
         whole = [one for one in candidates.values() if len(one.errors) == len(self._pairs)]
         return sorted(self._last_unless_clear(whole), key=lambda one: one.mean)
 

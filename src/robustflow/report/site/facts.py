@@ -26,7 +26,7 @@ def run_facts(run: Run) -> Facts:
     identity, environment = manifest["identity"], manifest.get("environment") or {}
     provenance = run.provenance
     facts = [
-        ("Model", _spelled(identity["model"])),
+        ("Model", _described(identity["model"])),
         ("Setting", run.setting),
         ("Trained on", _trained_on(provenance)),
         ("How that is known", str(provenance.get("basis", ""))),
@@ -64,7 +64,7 @@ def _trained_on(provenance: Mapping[str, Any]) -> str:
     return "not declared" if names is None else ", ".join(names) or "nothing"
 
 
-def _spelled(values: dict[str, Any]) -> str:
+def _described(values: dict[str, Any]) -> str:
     return ", ".join(f"{key}: {value}" for key, value in values.items() if value not in ({}, None, ""))
 
 

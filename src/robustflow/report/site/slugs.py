@@ -22,8 +22,8 @@ class Slugs:
     def of(self, thing: Hashable, name: str) -> str:
         """The id of a thing called `name`."""
         if thing not in self._of:
-            spelled = name.replace("+", " plus ").lower()
-            stem = re.sub(r"[^a-z0-9]+", "-", spelled)[:_LONGEST].strip("-") or "model"
+            words = name.replace("+", " plus ").lower()
+            stem = re.sub(r"[^a-z0-9]+", "-", words)[:_LONGEST].strip("-") or "model"
             taken, slug, count = set(self._of.values()), stem, 1
             while slug in taken:
                 count += 1

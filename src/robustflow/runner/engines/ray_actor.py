@@ -129,11 +129,11 @@ class UnitActor:
             ) from error
         self._check_files(files)
         model = job.load_model()
-        found = job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
-        if found != identity:
+        loaded = job.model.identity(model) if isinstance(job.model, ModelSpec) else model_identity(model)
+        if loaded != identity:
             raise RunError(
                 f"node {self._host} has another model under the same name (it differs in: "
-                f"{differing(found, identity)}); give every node the same files"
+                f"{differing(loaded, identity)}); give every node the same files"
             )
         self._worker = replace(job, folder=self._scratch, loaded=model).worker(self._note)
         return _device()

@@ -103,11 +103,11 @@ def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> N
 
 
 def _join(ray: Any, address: str) -> None:
-    spelled = f"the Ray cluster at '{address}'"
+    cluster = f"the Ray cluster at '{address}'"
     try:
         if address == "auto":
             address = str(ray._private.services.get_ray_address_from_environment("auto", None))
-        _check_answers(address, spelled)
+        _check_answers(address, cluster)
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     except RobustFlowError:
         raise
@@ -116,12 +116,12 @@ def _join(ray: Any, address: str) -> None:
     except ValueError as error:
         raise UsageError(f"--address {address} is not an address: give auto, host:port or ray://host:port") from error
     except SystemExit as error:  # what Ray raises for a server that speaks something else
-        raise RunError(f"{spelled} does not answer like Ray; check the address and its port") from error
+        raise RunError(f"{cluster} does not answer like Ray; check the address and its port") from error
     except Exception as error:
-        raise RunError(f"{spelled} cannot be joined from here: {_first_sentence(error)}") from error
+        raise RunError(f"{cluster} cannot be joined from here: {_first_sentence(error)}") from error
 
 
-def _check_answers(address: str, spelled: str) -> None:
+def _check_answers(address: str, cluster: str) -> None:
     """Check the address first: Ray itself would try for two minutes, and then end the process."""
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     if not (colon and host and port.isdecimal()):
@@ -134,10 +134,10 @@ def _check_answers(address: str, spelled: str) -> None:
         answer = b""
     except (OSError, OverflowError) as error:
         raise RunError(
-            f"{spelled} cannot be reached ({error}); start it (ray start --head), or check host and port"
+            f"{cluster} cannot be reached ({error}); start it (ray start --head), or check host and port"
         ) from error
     if answer[3:4] != _SETTINGS and not os.environ.get("RAY_USE_TLS"):
-        raise RunError(f"{spelled} does not answer like Ray; check host and port")
+        raise RunError(f"{cluster} does not answer like Ray; check host and port")
 
 
 def _new_folder() -> str:

@@ -1,5 +1,5 @@
-"""ARFlow's moves of a pair that it has a flow of already: both frames, and the second one a little more (Liu et al.,
-CVPR 2020, Sec. 3.3; the transform is that of Hur and Roth, IRR, CVPR 2019).
+"""ARFlow's geometric transforms of a pair whose flow it has predicted already: both frames, and the second one a little
+more (Liu et al., CVPR 2020, Sec. 3.3; the transform is that of Hur and Roth, IRR, CVPR 2019).
 
 A move is a 3x3 matrix over coordinates -1..1, from a frame's place to its place in the moved frame.
 """
@@ -37,7 +37,7 @@ def draw_moves(rng: Rng, settings: Spatial, shape: tuple[int, int]) -> Moves:
     """Both moves, such that the moved frames of `shape` (H, W) have no pixel from outside.
 
     Raises:
-        UsageError: settings that hardly ever allow that.
+        UsageError: settings that almost never allow that.
     """
     of_both = (settings.translation, settings.zoom, settings.squeeze, settings.rotation)
     rotation = settings.relative_rotation
@@ -102,7 +102,7 @@ def _inside(
         if (places >= 0).all() and (places < side).all():
             return tried
     raise UsageError(
-        f"the second pass' moves put the frame outside itself in {_ATTEMPTS} draws; zoom more or move less"
+        f"the moves of the second pass put the frame outside itself in {_ATTEMPTS} draws; zoom more or move less"
     )
 
 

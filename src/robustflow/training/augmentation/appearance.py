@@ -44,7 +44,7 @@ def draw_look(rng: Rng, settings: Appearance) -> Look:
 
 
 def apply_look(frame: Frame, look: Look) -> Frame:
-    """The frame so changed; RGB uint8 (H, W, 3), a new array. The blur is Pillow's, as in the original."""
+    """The changed frame; RGB uint8 (H, W, 3), a new array. The blur is Pillow's, as in the original."""
     changed = apply_jitter(frame, look.jitter)
     if look.blur > 0:
         changed = np.array(Image.fromarray(changed).filter(ImageFilter.GaussianBlur(look.blur)))

@@ -82,7 +82,7 @@ def _draw_plain(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[int, i
 def apply_augmentation(
     frames: tuple[Frame, Frame], flow: Flow, valid: Mask, drawn: Augmentation
 ) -> tuple[tuple[Frame, Frame], Flow, Mask]:
-    """A pair with labels as the network sees it.
+    """A pair with labels as it is given to the network.
 
     Args:
         frames: RGB uint8 (H, W, 3).
@@ -105,7 +105,7 @@ def apply_augmentation(
 
 
 def augmented_whole(frames: tuple[Frame, Frame], drawn: Augmentation) -> tuple[Frame, Frame]:
-    """The frames of a pair likewise, but not yet cropped: the crop begins at the geometry's top and left in them."""
+    """The frames of a pair likewise, but not yet cropped: the crop starts at the geometry's top and left in them."""
     first, second = _jittered(frames, drawn.jitters)
     second = erase(second, drawn.rectangles)
     shape = first.shape[:2]

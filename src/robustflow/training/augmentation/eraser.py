@@ -1,4 +1,4 @@
-"""The eraser: rectangles of the second frame filled with its mean colour, which stand for occlusion (RAFT)."""
+"""The eraser: rectangles of the second frame filled with its mean colour, which simulate occlusion (RAFT)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...sample import Frame
 
 _PROBABILITY = 0.5
 _SIDES = (50, 100)
-"""Pixels of a side, from the first to one below the second."""
+"""Range of a side in pixels; the second is exclusive."""
 
 
 class Rectangle(NamedTuple):
@@ -35,7 +35,7 @@ def draw_eraser(rng: Rng, shape: tuple[int, int]) -> tuple[Rectangle, ...]:
 
 
 def erase(frame: Frame, rectangles: tuple[Rectangle, ...]) -> Frame:
-    """The frame with the rectangles filled; the frame itself where there is none."""
+    """The frame with the rectangles filled; the frame itself if there are none."""
     if not rectangles:
         return frame
     colour = frame.reshape(-1, 3).mean(axis=0).astype(np.uint8)  # truncated, as an assignment to uint8 does

@@ -1,5 +1,5 @@
-"""Colour jitter: brightness, contrast, saturation and hue in random order, to the byte as torchvision's `ColorJitter`
-does it on Pillow images, which is what RAFT and those after it trained with."""
+"""Colour jitter: brightness, contrast, saturation and hue in random order, byte for byte as torchvision's `ColorJitter`
+does it on Pillow images, which RAFT and its successors were trained with."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def _hues() -> npt.NDArray[np.uint8]:
     """Pillow's 8-bit hue of a colour, uint8 (6, 256, 256): which channel is largest and which smallest, how far the
     third is below the largest, and the smallest likewise."""
     below, spread = np.meshgrid(np.arange(256, dtype=np.float32), np.arange(256, dtype=np.float32), indexing="ij")
-    spread[:, 0] = 1  # grey has no hue, and is not looked up
+    spread[:, 0] = 1  # grey has no hue, and is never looked up
     third, one = np.float64(below / spread), 1.0
     tables = [
         *(one - third, third - one),  # red is largest: blue's distance less green's

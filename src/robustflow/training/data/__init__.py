@@ -1,1 +1,1 @@
-"""What a training is fed: data sets found and mixed, in an order that is a function of the step."""
+"""The input of a training: data sets found and mixed, in an order that is a function of the step."""

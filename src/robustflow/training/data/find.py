@@ -25,7 +25,8 @@ _FOLDERS = {
     "kitti_raw": ("kittiraw", "rawdata"),
     "folder": ("frames", "sintelraw"),
 }
-"""How folders of data sets are called, in small letters and digits; any other data set is looked for under its name."""
+"""Names of the folders of data sets, in lower-case letters and digits; other data sets are looked for under their
+name."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class OpenPart:
     keys: tuple[str, ...]
 
     def __len__(self) -> int:
-        """Places in an epoch."""
+        """Number of pairs in an epoch."""
         return len(self.keys) * self.part.times
 
 
@@ -58,14 +59,14 @@ def needs_data(recipe: Recipe) -> bool:
 
 
 def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
-    """Open a part's data set where it is.
+    """Find and open a part's data set.
 
     Args:
         part: of a mix.
         data: folders that hold data sets, or are one; or "NAME=FOLDER" for one data set.
 
     Raises:
-        DataError: it is nowhere there, or not laid out as it should be; the folders that are looked for are named.
+        DataError: it is not found, or has another layout; the expected folders are named.
         UsageError: "NAME=FOLDER" with a name that no data set has.
     """
     named, roots = _parted(data)
@@ -80,7 +81,7 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
         if not keys:
             raise DataError(
                 f"{part.data}: with fewer than 200 pairs all are evaluated, and none is left to train on; give the "
-                "whole data set, or take the recipe 'kitti', which trains on every pair"
+                "whole data set, or use the recipe 'kitti', which trains on every pair"
             )
     return OpenPart(part, dataset, tuple(keys))
 
@@ -117,8 +118,9 @@ def _search(part: Part, roots: list[Path]) -> Dataset:
     options = " ".join(f"{key}={value}" for key, value in part.options.items())
     where = ", ".join(map(str, roots)) or "no --data was given"
     raise DataError(
-        f"{part.data} {options}".strip() + f" was not found ({'; '.join(reasons) or where}); put it into a folder "
-        f"{' or '.join(names[:2])} there, or give --data {part.data}=FOLDER"
+        f"{part.data} {options}".strip()
+        + f" was not found ({'; '.join(reasons) or where}); put it into a folder {' or '.join(names[:2])} there, or "
+        f"give --data {part.data}=FOLDER"
     )
 
 

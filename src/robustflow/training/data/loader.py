@@ -1,4 +1,4 @@
-"""Batches of a training, from a given step on, read ahead by worker processes."""
+"""Batches of a training, from a given step on, prepared in advance by worker processes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .pairs import TrainingPair, TrainingPairs, Whole
 
 @dataclass(frozen=True)
 class WholeFrames:
-    """What the pairs of a batch were cut from, one under the other with zeros at the right and below.
+    """The frames from which the pairs of a batch were cropped, stacked, padded with zeros at the right and below.
 
     Attributes:
         image1, image2: float32 (B, 3, H', W'), RGB 0..255.
@@ -33,7 +33,7 @@ class WholeFrames:
     sizes: Tensor
 
     def to(self, device: torch.device) -> WholeFrames:
-        """On another device."""
+        """A copy on another device."""
         parts = (self.image1, self.image2, self.corners, self.sizes)
         return WholeFrames(*(value.to(device, non_blocking=True) for value in parts))
 
@@ -47,7 +47,7 @@ class Batch:
         flow: float32 (B, 2, H, W), pixels.
         valid: float32 (B, H, W), 0 or 1.
         names: of the pairs.
-        time: from which the truth is denoised, 0 (clean) to 999 (noise); None where the loss does not denoise.
+        time: from which the ground truth is denoised, 0 (clean) to 999 (noise); None if the loss does not denoise.
         noise: for that, standard normal, (B, 2, H / 8, W / 8).
         whole, changed: see `TrainingPair`.
     """
@@ -63,7 +63,7 @@ class Batch:
     changed: tuple[Tensor, Tensor] | None = None
 
     def to(self, device: torch.device) -> Batch:
-        """On another device."""
+        """A copy on another device."""
         image1, image2, flow, valid = (
             value.to(device, non_blocking=True) for value in (self.image1, self.image2, self.flow, self.valid)
         )
@@ -79,7 +79,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Share:
-    """Which places of each batch a process computes: every process the same number, in one row.
+    """Which pairs of each batch a process computes: every process the same number, consecutively.
 
     Attributes:
         batch: pairs of a step, over all processes; a multiple of `world`.
@@ -109,7 +109,7 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
         pairs: of the training.
         share: of this process.
         steps: from the first to the last.
-        workers: processes that read and augment ahead; 0 does so in this one.
+        workers: processes that read and augment in advance; with 0 this process does.
     """
     loader = DataLoader(
         _Positions(pairs),
@@ -150,7 +150,7 @@ class _Positions(Dataset[TrainingPair]):
 
 
 class _Steps:
-    """What a `DataLoader` asks for batches: the positions of one step after the other."""
+    """The batch sampler of a `DataLoader`: the positions of one step after the other."""
 
     def __init__(self, share: Share, steps: range) -> None:
         self._share = share

@@ -1,7 +1,8 @@
-"""Which pair comes when: a function of the seed and the position alone.
+"""The order of the pairs: a function of the seed and the position alone.
 
 A position counts the pairs of a training from 0: step t, place i of a batch of n is position t * n + i. Neither the
-number of loader workers nor of processes, nor where a training was resumed, can change what is there.
+number of loader workers or processes nor the point at which a training was resumed can change which pair is at a
+position.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from ...random.rng import Rng
 
 
 class Order:
-    """Every pair once in an epoch, shuffled; what does not fill the last update of an epoch is left out, as a loader
-    with `drop_last` does.
+    """Every pair once per epoch, shuffled; an incomplete last update of an epoch is left out, as by a loader with
+    `drop_last`.
 
     Args:
         count: places in an epoch.
@@ -36,7 +37,7 @@ class Order:
     def __init__(self, count: int, block: int, seed: int) -> None:
         if count < block:
             raise UsageError(
-                f"{count} pairs are fewer than one update takes ({block}); give more data, or a smaller --batch-size"
+                f"{count} pairs are fewer than one update needs ({block}); give more data, or a smaller --batch-size"
             )
         self.count = count
         self.seed = seed
@@ -51,7 +52,7 @@ class Order:
 
         Args:
             position: from 0.
-            attempt: 0; from 1 on, what comes instead of a pair that cannot be read.
+            attempt: 0; from 1 on, the replacement for a pair that cannot be read.
         """
         if attempt:
             return Rng.of(self.seed, "replacement", position, attempt).integer(0, self.count)

@@ -30,11 +30,11 @@ from .order import Order
 _LONGEST = 1000.0
 """Pixels of one component, from which the truth of a dense pair is not valid (RAFT)."""
 _ATTEMPTS = 20
-"""Unreadable pairs in a row after which the data set is given up."""
+"""Unreadable pairs in a row after which training stops."""
 
 
 class Whole(NamedTuple):
-    """The frames that a crop was cut from.
+    """The frames from which a crop was taken.
 
     Attributes:
         frame1, frame2: float32 (3, H', W'), RGB 0..255.
@@ -47,7 +47,7 @@ class Whole(NamedTuple):
 
 
 class TrainingPair(NamedTuple):
-    """A pair as the network gets it.
+    """A pair as it is given to the network.
 
     Attributes:
         frame1, frame2: float32 (3, H, W), RGB 0..255.
@@ -75,8 +75,8 @@ class TrainingPairs:
         order: which pair comes at a position.
         crop: (H, W) of what the network sees.
         seed: of the augmentation.
-        corruption: laid over the augmented frames, or None.
-        skip_bad: take another pair, with a warning, in place of one that cannot be read.
+        corruption: applied to the augmented frames, or None.
+        skip_bad: replace a pair that cannot be read by another one, with a warning.
         objective: of a training without labels, which decides what it is given besides the frames; None for one with
             labels, which every pair must have then.
     """
@@ -117,7 +117,7 @@ class TrainingPairs:
                 if not self._skip_bad:
                     raise DataError(
                         f"training pair '{key}' of {part.dataset.name}: {error}; restore it, or give --skip-bad to "
-                        "train on others in place of what cannot be read"
+                        "replace pairs that cannot be read by others"
                     ) from error
                 warnings.warn(f"training pair '{key}' of {part.dataset.name} is skipped: {error}", stacklevel=2)
         raise DataError(f"{_ATTEMPTS} pairs in a row cannot be read; check the data, the last one was '{key}'")
@@ -157,7 +157,7 @@ class TrainingPairs:
     def _without_labels(
         self, position: int, name: str, frames: tuple[Frame, Frame], flow: Flow, valid: Mask, drawn: Augmentation
     ) -> TrainingPair:
-        """The pair for a training without labels; its truth, where it has any, is for the log alone."""
+        """The pair for a training without labels; its ground truth, if any, is only used for the log."""
         whole = augmented_whole(frames, drawn)
         if self._corruption is not None:
             whole = tuple(self._corruption(list(whole), key=f"training {self._seed} {position}"))

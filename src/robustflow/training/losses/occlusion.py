@@ -1,4 +1,4 @@
-"""Which pixels of a frame are not seen in the other, from the flows of both directions."""
+"""Which pixels of a frame are not visible in the other, from the flows of both directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The loss that a network says itself."""
+"""The loss that a network defines itself."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ...errors import UsageError
 
 
 def checked_loss(returned: object) -> tuple[Tensor, dict[str, float]]:
-    """What a network's own `loss` returned: a scalar tensor, or one with a dictionary of numbers for the log.
+    """Check what a network's own `loss` returned: a scalar tensor, or that and a dictionary of numbers for the log.
 
     Raises:
         UsageError: something else.

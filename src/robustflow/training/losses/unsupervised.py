@@ -1,5 +1,5 @@
-"""ARFlow's loss without labels (Liu et al., "Learning by Analogy", CVPR 2020): images warped by the flow look like each
-other where they see the same, and the flow is smooth."""
+"""ARFlow's loss without labels (Liu et al., "Learning by Analogy", CVPR 2020): images warped by the flow look alike
+where both show the same point, and the flow is smooth."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class UnsupervisedLoss:
 
 @dataclass(frozen=True)
 class UnsupervisedTerms:
-    """What the loss is made of.
+    """The terms of the loss.
 
     Attributes:
         photometric, smoothness: scalars; their sum is the loss.
@@ -111,4 +111,4 @@ def _photometric(image: Tensor, reconstructed: Tensor, seen: Tensor, weights: Un
         total = total + weights.ssim * ssim_distance(reconstructed * seen, image * seen).mean()
     if weights.census:
         total = total + weights.census * census_distance(reconstructed * seen, image * seen).mean()
-    return total / seen.mean().clamp_min(1e-7)  # a network that has not learned yet may see nothing
+    return total / seen.mean().clamp_min(1e-7)  # for an untrained network nothing may be visible
