@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,8 @@ from robustflow.datasets import load_dataset
 from robustflow.errors import ModelError, UsageError
 from robustflow.models.tiny.shipped import SHIPPED, shipped_weights
 from robustflow.testing import check_model
+
+from ...shared_data import shared_folder
 
 
 def error(flow, sample):
@@ -25,11 +30,40 @@ def test_on_unseen_shapes_the_error_is_a_fraction_of_zero_flows(name):
     assert np.mean(found) < 0.35 * np.mean(still)
 
 
+@pytest.mark.slow
+def test_on_200_unseen_pairs_the_error_is_at_most_a_fifth_of_zero_flows():
+    model = load_model("tiny", runtime="numpy")
+    samples = load_dataset("shapes", pairs=200, size="160x224")
+    found = [error(model.predict(*sample.frames), sample) for sample in samples]
+    still = [error(np.zeros_like(sample.flow), sample) for sample in samples]
+    assert np.mean(found) <= 0.2 * np.mean(still)
+
+
+@pytest.mark.parametrize(
+    ("data", "options"),
+    [
+        ("middlebury", {}),
+        ("kitti2015", {}),
+        ("kitti2012", {}),
+        ("sintel", {"render_pass": "unlabelled_pass"}),
+        ("flyingchairs", {}),
+    ],
+)
+def test_on_every_shared_pair_it_is_better_than_zero_flow(data, options):
+    model = load_model("tiny", runtime="numpy")
+    for sample in load_dataset(data, shared_folder("data", data), **options):
+        assert error(model.predict(*sample.frames), sample) < error(np.zeros_like(sample.flow), sample), sample.key
+
+
 def test_the_weights_differ_and_say_how_they_were_made():
     shipped = [shipped_weights(name) for name in SHIPPED]
     assert len({one.sha256 for one in shipped}) == len(SHIPPED)
     for one in shipped:
-        assert one.about["made_by"].startswith("robustflow ")
+        assert one.about["made_by"].startswith("robustflow train tiny --recipe shapes")
+        assert re.fullmatch("[0-9a-f]{40}", one.about["commit"])
+        training = json.loads(one.about["training"])
+        assert {"recipe", "seed", "data", "start", "corruptions"} <= training.keys()
+        assert training["start_trained_on"] == ["shapes"]
         assert one.trained_on == "shapes"
 
 
