@@ -34,7 +34,7 @@ def robustspring_results(run: Run, moved: Mapping[str, Sequence[float]]) -> pl.D
 
 
 def _setting(manifest: Mapping[str, Any]) -> str:
-    """RobustSpring is Spring's test sequences: who was trained on its training sequences has seen the domain alone."""
+    """RobustSpring is Spring's test sequences: a model trained on its training sequences knows only the domain."""
     record = manifest.get("provenance") or {}
     if record.get("setting") in ("knowledge", "untrained"):
         return str(record["setting"])

@@ -94,7 +94,7 @@ class _Server(uvicorn.Server):
 
 
 def _listen(host: str, port: int | None) -> socket.socket:
-    """A socket on the port asked for; on any, where none was asked for and the usual one is taken."""
+    """A socket on the requested port; on any port if none was requested and the usual one is taken."""
     if port is not None and not 0 <= port <= 65535:
         raise UsageError(f"port {port} does not exist: give 1 to 65535, or 0 for any")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -69,7 +69,7 @@ def source_of(form: FormData, folder: Path) -> PairSource:
     try:
         if set(files) == {"clip"}:
             clip = _clip(files["clip"], folder)
-            kept = True  # it is decoded as it is asked for
+            kept = True  # it is decoded when it is requested
             return clip
         if {"frame1", "frame2"} <= set(files) <= {"frame1", "frame2", "truth"}:
             return _pair(files, folder)

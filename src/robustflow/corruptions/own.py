@@ -31,11 +31,11 @@ _GUIDE = "see the guide 'add your corruption'"
 
 
 class OwnCorruption(Corruption):
-    """A user's corruption as the package sees it: what it is asked for and what it returns are checked.
+    """A user's corruption as the package sees it: what is requested of it and what it returns are checked.
 
     Args:
         made: anything with `draw(rng, severity, shape)` and `apply(frame, state, index)`; see `Corruption`.
-        variant: the variant that was asked for; a corruption without variants takes any.
+        variant: the requested variant; a corruption without variants takes any.
 
     Raises:
         UsageError: from `draw` and `apply`, what the user's code raises or returns in error.

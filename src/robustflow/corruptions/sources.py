@@ -21,7 +21,7 @@ OWN = "corruptions"
 def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[str, Any]:
     """What names the files that are set up now, by `Corruption.source_key`; empty where no file of the user's is used.
 
-    It does not depend on which of this package's corruptions are asked for, so that a later call with others adds to
+    It does not depend on which of this package's corruptions are requested, so that a later call with others adds to
     the same run. Other people's corruptions among `names`, and in stacks, count with the digest of their source: a run
     with an edited one is another run.
 

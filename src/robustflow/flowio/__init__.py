@@ -24,7 +24,7 @@ _READERS = {".flo": read_flo, ".png": read_kitti, ".pfm": read_pfm, ".flo5": rea
 
 
 def read_flow(path: str | Path) -> tuple[Flow, Mask]:
-    """Read a flow file; the format follows the ending of its name (.flo, .png, .pfm, .flo5).
+    """Read a flow file; the ending of its name gives the format (.flo, .png, .pfm, .flo5).
 
     Returns:
         flow: float32 (H, W, 2), (u right, v down) in pixels, 0 where unknown.
@@ -54,7 +54,7 @@ def read_flow(path: str | Path) -> tuple[Flow, Mask]:
 
 
 def write_flow(path: str | Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None = None) -> None:
-    """Write a flow file atomically; the format follows the ending of its name.
+    """Write a flow file atomically; the ending of its name gives the format.
 
     Args:
         path: ends in .flo, .png (KITTI: rounded to 1/64, from -512 to 511.984375), .pfm or .flo5.

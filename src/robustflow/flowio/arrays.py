@@ -1,4 +1,4 @@
-"""What every flow format shares: which values are unknown, and which arrays can be written."""
+"""What all flow formats share: which values are unknown, and which arrays can be written."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def checked(path: Path, flow: npt.ArrayLike, valid: npt.ArrayLike | None) -> tup
 
 
 def claimed_size(path: Path, width: int, height: int) -> None:
-    """Refuse dimensions no flow has, before anything is allocated for them."""
+    """Refuse dimensions that no flow has, before anything is allocated for them."""
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
         raise DataError(f"{path}: the header claims {width}x{height} pixels, so the file is damaged; download it again")
     if width * height > MAX_PIXELS:

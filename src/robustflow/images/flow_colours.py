@@ -44,7 +44,7 @@ def colour_wheel() -> npt.NDArray[np.float64]:
 def flow_radius(flow: Flow, valid: Mask | None = None) -> float:
     """A radius that suits a flow: the length that 99 % of its known vectors do not exceed, in pixels; at least 1.
 
-    Few outliers, which corrupted flow has, would otherwise leave everything else white.
+    Otherwise the few outliers that flow on corrupted frames has would leave everything else white.
 
     >>> flow_radius(np.full((2, 2, 2), (3, 4), np.float32))
     5.0
@@ -60,7 +60,7 @@ def flow_colours(flow: Flow, radius: float, valid: Mask | None = None) -> Frame:
     Args:
         flow: float32 (H, W, 2), (u right, v down) in pixels.
         radius: the length that gets full colour, in pixels; pictures that are compared share one.
-        valid: bool (H, W), False where the flow is unknown; what is not finite is unknown in any case.
+        valid: bool (H, W), False where the flow is unknown; values that are not finite are always unknown.
 
     Returns:
         RGB uint8 (H, W, 3).

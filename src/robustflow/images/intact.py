@@ -1,7 +1,7 @@
-"""Is a picture's file whole? What each format can tell of damage that its decoder passes over.
+"""Is a picture's file whole? What each format reveals about damage that its decoder ignores.
 
-PNG and deflated TIFF carry check sums, JPEG a code that breaks, BMP, PPM and WebP a length; beyond that a changed byte
-is a changed pixel and nothing in the file says so. A run's manifest keeps a digest of every file for that reason.
+PNG and deflated TIFF carry checksums, JPEG a code that breaks, BMP, PPM and WebP a length; any other changed byte is
+just a changed pixel, and nothing in the file shows it. A run's manifest keeps a digest of every file for that reason.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class PngHeader(NamedTuple):
 
 
 def check_png(path: Path, data: bytes) -> PngHeader:
-    """The header of a PNG whose every chunk is there and unharmed, or DataError. Decodes nothing."""
+    """The header of a PNG all of whose chunks are present and undamaged, else DataError. Decodes nothing."""
     if data[:8] != b"\x89PNG\r\n\x1a\n" or data[12:16] != b"IHDR" or len(data) < 33:
         raise DataError(f"{path}: not a PNG file, or cut short; check or copy it again")
     width, height, bits, kind = struct.unpack(">IIBB", data[16:26])
@@ -47,7 +47,7 @@ def check_png(path: Path, data: bytes) -> PngHeader:
         if end > len(data):
             raise DataError(f"{path}: cut short, the end of the PNG is missing; copy or download it again")
         name = data[start + 4 : start + 8]
-        # Pillow stops reading when it has all rows, before the check sum of the last chunk.
+        # Pillow stops reading when it has all rows, before the checksum of the last chunk.
         if zlib.crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big"):
             raise DataError(f"{path}: damaged, a checksum of the PNG is wrong; copy or download it again")
         start = end
@@ -58,7 +58,7 @@ def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> Non
     """Refuse a PNG whose compressed data ends before its last row, which decoders fill with zeros.
 
     Args:
-        pixels: as decoded. Only where its last two rows are zero is the data looked at.
+        pixels: as decoded. The data is looked at only if their last two rows are zero.
     """
     if pixels[-2:].any():
         return
@@ -78,9 +78,9 @@ def check_png_rows(path: Path, data: bytes, pixels: np.ndarray[Any, Any]) -> Non
 
 
 def check_jpeg(path: Path, data: bytes) -> None:
-    """Refuse a JPEG whose code breaks: Pillow's decoder goes on with grey or shifted blocks and says nothing.
+    """Refuse a JPEG whose code breaks: Pillow's decoder continues with grey or shifted blocks silently.
 
-    FFmpeg's decoder stops at the first error. What it does not support (arithmetic coding) is let through.
+    FFmpeg's decoder stops at the first error. A file that it does not support (arithmetic coding) passes.
     """
     import av
 
@@ -101,7 +101,7 @@ def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> Non
     """Refuse a file that is longer or shorter than its own header says.
 
     Args:
-        kind: "BMP", "PPM" or "WEBP"; other formats say nothing of their length.
+        kind: "BMP", "PPM" or "WEBP"; other formats do not state their length.
         end: where the pixels of a PPM end; 0 where unknown.
     """
     sizes: tuple[int, ...] = ()
@@ -120,7 +120,7 @@ def check_length(path: Path, data: bytes, kind: str | None, end: int = 0) -> Non
 
 
 def check_deflated_strips(path: Path, data: bytes, offsets: Any, counts: Any) -> None:
-    """Refuse a deflated TIFF of which a strip's check sum is wrong, which libtiff does not look at."""
+    """Refuse a deflated TIFF in which a strip's checksum is wrong; libtiff does not check it."""
     for offset, count in zip(offsets or (), counts or (), strict=False):
         inflate, part = zlib.decompressobj(), memoryview(data)[offset : offset + count].tobytes()
         try:

@@ -1,7 +1,7 @@
-"""Read and write pictures: RGB uint8 in, RGB uint8 out, and nothing converted that would lose something.
+"""Read and write pictures: RGB uint8 in, RGB uint8 out, and no conversion that would lose anything.
 
 Pillow decodes, because it is strict: on every truncation of small files it raises instead of returning a partly
-filled picture. What it overlooks is looked for in `intact`.
+filled picture. `intact` looks for what it overlooks.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def read_image(path: str | Path) -> Frame:
     data = _contents(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what matters of a damaged file is raised, in one line
+            warnings.simplefilter("ignore")  # whatever matters about a damaged file is raised, in one line
             with _open(path, data) as image:
                 _check_intact(path, data, image)
                 image.load()
@@ -72,7 +72,7 @@ def image_size(path: str | Path) -> tuple[int, int]:
     """(H, W) of the picture `read_image` would return, from the header alone.
 
     Raises:
-        DataError: no such file, or no picture.
+        DataError: no such file, or not a picture.
     """
     path = Path(path)
     try:
@@ -85,7 +85,7 @@ def image_size(path: str | Path) -> tuple[int, int]:
 
 
 def stored_size(path: str | Path) -> tuple[int, int]:
-    """(H, W) as it is in the file, before a noted orientation is applied. Decodes no pixel, whatever is claimed.
+    """(H, W) as it is in the file, before a noted orientation is applied. Decodes no pixel, however many are claimed.
 
     Raises:
         DataError: no such file, not a picture, or a claim that Pillow takes for an attack.
@@ -127,7 +127,7 @@ def write_image(path: str | Path, image: Frame) -> None:
 
 
 def shrunk(image: Frame, widest: int) -> Frame:
-    """RGB uint8 (H, W, 3) brought down to `widest` pixels of width by averaging; a narrower one stays as it is.
+    """RGB uint8 (H, W, 3) reduced to a width of `widest` pixels by averaging; a narrower one stays as it is.
 
     >>> shrunk(np.zeros((10, 960, 3), np.uint8), 480).shape
     (5, 480, 3)

@@ -36,7 +36,7 @@ def design(
 
 
 def prescription_of(candidate: Candidate, goal: Goal, half_field: float, name: str) -> Lens:
-    """A candidate as a prescription, rounded to what a drawing would say (1e-8 1/mm, 1e-6 mm)."""
+    """A candidate as a prescription, rounded to what a drawing would state (1e-8 1/mm, 1e-6 mm)."""
     structure = candidate.structure
     index, stop = structure.indices(SAMPLES), structure.stop_surface
     curvature, thickness, radius, pupil, magnification = build(

@@ -58,7 +58,7 @@ def contact_sheet(fields: Sequence[tuple[str, PsfField]]) -> Figure:
 def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
     """Blur over the field, per severity and colour: our PSFs as lines, what was measured on the reference's as points.
 
-    Above the RMS radius in pixels, below the modulation at 0.04 cycles per pixel; dashed and open is sagittal.
+    Above the RMS radius in pixels, below the modulation at 0.04 cycles per pixel; sagittal is dashed and open.
     """
     figure = Figure(figsize=(2.2 * len(fields) + 0.6, 4.2), layout="constrained")
     grid = figure.subplots(2, len(fields), squeeze=False, sharex=True)
@@ -87,7 +87,7 @@ def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as its suffix says (.png, .pdf, .svg), without a date, so that bytes depend on content alone."""
+    """Write a figure in the format of its suffix (.png, .pdf, .svg), without a date: content decides the bytes."""
     dated = {".png": "Creation Time", ".svg": "Date"}.get(path.suffix, "CreationDate")
     figure.savefig(path, dpi=110, metadata={dated: None})
 

@@ -1,4 +1,4 @@
-"""The merit function of lens design: how far a lens is from the blur wanted of it, as residuals to be squared.
+"""The merit function of lens design: how far a lens is from the blur it should have, as residuals to be squared.
 
 A lens is scaled to its focal length, its entrance pupil is found for six field points by aiming four rays each at
 the stop, and a grid of rays is traced per wavelength. The rays' landing points give, without any image,
@@ -37,7 +37,7 @@ MECHANICAL_WEIGHT = 3.0
 
 
 class Goal(NamedTuple):
-    """The blur wanted of a lens.
+    """The blur that a lens should have.
 
     Attributes:
         focal_length: mm.
@@ -63,8 +63,9 @@ class Goal(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """What can be made, mm: least centre and edge thickness of glass, most centre thickness, least air gap on the
-    axis and at the edge, most length from first surface to sensor in focal lengths, least distance to the sensor."""
+    """What can be made, in mm: the least centre and edge thickness of glass, the greatest centre thickness, the least
+    air gap on the axis and at the edge, the greatest length from first surface to sensor in focal lengths, the least
+    distance to the sensor."""
 
     glass_centre: float = 1.5
     glass_edge: float = 1.0
@@ -152,7 +153,7 @@ def landing(
     """Landing points (mm) and weights of a grid of rays of one field and wavelength, the half x > 0 of the pupil.
 
     The grid fills the box [0, side] x [bottom, top] of the first vertex plane, widened by `margin`, so that the stop
-    and not the grid cuts the beam; the rims of the elements, `clear`, block what strays. `ramp` is the width of the
+    and not the grid cuts the beam; the rims of the elements, `clear`, block stray rays. `ramp` is the width of the
     stop's edge as a fraction of its radius.
     """
     middle, half, width = 0.5 * (bottom + top), 0.5 * (top - bottom) * margin, side * margin

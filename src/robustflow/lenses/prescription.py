@@ -23,8 +23,8 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 def tangent_of(degrees: float) -> float:
-    """The tangent of an angle to twelve digits: mathematical libraries differ in the last bit, and the search and the
-    rendered PSFs must not.
+    """The tangent of an angle, rounded to twelve digits: mathematical libraries differ in the last bit, and the search
+    and the rendered PSFs must not.
 
     >>> tangent_of(45.0)
     1.0

@@ -94,7 +94,7 @@ def render(lens: Lens) -> PsfField:
     """Trace the PSFs of a lens: 64 fields, 3 colours of five wavelengths, 18 000 rays per half pupil each.
 
     Every field is centred on the centroid of its green PSF, so that the blur moves nothing; red and blue keep their
-    lateral colour. Distortion and the fall of light towards the corner are left out.
+    lateral colour. Distortion and the fall-off of light towards the corner are left out.
     """
     stack = np.zeros(SHAPE)
     for f, field in enumerate(np.linspace(0.0, 1.0, FIELDS)):

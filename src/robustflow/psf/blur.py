@@ -1,9 +1,9 @@
 """Blur an image with a PSF that varies over it: tiles blended by triangular windows, convolved by FFT.
 
-The transforms are in float64 on purpose: FFT libraries differ between machines by a few units of the last place,
-which in float32 would turn about one sample in ten thousand the other way at rounding; in float64 fewer than one in
-10^11. It costs 1.7 times the transforms' time. Kernel spectra alone are kept in single precision, which rounds them
-alike everywhere and lets the five lenses of one image size share the cache.
+The transforms are in float64 on purpose: FFT libraries differ between machines by a few units of the last place, which
+in float32 would round about one sample in ten thousand the other way, in float64 fewer than one in 10^11. It costs 1.7
+times the transforms' time. Only the kernels' spectra are kept in single precision, which rounds them alike everywhere
+and lets the five lenses of one image size share the cache.
 
 Patches of neighbouring nodes overlap, so the transforms are taken apart: along the rows once for a whole column of
 nodes, along the columns for each node, and back along the rows for the windowed sum of the column's nodes.
@@ -31,7 +31,7 @@ REACH = SUPPORT // 2
 
 
 class Sized(Protocol):
-    """What says how much memory it takes."""
+    """Anything that says how much memory it takes."""
 
     @property
     def nbytes(self) -> int:
@@ -42,7 +42,7 @@ Entry = TypeVar("Entry", bound=Sized)
 
 
 class KernelCache(Generic[Entry]):
-    """What was made of kernels by (field, image size); the least recently used go, to stay within a number of bytes."""
+    """What was computed from kernels, by (field, image size); the least recently used go, to keep within a limit."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
@@ -103,7 +103,7 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
     Args:
         frame: RGB uint8 (H, W, 3), any size.
         field: the PSFs.
-        threads: how many threads; when None one, or what `blur_threads` allows. The result does not depend on it.
+        threads: how many threads; None for one, or as many as `blur_threads` allows. The result does not depend on it.
 
     Returns:
         float64 (H, W, 3) in grey levels, not rounded.

@@ -22,7 +22,7 @@ PlainKernel = Callable[[int, int, int], npt.NDArray[np.float64]]
 
 
 class _Noise(NamedTuple):
-    """What a kernel has more than another, in units of `unit`."""
+    """How much one kernel exceeds another, in units of `unit`."""
 
     kernel: npt.NDArray[np.int16]
     unit: float
@@ -40,7 +40,7 @@ class ExactValues:
     """The weighted sum of what the nodes around a pixel make of it.
 
     Args:
-        frame, field: as of `blur`.
+        frame, field: as in `blur`.
 
     >>> from robustflow.psf.blur import blur
     >>> from robustflow.psf.shipped import shipped_field
@@ -57,7 +57,7 @@ class ExactValues:
         self._pixels = [_pixels(axis, self._transform) for axis in (self._columns, self._rows)]
 
     def value(self, y: int, x: int, channel: int) -> float:
-        """Of a pixel, in grey levels, within 10^-11 of that in `blur`."""
+        """The value of a pixel in grey levels, within 10^-11 of that of `blur`."""
         total = 0.0
         for weight, row, column, (lags_y, inputs_y), (lags_x, inputs_x) in self._around(y, x):
             kernel = self._kernel(row, column, channel)[lags_y][:, lags_x]
@@ -65,11 +65,11 @@ class ExactValues:
         return total
 
     def noise(self, y: int, x: int, channel: int, grey: float, plain: PlainKernel) -> float:
-        """How much more that is than with other kernels, in grey levels, within a thousandth of it.
+        """How much more the value is than with other kernels, in grey levels, to within a thousandth of it.
 
         Args:
             y, x, channel: of the pixel.
-            grey: what the pixels had less with those, and the sum had more.
+            grey: what was subtracted from the pixels with those kernels, and added to the sum.
             plain: the other kernel of a node (row, column) and a channel, (61, N).
         """
         total = 0.0

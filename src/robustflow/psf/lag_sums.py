@@ -28,7 +28,7 @@ _U = np.uint64  # an index that is never negative needs no test for it, and the 
     error_model="numpy",
 )
 def lag_sums(spectra: Any, kernels: Any, reaches: Any, tops: Any, windows: Any, out: Any) -> None:
-    """The rows of an image that is a spectrum along its rows, convolved and windowed; fastest, not exact to the bit.
+    """The rows of an image that is a spectrum along its rows, convolved and windowed; the fastest way, not bit-exact.
 
     Args:
         spectra: (2, 3, R, 2 F), an image and its left-right mirror image, real and imaginary parts in turns.

@@ -1,4 +1,4 @@
-"""PSF stacks of the reference code, where a user has them: read safely, converted once.
+"""PSF stacks of the reference code, if a user has them: read safely, converted once.
 
 The reference code keeps one `.pth` file per severity, a float32 tensor (64, 3, 61, 61), named after its lens
 ("piece_1_fov34.0_fnum3.8_aper0_rms0.0832_idx2.pth"). It correlates images with these arrays; a convolution needs

@@ -1,7 +1,7 @@
-"""The bytes of `blur`, in less than half of its time: a quicker sum decides nearly all of them, `blur` the others.
+"""The bytes of `blur`, in less than half its time: a faster sum decides nearly all of them, `blur` the others.
 
-`blur` keeps its kernels' spectra in single precision. Beside kernels that are not rounded this is noise over the whole
-transform, of 10^-6 grey levels (root mean square; at most 8 x 10^-6 in 42 million values of KITTI's, 10^-5 in
+`blur` keeps its kernels' spectra in single precision. Compared with kernels that are not rounded this is noise over the
+whole transform, of 10^-6 grey levels (root mean square; at most 8 x 10^-6 in 42 million values of KITTI, 10^-5 in
 black-and-white noise). A value that lies `MARGIN` or more from the middle between two grey levels is on the same side
 of it with either. To those that lie closer, about fifty a frame, the noise is added, from a table of its own; what is
 then still closer than `FINE` is computed as `blur` defines it, value by value, and ties by `blur` itself.
@@ -46,7 +46,7 @@ def rounded_blur(frame: Frame, field: PsfField, threads: int | None = None) -> F
     Args:
         frame: RGB uint8 (H, W, 3), any size.
         field: the PSFs.
-        threads: as of `blur`.
+        threads: as in `blur`.
 
     Returns:
         uint8 (H, W, 3), on every machine the bytes that `blur` rounds to.
@@ -84,7 +84,7 @@ def _rounded(values: npt.ArrayLike) -> Frame:
 
 
 def _near_blur(frame: Frame, field: PsfField, threads: int | None) -> tuple[npt.NDArray[np.float64], int]:
-    """`blur` but for less than `MARGIN`, (3, H, more than W), and the column of it at which the image begins."""
+    """`blur` to within less than `MARGIN`, (3, H, more than W), and the column of it at which the image begins."""
     height, width = frame.shape[:2]
     pitch, transform = grid_of(height, width)
     rows, columns = Axis.of(height, pitch), Axis.of(width, pitch)
@@ -97,7 +97,7 @@ def _near_blur(frame: Frame, field: PsfField, threads: int | None) -> tuple[npt.
     lags = _lag_kernels(field, height, width)
 
     def strip(column: int) -> npt.NDArray[np.float64]:
-        """What a column of nodes makes of the image and of its left-right mirror image."""
+        """The contribution of a column of nodes to the image and to its left-right mirror image."""
         left = columns.starts[column] + margin_x - REACH
         along_rows = scipy.fft.rfft(mirrored[..., left : left + transform]).view(np.float64)
         sums = np.empty((2, 3, height, transform // 2 + 1), np.complex128)
@@ -111,7 +111,7 @@ def _near_blur(frame: Frame, field: PsfField, threads: int | None) -> tuple[npt.
 
 
 class _LagKernels(NamedTuple):
-    """Of every column of nodes, what `lag_sums` takes."""
+    """What `lag_sums` takes, for every column of nodes."""
 
     kernels: npt.NDArray[np.float32]
     reaches: npt.NDArray[np.int64]
@@ -132,7 +132,7 @@ _KERNELS: KernelCache[_LagKernels] = KernelCache(limit=128 * 2**20)
 
 
 def _lag_kernels(field: PsfField, height: int, width: int) -> _LagKernels:
-    """Of a field and a size of images; those used last are kept."""
+    """For a field and an image size; the most recently used are kept."""
     key = (field.digest, height, width)
     kept = _KERNELS.get(key)
     if kept is not None:

@@ -52,7 +52,7 @@ class ObjectMotion:
 
     Args:
         frame_at: RGB uint8 of a master frame.
-        reaches: the values of c that will be asked for; all are made at once.
+        reaches: the values of c that will be needed; all are made at once.
         keep: key frames remembered.
     """
 

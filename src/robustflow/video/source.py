@@ -19,7 +19,7 @@ from .upright import upright
 
 
 class Source(Protocol):
-    """Frames of one clip in order, as often as asked for."""
+    """Frames of one clip in order, as often as requested."""
 
     name: str
     count: int

@@ -3,7 +3,7 @@
 The calibrated scale takes its five parameters from these paths. A path is a list of segments; inside one every number
 goes linearly from start to end (whole numbers are rounded, the others kept to four digits), and between two the
 parameters may jump. Where the paper's severities are on one path, they are the corners, extended below severity 1
-to almost nothing and above 5 as far as the corruption goes on. They do not for five corruptions:
+to almost nothing and above 5 as far as the corruption can continue. They do not for five corruptions:
 
 saturate            oversaturates as severities 3 to 5 do; 1 and 2 desaturate, which SSIM, on luma, hardly sees
 spatter             water (severities 1, 2 and half way to 3), then mud (4, 5 and on)

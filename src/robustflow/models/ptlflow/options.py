@@ -19,7 +19,7 @@ def constructor_options(name: str, reference: type, iterations: int | None) -> t
     Args:
         name: of the model, for messages.
         reference: ptlflow's class of it.
-        iterations: as asked for; None for its default.
+        iterations: as requested; None for its default.
 
     Returns:
         The constructor's arguments, and the number of iterations; None where the model has no single one.

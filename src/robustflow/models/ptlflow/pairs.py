@@ -123,7 +123,7 @@ def ptlflow_network(
             raise _not_built(name, architecture, reference, error) from error
 
     if architecture in BESIDES:
-        build()  # fails before a checkpoint is asked for and fetched in vain
+        build()  # fails before a checkpoint is requested and fetched in vain
     return network_model(
         name,
         build,

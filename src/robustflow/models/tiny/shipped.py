@@ -46,7 +46,7 @@ def shipped_weights(name: str) -> ShippedWeights:
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
         with safe_open(str(path), framework="numpy") as file:
-            arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (it is no mapping)
+            arrays = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 (it is not a mapping)
             about = dict(file.metadata() or {})
     except (OSError, SafetensorError) as error:
         raise AssetError(f"{path}: missing or damaged ({error}); reinstall robustflow") from error

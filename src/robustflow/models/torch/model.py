@@ -69,7 +69,7 @@ class NetworkModel:
     def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
         """Flows of several pairs; on a GPU those of one size go through the network together.
 
-        On the CPU each goes by itself: together they are no faster there, and change the last bits of each other's flow
+        On the CPU each runs alone: together they are no faster, and change the last bits of each other's flow
         (up to 1e-4 px), because convolutions of another batch add up in another order.
 
         Args:

@@ -87,7 +87,7 @@ def entries_of(
         intervals: by (sample set, name) of a run.
         run_costs: of runs, by (sample set, name).
         first: (benchmark, sample set, setting, model, note) of entries that come first, whatever the results.
-        doubted: by (sample set, name) of a run, why its model is the best of nothing.
+        doubted: by (sample set, name) of a run, why its model is not called the best of any column.
         coverage: for runs that left out pixels, the share that is included in the errors.
     """
     entries: dict[tuple[str, str, str, str], Entry] = {}

@@ -1,7 +1,7 @@
 """Memory shared by two processes: slots of equal size, each of which holds the frames of a cell, then its flow.
 
 The memory has no name (`memfd_create`), so nothing is left of it when the last of the two ends, however it ends, and
-the 64 MB that a container has under /dev/shm are no limit. A slot takes memory only from its first use on.
+the 64 MB that a container has under /dev/shm are not a limit. A slot takes memory only from its first use.
 """
 
 from __future__ import annotations

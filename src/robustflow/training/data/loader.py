@@ -125,7 +125,7 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
 
 @contextmanager
 def workers_watched() -> Iterator[None]:
-    """Where batches are taken: PyTorch notices that a worker is gone at any moment, not only when one is asked for.
+    """Where batches are taken: PyTorch notices that a worker is gone at any moment, not only when a batch is requested.
 
     Raises:
         RunError: a worker was ended from outside.
