@@ -58,7 +58,7 @@ def test_other_frames_of_the_same_names_are_refused(robustflow, tmp_path):
     run = rf.evaluate("farneback", "folder", data, tmp_path / "run", corruptions=["contrast"], severities=[1])
     code, _, said = robustflow("displacement", "folder", "--data", other, "-m", "dis", "--into", run.path)
     assert code == 1
-    assert "sample '0': these are not the frames that were run" in said
+    assert "sample '0': these are not the frames of the run" in said
     assert read_displacement(run) is None
 
 

@@ -59,7 +59,7 @@ def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:
     refused(tmp_path, "need 3 or more", step=2)
     picture(tmp_path / "b.bmp")
     refused(tmp_path, r"b\.(png|bmp) and b\.(png|bmp) share a name")
-    with pytest.raises(UsageError, match="step 0"):
+    with pytest.raises(UsageError, match="step cannot be 0"):
         load_dataset("folder", tmp_path, step=0)
     (tmp_path / "b.bmp").write_bytes(b"")
     refused(tmp_path, "cannot be read as a picture|share a name")

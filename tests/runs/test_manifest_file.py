@@ -99,7 +99,7 @@ def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path):
     """Before, the run went on and wrote its own identity over the edited one."""
     manifest = json.loads((whole / "manifest.json").read_text())
     folder, before = damaged(whole, tmp_path, json.dumps(_with(7, "identity", "seed")(manifest)))
-    with pytest.raises(RunError, match=r"was changed after it was written .* put back a copy"):
+    with pytest.raises(RunError, match=r"was changed after it was written .* restore a copy"):
         rf.evaluate("dis", output=folder, **CELL)
     assert before == {path: path.read_bytes() for path in before}
 
