@@ -66,7 +66,7 @@ def test_frames_of_any_size(profile):
     assert "one pair" in out
     code, out, err = profile("raft_small", "--size", "125x130", "--repeat", -1)
     assert (code, out) == (2, "")
-    assert "-1 repetitions measure nothing" in err
+    assert "--repeat -1: give 1 or more" in err
 
 
 def test_several_models_side_by_side(profile):
