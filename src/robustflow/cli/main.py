@@ -1,8 +1,10 @@
 """The command `robustflow`: its subcommands, and how errors are printed."""
 
+import os
 import sys
 import traceback
 import warnings
+from collections.abc import Callable, Sequence
 
 import typer
 
@@ -32,37 +34,62 @@ from .show import show
 from .train import train
 from .verify import verify
 
-app = typer.Typer(
-    name="robustflow",
-    help="How robust is an optical-flow model to image corruptions?",
-    epilog="Start with: robustflow run --model dis",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-app.command("run")(run)
-app.command("predict")(predict)
-app.command("show")(show)
-app.command("examples")(examples)
-app.command("train")(train)
-app.command("profile")(profile)
-app.command("report")(report)
-app.command("reproduce")(reproduce)
-app.command("compare")(compare)
-app.command("leaderboard")(leaderboard)
-app.command("audit")(audit)
-app.command("pack")(pack)
-app.command("verify")(verify)
-app.command("list")(list_things)
-app.command("corrupt")(corrupt)
-app.command("export")(export)
-app.command("gallery")(gallery)
-app.command("app")(local_app)
-app.command("displacement")(displacement)
-app.command("calibrate")(calibrate)
-app.add_typer(prepare, name="prepare")
-app.add_typer(optics, name="optics")
-app.add_typer(experiment, name="experiment")
+_COMMANDS: dict[str, Callable[..., None]] = {
+    "run": run,
+    "predict": predict,
+    "show": show,
+    "examples": examples,
+    "train": train,
+    "profile": profile,
+    "report": report,
+    "reproduce": reproduce,
+    "compare": compare,
+    "leaderboard": leaderboard,
+    "audit": audit,
+    "pack": pack,
+    "verify": verify,
+    "list": list_things,
+    "corrupt": corrupt,
+    "export": export,
+    "gallery": gallery,
+    "app": local_app,
+    "displacement": displacement,
+    "calibrate": calibrate,
+}
+_GROUPS: dict[str, typer.Typer] = {"prepare": prepare, "optics": optics, "experiment": experiment}
+
+
+def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
+    """The whole command line; with `arguments`, the options of the commands they do not name are left out.
+
+    Typer evaluates the annotations of every option of every command on every start, a quarter of the time of `--help`.
+    A command that is only listed needs its description alone.
+    """
+    app = typer.Typer(
+        name="robustflow",
+        help="How robust is an optical-flow model to image corruptions?",
+        epilog="Start with: robustflow run --model dis",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_options)
+    for name, command in _COMMANDS.items():
+        app.command(name)(command if arguments is None or name in arguments else _listed(command.__doc__))
+    for name, group in _GROUPS.items():
+        if arguments is None or name in arguments:
+            app.add_typer(group, name=name)
+        else:
+            app.command(name)(_listed(group.info.help))
+    return app
+
+
+def _listed(description: str | None) -> Callable[[], None]:
+    def command() -> None:
+        raise AssertionError("a command that was only listed has been called")
+
+    command.__doc__ = description
+    return command
 
 
 def _version(wanted: bool) -> None:
@@ -71,7 +98,6 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _options(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
     debug: bool = typer.Option(False, "--debug", help="Print the full traceback of an error."),
@@ -79,12 +105,18 @@ def _options(
     pass
 
 
+app = command_line()
+
+
 def main() -> None:
     """Run the command line; a known error becomes one line on stderr and its exit code, a warning becomes one line."""
     warnings.formatwarning = plain_warning
     debug = "--debug" in sys.argv[1:]
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    # The shell asks for completions through the environment, of any command.
+    completing = "_ROBUSTFLOW_COMPLETE" in os.environ
     try:
-        app([argument for argument in sys.argv[1:] if argument != "--debug"])
+        command_line(None if completing else arguments)(arguments)
     except RobustFlowError as error:
         if debug:
             traceback.print_exception(error)

@@ -1,0 +1,20 @@
+"""The command line that a start builds, with the options of the named command only, is the whole one to its user."""
+
+import pytest
+import typer.main
+from typer.testing import CliRunner
+
+from robustflow.cli.main import app, command_line
+
+NAMES = sorted(typer.main.get_command(app).commands)
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], [], ["rnu"], *([name, "--help"] for name in NAMES)])
+def test_a_start_prints_what_the_whole_command_line_prints(arguments):
+    whole, started = (CliRunner().invoke(built, arguments) for built in (app, command_line(arguments)))
+    assert whole.output == started.output != ""
+    assert whole.exit_code == started.exit_code
+
+
+def test_a_command_that_is_not_named_has_no_options():
+    assert typer.main.get_command(command_line(["--help"])).commands["run"].params == []
