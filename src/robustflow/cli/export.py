@@ -135,7 +135,7 @@ def _export_submission(
     from ..errors import UsageError
     from ..models import ModelSpec
     from ..records.load import load_run
-    from ..runner.submission import jobs_of, model_of, write_submission
+    from ..runner.submission import condition_pairs, model_of, write_submission
     from ..runs.source import RunSource
     from .video_progress import VideoProgress
 
@@ -146,12 +146,12 @@ def _export_submission(
     output = output or Path("submission")
     run = load_run(path)
     spec = ModelSpec(model, given) if model is not None else RunSource.read(run.path).model_to_reuse(dict(given))
-    jobs = jobs_of(data, corruptions or CORRUPTIONS, limit)
-    total = sum(len(job.keys) for job in jobs)
+    conditions = condition_pairs(data, corruptions or CORRUPTIONS, limit)
+    total = sum(len(condition.keys) for condition in conditions)
     moved: dict[str, list[float]] = {}
     fresh = count = 0
     with VideoProgress() as progress:
-        for one in write_submission(model_of(run, spec), jobs, output):
+        for one in write_submission(model_of(run, spec), conditions, output):
             count, fresh = count + 1, fresh + one.fresh
             progress(str(output), "predicting", count, total)
             if one.moved is not None:

@@ -13,7 +13,7 @@ from .options import Device, ModelOptions, Precision, model_options
 
 if TYPE_CHECKING:
     from ..profiling.counts import Counts
-    from ..profiling.measure import Measured
+    from ..profiling.measure import PredictionCost
 
 
 def profile(
@@ -79,7 +79,7 @@ def _print_model(
     options: tuple[tuple[str, object], ...],
     iterations: int | None,
     into: Path | None,
-) -> "tuple[Counts, Measured | None]":
+) -> "tuple[Counts, PredictionCost | None]":
     from ..models import ModelSpec
     from ..models.catalog import methods
     from ..models.registry import PTLFLOW
@@ -129,7 +129,7 @@ def _print_model(
     return counts, measured
 
 
-def _print_side_by_side(costs: "list[tuple[str, Counts, Measured | None]]") -> None:
+def _print_side_by_side(costs: "list[tuple[str, Counts, PredictionCost | None]]") -> None:
     line = "{:20s} {:>12s} {:>10s} {:>9s} {:>11s}"
     typer.echo("\n" + line.format("model", "params (M)", "MACs (G)", "pair (s)", "peak (GiB)"))
     for name, counts, measured in costs:

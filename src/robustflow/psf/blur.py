@@ -38,26 +38,26 @@ class Sized(Protocol):
         """Bytes."""
 
 
-Entry = TypeVar("Entry", bound=Sized)
+CachedKernel = TypeVar("CachedKernel", bound=Sized)
 
 
-class KernelCache(Generic[Entry]):
+class KernelCache(Generic[CachedKernel]):
     """What was computed from kernels, by (field, image size); the least recently used go, to keep within a limit."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
-        self._entries: OrderedDict[tuple[str, int, int], Entry] = OrderedDict()
+        self._entries: OrderedDict[tuple[str, int, int], CachedKernel] = OrderedDict()
         self._nbytes = 0
         self._lock = threading.Lock()
 
-    def get(self, key: tuple[str, int, int]) -> Entry | None:
+    def get(self, key: tuple[str, int, int]) -> CachedKernel | None:
         """What is kept under a key, or None."""
         with self._lock:
             if key in self._entries:
                 self._entries.move_to_end(key)
             return self._entries.get(key)
 
-    def put(self, key: tuple[str, int, int], entry: Entry) -> None:
+    def put(self, key: tuple[str, int, int], entry: CachedKernel) -> None:
         """Keep something, unless it alone exceeds the limit."""
         if entry.nbytes > self.limit:
             return

@@ -22,7 +22,7 @@ from .checkpoint import LAST, Progressed, read_progress
 from .data.find import OpenPart, open_part
 from .data.order import Order
 from .data.pairs import TrainingPairs
-from .loop import State, Training, train
+from .loop import TrainingSetup, TrainingState, train
 from .networks import load_network
 from .optimizers import build_optimizer
 from .processes import Process, this_process
@@ -48,7 +48,7 @@ class Request:
         device: as for `run --device`.
         options: of the model.
         loaders: processes that prepare batches in advance.
-        save_every, keep_every, validate_every: updates, see `loop.Training`.
+        save_every, keep_every, validate_every: updates, see `loop.TrainingSetup`.
         validate: a benchmark, or None.
         validate_data: its data.
         validate_corruptions: besides the clean frames.
@@ -118,7 +118,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         if process.rank == 0 and not request.resume:
             make_folder(folder)
             write_json(folder / "recipe.json", {**recipe.model_dump(mode="json"), "training": done.identity})
-        training = Training(
+        training = TrainingSetup(
             recipe=recipe,
             seed=request.seed,
             trained_on=_trained_on(done.identity["start_trained_on"], parts),
@@ -131,7 +131,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
             validate=_validator(model, folder, request),
             stop=stop,
         )
-        train(training, State(network, optimizer, scaler, done), process, TrainingProgress(process.rank == 0))
+        train(training, TrainingState(network, optimizer, scaler, done), process, TrainingProgress(process.rank == 0))
     return folder / LAST
 
 

@@ -70,7 +70,7 @@ class Preparation:
 
 
 @dataclass(frozen=True)
-class Geometry:
+class ClipTiming:
     """The result of preparing one source: rate and length of the master, and its key frames."""
 
     fps: Fraction
@@ -79,7 +79,7 @@ class Geometry:
     key_frames: tuple[int, ...]
 
 
-def geometry(source: Source, preparation: Preparation) -> Geometry:
+def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
     """Plan one clip.
 
     Raises:
@@ -104,7 +104,7 @@ def geometry(source: Source, preparation: Preparation) -> Geometry:
             f"{source.name}: {source.count} frames are too few for one pair of key frames {step} apart with "
             f"{REACH} more on each side; give a clip of {frames} frames, or a smaller --step"
         )
-    return Geometry(fps, count, step, tuple(keys))
+    return ClipTiming(fps, count, step, tuple(keys))
 
 
 def prepare_clip(
@@ -115,20 +115,20 @@ def prepare_clip(
     Raises:
         DataError: a source that cannot be read to its end, or a folder that holds the clip prepared otherwise.
     """
-    plan = geometry(source, preparation)
+    timing = clip_timing(source, preparation)
     interpolator = load_interpolator(
         preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device
     )
     wanted = ClipManifest(
         version=VERSION,
         name=source.name,
-        count=plan.count,
-        fps=str(plan.fps),
+        count=timing.count,
+        fps=str(timing.fps),
         height=source.size[0],
         width=source.size[1],
         factor=preparation.factor,
-        step=plan.step,
-        key_frames=list(plan.key_frames),
+        step=timing.step,
+        key_frames=list(timing.key_frames),
         padded_to_even=source.size != even_size(*source.size),
         preset=preparation.preset,
         source=source.describe() | {"frames": source.count},
@@ -144,9 +144,9 @@ def prepare_clip(
     pictures = _converted(source) if interpolator is None else _segments(source, work, wanted, interpolator, progress)
     written = _with_key_frames(pictures, folder, wanted, progress)
     size = (wanted.height, wanted.width)
-    master = write_clip(folder / MASTER, written, size, plan.fps, lossless(preparation.preset))
-    if master.count != plan.count:
-        raise DataError(f"{source.name}: {master.count} frames came out where {plan.count} were expected; check it")
+    master = write_clip(folder / MASTER, written, size, timing.fps, lossless(preparation.preset))
+    if master.count != timing.count:
+        raise DataError(f"{source.name}: {master.count} frames came out where {timing.count} were expected; check it")
     manifest = wanted.model_copy(update={"master_sha256": sha256_of(folder / MASTER)})
     write_json(folder / CLIP_MANIFEST, manifest.model_dump())
     for leftover in folder.glob(".segments-*"):

@@ -13,7 +13,7 @@ from ..cache import cache_folder, cache_folders
 from ..errors import DataError, UsageError
 from ..layout import folders
 from .interpolation import load_interpolator
-from .prepare import Preparation, Progress, geometry, prepare_clip
+from .prepare import Preparation, Progress, clip_timing, prepare_clip
 from .prepared import (
     CACHE_LIMIT,
     FOLDER_MANIFEST,
@@ -93,7 +93,7 @@ def prepare_folder(
         raise UsageError(f"--workers {workers}: give 1 or more")
     load_interpolator(preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device)
     for source in sources:  # whatever cannot work is reported before anything is written
-        geometry(source, preparation)
+        clip_timing(source, preparation)
     manifest = FolderManifest(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
     if len(set(manifest.clips)) != len(manifest.clips):
         raise DataError(f"two clips have the same name: {', '.join(manifest.clips)}; rename one")

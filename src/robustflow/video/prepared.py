@@ -14,9 +14,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from ..errors import DataError
+from ..validated import Frozen
 from .clip import ClipFile
 
 FOLDER_MANIFEST = "gopro_fc.json"
@@ -35,10 +36,8 @@ ClipName = Annotated[str, Field(pattern=r"^[^/\\.][^/\\]*$")]
 """Also a folder's name, so that a manifest cannot lead out of its own folder."""
 
 
-class ClipManifest(BaseModel):
+class ClipManifest(Frozen):
     """`clip.json`. Frame numbers count the master's frames from 0; `fps` is the master's, as a fraction."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     version: int
     name: ClipName
@@ -57,10 +56,8 @@ class ClipManifest(BaseModel):
     master_sha256: str
 
 
-class FolderManifest(BaseModel):
+class FolderManifest(Frozen):
     """`gopro_fc.json`: the clips, and how many bytes of transcoded variants may be kept."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     version: int
     clips: list[ClipName]
