@@ -110,10 +110,10 @@ def export(
 
 def _export_rows(run: Path, format: str, output: Path | None) -> None:
     from ..atomic import write_bytes
-    from ..records.load import load_run
+    from ..records.load import load_any_run
     from ..runs.rows_file import rows_bytes
 
-    data = rows_bytes(load_run(run), format)
+    data = rows_bytes(load_any_run(run), format)
     target = output or Path(f"rows.{format}")
     write_bytes(target, data)
     typer.echo(str(target))
@@ -134,7 +134,7 @@ def _export_submission(
     from ..datasets.robustspring import CORRUPTIONS, submitted
     from ..errors import UsageError
     from ..models import ModelSpec
-    from ..records.load import load_run
+    from ..records.load import load_any_run
     from ..runner.submission import condition_pairs, model_of, write_submission
     from ..runs.source import RunSource
     from .video_progress import VideoProgress
@@ -144,7 +144,7 @@ def _export_submission(
             "--format robustspring needs RobustSpring's frames: give --data PATH, which holds spring/test/"
         )
     output = output or Path("submission")
-    run = load_run(path)
+    run = load_any_run(path)
     spec = ModelSpec(model, given) if model is not None else RunSource.read(run.path).model_to_reuse(dict(given))
     conditions = condition_pairs(data, corruptions or CORRUPTIONS, limit)
     total = sum(len(condition.keys) for condition in conditions)

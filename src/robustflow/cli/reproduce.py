@@ -106,14 +106,14 @@ def _measured(
     device: str | None,
     options: dict[str, Any],
 ) -> list[Measured]:
-    from ..reproduce.measure import measure
+    from ..reproduce.measure import measure_variants
     from ..runner.progress import TerminalProgress
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
     progress, measured = TerminalProgress(), []
     try:
         with progress:
-            for each in measure(artefact, choices, output, device, progress=progress, **options):
+            for each in measure_variants(artefact, choices, output, device, progress=progress, **options):
                 measured.append(each)
     except KeyboardInterrupt:
         typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)

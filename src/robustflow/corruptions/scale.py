@@ -7,7 +7,6 @@ reach does not exist on the scale, and nothing replaces it.
 
 from __future__ import annotations
 
-import hashlib
 import os
 from functools import lru_cache
 from importlib import resources
@@ -16,6 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from ..digest import digest_of_bytes
 from ..errors import DataError, UsageError, first_misfit
 from ..severity import SEVERITIES
 from ..validated import FrozenFinite
@@ -145,4 +145,4 @@ def calibrated_levels(name: str) -> tuple[int, ...]:
 
 def calibration_digest() -> str:
     """16 hexadecimal digits that name the table, for the identity of a run."""
-    return hashlib.blake2b(calibration().model_dump_json().encode(), digest_size=8).hexdigest()
+    return digest_of_bytes(calibration().model_dump_json().encode(), size=8)

@@ -30,7 +30,7 @@ class PredictionCost:
     device: str
 
 
-def measure(model: NetworkModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
+def measure_prediction(model: NetworkModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
     """Predict a pair of random frames; one prediction more comes first where a GPU needs it to warm up.
 
     Raises:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import torch
 from ..atomic import make_folder, write_json
 from ..corruptions.transforms.transform import CorruptionTransform
 from ..datasets import dataset_facts
+from ..digest import digest_of_bytes
 from ..errors import RunError, UsageError
 from ..layout import user_path
 from ..models.provenance import TRAINING_SETS, training_of
@@ -178,14 +178,12 @@ def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None
 
 def _identity(request: Request, parts: Sequence[OpenPart]) -> dict[str, Any]:
     """What determines the weights, besides the initial ones."""
-    keys = hashlib.blake2b(digest_size=8)
-    for part in parts:
-        keys.update("\x1f".join((part.dataset.name, part.part.spelled(), *part.keys)).encode())
+    keys = ("\x1f".join((part.dataset.name, part.part.spelled(), *part.keys)).encode() for part in parts)
     return {
         "recipe": request.recipe.digest(),
         "seed": request.seed,
         "options": {key: str(value) for key, value in request.options},
-        "data": keys.hexdigest(),
+        "data": digest_of_bytes(*keys, size=8),
         "corruptions": [*request.corrupt, request.corrupt_probability] if request.corrupt else [],
     }
 

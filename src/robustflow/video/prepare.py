@@ -7,7 +7,6 @@ as they pass; `clip.json` comes last.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections import deque
@@ -18,6 +17,7 @@ from itertools import islice
 from pathlib import Path
 
 from ..atomic import make_folder, write_json
+from ..digest import digest_of_bytes, sha256_of_file
 from ..errors import DataError, UsageError
 from ..images.io import write_image
 from .clip import ClipFile, read_pictures, write_clip
@@ -33,7 +33,6 @@ from .prepared import (
     ClipManifest,
     PreparedClip,
     choose_key_frames,
-    sha256_of,
 )
 from .source import Source
 
@@ -147,7 +146,7 @@ def prepare_clip(
     master = write_clip(folder / MASTER, written, size, timing.fps, lossless(preparation.preset))
     if master.count != timing.count:
         raise DataError(f"{source.name}: {master.count} frames came out where {timing.count} were expected; check it")
-    manifest = wanted.model_copy(update={"master_sha256": sha256_of(folder / MASTER)})
+    manifest = wanted.model_copy(update={"master_sha256": sha256_of_file(folder / MASTER)})
     write_json(folder / CLIP_MANIFEST, manifest.model_dump())
     for leftover in folder.glob(".segments-*"):
         shutil.rmtree(leftover, ignore_errors=True)
@@ -215,4 +214,4 @@ def _with_key_frames(
 
 def _digest(wanted: ClipManifest) -> str:
     text = json.dumps(wanted.model_dump(), sort_keys=True)
-    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+    return digest_of_bytes(text.encode(), size=8)

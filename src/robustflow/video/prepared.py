@@ -9,7 +9,6 @@ variants/...                       transcoded on demand, see `cache`
 
 from __future__ import annotations
 
-import hashlib
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -120,12 +119,6 @@ def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
             raise DataError(f"{root}: {name} is not finished; run the same robustflow prepare command again")
         clips.append(PreparedClip(root / name, _read(root / name / CLIP_MANIFEST, ClipManifest)))
     return manifest, clips
-
-
-def sha256_of(path: Path) -> str:
-    """Of a file of any size."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _read(path: Path, kind: type[R]) -> R:
