@@ -77,8 +77,8 @@ class RobustSpring(PairDataset):
         choice("direction", direction, DIRECTIONS)
         names = ("spring", CLEAN) if condition == CLEAN else (condition,)
         expected = f"{' or '.join(f'{name}/test/' for name in names)}, with 0003/frame_left/ in it"
-        found = locate("RobustSpring", root, [f"{name}/test" for name in names], expected=expected)
-        folder = next(found / name / "test" for name in names if (found / name / "test").is_dir())
+        top = locate("RobustSpring", root, [f"{name}/test" for name in names], expected=expected)
+        folder = next(top / name / "test" for name in names if (top / name / "test").is_dir())
         pairs = {}
         for sequence in folders(folder):
             if re.fullmatch(r"\d{4}", sequence.name):
