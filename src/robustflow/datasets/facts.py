@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, TypeVar
 
 from pydantic import Field
 
@@ -50,12 +50,6 @@ class DatasetFacts(Frozen):
     training_set: str = Field(default="", max_length=80)
     same_domain: tuple[str, ...] = ()
     benchmark: str = Field(default="", max_length=80)
-
-
-class WithFacts(Protocol):
-    """A class or function with facts."""
-
-    facts: DatasetFacts
 
 
 T = TypeVar("T", bound=Callable[..., object])
