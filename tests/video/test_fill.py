@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.errors import DataError
-from robustflow.video.fill import REORDER, Fill, fill_lost, in_order
+from robustflow.video.fill import REORDER, Fill, fill_lost, pictures_in_order
 
 
 def picture(index: int) -> np.ndarray:
@@ -36,7 +36,7 @@ def test_order_of_arrival_does_not_matter(order, strangers):
     arrivals = [(index, picture(index)) for index in order]
     arrivals += [(index, picture(index)) for index in strangers]
     fill = Fill(20)
-    assert [index for index, _ in in_order(arrivals, fill)] == list(range(20))
+    assert [index for index, _ in pictures_in_order(arrivals, fill)] == list(range(20))
     assert fill.dropped == len(strangers)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections import Counter
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ import polars as pl
 
 from ..benchmarks import benchmark_facts
 from ..corruptions.textures import KEY as TEXTURES
+from ..digest import digest_of_bytes
 from ..metrics.summary import Scores, has_gaps
 from ..text import counted
 from .labels import benchmark_label, benchmark_words
@@ -135,7 +135,7 @@ def _sample_set(run: Run) -> str:
     if not run.summary.complete:
         parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
     text = json.dumps(parts, sort_keys=True, default=str)
-    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+    return digest_of_bytes(text.encode(), size=8)
 
 
 def note_of(run: Run, beside_published: bool = False) -> str:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from ..corruptions import IMAGE_PAIR
 from ..datasets.facts import DatasetFacts
 from ..severity import SEVERITIES
+from ..validated import Frozen
 
 
-class BenchmarkFacts(BaseModel):
+class BenchmarkFacts(Frozen):
     """The description of a benchmark.
 
     Attributes:
@@ -29,8 +30,6 @@ class BenchmarkFacts(BaseModel):
     >>> BenchmarkFacts(title="Night drives").has_flow
     True
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str = Field(min_length=1, max_length=80)
     description: str = Field(default="", max_length=400)

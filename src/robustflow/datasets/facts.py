@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal, Protocol, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from ..validated import Frozen
 
 GroundTruth = Literal["dense", "sparse", "none"]
 
@@ -15,7 +17,7 @@ NON_COMMERCIAL = "non-commercial research only, see the distributor's terms"
 FC_PAPER = "Yi et al., Benchmarking the Robustness of Optical Flow Estimation to Corruptions"
 
 
-class DatasetFacts(BaseModel):
+class DatasetFacts(Frozen):
     """The description of a data set.
 
     Attributes:
@@ -39,8 +41,6 @@ class DatasetFacts(BaseModel):
     >>> DatasetFacts(title="Alley", ground_truth="none").clips
     'never'
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str = Field(min_length=1, max_length=80)
     description: str = Field(default="", max_length=400)

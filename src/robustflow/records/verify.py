@@ -7,13 +7,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
-
 from ..analysis.audit.run_folder import audit_run
 from ..benchmarks.setting import manifest_provenance
 from ..errors import RobustFlowError
 from ..runs.run import Run
 from ..text import plain
+from ..validated import Frozen
 from .claims import cell_problems, training_problems
 from .container import read_file
 from .contents import Record
@@ -39,17 +38,15 @@ _SHOWN = 3
 _Outcome = tuple[Literal["ok", "failed"], str]
 
 
-class Check(BaseModel):
+class Check(Frozen):
     """One line of a verification: what was checked, whether it holds, and a reason or figure in one line."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     status: Literal["ok", "failed", "not checked"]
     says: str
 
 
-class Verification(BaseModel):
+class Verification(Frozen):
     """The outcome of the checks of a record.
 
     Attributes:
@@ -62,8 +59,6 @@ class Verification(BaseModel):
         subject: model, benchmark, pairs and scores, recomputed from the rows; None if an earlier check failed.
         unproven: what none of the checks made can prove, in sentences.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     file: str
     sha256: str

@@ -23,6 +23,7 @@ from ..benchmarks import benchmark_facts
 from ..corruptions.names import ordered
 from ..errors import UsageError, unknown_name
 from ..runs.costs import RunCost
+from ..text import joined
 from .cost_table import cost_table
 from .table import Column, Line, Section, Table, TableCell, number_text, with_doubt
 
@@ -87,7 +88,7 @@ def build_table(
                 _lines(lines, keys, setting != "knowledge", doubted or {}, gaps),
             )
         )
-    title = f"{METRIC_LABELS[metric]} on {_listed(chosen['benchmark'])}"
+    title = f"{METRIC_LABELS[metric]} on {_measured_on(chosen['benchmark'])}"
     return Table(name, title, tuple(columns), tuple(sections), (_BEST, _SHARE) if gaps else (_BEST,))
 
 
@@ -103,13 +104,12 @@ _COVERAGE = "coverage"
 _SHARE = "Coverage: share of the pixels with ground truth that the model predicted; its errors are over these only."
 
 
-def _listed(benchmarks: pl.Series) -> str:
+def _measured_on(benchmarks: pl.Series) -> str:
     """What was measured on, in words, the paper's benchmark first."""
     unique = dict.fromkeys(benchmarks)
     facts = {name: benchmark_facts(name) for name in unique}
     order = sorted(unique, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
-    names = list(map(benchmark_words, order))
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return joined(list(map(benchmark_words, order)))
 
 
 def settings_in_order(results: pl.DataFrame) -> list[str]:

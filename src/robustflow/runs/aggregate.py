@@ -181,7 +181,7 @@ def _regions(rows: pl.DataFrame, averaging: Averaging, over: Literal["all", "pap
     return out
 
 
-def in_order(summary: Summary) -> Summary:
+def summary_in_order(summary: Summary) -> Summary:
     """A summary read from a file, whose keys may be in any order, in the order of a computed one."""
     return summary.model_copy(
         update={

@@ -46,7 +46,7 @@ class Fill:
         return next((source for first, last, source in self.lost if first <= index <= last), index)
 
 
-def in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
+def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
     """Pictures by ascending index, each index once, with a bounded buffer; what does not fit counts as dropped."""
     waiting: list[tuple[int, int, I420]] = []
     last = -1
@@ -79,7 +79,7 @@ def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple
     """
     previous: tuple[int, I420] | None = None
     next_index = 0
-    for index, picture in in_order(decoded, fill):
+    for index, picture in pictures_in_order(decoded, fill):
         if index > next_index:
             source, shown = previous or (index, picture)
             fill.lost.append((next_index, index - 1, source))

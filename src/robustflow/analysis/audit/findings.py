@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from pydantic import BaseModel, ConfigDict
+from ...validated import Frozen, FrozenFinite
 
 CHECKS = {
     "cre": "CRE is the corrupted minus the clean EPE",
@@ -24,7 +24,7 @@ CHECKS = {
 """Each check and what it asserts."""
 
 
-class Finding(BaseModel):
+class Finding(FrozenFinite):
     """A number that does not follow from the others within rounding.
 
     Attributes:
@@ -36,8 +36,6 @@ class Finding(BaseModel):
         tolerance: how far apart rounding alone could put the two.
         says: the finding in words.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     check: str
     source: str
@@ -51,7 +49,7 @@ class Finding(BaseModel):
     says: str
 
 
-class Audit(BaseModel):
+class Audit(Frozen):
     """All findings, and how many numbers each check examined.
 
     Attributes:
@@ -59,8 +57,6 @@ class Audit(BaseModel):
         checked: numbers compared, by check.
         findings: in the order of the checks.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     audited: str
     checked: dict[str, int]

@@ -32,7 +32,7 @@ from ...text import plain
 from ..results import AVERAGE
 from ..scores import OWN
 from .averaged import averaged_over
-from .json_file import number
+from .json_file import finite_number
 
 CORRUPTIONS = (
     "gaussian_noise",
@@ -157,7 +157,9 @@ def _experiment(entry: dict[str, Any], where: str) -> Experiment:
     if not all(isinstance(name, str) and name for name in names):
         raise DataError(f"{where}: no model and checkpoint in it")
     model, checkpoint = (plain(str(name), 40) for name in names)
-    return Experiment(model, checkpoint, dataset, corruption, int(severity), number(metrics["epe"], f"{where}, epe"))
+    return Experiment(
+        model, checkpoint, dataset, corruption, int(severity), finite_number(metrics["epe"], f"{where}, epe")
+    )
 
 
 def _setting(dataset: str, model: str, checkpoint: str) -> str:

@@ -29,7 +29,7 @@ from ...text import plain
 from ..results import AVERAGE
 from ..scores import OWN
 from .averaged import averaged_over
-from .json_file import number
+from .json_file import finite_number
 
 _METRICS = {"corrupt_EPE": "epe", "CRE": "cre", "rCRE": "rcre"}
 _PAPER_NAMES = {on_disk: name for name, on_disk in DISK_NAMES.items()}
@@ -106,7 +106,7 @@ def lines(files: Sequence[Results], note: str) -> Iterator[tuple[Any, ...]]:
 def _mean(written: Any, where: str, signed: bool) -> float:
     if not isinstance(written, list) or len(written) != len(SEVERITIES):
         raise DataError(f"{where}: not {len(SEVERITIES)} values, one for each severity")
-    return fsum(number(value, where, signed=signed) for value in written) / len(SEVERITIES)
+    return fsum(finite_number(value, where, signed=signed) for value in written) / len(SEVERITIES)
 
 
 def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
@@ -114,7 +114,7 @@ def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
     for written in (CLEAN, *content):
         values = content.get(written, {}).get("clean_EPE")
         if isinstance(values, list) and values:
-            return number(values[0], f"{path}, '{plain(written, 40)}', clean_EPE")
+            return finite_number(values[0], f"{path}, '{plain(written, 40)}', clean_EPE")
     return None
 
 

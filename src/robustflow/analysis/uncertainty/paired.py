@@ -15,6 +15,7 @@ import polars as pl
 
 from ...errors import RunError
 from ...metrics.rows import ROW_KEY
+from ...text import joined
 from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap
 from .holm import holm
 from .intervals import Key, statistics_of
@@ -42,7 +43,7 @@ COMPARISON_SCHEMA: dict[str, Any] = {
 """`difference` is first minus second: below 0 the first is lower. `p_holm` is corrected over `comparisons`."""
 
 
-def compare(
+def compare_rows(
     first: pl.DataFrame,
     second: pl.DataFrame,
     names: tuple[str, str] = ("first", "second"),
@@ -130,9 +131,8 @@ def common_remark(runs: Mapping[str, pl.DataFrame]) -> str:
     if all(rows.height == common for rows in runs.values()):
         return ""
     counts = [f"the {rows.height} of {name}" for name, rows in runs.items()]
-    listed = f"{', '.join(counts[:-1])} and {counts[-1]}"
     measured = "both" if len(runs) == 2 else "all"
-    return f"Only what {measured} measured is compared: {common} rows (a pair, clean or corrupted) of {listed}."
+    return f"Only what {measured} measured is compared: {common} rows (a pair, clean or corrupted) of {joined(counts)}."
 
 
 def common_rows(first: pl.DataFrame, second: pl.DataFrame, names: tuple[str, str]) -> tuple[pl.DataFrame, pl.DataFrame]:

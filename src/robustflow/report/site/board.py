@@ -19,7 +19,7 @@ from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.names import MEMBERS
 from ...text import plain
-from .entries import COVERAGE, START, Entry, Key, default_order
+from .entries import COVERAGE, START, Key, LeaderboardEntry, default_order
 
 OVERVIEW = "overview"
 CLASSES = "classes"
@@ -45,7 +45,7 @@ class Group:
 
     title: str
     published: bool
-    entries: tuple[Entry, ...]
+    entries: tuple[LeaderboardEntry, ...]
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,9 @@ _OVERVIEW = (
 )
 
 
-def boards_of(entries: Sequence[Entry], group_titles: dict[str, str], most_models_first: bool = False) -> list[Board]:
+def boards_of(
+    entries: Sequence[LeaderboardEntry], group_titles: dict[str, str], most_models_first: bool = False
+) -> list[Board]:
     """A board per benchmark, in the order of the entries.
 
     Args:
@@ -103,7 +105,7 @@ def boards_of(entries: Sequence[Entry], group_titles: dict[str, str], most_model
     return [_board(name, [e for e in entries if e.benchmark == name], group_titles) for name in benchmarks]
 
 
-def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -> Board:
+def _board(benchmark: str, entries: list[LeaderboardEntry], group_titles: dict[str, str]) -> Board:
     keys = {key for entry in entries for key in entry.texts}
     columns = [column for column in _OVERVIEW if column.key in keys]
     metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in MEMBERS)]
@@ -133,7 +135,7 @@ def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -
     )
 
 
-def _groups(entries: list[Entry], titles: dict[str, str]) -> tuple[Group, ...]:
+def _groups(entries: list[LeaderboardEntry], titles: dict[str, str]) -> tuple[Group, ...]:
     groups = []
     for frames in dict.fromkeys(entry.sample_set for entry in entries):
         lines = sorted((entry for entry in entries if entry.sample_set == frames), key=default_order)

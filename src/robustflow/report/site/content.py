@@ -18,7 +18,7 @@ from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import DataError, UsageError
 from ...text import plain
 from ..assemble import results_of
-from .entries import Entry, entries_of
+from .entries import LeaderboardEntry, entries_of
 
 if TYPE_CHECKING:
     from ...runs.run import Run
@@ -51,7 +51,7 @@ class Content:
     runs: Mapping[tuple[str, str], Run]
     results: pl.DataFrame
     costs: Mapping[str, Cost]
-    entries: Sequence[Entry]
+    entries: Sequence[LeaderboardEntry]
     group_titles: Mapping[str, str]
     alone: bool
     doubted: Mapping[tuple[str, str], str]

@@ -33,7 +33,7 @@ the knowledge-driven methods first, whose clean error leaves little room to get 
 
 
 @dataclass
-class Entry:
+class LeaderboardEntry:
     """A line of the leaderboard.
 
     Attributes:
@@ -78,7 +78,7 @@ def entries_of(
     first: Sequence[tuple[str, str, str, str, str]] = (),
     doubted: Mapping[tuple[str, str], str] | None = None,
     coverage: Mapping[tuple[str, str], float] | None = None,
-) -> list[Entry]:
+) -> list[LeaderboardEntry]:
     """Entries of results, in their order, with the means over classes of corruptions that the paper does not print.
 
     Args:
@@ -90,14 +90,14 @@ def entries_of(
         doubted: by (sample set, name) of a run, why its model is not called the best of any column.
         coverage: for runs that left out pixels, the share that is included in the errors.
     """
-    entries: dict[tuple[str, str, str, str], Entry] = {}
+    entries: dict[tuple[str, str, str, str], LeaderboardEntry] = {}
     slugs = Slugs()
 
-    def entry_of(benchmark: str, frames: str, setting: str, model: str, note: str) -> Entry:
+    def entry_of(benchmark: str, frames: str, setting: str, model: str, note: str) -> LeaderboardEntry:
         key = (benchmark, frames, setting, model)
         if key not in entries:
             texts = (plain(setting, 40), plain(model), model, plain(note, 300))
-            entries[key] = Entry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
+            entries[key] = LeaderboardEntry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
         return entries[key]
 
     for head in first:
@@ -135,7 +135,7 @@ def entries_of(
     return list(entries.values())
 
 
-def _add_published(entry: Entry, cost: Cost, ranks: Mapping[str, Mapping[str, int]]) -> None:
+def _add_published(entry: LeaderboardEntry, cost: Cost, ranks: Mapping[str, Mapping[str, int]]) -> None:
     entry.set(("parameters", ""), cost.parameters_m)
     entry.set(("flops", ""), cost.flops_g, 1)
     setting = entry.setting.lower()
@@ -150,7 +150,7 @@ def _add_published(entry: Entry, cost: Cost, ranks: Mapping[str, Mapping[str, in
 _UNMARKED = {("parameters", ""), ("flops", ""), COVERAGE}
 
 
-def _mark_best(entries: list[Entry], doubted: Mapping[tuple[str, str], str]) -> None:
+def _mark_best(entries: list[LeaderboardEntry], doubted: Mapping[tuple[str, str], str]) -> None:
     """As in the paper, knowledge-driven methods have no marks, and neither do numbers that the paper does not print.
     Nor do imported lines: that they were measured on the same frames cannot be verified."""
     lines = []
@@ -164,7 +164,7 @@ def _mark_best(entries: list[Entry], doubted: Mapping[tuple[str, str], str]) -> 
         entry.best |= best
 
 
-def default_order(entry: Entry) -> tuple[bool, float, str]:
+def default_order(entry: LeaderboardEntry) -> tuple[bool, float, str]:
     """By `START`, then by name."""
     value = next((entry.numbers[key] for key in START if key in entry.numbers), None)
     return value is None, value or 0.0, entry.model
