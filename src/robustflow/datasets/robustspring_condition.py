@@ -101,8 +101,8 @@ def condition_folder(root: str | Path, condition: str, spring: str | Path | None
 
 def _folder(root: str | Path, names: Sequence[str], otherwise: str = "") -> Path:
     expected = f"{' or '.join(f'{name}/test/' for name in names)}, with 0003/frame_left/ in it{otherwise}"
-    found = locate("RobustSpring", root, [f"{name}/test" for name in names], expected=expected)
-    return next(found / name / "test" for name in names if (found / name / "test").is_dir())
+    top = locate("RobustSpring", root, [f"{name}/test" for name in names], expected=expected)
+    return next(top / name / "test" for name in names if (top / name / "test").is_dir())
 
 
 def _key(sequence: str, side: str, direction: str, number: int) -> str:

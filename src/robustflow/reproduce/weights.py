@@ -46,14 +46,14 @@ def weights_in(folders: Sequence[Path]) -> list[FoundWeights]:
     """
     known = {entry.sha256: entry for entry in checkpoints()}
     by_name = {entry.file: entry for entry in checkpoints()}
-    found = []
+    weights = []
     for path in _files(folders):
         digits = _sha256(path)[:8]
         entry = known.get(digits)
         named = by_name.get(path.name)
         claim = path.parent.name if path.stem == _TRAINED else path.stem
-        found.append(FoundWeights(path, digits, entry, claim.lower(), named if entry is None else None))
-    return found
+        weights.append(FoundWeights(path, digits, entry, claim.lower(), named if entry is None else None))
+    return weights
 
 
 def _files(folders: Sequence[Path]) -> Iterator[Path]:

@@ -94,14 +94,14 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
     Raises:
         DataError: an unknown corruption or data set, a severity outside 1 to 5, an error that is not a finite number.
     """
-    found = []
+    experiments = []
     for index, entry in enumerate(content["experiments"], 1):
         where = f"{path}, experiment {index}"
         if not isinstance(entry, dict):
             raise DataError(f"{where}: not an object")
         if entry.get("attack") in (_ATTACK, _NONE):
-            found.append(_experiment(entry, where))
-    return found
+            experiments.append(_experiment(entry, where))
+    return experiments
 
 
 def lines(experiments: Sequence[Experiment], note: str) -> Iterator[tuple[Any, ...]]:
@@ -128,9 +128,9 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[tuple[Any, .
         values = {name: fsum(errors[name, level] for level in levels) / len(levels) for name in names}
         values[AVERAGE] = fsum(values.values()) / len(names)
         clean = errors.get((CLEAN, 0))
-        said = f"severity {', '.join(map(str, levels))}, {averaged_over(names, CORRUPTIONS)}"
+        conditions = f"severity {', '.join(map(str, levels))}, {averaged_over(names, CORRUPTIONS)}"
         head = (f"FlowBench {dataset}", _setting(dataset, model, checkpoint), f"{model} {checkpoint}")
-        rest = (None, None, _SOURCE, f"FlowBench, {dataset}, {said}", note)
+        rest = (None, None, _SOURCE, f"FlowBench, {dataset}, {conditions}", note)
         yield from ((*head, "epe", name, value, *rest) for name, value in values.items())
         if clean is not None:
             yield *head, "epe", CLEAN, clean, *rest
