@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ..corruptions.registry import FAMILIES
+from ..corruptions.names import MEMBERS
 from ..metrics.summary import Summary
 
 REGION_LABELS = {
@@ -57,7 +57,7 @@ def by_family(summary: Summary) -> pl.DataFrame:
     averaged = summary.averaged_over
     records = []
     for family, scores in summary.families.items():
-        count = sum(name in averaged for name in FAMILIES[family])
+        count = sum(name in averaged for name in MEMBERS[family])
         part = None
         if scores.cre is not None:
             part = scores.cre * count / len(averaged)

@@ -13,7 +13,6 @@ from ..benchmarks import benchmark_facts
 from ..corruptions.textures import KEY as TEXTURES
 from ..digest import digest_of_bytes
 from ..metrics.summary import Scores, has_gaps
-from ..severity import SEVERITIES
 from ..text import counted
 from .labels import benchmark_label, benchmark_words
 from .published.tables import PAPER_PAIRS
@@ -162,7 +161,7 @@ def note_of(run: Run, beside_published: bool = False) -> str:
     elif set(averaged) != set(wanted):
         average = f"average over {counted(len(averaged), 'corruption')}"
         remarks.append(average if apart else f"{average}, not the paper's {len(wanted)}")
-    if set(selection["severities"]) != set(SEVERITIES):
+    if set(selection["severities"]) != set(benchmark_facts(benchmark).severities):
         remarks.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
         remarks.append("calibrated severities" + ("" if apart else ", not the paper's"))

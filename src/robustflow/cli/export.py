@@ -131,7 +131,7 @@ def _export_submission(
     from ..analysis.results import results_csv
     from ..analysis.robustspring import robustspring_results
     from ..atomic import write_bytes
-    from ..datasets.robustspring import CORRUPTIONS, submitted
+    from ..datasets.robustspring_condition import CORRUPTIONS, submitted
     from ..errors import UsageError
     from ..models import ModelSpec
     from ..records.load import load_any_run

@@ -20,6 +20,7 @@ from ..severity import SEVERITIES
 from ..source_digest import source_digest
 from ..target import import_target
 from .base import BGR, VARIANTS, Corruption
+from .on_disk import on_disk
 from .registry import CORRUPTIONS, SHIPPED
 
 Made = Any
@@ -106,7 +107,7 @@ def adopt(made: Made) -> str:
     name = own_name(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
         raise UsageError(f"a corruption cannot be called '{name}': give it a name of letters, digits and '_'")
-    if name in SHIPPED:
+    if name in SHIPPED or on_disk(name) is not None:
         raise UsageError(f"{_described(made)} has the name of the corruption '{name}': give it another `name`")
     _own[name] = made
     return name
@@ -122,13 +123,14 @@ def adopt_target(target: str) -> str:
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:
-    """The user's or an installed package's corruption of a name; None where it is one of this package's.
+    """The user's or an installed package's corruption of a name; None where it is one of this package's, or
+    exists only as files.
 
     Raises:
         UsageError: unknown name, or a class that cannot be built.
     """
     if name not in _own:
-        if name in SHIPPED:
+        if name in SHIPPED or on_disk(name) is not None:
             return None
         made = CORRUPTIONS.get(name)
         if own_name(made) != name:

@@ -30,10 +30,13 @@ class DatasetFacts(Frozen):
         licence: the terms its distributors state; check them before use.
         citation: authors, title, venue, year.
         layout: the folders that its root must hold.
-        training_set: the name of the training set that holds these frames, see `robustflow.models.provenance`; "" if no
-            model can state whether it was trained on them.
+        training_set: the name of the training set that holds these frames, see `robustflow.models.provenance`; "" if
+            none does, or, without `same_domain`, no model can state whether it was trained on them.
         same_domain: training sets of the same domain, which hold other frames.
         benchmark: the benchmark that reads these files; "" if the data set is evaluated under its own name.
+        corruptions: those that its frames come with, each at severity 1 alone, if they are evaluated under its own
+            name; see `robustflow.corruptions.on_disk`. () if frames are corrupted here.
+        folder_options: the options that name a further folder, and so are no part of what a run measured.
 
     >>> DatasetFacts(title="Alley", ground_truth="none").clips
     'never'
@@ -50,6 +53,8 @@ class DatasetFacts(Frozen):
     training_set: str = Field(default="", max_length=80)
     same_domain: tuple[str, ...] = ()
     benchmark: str = Field(default="", max_length=80)
+    corruptions: tuple[str, ...] = ()
+    folder_options: tuple[str, ...] = ()
 
 
 T = TypeVar("T", bound=Callable[..., object])

@@ -10,7 +10,7 @@ from statistics import fmean
 
 import polars as pl
 
-from ..analysis.labels import FAMILY_LABELS, FAMILY_OF, METRIC_LABELS, SETTING_LABELS, short_label
+from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, family_label, short_label
 from ..analysis.published.tables import published_costs, published_results
 from ..analysis.results import AVERAGE, CLEAN, RESULT_METRICS
 from ..analysis.scores import note_of, run_results
@@ -116,9 +116,7 @@ def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple
     else:
         metric = artefact.columns
         every = [(Column("Clean"), (metric, CLEAN))] if metric == "epe" else []
-        every += [
-            (Column(short_label(name), FAMILY_LABELS[FAMILY_OF[name]]), (metric, name)) for name in _of_paper(artefact)
-        ]
+        every += [(Column(short_label(name), family_label(name) or ""), (metric, name)) for name in _of_paper(artefact)]
         every.append((Column(f"AVG {METRIC_LABELS[metric]}"), (metric, AVERAGE)))
     shown = [_with_families(one.here or one.published) for one in variants]
     return [(column, key) for column, key in every if any(key in values for values in shown)]

@@ -11,6 +11,7 @@ from typing import Any
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
 from ..benchmarks.setting import training_record
 from ..corruptions import load_corruption
+from ..corruptions.on_disk import on_disk
 from ..corruptions.own import is_known, own_among
 from ..corruptions.scale import calibration_digest
 from ..corruptions.sources import OWN, recorded_sources, user_sources
@@ -72,7 +73,8 @@ def set_up(
         ModelError: the model cannot be loaded.
     """
     for corruption in benchmark.corruptions:
-        load_corruption(corruption, variant, severity_scale)
+        if not benchmark.closed or on_disk(corruption) is None:
+            load_corruption(corruption, variant, severity_scale)
     if benchmark.closed and severity_scale != "paper":
         raise UsageError(
             "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "

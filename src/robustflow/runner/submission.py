@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..atomic import make_folder
-from ..datasets.robustspring import CLEAN, DIRECTIONS, RobustSpring
+from ..datasets.robustspring_condition import CLEAN, DIRECTIONS, Condition
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..flowio import read_flow, write_flow
 from ..models import ModelSpec
@@ -32,7 +32,7 @@ class ConditionPairs:
     """
 
     condition: str
-    pairs: RobustSpring
+    pairs: Condition
     keys: tuple[str, ...]
 
 
@@ -90,12 +90,12 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
     """
     if limit is not None and limit < 1:
         raise UsageError(f"limit {limit} leaves no pairs: give 1 or more")
-    clean = {direction: RobustSpring(root, CLEAN, direction) for direction in DIRECTIONS}
+    clean = {direction: Condition(root, CLEAN, direction) for direction in DIRECTIONS}
     wanted = set(sorted(key for pairs in clean.values() for key in pairs.keys())[:limit])  # noqa: SIM118
     conditions = []
     for condition in dict.fromkeys((CLEAN, *corruptions)):
         for direction in DIRECTIONS:
-            pairs = clean[direction] if condition == CLEAN else RobustSpring(root, condition, direction)
+            pairs = clean[direction] if condition == CLEAN else Condition(root, condition, direction)
             keys = [key for key in clean[direction].keys() if key in wanted]  # noqa: SIM118
             if gone := set(keys) - set(pairs.keys()):
                 raise DataError(f"{root}: {condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack it whole")

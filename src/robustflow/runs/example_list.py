@@ -17,7 +17,7 @@ from typing import Any
 import polars as pl
 
 from ..atomic import TEMPORARY
-from ..corruptions.registry import PAPER_ORDER
+from ..corruptions.names import ordered
 from ..metrics.rows import CLEAN
 from .example_cells import example_cells
 from .run import Run
@@ -43,8 +43,10 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
     ]
     shown = next(cell.key for cell in cells if cell.kind == "median")
     of_sample = rows.filter((pl.col("sample") == shown) & (pl.col("corruption") != CLEAN))
-    conditions = sorted(of_sample.select("corruption", "severity").iter_rows(), key=_paper_order)
-    names = list(dict.fromkeys(name for name, _ in conditions))
+    names = ordered(of_sample["corruption"].unique())
+    conditions = sorted(
+        of_sample.select("corruption", "severity").iter_rows(), key=lambda cell: (names.index(cell[0]), cell[1])
+    )
     pictures = [
         {"corruption": name, "severity": severity, "file": f"{_plain_name(name, names.index(name))}_{severity}.jpg"}
         for name, severity in conditions
@@ -54,11 +56,6 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
         "slider": {"key": shown, "clean": "clean.jpg", "pictures": pictures},
         "panels": panels,
     }
-
-
-def _paper_order(condition: tuple[str, int]) -> tuple[int, str, int]:
-    name, severity = condition
-    return (PAPER_ORDER.index(name) if name in PAPER_ORDER else len(PAPER_ORDER)), name, severity
 
 
 def _plain_name(corruption: str, index: int) -> str:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TypeVar
 
-from ..corruptions.registry import FAMILIES
+from ..corruptions.names import MEMBERS
 
 T = TypeVar("T")
 
@@ -18,7 +18,7 @@ def by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
     >>> by_family({"snow": 2, "fog": 1, "elastic_transform": 3})
     {'weather': [1, 2]}
     """
-    measured = {family: [values[name] for name in names if name in values] for family, names in FAMILIES.items()}
+    measured = {family: [values[name] for name in names if name in values] for family, names in MEMBERS.items()}
     return {family: members for family, members in measured.items() if members}
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import polars as pl
 
-from ...corruptions.registry import PAPER_ORDER
+from ...corruptions.names import ORDER
 from ..labels import METRIC_LABELS
 from ..results import AVERAGE, CLEAN
 from .findings import Finding
@@ -103,11 +103,11 @@ def check_cre(book: Book) -> tuple[str, int, list[Finding]]:
 
 
 def check_averages(book: Book) -> tuple[str, int, list[Finding]]:
-    """The average of each metric is the mean over the paper's corruptions that are listed."""
+    """The average of each metric is the mean over those corruptions with a place in tables that are listed."""
     count, findings = 0, []
     for key, metric, values in _metrics(book):
         given = values.get((metric, AVERAGE))
-        parts = [values[metric, name] for name in PAPER_ORDER if (metric, name) in values]
+        parts = [values[metric, name] for name in ORDER if (metric, name) in values]
         if given is None or not parts:
             continue
         count += 1

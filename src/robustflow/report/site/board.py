@@ -17,7 +17,7 @@ from ...analysis.labels import (
 )
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
-from ...corruptions.registry import FAMILIES
+from ...corruptions.names import MEMBERS
 from ...text import plain
 from .entries import COVERAGE, START, Key, LeaderboardEntry, default_order
 
@@ -108,14 +108,14 @@ def boards_of(
 def _board(benchmark: str, entries: list[LeaderboardEntry], group_titles: dict[str, str]) -> Board:
     keys = {key for entry in entries for key in entry.texts}
     columns = [column for column in _OVERVIEW if column.key in keys]
-    metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in FAMILIES)]
-    families = [family for family in FAMILIES if any((metric, family) in keys for metric in metrics)]
+    metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in MEMBERS)]
+    families = [family for family in MEMBERS if any((metric, family) in keys for metric in metrics)]
     for metric in metrics:
         if (metric, AVERAGE) in keys:
             columns.append(_mean_column(metric, (metric, AVERAGE), f"AVG {METRIC_LABELS[metric]}", (CLASSES,)))
         for family in families:
             columns.append(_mean_column(metric, (metric, family), FAMILY_LABELS[family], (CLASSES, family)))
-            columns += [_column(metric, name, family) for name in FAMILIES[family] if (metric, name) in keys]
+            columns += [_column(metric, name, family) for name in MEMBERS[family] if (metric, name) in keys]
     start = next((i for key in START for i, column in enumerate(columns) if column.key == key), 0)
     views = [(OVERVIEW, "Overview"), *([(CLASSES, "Class means")] if families else [])]
     settings = dict.fromkeys(entry.setting for entry in entries)

@@ -12,7 +12,7 @@ from typing import Any
 
 from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS, benchmark_label, setting_words
 from ...analysis.results import AVERAGE, CLEAN, RESULT_METRICS
-from ...corruptions.registry import FAMILIES, PAPER_ORDER
+from ...corruptions.names import MEMBERS, ordered
 from ...text import plain
 from ..table import Table
 from .board import Board
@@ -57,14 +57,13 @@ def _keys(entries: Sequence[LeaderboardEntry]) -> list[Key]:
     and costs."""
     present = {key for entry in entries for key in entry.texts}
     corruptions = {corruption for _, corruption in present}
-    known = (CLEAN, AVERAGE, *PAPER_ORDER)
-    order = [*known, *sorted(corruptions - {*known, *FAMILIES, ""})]
+    order = [CLEAN, AVERAGE, *ordered(corruptions - {CLEAN, AVERAGE, *MEMBERS, ""})]
     numbers = [(metric, name) for metric in RESULT_METRICS for name in order if (metric, name) in present]
     return [*numbers, *sorted(present - set(numbers))]
 
 
 def _is_number(metric: str, corruption: str) -> bool:
-    return metric in RESULT_METRICS and corruption not in FAMILIES
+    return metric in RESULT_METRICS and corruption not in MEMBERS
 
 
 def _entry(entry: LeaderboardEntry, place: dict[Key, int], title: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ...analysis.anatomy import by_severity
 from ...analysis.labels import METRIC_LABELS, benchmark_label, long_label, metric_label, setting_words
 from ...analysis.results import AVERAGE, CLEAN
-from ...corruptions.registry import PAPER_ORDER
+from ...corruptions.names import ORDER
 from ...text import plain
 from ..analysis_tables import anatomy_table
 from ..table import Line, Section, Table
@@ -139,7 +139,7 @@ def interval_text(entry: LeaderboardEntry, key: Key) -> str:
 def _sentences(entry: LeaderboardEntry) -> tuple[str, ...]:
     """The corruptions under which the model is worst and best."""
     for metric in ("cre", "rcre"):
-        values = {name: entry.numbers[metric, name] for name in PAPER_ORDER if (metric, name) in entry.numbers}
+        values = {name: entry.numbers[metric, name] for name in ORDER if (metric, name) in entry.numbers}
         if len(values) < 2:
             continue
         order = sorted(values, key=lambda name: -values[name])
@@ -170,13 +170,10 @@ def _severity_table(entry: LeaderboardEntry, run: Run, metric: str) -> HeatTable
 
 
 def _settings_table(title: str, entries: Sequence[LeaderboardEntry]) -> HeatTable:
-    shown = [(m, e) for m in _METRICS for e in entries if any((m, name) in e.texts for name in PAPER_ORDER)]
-    tops = {
-        metric: scale_top(e.numbers.get((metric, name)) for _, e in shown for name in PAPER_ORDER)
-        for metric in _METRICS
-    }
+    shown = [(m, e) for m in _METRICS for e in entries if any((m, name) in e.texts for name in ORDER)]
+    tops = {metric: scale_top(e.numbers.get((metric, name)) for _, e in shown for name in ORDER) for metric in _METRICS}
     lines = []
-    for name in [name for name in PAPER_ORDER if any((m, name) in e.texts for m, e in shown)] + [AVERAGE]:
+    for name in [name for name in ORDER if any((m, name) in e.texts for m, e in shown)] + [AVERAGE]:
         cells = tuple((e.texts.get((m, name), "–"), "") for m, e in shown)
         lines.append(("Average" if name == AVERAGE else long_label(name), cells))
     columns = tuple(f"{METRIC_LABELS[metric]} {setting_words(entry.setting)}" for metric, entry in shown)
