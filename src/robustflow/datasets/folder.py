@@ -11,11 +11,10 @@ from pathlib import Path
 
 from ..errors import DataError, UsageError
 from ..images.io import IMAGE_SUFFIXES, image_size
-from ..layout import folders, positive
+from ..layout import VIDEO_SUFFIXES, folders, positive
 from .facts import DatasetFacts, described
 from .pairs import Pair, PairDataset, pairs_at_step
 from .section import Place, place
-from .suffixes import VIDEO_SUFFIXES
 from .video import Video
 
 FACTS = DatasetFacts(

@@ -1,6 +1,6 @@
 """The project's own networks by name, as one table: the net, the files it is for, its input and its options.
 
-Each line is a model; its net is in `nets/`. Needs the torch extra when one is built.
+Each entry is a model; its net is in `nets/`. Building one needs the torch extra.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Option(NamedTuple):
 
     Attributes:
         default: its value if it is not given.
-        check: raises UsageError for a value it cannot have; is given the option's name and the value.
-        fit: for an option that changes how images enter, the convention for a value; others go to the net and are
-            part of the model's identity.
+        check: raises UsageError for a value it cannot have; called with the option's name and the value.
+        fit: for an option that changes how images are prepared, the convention for a value; other options are passed to
+            the net and are part of the model's identity.
     """
 
     default: Any
@@ -43,8 +43,8 @@ class OwnNetwork:
     """A network of the project.
 
     Attributes:
-        net: "module:attribute" in `nets/` that makes it; is given the options as keywords.
-        source: which file its checkpoint is and where the authors publish it.
+        net: "module:attribute" in `nets/` that makes it; called with the options as keywords.
+        source: the file of its checkpoint, and where the authors publish it.
         convention: the input that it expects.
         options: by name.
         fixed: further keywords, recorded like options.
@@ -111,7 +111,7 @@ OWN = {
         InputConvention(fit="stretch", multiple=64),
         {"size": Option("256x832", _size, _stretched)},
     ),
-    # Luo et al., CVPR 2021. align_corners: the weights were trained with True; the authors' code does False on PyTorch
+    # Luo et al., CVPR 2021. align_corners: the weights were trained with True; the authors' code uses False on PyTorch
     # 1.3 and later. mask_threshold: features from beyond the frame are zeroed where their bilinear weights sum to
     # less; the authors' 1.0 lets rounding zero pixels inside the frame, differently on every machine.
     "upflow": OwnNetwork(
