@@ -13,7 +13,7 @@ from robustflow.lenses.goals import SPECIFICATIONS, goal_of
 from robustflow.lenses.merit import FREQUENCIES, Limits
 from robustflow.lenses.paraxial import first_order_of
 from robustflow.lenses.prescription import IMAGE_RADIUS
-from robustflow.lenses.shipped import ship, shipped_lens
+from robustflow.lenses.shipped import ship_lens, shipped_lens
 from robustflow.lenses.transfer import modulation, moments, nominal_rms
 from robustflow.psf import shipped
 from robustflow.psf.psf_field import SIZE
@@ -124,7 +124,7 @@ def test_damaged_psfs_are_one_error(copy, content):
 
 def test_shipping_writes_what_loading_accepts(copy):
     lens, field = shipped_lens(2), shipped.shipped_field(2)
-    ship(3, lens, field, copy)
+    ship_lens(3, lens, field, copy)
     assert shipped_lens(3) == lens
     assert shipped.half_digest(shipped.halved(shipped.shipped_field(3))) == shipped.manifest()["psf_s2"]
 

@@ -102,7 +102,7 @@ _SAMFLOW = OwnNetwork(
     tile="432x960",  # the ViT encoders take whole frames up to 1024 pixels
 )
 
-OWN = {
+OWN_NETWORKS = {
     # Liu et al., "Learning by Analogy", CVPR 2020. The paper profiles 256x832, its authors' size for KITTI; theirs
     # for Sintel is 448x1024; "native" is the frame's own size, up to the next multiple of 64.
     "arflow": OwnNetwork(
@@ -167,7 +167,7 @@ def own_model(
     """An own network with its checkpoint.
 
     Args:
-        name: of `OWN`.
+        name: of `OWN_NETWORKS`.
         checkpoint: the authors' file, or "random".
         sha256: the file's hash, or its first eight or more digits, to be checked.
         execution: see `Execution`; its fields are options.
@@ -177,7 +177,7 @@ def own_model(
         UsageError: an unknown option or value.
         ModelError: no torch, no checkpoint, or one of another network.
     """
-    own = OWN[name]
+    own = OWN_NETWORKS[name]
     tile = options.pop("tile", own.tile)
     convention, keywords = own.convention, dict(own.fixed)
     for key, option in own.options.items():
@@ -207,7 +207,7 @@ def own_factory(name: str) -> Callable[..., AnyModel]:
     >>> [key for key in inspect.signature(own_factory("arflow")).parameters if key in ("checkpoint", "size", "tile")]
     ['checkpoint', 'size']
     """
-    own, factory = OWN[name], partial(own_model, name)
+    own, factory = OWN_NETWORKS[name], partial(own_model, name)
     options = {key: option.default for key, option in own.options.items()}
     options |= {"tile": own.tile} if own.tile is not None else {}
     shared = inspect.signature(factory)
@@ -219,6 +219,6 @@ def own_factory(name: str) -> Callable[..., AnyModel]:
 
 def __getattr__(name: str) -> Any:
     """Attributes such as `networks.arflow`, which the registry of models refers to."""
-    if name not in OWN:
+    if name not in OWN_NETWORKS:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     return own_factory(name)
