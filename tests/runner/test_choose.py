@@ -33,7 +33,7 @@ def _describe(model, name=None, workers=None, timeout=None):
 
 @pytest.fixture(autouse=True)
 def four_processors(monkeypatch):
-    monkeypatch.setattr(choose, "_processors", lambda: 4)
+    monkeypatch.setattr(choose, "available_processors", lambda: 4)
 
 
 @pytest.mark.parametrize(

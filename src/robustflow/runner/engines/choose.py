@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,6 +9,7 @@ from ...errors import RobustFlowError, UsageError, unknown_name
 from ...models.devices import devices_of
 from ...runs.plan import Unit
 from ...text import counted
+from ...threads import available_processors
 from ..named_model import NamedModel
 from .base import Engine
 from .child import check_picklable, may_have_children
@@ -86,7 +86,7 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
             f"--workers {workers} cannot feed {len(devices)} devices: give at least {len(devices)}, or name fewer with "
             "--device"
         )
-    wanted = workers or max(len(devices), min(_processors(), _FEEDERS_PER_DEVICE * len(devices)))
+    wanted = workers or max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
 
     def parts(units: Sequence[Unit]) -> tuple[Sequence[str], int]:
         """At most as many of each as there are cells."""
@@ -110,7 +110,3 @@ def _kept_here(model: NamedModel) -> str:
         except RobustFlowError:
             return " (this model object cannot be sent to another process)"
     return ""
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
