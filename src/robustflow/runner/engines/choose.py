@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -23,6 +24,12 @@ ENGINES = ("serial", "processes", "ray")
 _FEEDERS_PER_DEVICE = 8
 """Most feeders per device, unless more are requested: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
 
+_CELLS_PER_PROCESS = 25
+"""Fewest cells for which a process is started unasked: it takes about two seconds to start."""
+
+_MOST_PROCESSES = 8
+"""Most processes started unasked: each takes 300 MB and more."""
+
 
 def choose_engine(
     name: str | None, workers: int | None, timeout: float | None, address: str | None, model: NamedModel
@@ -30,8 +37,9 @@ def choose_engine(
     """The engine of this name, or the one that suits the model, the number of workers and the timeout.
 
     A model on accelerators gets one process per accelerator that only predicts, and as many feeders as there are
-    processors; a model on the processor stays in this process, unless workers or a timeout are given. `workers` is the
-    number of feeders, or of processes that do everything.
+    processors. A model on the processor stays in this process, unless workers or a timeout are given, or the model uses
+    one thread alone (`FlowModel.single_threaded`): then long runs get a process per processor. `workers` is the number
+    of feeders, or of processes that do everything.
 
     Raises:
         UsageError: an unknown name, or workers or a timeout that the engine does not support.
@@ -45,8 +53,11 @@ def choose_engine(
     if name is None:
         asked = (workers or 1) > 1 or timeout is not None
         name = "processes" if asked or devices else "serial"
-        if devices and not asked and workers is None and (why := _kept_here(model)):
+        spreads = getattr(model.model, "single_threaded", False) is True and model.spec is not None
+        if (devices or spreads) and not asked and workers is None and (why := _kept_here(model)):
             name = "serial"
+        elif spreads and not asked and workers is None:
+            return _spread()
     if name not in ENGINES:
         raise unknown_name("engine", name, ENGINES)
     if address is not None and name != "ray":
@@ -69,6 +80,22 @@ def _processes(workers: int, timeout: float | None) -> Engine:
     return Engine(
         lambda units: f"processes, {counted(count(units), 'worker')}",
         lambda job, units: processes(job, units, count(units), timeout),
+    )
+
+
+def _spread() -> Engine:
+    """A process per processor, if there is enough to do for each; otherwise this one alone."""
+
+    def count(units: Sequence[Unit]) -> int:
+        cells = sum(len(unit.severities) for unit in units)
+        return max(1, min(_processors(), _MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units)))
+
+    def engine(units: Sequence[Unit]) -> Engine:
+        return _processes(count(units), None) if count(units) > 1 else SERIAL
+
+    return Engine(
+        lambda units: engine(units).describe(units),
+        lambda job, units: engine(units).compute(job, units),
     )
 
 
@@ -101,7 +128,9 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
 
 
 def _kept_here(model: NamedModel) -> str:
-    """Why a model on a device is not moved to another process by default; empty if it can be."""
+    """Why a model is not moved to other processes by default; empty if it can be."""
+    if multiprocessing.current_process().daemon:
+        return " (this process is itself a worker of another)"
     if not may_have_children():
         return ' (processes need the script\'s own code under `if __name__ == "__main__":`)'
     if model.spec is None:
