@@ -192,7 +192,7 @@ def evaluate(
         name=name,
     )
     setup.model.check_batch_size(batch_size)
-    compute = choose_engine(engine, workers, timeout, address, setup.model)
+    compute = choose_engine(engine, workers, timeout, address, setup.model, (setup.dataset, setup.options))
     if output is None:
         output = default_folder(setup.plan, setup.model.spec)
         warn_of_a_fresh_start(output, setup.plan)

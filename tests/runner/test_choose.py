@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from types import SimpleNamespace
+import threading
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
@@ -92,8 +93,8 @@ class Light(Model):
     single_threaded = True
 
 
-def _spread(model, units, **options):
-    return choose_engine(None, options.get("workers"), options.get("timeout"), None, model).describe(units)
+def _spread(model, units, workers=None, others=()):
+    return choose_engine(None, workers, None, None, model, others).describe(units)
 
 
 def _light(spec="dis"):
@@ -141,3 +142,19 @@ def test_in_a_script_without_a_guard_it_stays_here_and_says_why(monkeypatch, tmp
 def test_a_worker_starts_no_workers(monkeypatch):
     monkeypatch.setattr(choose.multiprocessing, "current_process", lambda: SimpleNamespace(daemon=True))
     assert _spread(_light(), PAIR * 3).startswith("serial (this process is itself a worker")
+
+
+def test_data_that_cannot_be_sent_stay_here_unless_asked():
+    unsendable = (threading.Lock(),)
+    why = "serial (this data set or corruption cannot be sent to another process)"
+    assert _spread(_light(), PAIR * 3, others=unsendable) == why
+    assert choose_engine(None, None, None, None, _named("cuda:0"), unsendable).describe(UNITS) == why
+    assert _spread(_light(), PAIR * 3, workers=2, others=unsendable) == "processes, 2 workers"
+
+
+def test_data_of_a_class_of_a_notebook_stay_here(monkeypatch):
+    notebook = ModuleType("__main__")  # has no file that a process could load
+    notebook.Mine = type("Mine", (), {"__module__": "__main__"})
+    monkeypatch.setitem(sys.modules, "__main__", notebook)
+    assert _spread(_light(), PAIR * 3, others=(notebook.Mine(),)).startswith("serial (this data set")
+    assert _spread(_light(), PAIR * 3) == "processes, 4 workers"
