@@ -13,7 +13,7 @@ from .benchmarks import Benchmark
 from .errors import RobustFlowError
 from .models import ModelSpec
 from .models.base import AnyModel
-from .records.load import load_run as load_any_run
+from .records.load import load_any_run
 from .report.site.write import write_report
 from .runs.costs import RunCost, read_cost
 from .runs.run import Run

@@ -78,6 +78,15 @@ def first_misfit(error: ValidationError, whole: str = "the file") -> str:
     return f"{'.'.join(map(str, first['loc'])) or whole}: {first['msg']}"
 
 
+def first_line(error: BaseException) -> str:
+    """The first line of an error's message, for a message of ours that quotes it; its class if it has none.
+
+    >>> first_line(ValueError("bad magic\\nat byte 3")), first_line(EOFError())
+    ('bad magic', 'EOFError')
+    """
+    return next(iter(str(error).splitlines()), type(error).__name__)
+
+
 def plain_warning(message: Warning | str, *_: object, **__: object) -> str:
     """A warning as one readable line, without its location in the code. For `warnings.formatwarning`.
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Sequence
 
-LONGEST_NAME = 80
+LONGEST_TEXT = 80
 
 
-def plain(text: str, longest: int | None = LONGEST_NAME) -> str:
+def plain(text: str, longest: int | None = LONGEST_TEXT) -> str:
     """One line without control, direction or other invisible characters, at most `longest` characters long.
 
     Escape sequences of terminals, line breaks, characters that reverse the text around them and lone surrogates become
@@ -33,6 +34,15 @@ def counted(number: int, singular: str, plural: str | None = None) -> str:
     ('1 clip', '3 clips', '2 severities')
     """
     return f"{number} {singular if number == 1 else plural or singular + 's'}"
+
+
+def joined(parts: Sequence[str]) -> str:
+    """Parts of a sentence as a list.
+
+    >>> joined(["fog"]), joined(["fog", "snow"]), joined(["fog", "snow", "frost"])
+    ('fog', 'fog and snow', 'fog, snow and frost')
+    """
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
 
 
 def name_text(name: str) -> str:

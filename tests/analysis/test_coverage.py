@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robustflow.analysis.uncertainty import compare, intervals
+from robustflow.analysis.uncertainty import compare_rows, intervals
 
 from .simulated import Truth, coverage, rows_of
 
@@ -48,7 +48,7 @@ def _rejections(truth: Truth, clusters: int, images: int, repeats: int, seed: in
             clean = 2 * hard * rng.gamma(shape, 1 / shape, len(hard))
             corrupted = np.array([3, 5, 10]) * hard[:, None] * rng.gamma(shape, 1 / shape, (len(hard), 3))
             runs.append(rows_of(clean, corrupted, corrupted, _groups(sizes) if images > 1 else None))
-        found = compare(*runs, resamples=999, seed=int(rng.integers(2**31)))
+        found = compare_rows(*runs, resamples=999, seed=int(rng.integers(2**31)))
         raw = {(row["metric"], row["corruption"]): row["p"] < 0.05 for row in found.iter_rows(named=True)}
         family = (found.filter(metric="epe")["p_holm"] < 0.05).any()
         return {key: raw[key] for key in (("epe", "average"), ("cre", "average"), ("crer", "average"))} | {

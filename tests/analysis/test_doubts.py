@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.doubts import clean_epe, doubts_from_rows, zero_flow_epe
-from robustflow.analysis.uncertainty import compare, compare_all
+from robustflow.analysis.uncertainty import compare_all, compare_rows
 
 from .simulated import rows_of
 
@@ -39,11 +39,11 @@ def test_a_flow_that_does_not_depend_on_the_frames_is_flagged():
 
 
 def test_a_lower_cre_is_not_a_verdict_without_the_accuracy():
-    lines = compare(_USELESS, _SOUND, ("random", "dis"), resamples=499)
+    lines = compare_rows(_USELESS, _SOUND, ("random", "dis"), resamples=499)
     cre = lines.filter(metric="cre", corruption="average")["sentence"].item()
     gap = 18 * _HARD.mean()
     assert cre.endswith(f"random changes less under corruption but is less accurate: EPE +{gap:.2f} px.")
-    turned = compare(_SOUND, _USELESS, ("dis", "random"), resamples=499)
+    turned = compare_rows(_SOUND, _USELESS, ("dis", "random"), resamples=499)
     assert (
         turned.filter(metric="cre", corruption="average")["sentence"]
         .item()

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import false_discovery_control
 
-from robustflow.analysis.uncertainty import compare, compare_all, intervals
+from robustflow.analysis.uncertainty import compare_all, compare_rows, intervals
 from robustflow.analysis.uncertainty.bootstrap import FEW, bootstrap, enough_clusters
 from robustflow.analysis.uncertainty.estimates import weighted_means
 from robustflow.analysis.uncertainty.holm import holm
@@ -242,14 +242,14 @@ def test_a_higher_level_is_wider():
 
 def test_a_model_does_not_differ_from_itself():
     rows = _rows(20)
-    found = compare(rows, rows)
+    found = compare_rows(rows, rows)
     assert (found["difference"] == 0).all()
     assert (found["p"] == 1).all()
     assert all("No difference" in sentence for sentence in found["sentence"])
 
 
 def test_a_constant_shift_is_certain():
-    found = compare(_rows(20), _rows(20, shift=0.5), ("A", "B"))
+    found = compare_rows(_rows(20), _rows(20, shift=0.5), ("A", "B"))
     line = found.filter(metric="epe", corruption="average").row(0, named=True)
     assert line["difference"] == pytest.approx(-0.5)
     assert line["low"] == pytest.approx(-0.5)
@@ -266,7 +266,7 @@ def test_pairing_is_what_makes_it_sharp():
     clean, corrupted = Truth(spread=1.0).draw(rng, np.ones(60, int))
     better = corrupted * rng.uniform(0.9, 0.98, corrupted.shape)
     a, b = rows_of(clean, corrupted, corrupted), rows_of(clean, better, better)
-    line = compare(a, b).filter(metric="epe", corruption="average").row(0, named=True)
+    line = compare_rows(a, b).filter(metric="epe", corruption="average").row(0, named=True)
     assert line["p_holm"] < 0.01
     one, two = (intervals(rows).filter(metric="epe", corruption="average").row(0, named=True) for rows in (a, b))
     assert two["high"] > one["low"]
@@ -277,7 +277,9 @@ def test_p_and_interval_say_the_same():
         rng = np.random.default_rng(seed)
         clean, corrupted = Truth().draw(rng, np.ones(25, int))
         other = corrupted * rng.lognormal(0.02, 0.2, corrupted.shape)
-        found = compare(rows_of(clean, corrupted, corrupted), rows_of(clean, other, other), resamples=999, seed=seed)
+        found = compare_rows(
+            rows_of(clean, corrupted, corrupted), rows_of(clean, other, other), resamples=999, seed=seed
+        )
         for row in found.iter_rows(named=True):
             if abs(row["p"] - 0.05) > 0.01:
                 assert (row["p"] < 0.05) == (row["low"] > 0 or row["high"] < 0), row
@@ -285,13 +287,13 @@ def test_p_and_interval_say_the_same():
 
 def test_other_frames_are_not_compared():
     with pytest.raises(RunError, match=r"different frames under the same name \(sample '00000', clean severity 0"):
-        compare(_rows(5), _rows(5, digest="e"))
+        compare_rows(_rows(5), _rows(5, digest="e"))
     with pytest.raises(RunError, match="no sample, corruption and severity in common"):
-        compare(_rows(5), _rows(5).with_columns(sample=pl.lit("x") + pl.col("sample")))
+        compare_rows(_rows(5), _rows(5).with_columns(sample=pl.lit("x") + pl.col("sample")))
 
 
 def test_only_what_both_measured_is_compared():
-    found = compare(_rows(20), _rows(15, shift=1.0).filter(pl.col("corruption") != "snow"))
+    found = compare_rows(_rows(20), _rows(15, shift=1.0).filter(pl.col("corruption") != "snow"))
     assert set(found["corruption"]) == {"clean", "average", "fog"}
     assert set(found["images"]) == {15}
 

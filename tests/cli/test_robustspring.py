@@ -10,7 +10,7 @@ import pytest
 
 from robustflow.analysis.results import read_results, values_of
 from robustflow.api import evaluate
-from robustflow.datasets.robustspring import CORRUPTIONS, SEQUENCES, RobustSpring, submitted
+from robustflow.datasets.robustspring_condition import CORRUPTIONS, SEQUENCES, Condition, submitted
 from robustflow.errors import DataError, UsageError
 from robustflow.flowio import read_flow
 from robustflow.images.io import read_image
@@ -52,7 +52,7 @@ def test_what_a_whole_submission_consists_of():
 
 
 def test_backwards_is_from_the_later_frame(frames):
-    forward, backward = (RobustSpring(frames, "rain", direction) for direction in ("FW", "BW"))
+    forward, backward = (Condition(frames, "rain", direction) for direction in ("FW", "BW"))
     assert len(forward) == len(backward) == 6
     ahead = forward.load("0003/flow_FW_left/flow_FW_left_0002").frames
     back = backward.load("0003/flow_BW_left/flow_BW_left_0003").frames
@@ -91,16 +91,16 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
         assert np.array_equal(flows[condition], model.predict(*pair))
 
     results = read_results("submission/results.csv")
-    rcre = values_of(results, "rcre", benchmark="RobustSpring")
+    rcre = values_of(results, "rcre", benchmark="robustspring")
     assert set(results["setting"]) == {"knowledge"}
-    assert {name for _, _, name in rcre} == {"fog", "rain", "average"}
+    assert {name for _, _, name in rcre} == {"robustspring_fog", "robustspring_rain", "average"}
     moved = []
     for path in Path("submission/rain").rglob("*.flo5"):
         clean = read_flow(Path("submission/clean") / path.relative_to("submission/rain"))[0]
         moved.append(np.hypot(*np.moveaxis(read_flow(path)[0].astype(float) - clean, 2, 0)).mean())
-    assert rcre["knowledge", "Farneback", "rain"] == pytest.approx(np.mean(moved), rel=1e-12)
+    assert rcre["knowledge", "Farneback", "robustspring_rain"] == pytest.approx(np.mean(moved), rel=1e-12)
     assert rcre["knowledge", "Farneback", "average"] == pytest.approx(
-        (rcre["knowledge", "Farneback", "rain"] + rcre["knowledge", "Farneback", "fog"]) / 2
+        (rcre["knowledge", "Farneback", "robustspring_rain"] + rcre["knowledge", "Farneback", "robustspring_fog"]) / 2
     )
 
 
@@ -142,6 +142,6 @@ def test_frames_that_are_not_there(robustflow, run, frames):
     assert "fog lacks the pair 0028/flow_FW_left/flow_FW_left_0001" in error
     shutil.rmtree(frames / "spring/test/0003/frame_right")
     with pytest.raises(DataError, match="both cameras"):
-        RobustSpring(frames)
+        Condition(frames)
     with pytest.raises(UsageError, match="direction 'up'"):
-        RobustSpring(frames, direction="up")
+        Condition(frames, direction="up")

@@ -16,7 +16,7 @@ from robustflow.benchmarks.export import export
 from robustflow.corruptions import load_corruption
 from robustflow.corruptions.weather import frost_textures
 from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
-from robustflow.corruptions.weather.generated_frost import LOOKS, generated_texture
+from robustflow.corruptions.weather.generated_frost import STYLES, generated_texture
 from robustflow.errors import AssetError, RunError, UsageError
 from robustflow.images.io import read_image, write_image
 from robustflow.runner.setup import set_up, set_up_frames
@@ -78,13 +78,13 @@ def test_what_is_refused_offline_would_be_noticed(tmp_path):
 
 
 def test_the_textures_are_the_same_everywhere():
-    pictures = [generated_texture(slot) for slot in range(len(LOOKS))]
+    pictures = [generated_texture(slot) for slot in range(len(STYLES))]
     digest = hashlib.sha256(b"".join(picture.tobytes() for picture in pictures)).hexdigest()
     assert digest[:16] == "15ae25f6f56727b2"
-    for picture, look in zip(pictures, LOOKS, strict=True):
+    for picture, style in zip(pictures, STYLES, strict=True):
         grey = picture.mean(axis=2)
-        assert abs(grey.mean() - look.mean) < 3
-        assert abs(grey.std() - look.spread) < 1.5
+        assert abs(grey.mean() - style.mean) < 3
+        assert abs(grey.std() - style.spread) < 1.5
         fineness = np.abs(np.diff(grey, axis=1)).mean()
         assert 7 < fineness < 21  # of the photographs: 7.4, 7.9, 7.9, 13.2, 17.4
 

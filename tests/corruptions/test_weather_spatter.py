@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from robustflow.corruptions.kernels.chamfer import edge_distance, mean_distance
+from robustflow.corruptions.kernels.chamfer import chamfer_distance, mean_distance
 from robustflow.corruptions.kernels.normal_field import UNIT, normal_field
 from robustflow.corruptions.weather.spatter import MUD, WATER, Spatter
 from robustflow.random.rng import Rng
@@ -57,7 +57,7 @@ def test_mud_covers_in_rgb_order():
 def test_distances_are_opencvs():
     edges = (np.random.default_rng(1).random((50, 70)) > 0.995).astype(np.uint8) * 255
     expected = np.minimum(cv2.distanceTransform(255 - edges, cv2.DIST_L2, 5), 20)
-    assert np.abs(edge_distance(edges, 20) / 10_000 - expected).max() < 2e-4
+    assert np.abs(chamfer_distance(edges, 20) / 10_000 - expected).max() < 2e-4
 
 
 def test_means_are_rounded_down():

@@ -11,7 +11,7 @@ from robustflow.lenses.goals import goal_of
 from robustflow.lenses.merit import BASE_FREQUENCY, FIELDS, FREQUENCIES, Limits, _cos_sin_turns, aim, blur_statistics
 from robustflow.lenses.paraxial import DESIGN_WAVELENGTH, first_order_of
 from robustflow.lenses.render import field_rays
-from robustflow.lenses.residuals import damped_least_squares, evaluate, residual_count, solve_damped
+from robustflow.lenses.residuals import damped_least_squares, fill_residuals, residual_count, solve_damped
 from robustflow.lenses.search import SAMPLES, Structure
 from robustflow.lenses.shipped import shipped_lens
 from robustflow.lenses.transfer import modulation, moments
@@ -79,7 +79,7 @@ def test_thin_glass_and_short_gaps_cost():
     out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
 
     def mechanical(limits):
-        assert evaluate(free, index, structure.stop_surface, FIELDS, goal, limits, out)
+        assert fill_residuals(free, index, structure.stop_surface, FIELDS, goal, limits, out)
         return (out[FIELDS.size * 51 + 2 :] ** 2).sum()
 
     free_of_limits = Limits(0.0, -50.0, 1e3, 0.0, -50.0, 1e3, 0.0)
@@ -95,7 +95,7 @@ def test_a_lens_that_cannot_be_built_is_reported():
     free[:2] = 0.0  # a plane plate focuses nowhere
     index = structure.indices(SAMPLES)
     out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
-    assert not evaluate(free, index, structure.stop_surface, FIELDS, goal, Limits(), out)
+    assert not fill_residuals(free, index, structure.stop_surface, FIELDS, goal, Limits(), out)
 
 
 def test_damped_least_squares_goes_downhill_until_little_is_left_to_gain():
@@ -106,7 +106,7 @@ def test_damped_least_squares_goes_downhill_until_little_is_left_to_gain():
     costs = []
     for iterations in (1, 5, 60):
         best, cost = damped_least_squares(free, index, structure.stop_surface, FIELDS, goal, Limits(), iterations)
-        assert evaluate(best, index, structure.stop_surface, FIELDS, goal, Limits(), out)
+        assert fill_residuals(best, index, structure.stop_surface, FIELDS, goal, Limits(), out)
         assert (out * out).sum() == pytest.approx(cost)
         costs.append(cost)
     assert costs == sorted(costs, reverse=True)

@@ -8,7 +8,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.analysis.published.tables import published_methods
-from robustflow.analysis.scores import setting_of
+from robustflow.analysis.scores import run_setting
 from robustflow.benchmarks.setting import manifest_provenance, training_record
 from robustflow.benchmarks.setting import setting_of as setting_on
 from robustflow.datasets import DATASETS, dataset_facts
@@ -150,7 +150,8 @@ def test_a_later_call_with_training_pairs_makes_a_run_leaked():
 def test_every_data_set_that_models_train_on_has_a_name():
     frames_of = {name: dataset_facts(name).training_set for name in DATASETS.names()}
     assert {name for name in frames_of.values() if name} <= set(TRAINING_SETS.values())
-    assert {name for name, training_set in frames_of.items() if not training_set} == {"folder"}
+    assert {name for name, training_set in frames_of.items() if not training_set} == {"folder", "robustspring"}
+    assert dataset_facts("robustspring").same_domain == ("spring",)  # no model trains on Spring's test sequences
 
 
 def test_a_known_file_is_known_by_its_hash_whatever_is_declared():
@@ -197,7 +198,7 @@ def test_a_users_own_model_declares_itself(tmp_path):
         "trained_on": ["flyingchairs", "flyingthings3d", "middlebury:train"],
         "basis": "declared",
     }
-    assert run.setting == setting_of(run) == "ID"
+    assert run.setting == run_setting(run) == "ID"
     silent = rf.evaluate(lambda a, b: Mine().predict(a, b), output=tmp_path / "b", corruptions=["contrast"])
     assert silent.setting == "undeclared"
-    assert setting_of(silent) == "own"
+    assert run_setting(silent) == "own"

@@ -14,7 +14,7 @@ from robustflow.analysis.published.tables import COUNTED_SIZE, published_costs
 from robustflow.errors import ModelError, UsageError
 from robustflow.models.tiling import TiledModel
 from robustflow.profiling.counts import count
-from robustflow.profiling.measure import measure
+from robustflow.profiling.measure import measure_prediction
 from robustflow.profiling.network_of import network_of
 from robustflow.profiling.paper import EveryFlow
 
@@ -130,9 +130,9 @@ def test_only_networks():
 
 def test_a_prediction_is_timed():
     model = load_model("arflow", checkpoint="random", device="cpu", size="64x64")
-    measured = measure(model, 64, 64, repeat=2)
+    measured = measure_prediction(model, 64, 64, repeat=2)
     assert measured.seconds > 0
     assert measured.peak_bytes > 2**20
     assert measured.device == "cpu"
     with pytest.raises(UsageError, match="0 repetitions"):
-        measure(model, 64, 64, repeat=0)
+        measure_prediction(model, 64, 64, repeat=0)

@@ -19,7 +19,7 @@ from robustflow.errors import DataError, RunError, UsageError
 from robustflow.metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
 from robustflow.records.audit import audit
 from robustflow.records.contents import shareable_manifest
-from robustflow.records.load import is_record, load_run
+from robustflow.records.load import is_record, load_any_run
 from robustflow.records.pack import pack, record_bytes
 from robustflow.records.rows_text import rows_from_text, rows_to_text
 from robustflow.records.verify import verify
@@ -117,7 +117,7 @@ def test_a_run_that_is_not_finished(run, tmp_path):
     found = verify(path)
     assert found.ok
     assert not found.facts.complete
-    assert not load_run(path).summary.complete
+    assert not load_any_run(path).summary.complete
 
 
 def test_a_run_that_would_not_verify_is_not_packed(run, tmp_path):
@@ -175,36 +175,36 @@ def test_a_file_of_something_else_is_not_overwritten(run, tmp_path, packed):
 def test_a_record_is_a_run_wherever_runs_are_read(run, packed, tmp_path):
     path = tmp_path / "a.robustflow"
     path.write_bytes(packed)
-    loaded = load_run(path)
+    loaded = load_any_run(path)
     assert loaded.summary == run.summary
     assert loaded.rows.equals(run.rows)
     assert not audit(path).findings
     assert audit(path).audited == str(path)
     strange = evaluate(Strange(), "demo", output=tmp_path / "s", corruptions=["fog"], severities=[1])
-    assert load_run(pack(strange, tmp_path / "s.robustflow")).name == strange.name
+    assert load_any_run(pack(strange, tmp_path / "s.robustflow")).name == strange.name
 
 
 def test_the_folder_of_a_record_goes_with_it(packed, tmp_path):
     path = tmp_path / "a.robustflow"
     path.write_bytes(packed)
-    loaded = load_run(path)
+    loaded = load_any_run(path)
     folder, gone = loaded.path, weakref.ref(loaded)
     assert folder.is_dir()
-    assert load_run(path).path != folder
+    assert load_any_run(path).path != folder
     del loaded
     assert gone() is None
     assert not folder.exists()
 
 
 def test_what_is_not_a_run(run, packed, tmp_path):
-    assert load_run(run.path).path == run.path
+    assert load_any_run(run.path).path == run.path
     (tmp_path / "a.txt").write_text("PK")
     with pytest.raises(RunError, match="neither a run's folder nor a record"):
-        load_run(tmp_path / "a.txt")
+        load_any_run(tmp_path / "a.txt")
     with pytest.raises(RunError, match=r"manifest\.json"):
-        load_run(tmp_path)
+        load_any_run(tmp_path)
     bad = tmp_path / "bad.robustflow"
     bad.write_bytes(with_json(packed, "summary.json", lambda summary: summary.update(cre=0.0)))
     assert is_record(bad)
     with pytest.raises(RunError, match=r"does not verify: summary: .*cre is 0"):
-        load_run(bad)
+        load_any_run(bad)

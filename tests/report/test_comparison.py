@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.uncertainty import compare as compare_rows
+from robustflow.analysis.uncertainty import compare_rows
 from robustflow.api import evaluate
 from robustflow.errors import RunError, UsageError
 from robustflow.report.comparison import Comparison

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from robustflow.runs.shards import list_shards, name_of
+from robustflow.runs.shards import list_shards, shard_name
 from robustflow.runs.store import RunFolder
 
 SCRIPT = Path(__file__).with_name("killed_at_each_write.py")
@@ -37,7 +37,7 @@ def _check(tmp_path, script, first, step):
         run = script.run(folder)
         assert run.rows.equals(whole), folder.name
         assert run.summary.complete
-        assert [name_of(path) for path in list_shards(folder / "rows")] == ["pack"], folder.name
+        assert [shard_name(path) for path in list_shards(folder / "rows")] == ["pack"], folder.name
         assert not list((folder / "clean").iterdir()), folder.name
         assert not list(folder.rglob(".partial-*")), folder.name
         assert RunFolder(folder).tidy() == set(whole.select("sample", "corruption", "severity").iter_rows())

@@ -9,7 +9,7 @@ import pytest
 
 from robustflow.api import evaluate
 from robustflow.errors import RobustFlowError, RunError, UsageError
-from robustflow.records.load import load_run
+from robustflow.records.load import load_any_run
 from robustflow.records.pack import pack
 from robustflow.runner.recheck import recheck
 from robustflow.testing import ZeroClipFlow
@@ -91,7 +91,7 @@ def test_a_multi_frame_run_packs_and_its_pairs_are_rechecked(tmp_path):
     options = {"corruptions": ["snow"], "severities": [2]}
     found = evaluate(ZeroClipFlow((1, 0)), "folder", tmp_path / "frames", tmp_path / "run", **options)
     assert "window" in found.manifest["identity"]
-    packed = load_run(pack(found, tmp_path / "a.robustflow"))
+    packed = load_any_run(pack(found, tmp_path / "a.robustflow"))
     assert "6 of 6 rows" in recheck(packed.manifest["identity"], packed.rows, tmp_path / "frames")
 
 

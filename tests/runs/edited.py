@@ -7,7 +7,7 @@ from pathlib import Path
 
 import polars as pl
 
-from robustflow.runs.shards import list_shards, name_of, read_shard, write_shard
+from robustflow.runs.shards import list_shards, read_shard, shard_name, write_shard
 
 Edit = Callable[[pl.DataFrame], pl.DataFrame]
 
@@ -17,4 +17,4 @@ def edit_rows(run: Path, edit: Edit) -> None:
     for path in list_shards(run / "rows"):
         rows = edit(read_shard(path))
         path.unlink()
-        write_shard(path.parent, name_of(path), rows)
+        write_shard(path.parent, shard_name(path), rows)

@@ -11,11 +11,11 @@ import pytest
 
 from robustflow.api import Result, evaluate
 from robustflow.errors import RunError, UsageError
-from robustflow.records.load import load_run
+from robustflow.records.load import load_any_run
 from robustflow.records.pack import pack
 from robustflow.report.assemble import tables_of
 from robustflow.report.site.content import whole_content
-from robustflow.runs.costs import PROFILE, RunCost, check_model, read_cost, write_cost
+from robustflow.runs.costs import PROFILE, RunCost, check_profiled_model, read_cost, write_cost
 
 
 class Shifted:
@@ -121,7 +121,7 @@ def test_a_cost_goes_with_the_record(runs, tmp_path):
     cost = _cost(runs[0], 30.0, seconds=0.25, peak_bytes=10, device="cuda:0", iterations=12)
     write_cost(runs[0], cost)
     assert read_cost(runs[0]) == cost
-    assert read_cost(load_run(pack(runs[0], tmp_path / "a.robustflow"))) == cost
+    assert read_cost(load_any_run(pack(runs[0], tmp_path / "a.robustflow"))) == cost
     assert read_cost(runs[1]) is None
 
 
@@ -156,8 +156,8 @@ def test_a_pipe_is_not_waited_for(runs):
 
 
 def test_only_the_model_of_the_run(runs):
-    check_model(runs[0], {"name": "one", "device": "cuda", "checkpoint": "abc"})
+    check_profiled_model(runs[0], {"name": "one", "device": "cuda", "checkpoint": "abc"})
     with pytest.raises(UsageError, match='its name is "one", here it is "two"'):
-        check_model(runs[0], {"name": "two"})
+        check_profiled_model(runs[0], {"name": "two"})
     with pytest.raises(UsageError, match="its iterations is null, here it is 24"):
-        check_model(runs[0], {"name": "one", "iterations": 24})
+        check_profiled_model(runs[0], {"name": "one", "iterations": 24})

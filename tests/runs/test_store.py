@@ -12,7 +12,7 @@ from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
 from robustflow.runs.clean_flows import read_clean, write_clean
 from robustflow.runs.plan import Unit
-from robustflow.runs.shards import list_shards, merge_shards, name_of
+from robustflow.runs.shards import list_shards, merge_shards, shard_name
 from robustflow.runs.store import RunFolder
 from robustflow.sample import Sample
 
@@ -132,7 +132,7 @@ def test_a_flipped_bit_in_a_shard_of_an_older_version_never_ends_in_a_traceback(
     (path,) = list_shards(folder.rows_folder)
     whole = path.read_bytes()
     path.unlink()
-    older = folder.rows_folder / f"{name_of(path)}.parquet"
+    older = folder.rows_folder / f"{shard_name(path)}.parquet"
     refused = 0
     for flip in np.random.default_rng(1).integers(0, 8 * len(whole), 600).tolist():
         damaged = bytearray(whole)
@@ -145,7 +145,7 @@ def test_a_flipped_bit_in_a_shard_of_an_older_version_never_ends_in_a_traceback(
     assert refused > 100
     older.write_bytes(whole)
     assert folder.rows().height == 3
-    merge_shards([older], name_of(older))
+    merge_shards([older], shard_name(older))
     assert [path.name for path in folder.rows_folder.iterdir()] == [path.name], "merged, it has its digest"
 
 

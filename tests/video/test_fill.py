@@ -8,7 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.errors import DataError
-from robustflow.video.fill import REORDER, Fill, fill_lost, in_order
+from robustflow.video.fill import REORDER, Fill, fill_lost, pictures_in_order
+
+from . import clips
 
 
 def picture(index: int) -> np.ndarray:
@@ -26,7 +28,7 @@ def test_every_frame_shows_the_last_decoded_one_before_it(data):
         before = [k for k in kept if k <= index]
         source = before[-1] if before else kept[0]
         assert what[0, 0] == source % 251
-        assert fill.source_of(index) == source
+        assert clips.shown_as(fill, index) == source
     assert fill.frames_lost == count - len(kept)
 
 
@@ -36,7 +38,7 @@ def test_order_of_arrival_does_not_matter(order, strangers):
     arrivals = [(index, picture(index)) for index in order]
     arrivals += [(index, picture(index)) for index in strangers]
     fill = Fill(20)
-    assert [index for index, _ in in_order(arrivals, fill)] == list(range(20))
+    assert [index for index, _ in pictures_in_order(arrivals, fill)] == list(range(20))
     assert fill.dropped == len(strangers)
 
 

@@ -43,6 +43,6 @@ def test_other_factors(weights):
 
 
 def test_the_checkpoint_is_in_the_manifest(weights):
-    from robustflow.video.prepared import sha256_of
+    from robustflow.digest import sha256_of_file
 
-    assert FlavrInterpolator(weights).describe()["checkpoint_sha256"] == sha256_of(weights)
+    assert FlavrInterpolator(weights).describe()["checkpoint_sha256"] == sha256_of_file(weights)

@@ -18,7 +18,7 @@ from robustflow.video.colour import i420_to_rgb, rgb_to_i420
 from robustflow.video.disk import check_room, estimate_disk
 from robustflow.video.flow_interpolator import FlowInterpolator
 from robustflow.video.interpolation import interpolate
-from robustflow.video.prepare import Preparation, geometry, prepare_clip
+from robustflow.video.prepare import Preparation, clip_timing, prepare_clip
 from robustflow.video.prepare_folder import SEQUENCES, find_sources, prepare_folder
 from robustflow.video.prepared import choose_key_frames, read_folder
 from robustflow.video.source import PictureFolder
@@ -124,21 +124,21 @@ def test_key_frames_by_the_papers_words(step, count):
 
 def test_ten_pairs_per_second(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "seq", 110))
-    plan = geometry(source, Preparation(fps=Fraction(240), step=96, interpolator="flow"))
-    assert plan.key_frames == (96, 192, 288)
+    timing = clip_timing(source, Preparation(fps=Fraction(240), step=96, interpolator="flow"))
+    assert timing.key_frames == (96, 192, 288)
 
 
 def test_too_short_says_how_long_it_must_be(tmp_path):
     source = PictureFolder(clips.folder(tmp_path / "short", 20))
     with pytest.raises(DataError, match=r"20 frames are too few .* give a clip of (\d+) frames") as caught:
-        geometry(source, FLOW)
+        clip_timing(source, FLOW)
     needed = int(str(caught.value).split("a clip of ")[1].split()[0])
-    geometry(PictureFolder(clips.folder(tmp_path / "enough", needed)), FLOW)
+    clip_timing(PictureFolder(clips.folder(tmp_path / "enough", needed)), FLOW)
 
 
 def test_pictures_need_a_frame_rate(tmp_path):
     with pytest.raises(UsageError, match="--fps"):
-        geometry(PictureFolder(clips.folder(tmp_path / "seq", 30)), Preparation(interpolator="flow"))
+        clip_timing(PictureFolder(clips.folder(tmp_path / "seq", 30)), Preparation(interpolator="flow"))
 
 
 def test_finding_the_five_sequences(tmp_path):

@@ -55,7 +55,7 @@ def _checkpoints() -> str:
 
 def _benchmarks() -> str:
     rows = []
-    for name in BENCHMARKS.names():
+    for name in (*BENCHMARKS.names(), *(name for name in DATASETS.names() if dataset_facts(name).corruptions)):
         facts = benchmark_facts(name)
         measured = "EPE, CRE, CREr, RCRE" if facts.has_flow else "RCRE"
         rows.append((f"`{name}`", facts.description, measured, facts.data, len(facts.paper_corruptions)))

@@ -116,7 +116,7 @@ def _record() -> str:
         "is in the file, what `verify` checks, and what it cannot show. `manifest.json` is [here](manifest.md), the "
         "columns of `rows.csv` are [those of rows](rows.md), `summary.json` is [here](summary.md).",
     ]
-    for model in (contents.Record, contents.Entry):
+    for model in (contents.Record, contents.PackedEntry):
         parts += _model(model)
     return "\n\n".join(parts)
 

@@ -8,7 +8,7 @@ import polars as pl
 
 from ..runs.displacement_file import GROUND_TRUTH, DisplacementFile, read_displacement
 from ..runs.run import Run
-from ..text import plain
+from ..text import counted, plain
 from .labels import benchmark_label
 from .scores import sample_set
 
@@ -32,7 +32,7 @@ def label_of(benchmark: str, samples: int, source: str) -> str:
     >>> label_of("kitti-fc", 80, "ground truth")
     'KITTI-FC, 80 pairs (ground truth)'
     """
-    return f"{benchmark_label(benchmark)}, {samples} pair{'s' if samples != 1 else ''} ({plain(source, 40)})"
+    return f"{benchmark_label(benchmark)}, {counted(samples, 'pair')} ({plain(source, 40)})"
 
 
 def _labelled(kept: dict[str, DisplacementFile], benchmarks: dict[str, str]) -> Iterator[tuple[str, DisplacementFile]]:

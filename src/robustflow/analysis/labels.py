@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from ..benchmarks import benchmark_facts
+from ..corruptions.names import family_of
+from ..corruptions.on_disk import on_disk
 from ..corruptions.registry import FAMILIES
 from ..text import plain
 
@@ -25,7 +27,6 @@ SETTING_EXPLANATIONS = {
     "untrained": "its weights are random, and it is never ranked",
 }
 FAMILY_LABELS = {name: name.capitalize() for name in FAMILIES}
-FAMILY_OF = {name: family for family, names in FAMILIES.items() for name in names}
 
 _SHORT = {
     "jpeg_compression": "JPEG",
@@ -95,20 +96,25 @@ def setting_words(setting: str) -> str:
 
 
 def short_label(corruption: str) -> str:
-    """Its name in the paper's tables, below the name of its family.
+    """Its name in the paper's tables, below the name of its family; with what it comes from, if it exists only as
+    files.
 
-    >>> short_label("gaussian_noise"), short_label("fog")
-    ('Gaussian', 'Fog')
+    >>> short_label("gaussian_noise"), short_label("fog"), short_label("robustspring_fog")
+    ('Gaussian', 'Fog', 'RS fog')
     """
+    if (files := on_disk(corruption)) is not None:
+        return f"{files.abbreviation} {_inside(short_label(files.there(corruption)))}"
     return _SHORT.get(corruption, corruption.replace("_", " ").capitalize())
 
 
 def long_label(corruption: str) -> str:
     """Its name in running text.
 
-    >>> long_label("psf_blur"), long_label("h264_crf")
-    ('PSF blur', 'H.264 CRF')
+    >>> long_label("psf_blur"), long_label("h264_crf"), long_label("robustspring_zoom_blur")
+    ('PSF blur', 'H.264 CRF', 'RobustSpring zoom blur')
     """
+    if (files := on_disk(corruption)) is not None:
+        return f"{files.title} {_inside(long_label(files.there(corruption)))}"
     words = corruption.replace("_", " ").capitalize()
     return (
         words.replace("Jpeg", "JPEG")
@@ -116,3 +122,18 @@ def long_label(corruption: str) -> str:
         .replace("H264 crf", "H.264 CRF")
         .replace("H264 abr", "H.264 ABR")
     )
+
+
+def family_label(corruption: str) -> str | None:
+    """The heading over a corruption's column; None for one without a family.
+
+    >>> family_label("robustspring_rain"), family_label("elastic_transform")
+    ('Weather', None)
+    """
+    family = family_of(corruption)
+    return None if family is None else FAMILY_LABELS[family]
+
+
+def _inside(label: str) -> str:
+    """A label after another word: its first letter small, unless it is an abbreviation."""
+    return label if label[1:2].isupper() else label[:1].lower() + label[1:]

@@ -17,6 +17,7 @@ from typing import Any
 
 import polars as pl
 
+from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import parse_stack
 from ..errors import DataError, UsageError
 from ..metrics.rows import CLEAN
@@ -145,7 +146,7 @@ def _record(line: dict[Any, Any], where: str, sample_set: str) -> tuple[Any, ...
 
 
 def _check_corruption(name: str, where: str) -> None:
-    if name not in (CLEAN, AVERAGE, *ELSEWHERE):
+    if name not in (CLEAN, AVERAGE, *ELSEWHERE) and on_disk(name) is None:
         try:
             parse_stack(name)
         except UsageError as error:

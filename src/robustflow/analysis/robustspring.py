@@ -8,12 +8,12 @@ from typing import Any
 
 import polars as pl
 
+from ..benchmarks.setting import manifest_provenance
+from ..corruptions.on_disk import ROBUSTSPRING
 from ..runs.run import Run
 from ..text import counted
 from .results import AVERAGE, RESULT_SCHEMA
-from .scores import OWN
-
-BENCHMARK = "RobustSpring"
+from .scores import OWN_SETTING
 
 
 def robustspring_results(run: Run, moved: Mapping[str, Sequence[float]]) -> pl.DataFrame:
@@ -21,23 +21,20 @@ def robustspring_results(run: Run, moved: Mapping[str, Sequence[float]]) -> pl.D
 
     Args:
         run: whose model predicted.
-        moved: corruption -> of each pair the mean distance between corrupted and clean flow, pixels.
+        moved: its own name of a corruption -> of each pair the mean distance between corrupted and clean flow, pixels.
     """
-    means = {name: fsum(values) / len(values) for name, values in moved.items()}
+    means = {ROBUSTSPRING.here(own): fsum(values) / len(values) for own, values in moved.items()}
     means[AVERAGE] = fsum(means.values()) / len(means)
     pairs = min(len(values) for values in moved.values())
     note = f"{counted(pairs, 'pair')}, all pixels; average over {counted(len(moved), 'corruption')}"
-    head = (BENCHMARK, _setting(run.manifest), run.name, "rcre")
-    source = str(run.manifest["identity_digest"])
-    lines = [(*head, name, value, None, None, source, f"RobustSpring, {note}", note) for name, value in means.items()]
+    head = (ROBUSTSPRING.dataset, _setting(run.manifest), run.name, "rcre")
+    source, frames = str(run.manifest["identity_digest"]), f"{ROBUSTSPRING.title}, {note}"
+    lines = [(*head, name, value, None, None, source, frames, note) for name, value in means.items()]
     return pl.DataFrame(lines, schema=RESULT_SCHEMA, orient="row")
 
 
 def _setting(manifest: Mapping[str, Any]) -> str:
-    """RobustSpring is Spring's test sequences: a model trained on its training sequences knows only the domain."""
-    record = manifest.get("provenance") or {}
-    if record.get("setting") in ("knowledge", "untrained"):
-        return str(record["setting"])
-    if record.get("trained_on") is None:
-        return OWN
-    return "ID" if any(str(name).partition(":")[0] == "spring" for name in record["trained_on"]) else "OOD"
+    """What the model's training means for RobustSpring's frames, whatever the run was on."""
+    identity = {**manifest["identity"], "benchmark": ROBUSTSPRING.dataset}
+    setting = str(manifest_provenance({**manifest, "identity": identity})["setting"])
+    return OWN_SETTING if setting == "undeclared" else setting

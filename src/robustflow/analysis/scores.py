@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections import Counter
 from collections.abc import Sequence
@@ -12,8 +11,8 @@ import polars as pl
 
 from ..benchmarks import benchmark_facts
 from ..corruptions.textures import KEY as TEXTURES
+from ..digest import digest_of_bytes
 from ..metrics.summary import Scores, has_gaps
-from ..severity import SEVERITIES
 from ..text import counted
 from .labels import benchmark_label, benchmark_words
 from .published.tables import PAPER_PAIRS
@@ -22,7 +21,7 @@ from .results import AVERAGE, CLEAN, RESULT_METRICS, RESULT_SCHEMA
 if TYPE_CHECKING:
     from ..runs.run import Run
 
-OWN = "own"
+OWN_SETTING = "own"
 """The setting of a run whose model does not declare what it was trained on."""
 
 _OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
@@ -51,7 +50,7 @@ def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataF
             values[metric, AVERAGE] = getattr(means, metric)
         for (metric, corruption), value in values.items():
             if value is not None:
-                head = (str(identity["benchmark"]), setting_of(run), name, metric, corruption)
+                head = (str(identity["benchmark"]), run_setting(run), name, metric, corruption)
                 records.append((*head, float(value), None, None, str(run.manifest["identity_digest"]), *shared))
     return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
 
@@ -110,9 +109,9 @@ def run_names(runs: Sequence[Run]) -> list[str]:
     return names
 
 
-def setting_of(run: Run) -> str:
+def run_setting(run: Run) -> str:
     """The setting of a run, by what its model was trained on; "own" if that was not declared."""
-    return OWN if run.setting == "undeclared" else run.setting
+    return OWN_SETTING if run.setting == "undeclared" else run.setting
 
 
 def sample_set(run: Run) -> str:
@@ -136,7 +135,7 @@ def _sample_set(run: Run) -> str:
     if not run.summary.complete:
         parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
     text = json.dumps(parts, sort_keys=True, default=str)
-    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+    return digest_of_bytes(text.encode(), size=8)
 
 
 def note_of(run: Run, beside_published: bool = False) -> str:
@@ -162,7 +161,7 @@ def note_of(run: Run, beside_published: bool = False) -> str:
     elif set(averaged) != set(wanted):
         average = f"average over {counted(len(averaged), 'corruption')}"
         remarks.append(average if apart else f"{average}, not the paper's {len(wanted)}")
-    if set(selection["severities"]) != set(SEVERITIES):
+    if set(selection["severities"]) != set(benchmark_facts(benchmark).severities):
         remarks.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
         remarks.append("calibrated severities" + ("" if apart else ", not the paper's"))

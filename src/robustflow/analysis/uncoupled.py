@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 from scipy.special import stdtr
 
-from ..corruptions.registry import PAPER_ORDER
+from ..corruptions.names import ordered
 from ..errors import unknown_name
 from ..metrics.rows import CLEAN, complete_rows
 from .ranking import middle_ranks
@@ -128,8 +128,7 @@ def uncoupled(rows: pl.DataFrame) -> Uncoupled:
     for key, group in images.partition_by("corruption", "severity", as_dict=True, maintain_order=True).items():
         corruption, severity = key
         by_condition[corruption, severity] = _scores(group)
-    measured = list(dict.fromkeys(corruption for corruption, _ in sorted(by_condition)))
-    order = [name for name in PAPER_ORDER if name in measured] + [name for name in measured if name not in PAPER_ORDER]
+    order = ordered({corruption for corruption, _ in by_condition})
     corruptions = {
         name: _mean_scores([scores for (of, _), scores in by_condition.items() if of == name]) for name in order
     }

@@ -56,7 +56,7 @@ class OnePair:
         """See `PairSource.close`."""
 
 
-class Clip:
+class UploadedClip:
     """The pairs of adjacent frames of the video at `path`, for which `folder` was made; it goes with them."""
 
     textures: Textures = PHOTOGRAPHS

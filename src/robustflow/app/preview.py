@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from ..corruptions import corrupt, load_corruption
 from ..corruptions.stack import levels_of
@@ -27,6 +27,7 @@ from ..models.base import predict_checked
 from ..runs.example_cells import cell_scores
 from ..sample import Flow, Frame, Sample
 from ..threads import one_opencv_thread
+from ..validated import Frozen
 from .choices import Models
 from .pairs import SourceStore
 
@@ -38,16 +39,14 @@ _CLEAN_KEPT = 4
 Stage = Callable[[str], None]
 
 
-class Layer(BaseModel):
+class CorruptionLayer(Frozen):
     """A corruption at a severity."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9_]{1,60}$")]
     severity: Annotated[int, Field(ge=1, le=5, strict=True)]
 
 
-class PreviewRequest(BaseModel):
+class PreviewRequest(Frozen):
     """A page's request.
 
     Attributes:
@@ -60,14 +59,12 @@ class PreviewRequest(BaseModel):
         frames: whether the clean frames and the ground truth are requested, too.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
     page: Annotated[str, Field(max_length=40)]
     source: Annotated[str, Field(max_length=40)]
     index: Annotated[int, Field(ge=0, strict=True)]
     model: Annotated[str, Field(max_length=300)]
     checkpoint: Annotated[str, Field(max_length=1000)] = ""
-    layers: Annotated[list[Layer], Field(min_length=1, max_length=4)]
+    layers: Annotated[list[CorruptionLayer], Field(min_length=1, max_length=4)]
     seed: Annotated[int, Field(ge=0, lt=2**31, strict=True)]
     frames: bool = False
 

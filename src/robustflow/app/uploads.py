@@ -14,13 +14,13 @@ from starlette.requests import Request
 from starlette.types import Message
 
 from ..datasets.pairs import read_frames
-from ..datasets.suffixes import VIDEO_SUFFIXES
 from ..errors import DataError, RobustFlowError, UsageError
 from ..flowio import read_flow
 from ..images.io import IMAGE_SUFFIXES, stored_size
+from ..layout import VIDEO_SUFFIXES
 from ..sample import Sample
 from ..video.container import open_video
-from .pairs import Clip, OnePair, PairSource
+from .pairs import OnePair, PairSource, UploadedClip
 
 MAX_BYTES = 64 * 2**20
 """Of one upload, all files together."""
@@ -103,7 +103,7 @@ def _pair(files: dict[str, UploadFile], folder: Path) -> OnePair:
     return OnePair(name, Sample(paths[0].stem, frames, flow, valid))
 
 
-def _clip(file: UploadFile, folder: Path) -> Clip:
+def _clip(file: UploadFile, folder: Path) -> UploadedClip:
     path = _saved(file, folder / "clip", VIDEO_SUFFIXES, "a video")
     try:
         with open_video(path) as container:
@@ -114,7 +114,7 @@ def _clip(file: UploadFile, folder: Path) -> Clip:
     if pixels > MAX_PIXELS or frames > MAX_CLIP_FRAMES:
         most = f"{MAX_CLIP_FRAMES} frames of {MAX_PIXELS / 1e6:.1f} megapixels"
         raise DataError(f"{path}: clips of up to {most} are taken; cut it short, or scale it down")
-    return Clip(path.name, path, folder)
+    return UploadedClip(path.name, path, folder)
 
 
 def _saved(file: UploadFile, folder: Path, suffixes: tuple[str, ...], what: str) -> Path:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..corruptions import SEVERITIES, Corruption, corruption_name, load_corruption
+from ..corruptions.on_disk import on_disk
 from ..corruptions.textures import PHOTOGRAPHS, Textures
 from ..datasets.base import Dataset
 from ..errors import UsageError
@@ -56,7 +57,8 @@ class Benchmark:
         asked = self.corruptions if corruptions is None else corruptions
         chosen = tuple(dict.fromkeys(map(corruption_name, asked)))
         for name in chosen:
-            load_corruption(name)
+            if name not in self.corruptions and not (self.closed and on_disk(name)):
+                load_corruption(name)
         levels = self.severities if severities is None else tuple(sorted({check_severity(s) for s in severities}))
         if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
             raise UsageError(

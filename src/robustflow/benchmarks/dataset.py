@@ -8,22 +8,31 @@ from typing import Any
 from ..corruptions import IMAGE_PAIR
 from ..datasets import PreCorrupted, dataset_facts, load_dataset
 from ..datasets.split import selected
-from ..errors import UsageError
+from ..errors import DataError, UsageError
 from .base import Benchmark
 from .facts import facts_of_dataset
 
 
 def from_dataset(name: str, data: Path | None, split: Path | None, options: dict[str, Any]) -> Benchmark:
-    """Every sample of a data set under every image-pair corruption. Without ground truth, only RCRE is measured.
+    """Every sample of a data set under every image-pair corruption, or under those that its frames come with. Without
+    ground truth, only RCRE is measured.
 
     Raises:
         UsageError: a data set that is a benchmark of its own, an unknown option, or a missing root.
-        DataError: the folder does not have the data set's layout.
+        DataError: the folder does not have the data set's layout, or none of the corrupted frames it comes with.
     """
     dataset, facts = load_dataset(name, data, **options), dataset_facts(name)
-    if isinstance(dataset, PreCorrupted):
+    if isinstance(dataset, PreCorrupted) and not facts.corruptions:
         instead = f": use --benchmark {facts.benchmark}" if facts.benchmark else ""
         raise UsageError(f"the frames of '{name}' are corrupted already{instead}")
     keys = selected(split, dataset.keys(), name) if split else dataset.keys()
-    protocol = {"options": {key: str(value) for key, value in sorted(options.items())}} if options else {}
-    return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=facts_of_dataset(facts))
+    deciding = {key: str(value) for key, value in sorted(options.items()) if key not in facts.folder_options}
+    protocol: dict[str, Any] = {"options": deciding} if deciding else {}
+    about = facts_of_dataset(facts)
+    if not isinstance(dataset, PreCorrupted):
+        return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=about)
+    there = tuple(corruption for corruption in facts.corruptions if dataset.has_corrupted(corruption))
+    if not there:
+        raise DataError(f"{data}: clean frames of {facts.title}, but none under a corruption; expected {facts.layout}")
+    protocol["frames"] = "released"
+    return Benchmark(name, dataset, tuple(keys), there, about.severities, protocol=protocol, closed=True, facts=about)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from ..corruptions import IMAGE_PAIR
 from ..datasets.facts import DatasetFacts
+from ..severity import SEVERITIES
+from ..validated import Frozen
 
 
-class BenchmarkFacts(BaseModel):
+class BenchmarkFacts(Frozen):
     """The description of a benchmark.
 
     Attributes:
@@ -18,17 +20,16 @@ class BenchmarkFacts(BaseModel):
         has_flow: whether its samples have ground truth; if not, only RCRE is measured.
         published: whether the paper has results on it.
         paper_corruptions: those that the paper's mean on it is over; for a benchmark that is not in the paper, the
-            corruptions of image pairs.
+            corruptions of image pairs, or those that its frames come with.
+        severities: at which its corruptions exist.
         paper_pairs: on how many pairs the paper measured it; None if it does not say, or has no such benchmark.
         training_set: the training set that its frames come from, by its name in `robustflow.models.provenance`; "" if
-            no model can state whether it was trained on them.
+            none holds them, or, without `same_domain`, no model can state whether it was trained on them.
         same_domain: training sets of the same domain, which hold other frames.
 
     >>> BenchmarkFacts(title="Night drives").has_flow
     True
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str = Field(min_length=1, max_length=80)
     description: str = Field(default="", max_length=400)
@@ -36,6 +37,7 @@ class BenchmarkFacts(BaseModel):
     has_flow: bool = True
     published: bool = False
     paper_corruptions: tuple[str, ...] = IMAGE_PAIR
+    severities: tuple[int, ...] = SEVERITIES
     paper_pairs: int | None = Field(default=None, ge=1)
     training_set: str = Field(default="", max_length=80)
     same_domain: tuple[str, ...] = ()
@@ -46,12 +48,14 @@ NEUTRAL = BenchmarkFacts(title="own benchmark")
 
 
 def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:
-    """Any data set as a benchmark: every sample under every corruption of image pairs."""
+    """Any data set as a benchmark: every sample under every corruption of image pairs, or under its own."""
     return BenchmarkFacts(
         title=dataset.title,
         description=dataset.description,
         data=dataset.layout,
         has_flow=dataset.ground_truth != "none",
+        paper_corruptions=dataset.corruptions or IMAGE_PAIR,
+        severities=SEVERITIES[:1] if dataset.corruptions else SEVERITIES,
         training_set=dataset.training_set,
         same_domain=dataset.same_domain,
     )

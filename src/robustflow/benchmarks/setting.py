@@ -93,7 +93,7 @@ def _judge(
     if not training.trained:
         return ("untrained" if training.basis == RANDOM else "knowledge"), []
     facts = benchmark_facts(benchmark)
-    if training.sets is None or not facts.training_set:
+    if training.sets is None or not (facts.training_set or facts.same_domain):
         return "undeclared", []
     if facts.training_set in training.sets:
         return "LEAKED", []

@@ -52,7 +52,7 @@ def compare(
     from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from ..atomic import write_bytes
     from ..errors import RunError, UsageError, unknown_name
-    from ..records.load import load_run
+    from ..records.load import load_any_run
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table
     from ..report.render import render, renderer
@@ -67,7 +67,7 @@ def compare(
         raise UsageError(f"--json and --format {format} exclude each other; leave out one of them")
     if len(runs) < 2:
         raise UsageError("one run cannot be compared: name two or more")
-    loaded = [load_run(run) for run in runs]
+    loaded = [load_any_run(run) for run in runs]
     chosen = metric or ("rcre" if any(run.cre is None for run in loaded) else "cre")
     if (across := across_conditions(loaded, chosen)) is not None:
         frame, shown = across

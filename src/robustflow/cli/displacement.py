@@ -84,17 +84,15 @@ def displacement(
 def _run_of(folder: Path, chosen: "Benchmark") -> "Run":
     from ..errors import UsageError
     from ..runs.run import Run
+    from ..text import counted
 
     if folder.is_file():
         raise UsageError(f"{folder} is a file; a histogram is stored in a run's folder, not in a record")
     run = Run(folder)
     if run.manifest["identity"]["benchmark"] != chosen.name or set(run.manifest["samples"]) != set(chosen.keys):
+        ran = counted(len(run.manifest["samples"]), "pair")
         raise UsageError(
-            f"{run.path} ran {_pairs(len(run.manifest['samples']))} of {run.manifest['identity']['benchmark']}, these "
-            f"are {len(chosen.keys)} of {chosen.name}; give the run's --data, --split and --limit"
+            f"{run.path} ran {ran} of {run.manifest['identity']['benchmark']}, these are {len(chosen.keys)} of "
+            f"{chosen.name}; give the run's --data, --split and --limit"
         )
     return run
-
-
-def _pairs(count: int) -> str:
-    return f"{count} pair{'s' if count != 1 else ''}"

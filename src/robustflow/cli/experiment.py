@@ -47,26 +47,26 @@ def robust_training(
     require("torch", "torch", "tiny")
     from ..atomic import write_bytes
     from ..experiments.findings import findings
-    from ..experiments.robust_training import Plan, measured_sets, run_experiment
+    from ..experiments.robust_training import TrainingExperiment, evaluation_sets, run_experiment
     from .train import Interrupted
 
     if not Path(init).expanduser().is_file():
         raise UsageError(f"--init {init}: no such file; create it with: robustflow train tiny --recipe shapes")
-    plan = Plan(
+    experiment = TrainingExperiment(
         output.expanduser(),
         str(Path(init).expanduser().resolve()),
-        measured_sets(data or [], shapes, size),
+        evaluation_sets(data or [], shapes, size),
         seeds=seeds,
         steps=steps,
         severities=tuple(numbers(severities) or (3,)),
         loaders=loaders,
     )
     stop = Interrupted()
-    runs = run_experiment(plan, lambda text: typer.echo(f"robustflow: {text}", err=True), stop)
+    runs = run_experiment(experiment, lambda text: typer.echo(f"robustflow: {text}", err=True), stop)
     if runs is None:
-        typer.echo(f"robustflow: stopped; {plan.output} is kept. Give the same command to continue.", err=True)
+        typer.echo(f"robustflow: stopped; {experiment.output} is kept. Give the same command to continue.", err=True)
         raise typer.Exit(130)
     text, table = findings(runs, seeds)
-    write_bytes(plan.output / "effects.csv", table.write_csv().encode())
-    write_bytes(plan.output / "findings.md", text.encode())
+    write_bytes(experiment.output / "effects.csv", table.write_csv().encode())
+    write_bytes(experiment.output / "findings.md", text.encode())
     typer.echo(text)

@@ -110,10 +110,10 @@ def export(
 
 def _export_rows(run: Path, format: str, output: Path | None) -> None:
     from ..atomic import write_bytes
-    from ..records.load import load_run
+    from ..records.load import load_any_run
     from ..runs.rows_file import rows_bytes
 
-    data = rows_bytes(load_run(run), format)
+    data = rows_bytes(load_any_run(run), format)
     target = output or Path(f"rows.{format}")
     write_bytes(target, data)
     typer.echo(str(target))
@@ -131,11 +131,11 @@ def _export_submission(
     from ..analysis.results import results_csv
     from ..analysis.robustspring import robustspring_results
     from ..atomic import write_bytes
-    from ..datasets.robustspring import CORRUPTIONS, submitted
+    from ..datasets.robustspring_condition import CORRUPTIONS, submitted
     from ..errors import UsageError
     from ..models import ModelSpec
-    from ..records.load import load_run
-    from ..runner.submission import jobs_of, model_of, write_submission
+    from ..records.load import load_any_run
+    from ..runner.submission import condition_pairs, model_of, write_submission
     from ..runs.source import RunSource
     from .video_progress import VideoProgress
 
@@ -144,14 +144,14 @@ def _export_submission(
             "--format robustspring needs RobustSpring's frames: give --data PATH, which holds spring/test/"
         )
     output = output or Path("submission")
-    run = load_run(path)
+    run = load_any_run(path)
     spec = ModelSpec(model, given) if model is not None else RunSource.read(run.path).model_to_reuse(dict(given))
-    jobs = jobs_of(data, corruptions or CORRUPTIONS, limit)
-    total = sum(len(job.keys) for job in jobs)
+    conditions = condition_pairs(data, corruptions or CORRUPTIONS, limit)
+    total = sum(len(condition.keys) for condition in conditions)
     moved: dict[str, list[float]] = {}
     fresh = count = 0
     with VideoProgress() as progress:
-        for one in write_submission(model_of(run, spec), jobs, output):
+        for one in write_submission(model_of(run, spec), conditions, output):
             count, fresh = count + 1, fresh + one.fresh
             progress(str(output), "predicting", count, total)
             if one.moved is not None:

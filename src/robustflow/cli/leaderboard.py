@@ -53,7 +53,7 @@ def leaderboard(
     from ..atomic import make_folder, write_bytes
     from ..errors import UsageError
     from ..records.collection import add_records, collected, is_collection
-    from ..records.load import load_run
+    from ..records.load import load_any_run
     from ..report.site import render_site, whole_content
     from ..report.site.content import MOST_DETAILED
     from ..report.site.embedded import embedded_slider
@@ -74,7 +74,7 @@ def leaderboard(
         raise UsageError("--only-own needs a source: name a run's folder or a results file")
     files = [path for path in sources if path.suffix.lower() == ".csv"]
     imported = [path for path in sources if path.suffix.lower() == ".json"]
-    runs = [load_run(path) for path in sources if path not in (*files, *imported)]
+    runs = [load_any_run(path) for path in sources if path not in (*files, *imported)]
     results = [*((path.name, read_results(path)) for path in files), ("imported", read_imported(imported))]
     content = whole_content(runs, results, published=published, only_own=only_own)
     pictured = any((run.path / EXAMPLES).is_dir() for run in runs)

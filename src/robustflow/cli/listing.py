@@ -108,14 +108,15 @@ def _corruptions() -> list[str]:
 
 def _benchmarks() -> list[str]:
     from ..benchmarks import BENCHMARKS, benchmark_facts
+    from ..datasets import DATASETS, dataset_facts
 
     lines = []
-    for name in BENCHMARKS.names():
+    for name in (*BENCHMARKS.names(), *(name for name in DATASETS.names() if dataset_facts(name).corruptions)):
         facts = benchmark_facts(name)
         truth = "EPE, CRE, CREr, RCRE" if facts.has_flow else "RCRE (no ground truth)"
         lines += [f"{name}: {facts.description}", f"    metrics: {truth}"]
         lines += [f"    --data: {facts.data}"] if facts.data else []
-    return [*lines, "DATASET: any data set by its name, under every image-pair corruption."]
+    return [*lines, "DATASET: any other data set by its name, under every image-pair corruption."]
 
 
 def _datasets() -> list[str]:

@@ -13,7 +13,7 @@ from .options import Device, ModelOptions, Precision, model_options
 
 if TYPE_CHECKING:
     from ..profiling.counts import Counts
-    from ..profiling.measure import Measured
+    from ..profiling.measure import PredictionCost
 
 
 def profile(
@@ -79,15 +79,15 @@ def _print_model(
     options: tuple[tuple[str, object], ...],
     iterations: int | None,
     into: Path | None,
-) -> "tuple[Counts, Measured | None]":
+) -> "tuple[Counts, PredictionCost | None]":
     from ..models import ModelSpec
     from ..models.catalog import methods
     from ..models.registry import PTLFLOW
     from ..models.torch.find_checkpoint import RANDOM
     from ..profiling.counts import count
-    from ..profiling.measure import measure
+    from ..profiling.measure import measure_prediction
     from ..profiling.network_of import network_of
-    from ..runs.costs import RunCost, check_model, write_cost
+    from ..runs.costs import RunCost, check_profiled_model, write_cost
     from ..runs.run import Run
     from ..size import parse_size
 
@@ -102,7 +102,7 @@ def _print_model(
         raise UsageError(f"--repeat {repeat}: give 1 or more, or 0 for no timing")
     model = network_of(ModelSpec(name, tuple(asked.items())).load())
     if run is not None:
-        check_model(run, model.identity())
+        check_profiled_model(run, model.identity())
     fitted = model.convention.fitted_size(height, width)
     counts = count(model.net, *fitted)
     rounds = model.identity().get("iterations")
@@ -111,7 +111,7 @@ def _print_model(
     typer.echo(f"parameters   {counts.parameters / 1e6:.3f} M, as thop {counts.thop_parameters / 1e6:.3f} M")
     typer.echo(f"MACs         {counts.macs / 1e9:.2f} G, as thop {counts.thop_macs / 1e9:.2f} G")
     typer.echo(f"FLOPs        {2 * counts.macs / 1e9:.2f} G")
-    measured = measure(model, height, width, repeat) if repeat else None
+    measured = measure_prediction(model, height, width, repeat) if repeat else None
     if measured is not None:
         kind = "of tensors" if measured.device.startswith("cuda") else "of the whole process"
         typer.echo(f"one pair     {measured.seconds:.2f} s on {measured.device}")
@@ -129,7 +129,7 @@ def _print_model(
     return counts, measured
 
 
-def _print_side_by_side(costs: "list[tuple[str, Counts, Measured | None]]") -> None:
+def _print_side_by_side(costs: "list[tuple[str, Counts, PredictionCost | None]]") -> None:
     line = "{:20s} {:>12s} {:>10s} {:>9s} {:>11s}"
     typer.echo("\n" + line.format("model", "params (M)", "MACs (G)", "pair (s)", "peak (GiB)"))
     for name, counts, measured in costs:

@@ -49,7 +49,7 @@ def report(
     """
     from ..atomic import write_bytes
     from ..errors import UsageError
-    from ..records.load import load_run
+    from ..records.load import load_any_run
     from ..report.assemble import figures_of, tables_of
     from ..report.render import render, renderer
     from .options import names
@@ -61,7 +61,7 @@ def report(
         raise UsageError("nothing to report: name a run's folder, or give --published")
     if only_own and not runs:
         raise UsageError("--only-own needs a run: name its folder or record")
-    loaded = [load_run(run) for run in runs or []]
+    loaded = [load_any_run(run) for run in runs or []]
     if format == PAGE:
         text = _page(loaded, published, only_own, table)
     else:

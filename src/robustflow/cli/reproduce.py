@@ -63,10 +63,10 @@ def reproduce(
     from ..report.render import renderer
     from ..reproduce.artefacts import artefact_of
     from ..reproduce.plan import choose
-    from ..reproduce.side_by_side import comparison_table, published_pair
+    from ..reproduce.side_by_side import comparison_table, paper_alone
     from ..reproduce.variants import paper_variants
     from ..reproduce.weights import weights_in
-    from ..reproduce.words import contents, needs_data, plan_table, summary_sentence
+    from ..reproduce.words import contents, data_hint, plan_table, summary_sentence
 
     renderer(format)
     if what is None:
@@ -79,11 +79,11 @@ def reproduce(
     variants = paper_variants(artefact.benchmark, names(models))
     choices = choose(variants, artefact.benchmark, weights_in(checkpoints or []), random=random)
     if data is None or dry_run:
-        published = [published_pair(artefact, variant) for variant in variants]
+        published = [paper_alone(artefact, variant) for variant in variants]
         _print(plan_table(artefact, choices) if dry_run else comparison_table(artefact, published), format)
         typer.echo(summary_sentence(choices))
         if data is None:
-            typer.echo(needs_data(artefact))
+            typer.echo(data_hint(artefact))
         if artefact.table and artefact.instead:
             typer.echo(f"Besides, {artefact.instead}")
         return
@@ -106,14 +106,14 @@ def _measured(
     device: str | None,
     options: dict[str, Any],
 ) -> list[Measured]:
-    from ..reproduce.measure import measure
+    from ..reproduce.measure import measure_variants
     from ..runner.progress import TerminalProgress
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops like Ctrl-C
     progress, measured = TerminalProgress(), []
     try:
         with progress:
-            for each in measure(artefact, choices, output, device, progress=progress, **options):
+            for each in measure_variants(artefact, choices, output, device, progress=progress, **options):
                 measured.append(each)
     except KeyboardInterrupt:
         typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)
@@ -126,22 +126,22 @@ def _show(artefact: Artefact, measured: list[Measured], output: Path, format: st
     one."""
     from ..atomic import write_bytes
     from ..reproduce.plan import Missing
-    from ..reproduce.side_by_side import comparison_csv, comparison_table, pair_of, published_pair
+    from ..reproduce.side_by_side import comparison_csv, comparison_table, paper_alone, run_beside_paper
     from ..reproduce.words import plan_table, summary_sentence
 
     missing = [each for each in measured if isinstance(each, Missing)]
     ran = [each for each in measured if not isinstance(each, Missing)]
-    pairs = [
-        published_pair(artefact, each.variant) if isinstance(each, Missing) else pair_of(artefact, *each)
+    variants = [
+        paper_alone(artefact, each.variant) if isinstance(each, Missing) else run_beside_paper(artefact, *each)
         for each in measured
     ]
     if ran:
-        _print(comparison_table(artefact, [pair for pair in pairs if pair.here]), format)
+        _print(comparison_table(artefact, [one for one in variants if one.here]), format)
     if missing:
         _print(plan_table(artefact, missing), format)
     typer.echo(summary_sentence([each if isinstance(each, Missing) else each[0] for each in measured]))
     written = output / f"{artefact.name}.csv"
-    write_bytes(written, comparison_csv(artefact, pairs).encode())
+    write_bytes(written, comparison_csv(artefact, variants).encode())
     typer.echo(f"all values: {written}")
     if artefact.table and artefact.instead:
         typer.echo(f"Besides, {artefact.instead}")

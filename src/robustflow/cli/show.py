@@ -25,11 +25,11 @@ def show(
       robustflow show runs/demo_dis_1a2b3c4d --metric log_ratio
       robustflow show colleague.robustflow
     """
-    from ..records.load import load_run
+    from ..records.load import load_any_run
     from ..report.site.write import write_report
     from .tables import print_result
 
-    result, in_folder = load_run(run), run.expanduser().is_dir()
+    result, in_folder = load_any_run(run), run.expanduser().is_dir()
     if in_folder:
         result.write_means()
         write_report(result)

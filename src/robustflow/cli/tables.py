@@ -19,7 +19,7 @@ from ..report import table as report_table
 from ..report.render.terminal import render as render_terminal
 from ..runs.plan import left_out_sentence
 from ..runs.run import Run
-from ..text import plain
+from ..text import counted, plain
 
 
 def print_result(result: Run, metric: str = "all", *, report: bool = True) -> None:
@@ -94,7 +94,7 @@ def for_stdout(table: report_table.Table) -> str:
 
 
 def _overview(name: str, summary: Summary) -> Table:
-    table = Table(title=f"{name}, {summary.samples} pair{'s' if summary.samples > 1 else ''}", title_justify="left")
+    table = Table(title=f"{name}, {counted(summary.samples, 'pair')}", title_justify="left")
     table.add_column("corruption")
     shown = [
         m

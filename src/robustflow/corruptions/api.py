@@ -13,6 +13,7 @@ from ..severity import check_severity
 from .base import BGR, SCALES, Corruption
 from .channel_order import ChannelsReversed
 from .given_images import as_frame, like_given
+from .on_disk import refuse_on_disk
 from .own import OwnCorruption, adopt, own_corruption
 from .registry import CORRUPTIONS
 from .scale import calibrated_severities
@@ -39,7 +40,8 @@ def load_corruption(
         scale: "paper" (its five severities) or "calibrated" (equal mean SSIM; see docs/severity-scales.md).
 
     Raises:
-        UsageError: unknown name, variant or scale, or a severity of a stack's part that the scale lacks.
+        UsageError: unknown name, variant or scale, a severity of a stack's part that the scale lacks, or a corruption
+            that exists only as files.
 
     >>> load_corruption("gaussian_noise").parameter(1)
     0.08
@@ -54,6 +56,7 @@ def load_corruption(
         return load_corruption(adopt(name), variant, scale)
     if is_stack(name):
         return Stack([(load_corruption(part, variant, scale), level) for part, level in parse_stack(name)])
+    refuse_on_disk(name)
     own = own_corruption(name, variant)
     if own is not None:
         if scale == "paper":

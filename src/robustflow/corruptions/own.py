@@ -20,6 +20,7 @@ from ..severity import SEVERITIES
 from ..source_digest import source_digest
 from ..target import import_target
 from .base import BGR, VARIANTS, Corruption
+from .on_disk import on_disk
 from .registry import CORRUPTIONS, SHIPPED
 
 Made = Any
@@ -44,7 +45,7 @@ class OwnCorruption(Corruption):
     family = "own"
 
     def __init__(self, made: Any, variant: str = "default") -> None:
-        self.name = name_of(made)  # type: ignore[misc]  # each has its own
+        self.name = own_name(made)  # type: ignore[misc]  # each has its own
         self.family = str(getattr(made, "family", "own"))  # type: ignore[misc]
         self.temporal = bool(getattr(made, "temporal", False))  # type: ignore[misc]
         levels = getattr(made, "severities", None) or getattr(made, "paper_severities", None) or SEVERITIES
@@ -103,10 +104,10 @@ def adopt(made: Made) -> str:
     for method in ("draw", "apply"):
         if not callable(getattr(made, method, None)):
             raise UsageError(f"{_described(made)} has no method {method}, so it is not a corruption; {_GUIDE}")
-    name = name_of(made)
+    name = own_name(made)
     if not _NAME.fullmatch(name) or name in ("clean", "average"):
         raise UsageError(f"a corruption cannot be called '{name}': give it a name of letters, digits and '_'")
-    if name in SHIPPED:
+    if name in SHIPPED or on_disk(name) is not None:
         raise UsageError(f"{_described(made)} has the name of the corruption '{name}': give it another `name`")
     _own[name] = made
     return name
@@ -122,17 +123,18 @@ def adopt_target(target: str) -> str:
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:
-    """The user's or an installed package's corruption of a name; None where it is one of this package's.
+    """The user's or an installed package's corruption of a name; None where it is one of this package's, or
+    exists only as files.
 
     Raises:
         UsageError: unknown name, or a class that cannot be built.
     """
     if name not in _own:
-        if name in SHIPPED:
+        if name in SHIPPED or on_disk(name) is not None:
             return None
         made = CORRUPTIONS.get(name)
-        if name_of(made) != name:
-            raise UsageError(f"the entry point '{name}' provides a corruption called '{name_of(made)}'; rename one")
+        if own_name(made) != name:
+            raise UsageError(f"the entry point '{name}' provides a corruption called '{own_name(made)}'; rename one")
     made = _own.get(name) or CORRUPTIONS.get(name)
     return OwnCorruption(_build(made, variant) if inspect.isclass(made) else made, variant)
 
@@ -148,11 +150,11 @@ def own_among(names: Iterable[str]) -> tuple[Made, ...]:
     return tuple(made for name, made in _own.items() if name in parts)
 
 
-def name_of(made: Made) -> str:
+def own_name(made: Made) -> str:
     """The name of a corruption: its attribute `name`, else its class's in lower case.
 
     >>> class HeavyRain: ...
-    >>> name_of(HeavyRain)
+    >>> own_name(HeavyRain)
     'heavy_rain'
     """
     kind = made if inspect.isclass(made) else type(made)
@@ -168,7 +170,7 @@ def _build(kind: type[Any], variant: str) -> Any:
         raise
     except Exception as error:
         raise UsageError(
-            f"corruption '{name_of(kind)}' cannot be built: {type(error).__name__}: {error}; "
+            f"corruption '{own_name(kind)}' cannot be built: {type(error).__name__}: {error}; "
             "give every argument a default, or pass the object itself"
         ) from error
 

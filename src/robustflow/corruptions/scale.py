@@ -7,17 +7,18 @@ reach does not exist on the scale, and nothing replaces it.
 
 from __future__ import annotations
 
-import hashlib
 import os
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from ..digest import digest_of_bytes
 from ..errors import DataError, UsageError, first_misfit
 from ..severity import SEVERITIES
+from ..validated import FrozenFinite
 
 CALIBRATION_VARIABLE = "ROBUSTFLOW_CALIBRATION"
 """Environment variable that names a table to use instead of the shipped one."""
@@ -26,11 +27,7 @@ Similarity = Annotated[float, Field(ge=-1.0, le=1.0)]
 _Number = bool | int | float
 
 
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Level(_Frozen):
+class Level(FrozenFinite):
     """One severity of one corruption.
 
     Attributes:
@@ -42,14 +39,14 @@ class Level(_Frozen):
     ssim: Similarity
 
 
-class CalibratedCorruption(_Frozen):
+class CalibratedCorruption(FrozenFinite):
     """One corruption: its five levels, and the lowest and highest mean SSIM met on its path."""
 
     reachable: tuple[Similarity, Similarity]
     levels: Annotated[tuple[Level, ...], Field(min_length=5, max_length=5)]
 
 
-class CalibrationTable(_Frozen):
+class CalibrationTable(FrozenFinite):
     """The table, and everything needed to reproduce it.
 
     Attributes:
@@ -99,7 +96,7 @@ def read_table(path: Path) -> CalibrationTable:
         ) from error
 
 
-def merged(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
+def merged_tables(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
     """`old` with its corruptions replaced by those of `new`.
 
     Raises:
@@ -148,4 +145,4 @@ def calibrated_levels(name: str) -> tuple[int, ...]:
 
 def calibration_digest() -> str:
     """16 hexadecimal digits that name the table, for the identity of a run."""
-    return hashlib.blake2b(calibration().model_dump_json().encode(), digest_size=8).hexdigest()
+    return digest_of_bytes(calibration().model_dump_json().encode(), size=8)

@@ -15,6 +15,7 @@ from ..sample import Frame
 from ..severity import SEVERITIES, check_severity
 from ..target import is_target
 from .base import Corruption
+from .on_disk import refuse_on_disk
 from .own import adopt_target, is_known
 from .registry import CORRUPTIONS, SHIPPED
 from .scale import calibrated_levels
@@ -43,6 +44,7 @@ def parse_stack(name: str) -> list[tuple[str, int | None]]:
     """
     parts = split_stack(name)
     for part, _ in parts:
+        refuse_on_disk(part)
         if not is_known(part):
             CORRUPTIONS.get(part)
     return parts

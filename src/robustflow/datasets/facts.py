@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from ..validated import Frozen
 
 GroundTruth = Literal["dense", "sparse", "none"]
 
@@ -15,7 +17,7 @@ NON_COMMERCIAL = "non-commercial research only, see the distributor's terms"
 FC_PAPER = "Yi et al., Benchmarking the Robustness of Optical Flow Estimation to Corruptions"
 
 
-class DatasetFacts(BaseModel):
+class DatasetFacts(Frozen):
     """The description of a data set.
 
     Attributes:
@@ -28,16 +30,17 @@ class DatasetFacts(BaseModel):
         licence: the terms its distributors state; check them before use.
         citation: authors, title, venue, year.
         layout: the folders that its root must hold.
-        training_set: the name of the training set that holds these frames, see `robustflow.models.provenance`; "" if no
-            model can state whether it was trained on them.
+        training_set: the name of the training set that holds these frames, see `robustflow.models.provenance`; "" if
+            none does, or, without `same_domain`, no model can state whether it was trained on them.
         same_domain: training sets of the same domain, which hold other frames.
         benchmark: the benchmark that reads these files; "" if the data set is evaluated under its own name.
+        corruptions: those that its frames come with, each at severity 1 alone, if they are evaluated under its own
+            name; see `robustflow.corruptions.on_disk`. () if frames are corrupted here.
+        folder_options: the options that name a further folder, and so are no part of what a run measured.
 
     >>> DatasetFacts(title="Alley", ground_truth="none").clips
     'never'
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     title: str = Field(min_length=1, max_length=80)
     description: str = Field(default="", max_length=400)
@@ -50,12 +53,8 @@ class DatasetFacts(BaseModel):
     training_set: str = Field(default="", max_length=80)
     same_domain: tuple[str, ...] = ()
     benchmark: str = Field(default="", max_length=80)
-
-
-class WithFacts(Protocol):
-    """A class or function with facts."""
-
-    facts: DatasetFacts
+    corruptions: tuple[str, ...] = ()
+    folder_options: tuple[str, ...] = ()
 
 
 T = TypeVar("T", bound=Callable[..., object])

@@ -25,6 +25,7 @@ _TARGETS = {
     "sintel": "sintel:Sintel",
     "hd1k": "hd1k:HD1K",
     "spring": "spring:Spring",
+    "robustspring": "robustspring:RobustSpring",
     "flyingchairs": "flyingchairs:FlyingChairs",
     "flyingthings3d": "flyingthings3d:FlyingThings3D",
     "tartanair": "tartanair:TartanAir",

@@ -1,120 +1,133 @@
-"""RobustSpring: Spring's ten test sequences under twenty corruptions, without public ground truth.
+"""RobustSpring as a benchmark: Spring's ten test sequences under twenty corruptions, without public ground truth.
 
-    spring/test/0003/frame_left/frame_left_0001.png ...     as unpacked from Spring's test_frame_left.zip, _right.zip
-    fog/test/0003/frame_left/frame_left_0001.png ...        from fog.zip, and so on
+    spring/test/0003/frame_left/frame_left_0001.png ...     Spring's own test frames, clean
+    fog/test/0003/frame_left/frame_left_0001.png ...        the same frame under its fog, and so on
 
-Its server takes flows of every pair, forwards and backwards in both cameras, clean and corrupted, in the layout
-CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5.
-
-Source: Schmalfuss et al., RobustSpring, arXiv 2505.09368. The layout of the flows, the names and the lengths of the
-sequences are those of springeval/templates/springeval/faq.html and subsampling/flow_robust_subsampling.cpp in
-cv-stuttgart/springwebsite at bbfabe8. That of the frames is what two independent readers of the files expect:
-tools/official_transfer_probe.py in eLiAshaun/CAR-GR-RoCo-Spring at 5cbd69a and
-instant_video_models/datasets/robust_spring.py in wision-lab/instant-video-models at e685f56. This reader has not been
-run on the released frames themselves.
+It judges how far a model's flow moves from that of the clean pair, in both cameras, forwards and backwards. Nothing is
+corrupted here: rows name its corruptions as in `robustflow.corruptions.on_disk`. Sources: see `robustspring_condition`.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable
 from pathlib import Path
 
-from ..errors import DataError
-from ..layout import choice, consecutive, folders, locate, numbered
-from .pairs import Pair, PairDataset
-
-CLEAN = "clean"
-
-CORRUPTIONS = (
-    "brightness",
-    "contrast",
-    "defocus_blur",
-    "elastic_transform",
-    "fog",
-    "frost",
-    "gaussian_blur",
-    "gaussian_noise",
-    "glass_blur",
-    "impulse_noise",
-    "jpeg_compression",
-    "motion_blur",
-    "pixelate",
-    "rain",
-    "saturate",
-    "shot_noise",
-    "snow",
-    "spatter",
-    "speckle_noise",
-    "zoom_blur",
-)
-"""Its corruptions, at one strength each. Those with a name of this project's are other corruptions all the same."""
-
-SEQUENCES = {3: 131, 19: 111, 28: 39, 29: 135, 31: 73, 34: 47, 35: 120, 40: 111, 42: 116, 46: 117}
-"""Number of a test sequence -> its frames."""
-
-DIRECTIONS = ("FW", "BW")
-_SIDES = ("left", "right")
+from ..corruptions.on_disk import ROBUSTSPRING
+from ..errors import DataError, UsageError
+from ..sample import Frame, Sample
+from .facts import DatasetFacts
+from .pairs import read_frames
+from .robustspring_condition import CLEAN, CORRUPTIONS, DIRECTIONS, Condition, condition_folder
+from .samples import Samples
 
 
-class RobustSpring(PairDataset):
-    """The pairs of one condition in one direction, both cameras. A key is a flow's path below CONDITION/test.
+class RobustSpring(Samples):
+    """The pairs of both cameras in both directions, clean, and the frames of each under the corruptions that are
+    unpacked. Implements `Dataset` and `CorruptedClips`.
+
+    A key is a flow's path in a submission: "0003/flow_BW_left/flow_BW_left_0002" is from frame 2 back to frame 1.
 
     Args:
-        root: the folder that holds fog/ and the others, and of the clean frames spring/ or clean/.
-        condition: "clean", or one of `CORRUPTIONS`.
-        direction: "FW" (to the next frame) or "BW" (to the one before).
+        root: the folder that holds fog/ and the others.
+        spring: the folder that holds Spring's test/, where it is neither spring/ (or clean/) in `root` nor spring/
+            beside it.
 
     Raises:
-        DataError: another layout, or a frame missing within a sequence.
+        DataError: another layout; or a frame is missing, within a sequence or under a corruption.
     """
 
     name = "robustspring"
     has_flow = False
+    facts = DatasetFacts(
+        title="RobustSpring",
+        description="Spring's ten test sequences, 1920x1080, under 20 corruptions that come as files.",
+        ground_truth="none",
+        pairs=3960,
+        clips="always",
+        licence="CC BY 4.0 (Spring's; for the corrupted frames see the distributor's terms)",
+        citation="Schmalfuss et al., RobustSpring: Benchmarking Robustness to Image Corruptions for Optical Flow, "
+        "Scene Flow and Stereo, arXiv 2505.09368, 2025",
+        layout="fog/test/0003/frame_left, spring/test/0003/frame_left",
+        same_domain=("spring",),
+        corruptions=ROBUSTSPRING.names,
+        folder_options=("spring",),
+    )
 
-    def __init__(self, root: str | Path, condition: str = CLEAN, direction: str = "FW") -> None:
-        choice("condition", condition, (CLEAN, *CORRUPTIONS))
-        choice("direction", direction, DIRECTIONS)
-        names = ("spring", CLEAN) if condition == CLEAN else (condition,)
-        expected = f"{' or '.join(f'{name}/test/' for name in names)}, with 0003/frame_left/ in it"
-        found = locate("RobustSpring", root, [f"{name}/test" for name in names], expected=expected)
-        folder = next(found / name / "test" for name in names if (found / name / "test").is_dir())
-        pairs = {}
-        for sequence in folders(folder):
-            if re.fullmatch(r"\d{4}", sequence.name):
-                for side in _SIDES:
-                    pairs.update(_pairs(sequence, side, direction))
-        super().__init__(pairs, folder)
+    def __init__(self, root: str | Path, spring: str | Path | None = None) -> None:
+        self.root = Path(root).expanduser()
+        self._clean = {direction: Condition(self.root, CLEAN, direction, spring) for direction in DIRECTIONS}
+        self._condition_of = {key: pairs for pairs in self._clean.values() for key in pairs.keys()}  # noqa: SIM118
+        self._corrupted = {
+            ROBUSTSPRING.here(own): condition_folder(self.root, own)
+            for own in CORRUPTIONS
+            if (self.root / own).is_dir()
+        }
+        for folder in self._corrupted.values():
+            self._check_whole(folder)
 
+    def keys(self) -> list[str]:
+        """See `Dataset.keys`."""
+        return sorted(self._condition_of)
 
-def submitted() -> Iterator[str]:
-    """The path of every flow of a whole submission, below its folder.
+    def load(self, key: str) -> Sample:
+        """See `Dataset.load`."""
+        return self._of(key).load(key)
 
-    >>> len(set(submitted())), next(submitted())
-    (83160, 'clean/test/0003/flow_FW_left/flow_FW_left_0001.flo5')
-    """
-    for condition in (CLEAN, *CORRUPTIONS):
-        for sequence, frames in SEQUENCES.items():
-            for side in _SIDES:
-                for direction in DIRECTIONS:
-                    first = 1 if direction == "FW" else 2
-                    for number in range(first, first + frames - 1):
-                        yield f"{condition}/test/{_key(f'{sequence:04d}', side, direction, number)}.flo5"
+    def files(self, key: str) -> list[Path]:
+        """See `Dataset.files`."""
+        return self._of(key).files(key)
 
+    def around(self, key: str, reach: int) -> range:
+        """See `Clips.around`."""
+        return self._of(key).around(key, reach)
 
-def _key(sequence: str, side: str, direction: str, number: int) -> str:
-    kind = f"flow_{direction}_{side}"
-    return f"{sequence}/{kind}/{kind}_{number:04d}"
+    def frame(self, key: str, offset: int) -> Frame:
+        """See `Clips.frame`."""
+        return self._of(key).frame(key, offset)
 
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """See `Clips.frame_files`."""
+        return self._of(key).frame_files(key, offsets)
 
-def _pairs(sequence: Path, side: str, direction: str) -> dict[str, Pair]:
-    folder = sequence / f"frame_{side}"
-    if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder; unpack the frames of both cameras")
-    frames = numbered(folder, rf"frame_{side}_(\d{{4}})\.png")
-    pairs = {}
-    for before, after in consecutive(frames):
-        first, second = (before, after) if direction == "FW" else (after, before)
-        group = f"{sequence.name}/{side}"
-        pairs[_key(sequence.name, side, direction, first)] = Pair((frames[first], frames[second]), group=group)
-    return pairs
+    def has_corrupted(self, corruption: str) -> bool:
+        """See `PreCorrupted.has_corrupted`; by its name here."""
+        return corruption in self._corrupted
+
+    def corrupted(self, key: str, corruption: str, severity: int) -> tuple[Frame, ...]:
+        """See `PreCorrupted.corrupted`."""
+        clean, *_ = self._of(key).files(key)
+        return read_frames((clean, *self.corrupted_files(key, corruption, severity)))[1:]
+
+    def corrupted_files(self, key: str, corruption: str, severity: int) -> list[Path]:
+        """See `PreCorrupted.corrupted_files`."""
+        return [self._under(corruption, severity, path) for path in self.files(key)]
+
+    def corrupted_frame(self, key: str, offset: int, corruption: str, severity: int) -> Frame:
+        """See `CorruptedClips.corrupted_frame`."""
+        (clean,) = self.frame_files(key, [offset])
+        return read_frames((self.files(key)[0], self._under(corruption, severity, clean)))[1]
+
+    def _of(self, key: str) -> Condition:
+        """The clean pairs of a key's direction."""
+        return self._condition_of.get(key, self._clean["FW"])  # which says what is wrong with an unknown key
+
+    def _under(self, corruption: str, severity: int, clean: Path) -> Path:
+        """The file of a clean frame under a corruption."""
+        if corruption not in self._corrupted or severity != 1:
+            raise UsageError(
+                f"{self.root} has no {corruption} at severity {severity}; what it has is at severity 1 alone"
+            )
+        return self._corrupted[corruption] / clean.relative_to(self._clean["FW"].folder)
+
+    def _check_whole(self, folder: Path) -> None:
+        """Raise unless a corruption has every clean frame; folders are listed, so that no file is looked at twice."""
+        clean = self._clean["FW"]
+        wanted: dict[Path, set[str]] = {}
+        for key in clean.keys():  # noqa: SIM118
+            for path in clean.files(key):
+                wanted.setdefault(path.parent.relative_to(clean.folder), set()).add(path.name)
+        for place, names in wanted.items():
+            there = set(os.listdir(folder / place)) if (folder / place).is_dir() else set()
+            if gone := names - there:
+                raise DataError(f"{folder / place / min(gone)}: missing, though {clean.folder} has it; unpack it whole")

@@ -7,6 +7,7 @@ from operator import index as whole_number
 from typing import TYPE_CHECKING
 
 from ..sample import Sample
+from ..text import counted
 
 if TYPE_CHECKING:
     from .base import Dataset
@@ -39,6 +40,5 @@ class Samples:
         return self.load(self.keys()[whole_number(place)])
 
     def __repr__(self: Dataset) -> str:
-        count = len(self.keys())
         truth = "with ground truth" if self.has_flow else "no ground truth"
-        return f"<{type(self).__name__}: {count} pair{'s' if count != 1 else ''}, {truth}>"
+        return f"<{type(self).__name__}: {counted(len(self.keys()), 'pair')}, {truth}>"

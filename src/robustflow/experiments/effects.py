@@ -24,7 +24,7 @@ _SUMS = ("epe_sum", "magnitude_sum")
 GUARD = 0.5
 """Of zero flow's error, which every network's clean error must be below."""
 
-Values = npt.NDArray[np.float64]
+Array = npt.NDArray[np.float64]
 Runs = Mapping[tuple[str, str, int], Run]
 
 
@@ -45,7 +45,7 @@ class Effect:
     value: float
 
 
-def paired_effect(plain: Values, arm: Values) -> Effect:
+def paired_effect(plain: Array, arm: Array) -> Effect:
     """The mean of `arm` - `plain`, values of (seeds, pairs), with an interval for other pairs and other seeds.
 
     The variance is that over pairs (of the means over seeds) and that over seeds (of the means over pairs), added: what
@@ -114,7 +114,7 @@ def unguarded(runs: Runs, dataset: str) -> list[str]:
     return reasons
 
 
-def _relative(scores: list[dict[str, dict[str, Values]]], under: str) -> float:
+def _relative(scores: list[dict[str, dict[str, Array]]], under: str) -> float:
     clean = float(np.mean([one[CLEAN]["epe_clean"] for one in scores]))
     return float(np.mean([one[under]["cre"] for one in scores])) / clean if clean > 0 else math.nan
 
@@ -126,14 +126,14 @@ def _seen(arm: str, under: str) -> bool | None:
     return arm == ALL or arm != f"no_{family}"
 
 
-def _scores(run: Run) -> dict[str, dict[str, Values]]:
+def _scores(run: Run) -> dict[str, dict[str, Array]]:
     """Per pair: the errors under each family and corruption, means over severities and corruptions."""
     rows = run.rows.filter(pl.col("n_valid") > 0).with_columns(
         epe=pl.col("epe_sum") / pl.col("n_valid"), rcre=pl.col("rcre_all_sum") / pl.col("n_all")
     )
     pairs = sorted(set(rows["sample"]))
     clean = _by_pair(rows.filter(pl.col("corruption") == CLEAN), "epe", pairs)
-    scores: dict[str, dict[str, Values]] = {CLEAN: {"epe_clean": clean}}
+    scores: dict[str, dict[str, Array]] = {CLEAN: {"epe_clean": clean}}
     for family in TESTED:
         for under, names in ((family, members(family)), *((name, [name]) for name in members(family))):
             part = rows.filter(pl.col("corruption").is_in(names))
@@ -144,7 +144,7 @@ def _scores(run: Run) -> dict[str, dict[str, Values]]:
     return scores
 
 
-def _by_pair(rows: pl.DataFrame, column: str, pairs: list[str]) -> Values:
+def _by_pair(rows: pl.DataFrame, column: str, pairs: list[str]) -> Array:
     means = rows.group_by("sample").agg(pl.col(column).mean()).sort("sample")
     if list(means["sample"]) != pairs:
         raise UsageError(f"pairs without a measured {column}: the runs of an experiment measure every pair")

@@ -67,19 +67,19 @@ def _sentences(table: pl.DataFrame) -> str:
     ]
     for word, chosen in (("left out", False), ("trained with", True)):
         for quantity in _COLUMNS:
-            found = [_one(table, f"no_{family}" if not chosen else ALL, family, quantity) for family in TESTED]
-            lower = sum(effect["difference"] < 0 for effect in found)
-            before, after = (sum(effect[which] for effect in found) / len(found) for which in ("plain", "value"))
+            effects = [_one(table, f"no_{family}" if not chosen else ALL, family, quantity) for family in TESTED]
+            lower = sum(effect["difference"] < 0 for effect in effects)
+            before, after = (sum(effect[which] for effect in effects) / len(effects) for which in ("plain", "value"))
             texts.append(
-                f"Under families {word}, {quantity.upper()} is lower in {lower} of {len(found)} (mean {before:.2f} to "
-                f"{after:.2f} px, {100 * (after / before - 1):+.0f} %); {_settled(found)}."
+                f"Under families {word}, {quantity.upper()} is lower in {lower} of {len(effects)} (mean {before:.2f} "
+                f"to {after:.2f} px, {100 * (after / before - 1):+.0f} %); {_settled(effects)}."
             )
     return "\n".join(f"- {text}" for text in texts)
 
 
-def _settled(found: Sequence[dict[str, Any]]) -> str:
+def _settled(effects: Sequence[dict[str, Any]]) -> str:
     """How many intervals lie on which side of 0."""
-    known = [effect for effect in found if effect["low"] is not None]
+    known = [effect for effect in effects if effect["low"] is not None]
     if not known:
         return "too few pairs for intervals, so nothing follows from it for other pairs"
     below, above = (sum(test(effect) for effect in known) for test in (lambda e: e["high"] < 0, lambda e: e["low"] > 0))

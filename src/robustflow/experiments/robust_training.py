@@ -28,7 +28,7 @@ SHAPES = "shapes"
 
 
 @dataclass(frozen=True)
-class Measured:
+class EvaluationSet:
     """A set of pairs that every network is measured on.
 
     Attributes:
@@ -43,13 +43,13 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrainingExperiment:
     """The experiment.
 
     Attributes:
         output: folder of everything it writes.
         start: weights that every arm starts from: a file of `train tiny`.
-        measured: the data sets to measure on.
+        evaluation_sets: to measure every network on.
         seeds: how many, from 0: of order, augmentation and corruption of the training.
         steps: of each training; None for the recipe's.
         severities: those to measure.
@@ -58,21 +58,21 @@ class Plan:
 
     output: Path
     start: str
-    measured: tuple[Measured, ...]
+    evaluation_sets: tuple[EvaluationSet, ...]
     seeds: int = 3
     steps: int | None = None
     severities: tuple[int, ...] = (3,)
     loaders: int = 1
 
 
-def measured_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Measured, ...]:
+def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[EvaluationSet, ...]:
     """Held-out flying shapes, and each NAME=FOLDER.
 
     Raises:
         UsageError: not NAME=FOLDER, a name that no data set has, or one without ground truth.
         DataError: another layout.
     """
-    sets = [Measured(SHAPES, options=(("pairs", shapes), ("size", size), ("split", "test")))]
+    sets = [EvaluationSet(SHAPES, options=(("pairs", shapes), ("size", size), ("split", "test")))]
     for entry in data:
         name, equals, folder = entry.partition("=")
         if not equals:
@@ -81,17 +81,17 @@ def measured_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Measured
             raise UsageError(
                 f"--data {entry}: {dataset_facts(name).title} has no ground truth; give pairs with ground truth"
             )
-        sets.append(Measured(name, Path(folder).expanduser().resolve()))
+        sets.append(EvaluationSet(name, Path(folder).expanduser().resolve()))
     return tuple(sets)
 
 
 def run_experiment(
-    plan: Plan, say: Callable[[str], None], stop: Callable[[], bool] = lambda: False
+    experiment: TrainingExperiment, say: Callable[[str], None], stop: Callable[[], bool] = lambda: False
 ) -> dict[tuple[str, str, int], Run] | None:
     """Train and measure what is still missing.
 
     Args:
-        plan: of the experiment.
+        experiment: what to train and measure.
         say: called with messages about the progress.
         stop: called after each update; True ends there, and a later call continues.
 
@@ -102,38 +102,38 @@ def run_experiment(
         RunError: the folder holds trainings from another start or with other steps.
         UsageError, DataError, ModelError, RunError: see `run_training` and `evaluate`.
     """
-    make_folder(plan.output)
+    make_folder(experiment.output)
     runs: dict[tuple[str, str, int], Run] = {}
-    todo = [(seed, arm) for seed in range(plan.seeds) for arm in arms()]
+    todo = [(seed, arm) for seed in range(experiment.seeds) for arm in arms()]
     for number, (seed, arm) in enumerate(todo, 1):
         say(f"{number} of {len(todo)}: seed {seed}, {arm.name}")
-        checkpoint = _trained(plan, arm, seed, stop)
+        checkpoint = _trained(experiment, arm, seed, stop)
         if checkpoint is None:
             return None
-        for measured in plan.measured:
-            runs[arm.name, measured.dataset, seed] = _measured(plan, arm, seed, checkpoint, measured)
+        for evaluation_set in experiment.evaluation_sets:
+            runs[arm.name, evaluation_set.dataset, seed] = _measured(experiment, arm, seed, checkpoint, evaluation_set)
     return runs
 
 
-def _trained(plan: Plan, arm: Arm, seed: int, stop: Callable[[], bool]) -> Path | None:
+def _trained(experiment: TrainingExperiment, arm: Arm, seed: int, stop: Callable[[], bool]) -> Path | None:
     """The weights of an arm; None if its training was stopped."""
-    folder = plan.output / "trainings" / f"seed-{seed}" / arm.name
+    folder = experiment.output / "trainings" / f"seed-{seed}" / arm.name
     done = folder / "complete"
-    recipe = load_recipe(METHOD, STAGE).changed(steps=plan.steps)
+    recipe = load_recipe(METHOD, STAGE).changed(steps=experiment.steps)
     if (folder / LAST).exists():
-        _check_same(plan, recipe, folder / LAST)
+        _check_same(experiment, recipe, folder / LAST)
     if done.exists():
         return folder / LAST
     request = Request(
         recipe=recipe,
         data=[],
         output=folder,
-        start=plan.start,
+        start=experiment.start,
         start_trained_on="FS",
         resume=(folder / LAST).exists(),
         seed=seed,
         device="auto",
-        loaders=plan.loaders,
+        loaders=experiment.loaders,
         corrupt=arm.corruptions,
     )
     checkpoint = run_training(request, stop)
@@ -143,27 +143,29 @@ def _trained(plan: Plan, arm: Arm, seed: int, stop: Callable[[], bool]) -> Path 
     return checkpoint
 
 
-def _check_same(plan: Plan, recipe: Recipe, checkpoint: Path) -> None:
-    with opened(Path(plan.start)) as (_, start):
+def _check_same(experiment: TrainingExperiment, recipe: Recipe, checkpoint: Path) -> None:
+    with opened(Path(experiment.start)) as (_, start):
         asked = {"--init": start, "--steps": recipe.digest()}
     _, about = read_progress(checkpoint)
     held = {"--init": about.identity.get("start"), "--steps": about.identity.get("recipe")}
     differing = " and ".join(option for option in asked if asked[option] != held[option])
     if differing:
         raise RunError(
-            f"{plan.output} holds an experiment with another {differing}; give what it was begun with, or another "
-            "--output"
+            f"{experiment.output} holds an experiment with another {differing}; give what it was begun with, or "
+            "another --output"
         )
 
 
-def _measured(plan: Plan, arm: Arm, seed: int, checkpoint: Path, measured: Measured) -> Run:
+def _measured(
+    experiment: TrainingExperiment, arm: Arm, seed: int, checkpoint: Path, evaluation_set: EvaluationSet
+) -> Run:
     return evaluate(
         ModelSpec(METHOD, (("checkpoint", str(checkpoint)),)),
-        measured.dataset,
-        measured.data,
-        plan.output / "runs" / measured.dataset / f"seed-{seed}" / arm.name,
+        evaluation_set.dataset,
+        evaluation_set.data,
+        experiment.output / "runs" / evaluation_set.dataset / f"seed-{seed}" / arm.name,
         corruptions=IMAGE_PAIR,
-        severities=plan.severities,
-        data_options=dict(measured.options) or None,
+        severities=experiment.severities,
+        data_options=dict(evaluation_set.options) or None,
         name=f"{METHOD} {arm.name} {seed}",
     )

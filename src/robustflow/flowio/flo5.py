@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import AssetError, DataError
+from ..errors import AssetError, DataError, first_line
 from ..sample import Flow, Mask
 from .arrays import claimed_size, known
 
@@ -30,8 +30,7 @@ def read_flo5(path: Path) -> tuple[Flow, Mask]:
                 raise DataError(f"{path}: no dataset 'flow' inside, so not a Spring .flo5 file; check the file")
             values = _values(h5py, path, file["flow"])
     except (OSError, RuntimeError, ValueError, KeyError, MemoryError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise DataError(f"{path}: not a readable HDF5 file ({reason}); copy or download it again") from error
+        raise DataError(f"{path}: not a readable HDF5 file ({first_line(error)}); copy or download it again") from error
     return known(values)
 
 

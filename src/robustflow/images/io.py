@@ -18,7 +18,7 @@ import numpy.typing as npt
 from PIL import Image, ImageOps, TiffImagePlugin
 
 from .. import atomic
-from ..errors import DataError
+from ..errors import DataError, first_line
 from ..sample import Frame
 from .intact import check_deflated_strips, check_jpeg, check_length, check_png, check_png_rows
 
@@ -65,7 +65,7 @@ def read_image(path: str | Path) -> Frame:
     except DataError:
         raise
     except _OF_PILLOW as error:
-        raise DataError(f"{path}: damaged or cut short ({_reason(error)}); copy or download it again") from error
+        raise DataError(f"{path}: damaged or cut short ({first_line(error)}); copy or download it again") from error
 
 
 def image_size(path: str | Path) -> tuple[int, int]:
@@ -80,7 +80,7 @@ def image_size(path: str | Path) -> tuple[int, int]:
             width, height = image.size
             turned = image.getexif().get(0x0112, 1) in (5, 6, 7, 8)
     except _OF_PILLOW as error:
-        raise DataError(f"{path}: cannot be read as a picture ({_reason(error)}); check the file") from error
+        raise DataError(f"{path}: cannot be read as a picture ({first_line(error)}); check the file") from error
     return (width, height) if turned else (height, width)
 
 
@@ -97,7 +97,7 @@ def stored_size(path: str | Path) -> tuple[int, int]:
             with Image.open(path, formats=_FORMATS) as image:
                 width, height = image.size
     except _OF_PILLOW as error:
-        raise DataError(f"{path}: cannot be read as a picture ({_reason(error)}); check the file") from error
+        raise DataError(f"{path}: cannot be read as a picture ({first_line(error)}); check the file") from error
     return height, width
 
 
@@ -229,7 +229,3 @@ def _rgb(path: Path, image: Image.Image) -> Frame:
     if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
         raise DataError(f"{path}: colours of kind {image.mode} are not supported; convert it to plain RGB, 8 bits")
     return np.array(image.convert("RGB"))
-
-
-def _reason(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

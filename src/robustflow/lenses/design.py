@@ -11,7 +11,7 @@ from .glass import AIR
 from .goals import goal_of
 from .merit import FIELDS, Goal, Limits, aim
 from .prescription import Lens, Surface
-from .residuals import build, clear_radii
+from .residuals import build_lens, clear_radii
 from .search import SAMPLES, Budget, Candidate, search
 
 SHIPPED_SEEDS = (0, 0, 0, 0, 0)
@@ -39,7 +39,7 @@ def prescription_of(candidate: Candidate, goal: Goal, half_field: float, name: s
     """A candidate as a prescription, rounded to what a drawing would state (1e-8 1/mm, 1e-6 mm)."""
     structure = candidate.structure
     index, stop = structure.indices(SAMPLES), structure.stop_surface
-    curvature, thickness, radius, pupil, magnification = build(
+    curvature, thickness, radius, pupil, magnification = build_lens(
         candidate.free, index, stop, goal.focal_length, goal.f_number
     )
     conic, tangents = np.zeros(curvature.size), FIELDS * goal.field_tangent

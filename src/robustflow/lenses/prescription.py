@@ -8,9 +8,10 @@ from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from ..errors import DataError, first_misfit
+from ..validated import Frozen
 from .glass import AIR, SELLMEIER, refractive_index
 
 IMAGE_RADIUS = 14.3
@@ -32,7 +33,7 @@ def tangent_of(degrees: float) -> float:
     return round(math.tan(math.radians(degrees)), 12)
 
 
-class Surface(BaseModel):
+class Surface(Frozen):
     """One surface of revolution, z = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)).
 
     Attributes:
@@ -42,8 +43,6 @@ class Surface(BaseModel):
         glass: the medium behind the surface, a catalogue name or "air".
         semi_diameter: clear radius in mm; its rim blocks rays. The stop's is the radius of the aperture.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     curvature: _Finite
     conic: _Finite = 0.0
@@ -59,7 +58,7 @@ class Surface(BaseModel):
         return glass
 
 
-class Lens(BaseModel):
+class Lens(Frozen):
     """A lens focused at infinity.
 
     Attributes:
@@ -76,8 +75,6 @@ class Lens(BaseModel):
     >>> Lens(name="singlet", surfaces=(plane, front, back), stop=0, f_number=6.5, half_field=20).elements
     1
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     surfaces: tuple[Surface, ...] = Field(min_length=2, max_length=100)

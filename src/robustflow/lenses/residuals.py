@@ -25,7 +25,7 @@ RIM = 1.03
 
 
 @njit(cache=True, error_model="numpy")
-def build(free: Any, index: Any, stop: int, focal_length: float, f_number: float) -> Any:
+def build_lens(free: Any, index: Any, stop: int, focal_length: float, f_number: float) -> Any:
     """Curvatures, gaps, stop radius, pupil position and magnification; the radius is 0 for an impossible lens."""
     surfaces = index.shape[1] - 1
     curvature, thickness = np.zeros(surfaces), np.zeros(surfaces)
@@ -74,10 +74,10 @@ def clear_radii(curvature: Any, conic: Any, thickness: Any, index: Any, x: Any, 
 
 
 @njit(cache=True, error_model="numpy")
-def evaluate(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, out: Any) -> bool:
+def fill_residuals(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: Any, out: Any) -> bool:
     """Fill the residuals of a lens; False where it cannot be built or traced. `index` is (3 n + 1, K + 1)."""
     focal_length, f_number, field_tangent, tangential, in_phase, sagittal, wanted_rms, lateral, nominal = goal
-    curvature, thickness, radius, pupil, magnification = build(free, index, stop, focal_length, f_number)
+    curvature, thickness, radius, pupil, magnification = build_lens(free, index, stop, focal_length, f_number)
     if radius <= 0.0:
         return False
     conic = np.zeros(curvature.size)
@@ -150,7 +150,7 @@ def evaluate(free: Any, index: Any, stop: int, fields: Any, goal: Any, limits: A
 
 @njit(cache=True)
 def residual_count(fields: int, surfaces: int) -> int:
-    """How many residuals `evaluate` fills."""
+    """How many residuals `fill_residuals` fills."""
     return fields * 51 + 2 + 4 * surfaces - 1
 
 
@@ -160,7 +160,7 @@ def damped_least_squares(free: Any, index: Any, stop: int, fields: Any, goal: An
     rows, columns = residual_count(fields.size, index.shape[1] - 1), free.size
     base, trial, jacobian = np.zeros(rows), np.zeros(rows), np.zeros((columns, rows))
     best = free.copy()
-    if not evaluate(best, index, stop, fields, goal, limits, base):
+    if not fill_residuals(best, index, stop, fields, goal, limits, base):
         return best, np.inf
     cost = (base * base).sum()
     damping = 1e-2
@@ -170,7 +170,7 @@ def damped_least_squares(free: Any, index: Any, stop: int, fields: Any, goal: An
             jacobian[j, :] = 0.0
             moved = best.copy()
             moved[j] += STEP
-            if evaluate(moved, index, stop, fields, goal, limits, trial):
+            if fill_residuals(moved, index, stop, fields, goal, limits, trial):
                 for i in range(rows):
                     jacobian[j, i] = (trial[i] - base[i]) / STEP
         for a in range(columns):
@@ -187,7 +187,7 @@ def damped_least_squares(free: Any, index: Any, stop: int, fields: Any, goal: An
         for _ in range(6):
             change = solve_damped(normal, gradient, damping)
             moved = best - change
-            if evaluate(moved, index, stop, fields, goal, limits, trial):
+            if fill_residuals(moved, index, stop, fields, goal, limits, trial):
                 new = (trial * trial).sum()
                 if new < cost:
                     gain = 1.0 - new / cost

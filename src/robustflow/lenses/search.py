@@ -17,7 +17,7 @@ from ..random.rng import Rng
 from .glass import AIR, SELLMEIER, abbe_number, refractive_index
 from .merit import AIM_TOLERANCE, FIELDS, Goal, Limits, aim
 from .paraxial import DESIGN_WAVELENGTH
-from .residuals import build, damped_least_squares, evaluate, residual_count
+from .residuals import build_lens, damped_least_squares, fill_residuals, residual_count
 from .spectrum import CHANNELS, channel_wavelengths
 
 Array = npt.NDArray[np.float64]
@@ -87,7 +87,7 @@ SAMPLES = 3
 def _cost(structure: Structure, free: Array, goal: Goal, limits: Limits) -> float:
     index = structure.indices(SAMPLES)
     out = np.zeros(residual_count(FIELDS.size, index.shape[1] - 1))
-    if not evaluate(free, index, structure.stop_surface, FIELDS, goal, limits, out):
+    if not fill_residuals(free, index, structure.stop_surface, FIELDS, goal, limits, out):
         return float("inf")
     return float((out * out).sum())
 
@@ -210,7 +210,7 @@ def fills_its_stop(candidate: Candidate, goal: Goal, fields: int = 64) -> bool:
     """Whether rays of every field point reach the edge of the stop, not only those of the merit function's six."""
     structure = candidate.structure
     index, stop = structure.indices(1)[-1:], structure.stop_surface
-    curvature, thickness, radius, pupil, magnification = build(
+    curvature, thickness, radius, pupil, magnification = build_lens(
         candidate.free, index, stop, goal.focal_length, goal.f_number
     )
     tangents = np.linspace(0.0, 1.0, fields) * goal.field_tangent

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Literal
 
 import polars as pl
-from pydantic import BaseModel, ConfigDict
 
 from ..errors import unknown_name
+from ..validated import FrozenFinite
 from .rows import ROW_SCHEMA_VERSION
 
 Averaging = Literal["image", "pixel"]
@@ -21,11 +21,7 @@ SUMMARY_VERSION = 2
 `paper` and `paper_over`, and its overall means left out corruptions that are not in the paper."""
 
 
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Scores(_Frozen):
+class Scores(FrozenFinite):
     """Means of the metrics; None if there is nothing to average (no ground truth, no such pixels).
 
     Attributes:
@@ -84,7 +80,7 @@ class RegionScores(Scores):
     fl_clean: float | None = None
 
 
-class MissingCells(_Frozen):
+class MissingCells(FrozenFinite):
     """Samples under one corruption at one severity."""
 
     corruption: str

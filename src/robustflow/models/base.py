@@ -96,12 +96,12 @@ def model_identity(model: Any) -> dict[str, Any]:
     return {"object": f"{kind.__module__}.{kind.__qualname__}"}
 
 
-def name_of(model: Any) -> str | None:
+def given_name(model: Any) -> str | None:
     """The name that a user's own model gives itself: its attribute `name`, if that is a string; otherwise None.
 
     >>> class Mine:
     ...     name = "My model"
-    >>> name_of(Mine()), name_of(print.__self__)
+    >>> given_name(Mine()), given_name(print.__self__)
     ('My model', None)
     """
     name = getattr(model, "name", None)

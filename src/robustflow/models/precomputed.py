@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..digest import sha256_of_file
 from ..errors import ModelError
 from ..flowio import FLOW_SUFFIXES, read_flow
 from ..sample import Flow
@@ -39,7 +40,7 @@ class Precomputed:
         for path in (path for folder in settings for path in sorted(folder.rglob("*"))):
             if path.suffix in FLOW_SUFFIXES and path.is_file():
                 name = path.relative_to(self._folder).as_posix()
-                listing.update(f"{name} {_digest(path)}\n".encode())
+                listing.update(f"{name} {_sha256(path)}\n".encode())
         return {"name": "precomputed", "files": listing.hexdigest()}
 
     def lookup(self, key: str, corruption: str, severity: int) -> Flow:
@@ -60,9 +61,8 @@ class Precomputed:
         )
 
 
-def _digest(path: Path) -> str:
+def _sha256(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return sha256_of_file(path)
     except OSError as error:
         raise ModelError(f"{path}: cannot be read ({error.strerror or error}); check its permissions") from None

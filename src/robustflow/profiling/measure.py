@@ -15,7 +15,7 @@ from ..models.torch.model import NetworkModel
 
 
 @dataclass(frozen=True)
-class Measured:
+class PredictionCost:
     """The best of several predictions.
 
     Attributes:
@@ -30,7 +30,7 @@ class Measured:
     device: str
 
 
-def measure(model: NetworkModel, height: int, width: int, repeat: int = 1) -> Measured:
+def measure_prediction(model: NetworkModel, height: int, width: int, repeat: int = 1) -> PredictionCost:
     """Predict a pair of random frames; one prediction more comes first where a GPU needs it to warm up.
 
     Raises:
@@ -50,4 +50,5 @@ def measure(model: NetworkModel, height: int, width: int, repeat: int = 1) -> Me
         seconds.append(time.perf_counter() - start)
     unit = 1 if sys.platform == "darwin" else 1024
     peak = torch.cuda.max_memory_allocated(model.device) if gpu else 0
-    return Measured(min(seconds), peak or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit, str(model.device))
+    peak = peak or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    return PredictionCost(min(seconds), peak, str(model.device))

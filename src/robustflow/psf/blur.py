@@ -38,26 +38,26 @@ class Sized(Protocol):
         """Bytes."""
 
 
-Entry = TypeVar("Entry", bound=Sized)
+CachedKernel = TypeVar("CachedKernel", bound=Sized)
 
 
-class KernelCache(Generic[Entry]):
+class KernelCache(Generic[CachedKernel]):
     """What was computed from kernels, by (field, image size); the least recently used go, to keep within a limit."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
-        self._entries: OrderedDict[tuple[str, int, int], Entry] = OrderedDict()
+        self._entries: OrderedDict[tuple[str, int, int], CachedKernel] = OrderedDict()
         self._nbytes = 0
         self._lock = threading.Lock()
 
-    def get(self, key: tuple[str, int, int]) -> Entry | None:
+    def get(self, key: tuple[str, int, int]) -> CachedKernel | None:
         """What is kept under a key, or None."""
         with self._lock:
             if key in self._entries:
                 self._entries.move_to_end(key)
             return self._entries.get(key)
 
-    def put(self, key: tuple[str, int, int], entry: Entry) -> None:
+    def put(self, key: tuple[str, int, int], entry: CachedKernel) -> None:
         """Keep something, unless it alone exceeds the limit."""
         if entry.nbytes > self.limit:
             return
@@ -154,7 +154,7 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
         return np.asarray(blurred, np.float64)
 
     total = np.zeros((3, height, padded.shape[2]))
-    for column, (plain, mirror) in enumerate(in_order(strip, nodes[1], threads or allowed_threads())):
+    for column, (plain, mirror) in enumerate(results_in_order(strip, nodes[1], threads or allowed_threads())):
         left = columns.starts[column] + margin_x
         total[..., left : left + window] += plain
         total[..., ::-1][..., left : left + window] += mirror
@@ -163,7 +163,7 @@ def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArr
     return total[..., margin_x : margin_x + width].transpose(1, 2, 0)
 
 
-def in_order(work, count: int, threads: int) -> Iterator[npt.NDArray[np.float64]]:  # type: ignore[no-untyped-def]
+def results_in_order(work, count: int, threads: int) -> Iterator[npt.NDArray[np.float64]]:  # type: ignore[no-untyped-def]
     """Results of work(0) .. work(count - 1) in order, at most `threads` + 1 of them alive."""
     if threads == 1:
         yield from (work(number) for number in range(count))

@@ -21,7 +21,7 @@ Inputs = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]
 PlainKernel = Callable[[int, int, int], npt.NDArray[np.float64]]
 
 
-class _Noise(NamedTuple):
+class _KernelDifference(NamedTuple):
     """How much one kernel exceeds another, in units of `unit`."""
 
     kernel: npt.NDArray[np.int16]
@@ -33,7 +33,7 @@ class _Noise(NamedTuple):
         return self.kernel.nbytes
 
 
-_NOISE: KernelCache[_Noise] = KernelCache(limit=96 * 2**20)
+_DIFFERENCES: KernelCache[_KernelDifference] = KernelCache(limit=96 * 2**20)
 
 
 class ExactValues:
@@ -75,13 +75,13 @@ class ExactValues:
         total = 0.0
         for weight, row, column, along_y, along_x in self._around(y, x):
             key = (f"{self._field.digest} {row} {column} {channel}", self._rows.length, self._columns.length)
-            noise = _NOISE.get(key)
+            noise = _DIFFERENCES.get(key)
             if noise is None:
                 difference = self._kernel(row, column, channel)
                 difference[:SUPPORT] -= plain(row, column, channel)
                 unit = max(float(np.abs(difference).max()), 1e-300) / 32767
-                noise = _Noise(np.rint(difference / unit).astype(np.int16), unit)
-                _NOISE.put(key, noise)
+                noise = _KernelDifference(np.rint(difference / unit).astype(np.int16), unit)
+                _DIFFERENCES.put(key, noise)
             total += weight * noise.unit * dot(noise.kernel, self._planes[channel], grey, *along_y, *along_x)
         return total
 

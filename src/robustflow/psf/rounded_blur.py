@@ -17,7 +17,7 @@ import numpy.typing as npt
 import scipy.fft
 
 from ..sample import Frame
-from .blur import REACH, KernelCache, blur, in_order, reflected
+from .blur import REACH, KernelCache, blur, reflected, results_in_order
 from .exact_values import ExactValues
 from .lag_sums import add_strip, lag_sums, round_all
 from .psf_field import PsfField
@@ -105,7 +105,7 @@ def _near_blur(frame: Frame, field: PsfField, threads: int | None) -> tuple[npt.
         return np.asarray(scipy.fft.irfft(sums, transform, overwrite_x=True), np.float64)
 
     total = np.full((3, height, padded.shape[2]), GREY)
-    for column, blurred in enumerate(in_order(strip, len(columns.starts), threads or allowed_threads())):
+    for column, blurred in enumerate(results_in_order(strip, len(columns.starts), threads or allowed_threads())):
         add_strip(blurred, columns.windows[column], columns.starts[column] + margin_x, total)
     return total, margin_x
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..analysis.audit import Audit, audit_results, audit_run
 from ..analysis.results import read_results
-from .load import is_record, load_run
+from .load import is_record, load_any_run
 
 
 def audit(path: str | Path) -> Audit:
@@ -17,5 +17,5 @@ def audit(path: str | Path) -> Audit:
     """
     path = Path(path).expanduser()
     if path.is_dir() or is_record(path):
-        return audit_run(load_run(path), str(path))
+        return audit_run(load_any_run(path), str(path))
     return audit_results(read_results(path), audited=str(path))

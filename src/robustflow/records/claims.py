@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
+from ..benchmarks import benchmark_facts
 from ..benchmarks.setting import training_record
 from ..corruptions.registry import CORRUPTIONS
 from ..corruptions.stack import levels_of, split_stack
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     """Raise for unknown corruptions, and for unplanned or missing rows; returns a sentence if there are none."""
     plan = reader.plan
-    problems = [*_unknown(plan.selection.corruptions, plan.identity.corruptions or {}), *_left_out(plan)]
+    problems = [*_unknown(plan.selection.corruptions, plan), *_left_out(plan)]
     if not set(plan.selection.severities) <= set(SEVERITIES):
         problems.append(f"severities {plan.selection.severities}: they are 1 to 5")
     if problems:
@@ -101,9 +101,11 @@ def _sets(names: list[str] | None) -> str:
     return "+".join(names) if names else "nothing it names"
 
 
-def _unknown(names: list[str], own: Iterable[str] = ()) -> list[str]:
-    """Raise for names unknown to this package, to installed ones, and to the identity's list of the user's own."""
-    known, out = {*CORRUPTIONS.names(), *own}, []
+def _unknown(names: list[str], plan: Manifest) -> list[str]:
+    """Raise for names unknown to this package, to installed ones, to the identity's list of the user's own, and to the
+    benchmark whose frames come with them."""
+    of_benchmark = benchmark_facts(plan.identity.benchmark).paper_corruptions
+    known, out = {*CORRUPTIONS.names(), *(plan.identity.corruptions or {}), *of_benchmark}, []
     for name in names:
         try:
             fits = all(part in known for part, _ in split_stack(name))
@@ -121,7 +123,7 @@ def _left_out(plan: Manifest) -> list[str]:
     scale = "calibrated" if plan.identity.severity_scale else "paper"
     severities = tuple(plan.selection.severities)
     for name in dict.fromkeys((*plan.selection.corruptions, *plan.left_out)):
-        if name not in plan.selection.corruptions or _unknown([name], plan.identity.corruptions or {}):
+        if name not in plan.selection.corruptions or _unknown([name], plan):
             return [f"left_out names '{plain(name, 60)}', which was not selected"]
         lacking = sorted({*levels_of(name, severities)} - {*levels_of(name, severities, scale)})
         if plan.left_out.get(name, []) != lacking:

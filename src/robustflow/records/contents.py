@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, Field, JsonValue, ValidationError, field_validator, model_validator
 
 from ..benchmarks.setting import manifest_provenance
 from ..errors import DataError, RunError, first_misfit
@@ -13,6 +13,7 @@ from ..models.provenance import Setting
 from ..runs.identity import LONGEST_NAME
 from ..runs.manifest_file import MANIFEST_SCHEMA
 from ..text import plain
+from ..validated import Untrusted
 from .rows_text import MOST_ROWS
 from .text import holds_path, texts
 
@@ -25,25 +26,21 @@ _Severity = Annotated[int, Field(ge=0, le=5)]
 _Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class Entry(_Strict):
+class PackedEntry(Untrusted):
     """Size and hash of an entry of the file."""
 
     bytes: Annotated[int, Field(ge=0)]
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
-class Record(_Strict):
+class Record(Untrusted):
     """`record.json`: what the file is, and who submits it; author, link and description are arbitrary plain text."""
 
     format: Literal["robustflow-record"] = "robustflow-record"
     version: Annotated[int, Field(ge=1, le=VERSION)] = VERSION
     run: _Digest
     complete: bool
-    entries: dict[str, Entry]
+    entries: dict[str, PackedEntry]
     author: Annotated[str, Field(max_length=200)] = ""
     link: Annotated[str, Field(max_length=500)] = ""
     description: Annotated[str, Field(max_length=2000)] = ""
@@ -56,7 +53,7 @@ class Record(_Strict):
         return link
 
 
-class Identity(_Strict):
+class Identity(Untrusted):
     """What changes a row's numbers; see `robustflow.runs.plan.Plan.identity`."""
 
     version: int
@@ -77,14 +74,14 @@ class Identity(_Strict):
     frost: _Text | None = None
 
 
-class Selection(_Strict):
+class Selection(Untrusted):
     """Requested corruptions and severities."""
 
     corruptions: Annotated[list[_Text], Field(min_length=1, max_length=1000)]
     severities: Annotated[list[_Severity], Field(min_length=1, max_length=5)]
 
 
-class Provenance(_Strict):
+class Provenance(Untrusted):
     """What the manifest states about the model's training."""
 
     setting: Setting
@@ -93,7 +90,7 @@ class Provenance(_Strict):
     note: str = ""
 
 
-class Machine(_Strict):
+class Machine(Untrusted):
     """What kind of machine, not which."""
 
     system: Annotated[str, Field(max_length=40)]
@@ -101,7 +98,7 @@ class Machine(_Strict):
     cores: int | None
 
 
-class Environment(_Strict):
+class Environment(Untrusted):
     """Versions of what can change a number."""
 
     python: Annotated[str, Field(max_length=40)]
@@ -109,7 +106,7 @@ class Environment(_Strict):
     machine: Machine
 
 
-class Manifest(_Strict):
+class Manifest(Untrusted):
     """`manifest.json` of a record: that of the run, without its command line and the machine's name and version."""
 
     run_schema: Annotated[int, Field(alias="schema", ge=MANIFEST_SCHEMA, le=MANIFEST_SCHEMA)]

@@ -15,14 +15,14 @@ AnyRun = TypeVar("AnyRun", bound=Run)
 
 
 @overload
-def load_run(path: str | Path) -> Run: ...
+def load_any_run(path: str | Path) -> Run: ...
 
 
 @overload
-def load_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
+def load_any_run(path: str | Path, kind: type[AnyRun]) -> AnyRun: ...
 
 
-def load_run(path: str | Path, kind: type[Run] = Run) -> Run:
+def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
     """The run in a folder that `run` wrote, or in a record that `pack` wrote.
 
     A record is verified first; its run is in a temporary folder that is removed when the run is no longer used.

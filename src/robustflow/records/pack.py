@@ -10,7 +10,7 @@ from ..atomic import json_bytes, write_bytes
 from ..errors import DataError, RunError, UsageError
 from ..runs.costs import PROFILE, read_cost
 from .container import container_bytes, read_file
-from .contents import FORMAT, VERSION, Entry, Record, shareable_manifest, validated
+from .contents import FORMAT, VERSION, PackedEntry, Record, shareable_manifest, validated
 from .read import Reader
 from .rows_text import rows_to_text
 from .text import check_text
@@ -109,7 +109,7 @@ def record_bytes(
         "run": run.manifest["identity_digest"],
         "complete": not missing,
         "entries": {
-            name: Entry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest()).model_dump()
+            name: PackedEntry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest()).model_dump()
             for name, data in entries.items()
         },
         **stated,

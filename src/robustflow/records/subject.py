@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from pydantic import BaseModel, ConfigDict
-
 from ..text import counted, plain
+from ..validated import Frozen
 
 if TYPE_CHECKING:
     from ..runs.run import Run
     from .contents import Manifest
 
 
-class Subject(BaseModel):
+class Subject(Frozen):
     """What was measured: recomputed from the rows of a record, never taken from its means.
 
     Attributes:
@@ -22,8 +21,6 @@ class Subject(BaseModel):
         setting: OOD, ID, LEAKED, ... as it follows from the training sets.
         epe_clean, epe, cre, rcre: pixels; crer: a ratio; None without ground truth.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     model: str
     benchmark: str

@@ -7,20 +7,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
-
 from ..analysis.audit.run_folder import audit_run
 from ..benchmarks.setting import manifest_provenance
 from ..errors import RobustFlowError
 from ..runs.run import Run
 from ..text import plain
+from ..validated import Frozen
 from .claims import cell_problems, training_problems
 from .container import read_file
 from .contents import Record
 from .read import STEPS, Reader
 from .subject import Subject, subject_of, unproven
 
-CHECKS = {
+VERIFICATION_CHECKS = {
     "container": "a plain file of a record's entries, nothing else in it",
     "record": "its format is read by this version",
     "hashes": "every entry has its SHA-256",
@@ -39,17 +38,15 @@ _SHOWN = 3
 _Outcome = tuple[Literal["ok", "failed"], str]
 
 
-class Check(BaseModel):
+class Check(Frozen):
     """One line of a verification: what was checked, whether it holds, and a reason or figure in one line."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     status: Literal["ok", "failed", "not checked"]
     says: str
 
 
-class Verification(BaseModel):
+class Verification(Frozen):
     """The outcome of the checks of a record.
 
     Attributes:
@@ -57,13 +54,11 @@ class Verification(BaseModel):
         sha256: of the file, by which a record can be cited; "" if it could not be read.
         facts: `record.json` with author, link and description, all in the submitter's words; None if it could not be
             read.
-        checks: in the order of `CHECKS`; "frames" only if data were given, "predictions" only if a model was given,
-            too.
+        checks: in the order of `VERIFICATION_CHECKS`; "frames" only if data were given, "predictions" only if a
+            model was given, too.
         subject: model, benchmark, pairs and scores, recomputed from the rows; None if an earlier check failed.
         unproven: what none of the checks made can prove, in sentences.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     file: str
     sha256: str
@@ -179,6 +174,6 @@ def _checks(outcomes: dict[str, _Outcome], later: dict[str, DataCheck]) -> tuple
         Check(name=check, status=outcomes[check][0], says=plain(outcomes[check][1], 600))
         if check in outcomes
         else Check(name=check, status="not checked", says="")
-        for check in CHECKS
+        for check in VERIFICATION_CHECKS
         if check not in ("frames", "predictions") or check in later
     )

@@ -9,7 +9,7 @@ import polars as pl
 
 from ..analysis.labels import METRIC_LABELS, long_label, metric_label
 from ..analysis.scores import run_names
-from ..analysis.uncertainty import compare as compare_rows
+from ..analysis.uncertainty import compare_rows
 from ..analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
 from ..analysis.uncertainty.paired import common_remark
 from ..analysis.uncertainty.sentences import p_text

@@ -11,19 +11,19 @@ import polars as pl
 
 from ..analysis.best import Compared, best_of_columns
 from ..analysis.labels import (
-    FAMILY_LABELS,
-    FAMILY_OF,
     METRIC_LABELS,
     SETTING_LABELS,
     benchmark_words,
+    family_label,
     short_label,
 )
 from ..analysis.published.tables import Cost
 from ..analysis.results import AVERAGE, CLEAN
 from ..benchmarks import benchmark_facts
-from ..corruptions.registry import PAPER_ORDER
+from ..corruptions.names import ordered
 from ..errors import UsageError, unknown_name
 from ..runs.costs import RunCost
+from ..text import joined
 from .cost_table import cost_table
 from .table import Column, Line, Section, Table, TableCell, number_text, with_doubt
 
@@ -72,9 +72,7 @@ def build_table(
     if chosen.is_empty():
         raise UsageError(f"the table '{name}' would be empty: these results have no such {METRIC_LABELS[metric]}")
     measured = set(chosen["corruption"])
-    known = [c for c in PAPER_ORDER if c in measured]
-    others = sorted(measured - {CLEAN, AVERAGE, *known})
-    keys = [CLEAN] * (CLEAN in measured) + known + others + [AVERAGE]
+    keys = [CLEAN] * (CLEAN in measured) + ordered(measured - {CLEAN, AVERAGE}) + [AVERAGE]
     columns = [_column(key, metric) for key in keys]
     models = set(chosen.select("sample_set", "model").iter_rows())
     gaps = {model: share for model, share in (coverage or {}).items() if model in models and share < 1}
@@ -90,7 +88,7 @@ def build_table(
                 _lines(lines, keys, setting != "knowledge", doubted or {}, gaps),
             )
         )
-    title = f"{METRIC_LABELS[metric]} on {_listed(chosen['benchmark'])}"
+    title = f"{METRIC_LABELS[metric]} on {_measured_on(chosen['benchmark'])}"
     return Table(name, title, tuple(columns), tuple(sections), (_BEST, _SHARE) if gaps else (_BEST,))
 
 
@@ -106,13 +104,12 @@ _COVERAGE = "coverage"
 _SHARE = "Coverage: share of the pixels with ground truth that the model predicted; its errors are over these only."
 
 
-def _listed(benchmarks: pl.Series) -> str:
+def _measured_on(benchmarks: pl.Series) -> str:
     """What was measured on, in words, the paper's benchmark first."""
     unique = dict.fromkeys(benchmarks)
     facts = {name: benchmark_facts(name) for name in unique}
     order = sorted(unique, key=lambda name: (not facts[name].published, not facts[name].has_flow, name))
-    names = list(map(benchmark_words, order))
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return joined(list(map(benchmark_words, order)))
 
 
 def settings_in_order(results: pl.DataFrame) -> list[str]:
@@ -126,7 +123,7 @@ def _column(key: str, metric: str) -> Column:
         return Column("Clean")
     if key == AVERAGE:
         return Column(f"AVG {METRIC_LABELS[metric]}")
-    return Column(short_label(key), FAMILY_LABELS[FAMILY_OF[key]] if key in FAMILY_OF else "Others")
+    return Column(short_label(key), family_label(key) or "Others")
 
 
 def _lines(

@@ -13,7 +13,7 @@ from .artefacts import Artefact
 from .plan import Missing, Runnable
 
 
-def measure(
+def measure_variants(
     artefact: Artefact,
     choices: Sequence[Runnable | Missing],
     output: Path,

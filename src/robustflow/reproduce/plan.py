@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..benchmarks.setting import setting_of
 from ..models import ModelSpec
 from ..models.catalog import CheckpointEntry, checkpoints, is_installed, methods
-from ..models.own.networks import OWN
+from ..models.own.networks import OWN_NETWORKS
 from ..models.provenance import training_of_entry
 from ..models.torch.find_checkpoint import RANDOM
 from ..training.recipe import recipes_of, trained_methods
@@ -53,7 +53,7 @@ class Missing:
 
 
 def choose(
-    variants: Sequence[Variant], benchmark: str, found: Sequence[FoundWeights], *, random: bool = False
+    variants: Sequence[Variant], benchmark: str, weights: Sequence[FoundWeights], *, random: bool = False
 ) -> list[Runnable | Missing]:
     """What there is for each variant.
 
@@ -64,22 +64,22 @@ def choose(
     Args:
         variants: of the paper.
         benchmark: what they are to be measured on.
-        found: in the folders of checkpoints.
+        weights: files in the folders of checkpoints.
         random: whether random weights may stand in for missing ones.
     """
-    return [_chosen(variant, benchmark, found, random) for variant in variants]
+    return [_chosen(variant, benchmark, weights, random) for variant in variants]
 
 
-def _chosen(variant: Variant, benchmark: str, found: Sequence[FoundWeights], random: bool) -> Runnable | Missing:
+def _chosen(variant: Variant, benchmark: str, weights: Sequence[FoundWeights], random: bool) -> Runnable | Missing:
     entry = methods()[variant.model]
     if entry.type == "knowledge":
         return Runnable(variant, ModelSpec(variant.model), _GREY if variant.model == "dis" else "", variant.model)
     if not is_installed(entry):
         return Missing(variant, f"needs {entry.extra}", f"pip install 'robustflow[{entry.extra}]'")
-    for file in found:
+    for file in weights:
         if file.claim == variant.slug:
             return _runnable(variant, file, f"own file {file.path.name}")
-    of_catalogue = {file.entry.sha256: file for file in found if file.entry is not None}
+    of_catalogue = {file.entry.sha256: file for file in weights if file.entry is not None}
     nearest = _nearest(variant, benchmark, [file.entry for file in of_catalogue.values() if file.entry is not None])
     if nearest is not None:
         sets = ", ".join(nearest.trained_on.split("+"))
@@ -88,7 +88,7 @@ def _chosen(variant: Variant, benchmark: str, found: Sequence[FoundWeights], ran
     if random:
         spec = ModelSpec(variant.model, (("checkpoint", RANDOM),))
         return Runnable(variant, spec, "RANDOM WEIGHTS: this says nothing about the method", f"{variant.model}-random")
-    return Missing(variant, _reason(variant, benchmark, found), _remedy(variant, benchmark))
+    return Missing(variant, _reason(variant, benchmark, weights), _remedy(variant, benchmark))
 
 
 def _runnable(variant: Variant, file: FoundWeights, weights: str) -> Runnable:
@@ -110,17 +110,17 @@ def _distance(entry: CheckpointEntry) -> int:
     return len({*entry.trained_on.split("+")} ^ _OF_PAPER)
 
 
-def _reason(variant: Variant, benchmark: str, found: Sequence[FoundWeights]) -> str:
-    altered = [file for file in found if file.altered is not None and file.altered.model == variant.model]
+def _reason(variant: Variant, benchmark: str, weights: Sequence[FoundWeights]) -> str:
+    altered = [file for file in weights if file.altered is not None and file.altered.model == variant.model]
     if altered:
         return f"{altered[0].path} has another hash than the file of this name; it is damaged or another"
     others = {
         setting_of(training_of_entry(file.entry), benchmark): file.path.name
-        for file in found
+        for file in weights
         if file.entry is not None and file.entry.model == variant.model
     }
-    said = [f"{name} is {setting} on {benchmark}, not {variant.setting}" for setting, name in others.items()]
-    return said[0] if said else "no checkpoint found"
+    others_are = [f"{name} is {setting} on {benchmark}, not {variant.setting}" for setting, name in others.items()]
+    return others_are[0] if others_are else "no checkpoint found"
 
 
 def _remedy(variant: Variant, benchmark: str) -> str:
@@ -128,8 +128,8 @@ def _remedy(variant: Variant, benchmark: str) -> str:
     public = _nearest(variant, benchmark, checkpoints())
     if public is not None:
         ways.append(f"as a stand-in {public.address}")
-    elif variant.model in OWN:
-        ways.append(f"{OWN[variant.model].source}, saved as {variant.slug}.pth")
+    elif variant.model in OWN_NETWORKS:
+        ways.append(f"{OWN_NETWORKS[variant.model].source}, saved as {variant.slug}.pth")
     stages = recipes_of(variant.model) if variant.model in trained_methods() else {}
     stage = next((stage for stage in (variant.setting.lower(), "unsupervised") if stage in stages), None)
     if stage is not None:

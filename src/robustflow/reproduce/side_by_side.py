@@ -10,7 +10,7 @@ from statistics import fmean
 
 import polars as pl
 
-from ..analysis.labels import FAMILY_LABELS, FAMILY_OF, METRIC_LABELS, SETTING_LABELS, short_label
+from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, family_label, short_label
 from ..analysis.published.tables import published_costs, published_results
 from ..analysis.results import AVERAGE, CLEAN, RESULT_METRICS
 from ..analysis.scores import note_of, run_results
@@ -24,14 +24,14 @@ from .artefacts import Artefact
 from .plan import Runnable
 from .variants import Variant
 
-Values = Mapping[tuple[str, str], float]
+MetricValues = Mapping[tuple[str, str], float]
 """(metric, corruption) -> value, of one variant."""
 
 _MEANS = (("epe", CLEAN), ("epe", AVERAGE), ("cre", AVERAGE), ("crer", AVERAGE), ("rcre", AVERAGE))
 
 
 @dataclass(frozen=True)
-class Pair:
+class SideBySide:
     """A variant as the paper measured it and, where it was run, as it was measured here.
 
     Attributes:
@@ -43,13 +43,13 @@ class Pair:
     """
 
     variant: Variant
-    published: Values
-    here: Values
+    published: MetricValues
+    here: MetricValues
     note: str = ""
     random: bool = False
 
 
-def pair_of(artefact: Artefact, runnable: Runnable, run: Run) -> Pair:
+def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
     """A variant that was run, beside the published values over the same corruptions."""
     here = _values(run_results([run], beside_published=True))
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
@@ -64,19 +64,19 @@ def pair_of(artefact: Artefact, runnable: Runnable, run: Run) -> Pair:
         "" if set(levels) == set(SEVERITIES) else "the published values are over all five severities",
     )
     published = _published(artefact, runnable.variant, measured)
-    return Pair(runnable.variant, published, here, "; ".join(filter(None, notes)), runnable.random)
+    return SideBySide(runnable.variant, published, here, "; ".join(filter(None, notes)), runnable.random)
 
 
-def published_pair(artefact: Artefact, variant: Variant) -> Pair:
+def paper_alone(artefact: Artefact, variant: Variant) -> SideBySide:
     """A variant as the paper measured it, alone."""
-    return Pair(variant, _published(artefact, variant, _of_paper(artefact)), {})
+    return SideBySide(variant, _published(artefact, variant, _of_paper(artefact)), {})
 
 
 def _of_paper(artefact: Artefact) -> tuple[str, ...]:
     return benchmark_facts(artefact.benchmark).paper_corruptions
 
 
-def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) -> Values:
+def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) -> MetricValues:
     values = dict(
         _values(published_results().filter(benchmark=artefact.benchmark, setting=variant.setting, model=variant.method))
     )
@@ -96,13 +96,13 @@ def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) ->
     return values
 
 
-def _values(results: pl.DataFrame) -> Values:
+def _values(results: pl.DataFrame) -> MetricValues:
     return {
         (metric, name): value for metric, name, value in results.select("metric", "corruption", "value").iter_rows()
     }
 
 
-def columns_of(artefact: Artefact, pairs: Sequence[Pair]) -> list[tuple[Column, tuple[str, str]]]:
+def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple[Column, tuple[str, str]]]:
     """The columns of a table or figure that any of these variants has a value for, and where that is."""
     if artefact.columns == "means":
         every = [
@@ -116,15 +116,13 @@ def columns_of(artefact: Artefact, pairs: Sequence[Pair]) -> list[tuple[Column, 
     else:
         metric = artefact.columns
         every = [(Column("Clean"), (metric, CLEAN))] if metric == "epe" else []
-        every += [
-            (Column(short_label(name), FAMILY_LABELS[FAMILY_OF[name]]), (metric, name)) for name in _of_paper(artefact)
-        ]
+        every += [(Column(short_label(name), family_label(name) or ""), (metric, name)) for name in _of_paper(artefact)]
         every.append((Column(f"AVG {METRIC_LABELS[metric]}"), (metric, AVERAGE)))
-    shown = [_with_families(pair.here or pair.published) for pair in pairs]
+    shown = [_with_families(one.here or one.published) for one in variants]
     return [(column, key) for column, key in every if any(key in values for values in shown)]
 
 
-def _with_families(values: Values) -> Values:
+def _with_families(values: MetricValues) -> MetricValues:
     """The values, and CREr by family under ("crer", FAMILY): the mean EPE of its corruptions against the clean one."""
     clean, more = values.get(("epe", CLEAN)), {}
     for family, names in FAMILIES.items():
@@ -134,15 +132,15 @@ def _with_families(values: Values) -> Values:
     return {**values, **more}
 
 
-def comparison_table(artefact: Artefact, pairs: Sequence[Pair]) -> Table:
+def comparison_table(artefact: Artefact, variants: Sequence[SideBySide]) -> Table:
     """Three lines for each variant that was run: published, here, the difference; one for each that was not."""
-    columns = columns_of(artefact, pairs)
+    columns = columns_of(artefact, variants)
     keys = [key for _, key in columns]
     sections = []
-    for setting in dict.fromkeys(pair.variant.setting for pair in pairs):
+    for setting in dict.fromkeys(one.variant.setting for one in variants):
         lines: list[Line] = []
-        for pair in (pair for pair in pairs if pair.variant.setting == setting):
-            lines += _lines(pair, keys)
+        for one in (one for one in variants if one.variant.setting == setting):
+            lines += _lines(one, keys)
         sections.append(Section(SETTING_LABELS.get(setting, setting), tuple(lines)))
     return Table(
         artefact.name,
@@ -152,14 +150,14 @@ def comparison_table(artefact: Artefact, pairs: Sequence[Pair]) -> Table:
     )
 
 
-def _lines(pair: Pair, keys: Sequence[tuple[str, str]]) -> list[Line]:
-    published, here = _with_families(pair.published), _with_families(pair.here)
+def _lines(variant: SideBySide, keys: Sequence[tuple[str, str]]) -> list[Line]:
+    published, here = _with_families(variant.published), _with_families(variant.here)
     # Over corruptions that were not run nothing is compared.
-    shown = [key for key in keys if not pair.here or key in here]
-    lines = [Line(f"{pair.variant.method}, paper", _cells({key: published.get(key) for key in shown}, keys))]
-    if pair.here:
-        name = f"{pair.variant.method}, {'RANDOM WEIGHTS' if pair.random else 'here'}"
-        lines.append(Line(name, _cells(here, keys), pair.note))
+    shown = [key for key in keys if not variant.here or key in here]
+    lines = [Line(f"{variant.variant.method}, paper", _cells({key: published.get(key) for key in shown}, keys))]
+    if variant.here:
+        name = f"{variant.variant.method}, {'RANDOM WEIGHTS' if variant.random else 'here'}"
+        lines.append(Line(name, _cells(here, keys), variant.note))
         lines.append(Line("  difference", tuple(TableCell(_difference(published, here, key)) for key in keys)))
     return lines
 
@@ -168,21 +166,21 @@ def _cells(values: Mapping[tuple[str, str], float | None], keys: Sequence[tuple[
     return tuple(TableCell(number_text(values.get(key), None)) for key in keys)
 
 
-def _difference(published: Values, here: Values, key: tuple[str, str]) -> str:
+def _difference(published: MetricValues, here: MetricValues, key: tuple[str, str]) -> str:
     return f"{here[key] - published[key]:+.2f}" if key in published and key in here else "-"
 
 
-def comparison_csv(artefact: Artefact, pairs: Sequence[Pair]) -> str:
+def comparison_csv(artefact: Artefact, variants: Sequence[SideBySide]) -> str:
     """Every value as a line: setting, model, metric, corruption (or family), published, here, difference, note."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["setting", "model", "metric", "corruption", "published", "here", "difference", "random", "note"])
-    for pair in pairs:
-        published, here = _with_families(pair.published), _with_families(pair.here)
-        for _, key in columns_of(artefact, pairs):
+    for one in variants:
+        published, here = _with_families(one.published), _with_families(one.here)
+        for _, key in columns_of(artefact, variants):
             both = (published.get(key), here.get(key))
             difference = None if None in both else here[key] - published[key]
             cells = ["" if value is None else f"{value:.6g}" for value in (*both, difference)]
-            note, random = (text_cell(pair.note), "yes" if pair.random else "no") if pair.here else ("", "")
-            writer.writerow([pair.variant.setting, pair.variant.method, *key, *cells, random, note])
+            note, random = (text_cell(one.note), "yes" if one.random else "no") if one.here else ("", "")
+            writer.writerow([one.variant.setting, one.variant.method, *key, *cells, random, note])
     return out.getvalue()

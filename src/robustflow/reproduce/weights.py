@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..digest import sha256_of_file
 from ..errors import DataError
 from ..models.catalog import CheckpointEntry, checkpoints
 
@@ -46,14 +46,14 @@ def weights_in(folders: Sequence[Path]) -> list[FoundWeights]:
     """
     known = {entry.sha256: entry for entry in checkpoints()}
     by_name = {entry.file: entry for entry in checkpoints()}
-    found = []
+    weights = []
     for path in _files(folders):
         digits = _sha256(path)[:8]
         entry = known.get(digits)
         named = by_name.get(path.name)
         claim = path.parent.name if path.stem == _TRAINED else path.stem
-        found.append(FoundWeights(path, digits, entry, claim.lower(), named if entry is None else None))
-    return found
+        weights.append(FoundWeights(path, digits, entry, claim.lower(), named if entry is None else None))
+    return weights
 
 
 def _files(folders: Sequence[Path]) -> Iterator[Path]:
@@ -66,8 +66,7 @@ def _files(folders: Sequence[Path]) -> Iterator[Path]:
 
 def _sha256(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return sha256_of_file(path)
     except OSError as error:
         raise DataError(
             f"{path}: cannot be read ({error.strerror}); move it out of the folder of checkpoints"

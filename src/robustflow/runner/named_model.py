@@ -9,7 +9,7 @@ from typing import Any
 
 from ..errors import UsageError
 from ..models import ModelSpec
-from ..models.base import AnyModel, BatchedFlowModel, ClipModel, model_identity, name_of
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, given_name, model_identity
 from ..models.construct import as_model
 from ..models.provenance import DECLARED
 
@@ -60,7 +60,7 @@ def name_model(model: str | Path | ModelSpec | AnyModel | Callable[..., Any]) ->
     if isinstance(model, ModelSpec):
         loaded = model.load()
         declared = dict(model.options).get(DECLARED, getattr(loaded, DECLARED, None))
-        own_name = name_of(loaded) if model.is_own else None
+        own_name = given_name(loaded) if model.is_own else None
         return NamedModel(model, loaded, model.identity(loaded), declared, own_name)
     given = as_model(model, f"the model {model!r}")
-    return NamedModel(None, given, model_identity(given), getattr(given, DECLARED, None), name_of(given))
+    return NamedModel(None, given, model_identity(given), getattr(given, DECLARED, None), given_name(given))

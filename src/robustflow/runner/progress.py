@@ -31,8 +31,8 @@ LINE_EVERY_S = 10.0
 class Progress(Protocol):
     """Is notified of every finished unit."""
 
-    def start(self, folder: Path, total: int, found: int) -> None:
-        """A run of `total` units starts; `found` of them were finished by an earlier call."""
+    def start(self, folder: Path, total: int, finished: int) -> None:
+        """A run of `total` units starts; `finished` of them were finished by an earlier call."""
 
     def advance(self, done: FinishedUnit) -> None:
         """One more unit is on disk."""
@@ -49,7 +49,7 @@ class NamesEngine(Protocol):
 class Silent:
     """A `Progress` that shows nothing."""
 
-    def start(self, folder: Path, total: int, found: int) -> None:
+    def start(self, folder: Path, total: int, finished: int) -> None:
         """Nothing."""
 
     def advance(self, done: FinishedUnit) -> None:
@@ -84,7 +84,7 @@ class TerminalProgress:
         self._bar: Bar | None = None
         self._folder: Path | None = None
         self._engine = ""
-        self._total = self._finished = self._found = 0
+        self._total = self._finished = self._finished_before = 0
         self._started = self._last_line = time.monotonic()
 
     def __enter__(self) -> TerminalProgress:
@@ -100,11 +100,11 @@ class TerminalProgress:
         """The engine of the run that is about to start."""
         self._engine = f"; engine: {name}"
 
-    def start(self, folder: Path, total: int, found: int) -> None:
-        """A run of `total` units starts; `found` of them were finished by an earlier call."""
-        self._folder, self._total, self._finished, self._found = folder, total, found, found
+    def start(self, folder: Path, total: int, finished: int) -> None:
+        """A run of `total` units starts; `finished` of them were finished by an earlier call."""
+        self._folder, self._total, self._finished, self._finished_before = folder, total, finished, finished
         self._started = self._last_line = time.monotonic()
-        kept = f", {found} of them already there" if found else ""
+        kept = f", {finished} of them already there" if finished else ""
         self._console.print(
             f"{folder}: {counted(total, 'step')} (a pair under one corruption each){kept}{self._engine}",
             highlight=False,
@@ -120,7 +120,7 @@ class TerminalProgress:
                 TimeRemainingColumn(),
             )
             self._bar = Bar(TextColumn("{task.description}", markup=False), *columns, console=self._console)
-            self._bar.add_task("", total=total, completed=found)
+            self._bar.add_task("", total=total, completed=finished)
             self._bar.start()
 
     def advance(self, done: FinishedUnit) -> None:
@@ -132,7 +132,7 @@ class TerminalProgress:
         elif time.monotonic() - self._last_line >= LINE_EVERY_S or self._finished == self._total:
             self._last_line = time.monotonic()
             spent = self._last_line - self._started
-            left = spent / (self._finished - self._found) * (self._total - self._finished)
+            left = spent / (self._finished - self._finished_before) * (self._total - self._finished)
             share = 100 * self._finished / self._total
             print(
                 f"{self._finished}/{self._total} ({share:.0f} %), {left:.0f} s left, last {what}",

@@ -23,10 +23,9 @@ from ..models import ModelSpec
 from ..models.base import AnyModel, place
 from ..random.rng import Rng
 from ..runs.plan import Unit
-from ..sample import Flow, Frame
 from .named_model import name_model
 from .setup import set_up_frames
-from .worker import Worker
+from .worker import NoMotion, Worker
 
 TOLERANCE_PX = 0.01
 """Tolerance for the means of one row: the same network rounds differently on another processor or with another
@@ -68,7 +67,7 @@ def recheck(
         raise UsageError(f"{count} rows cannot be checked: give 1 or more")
     seed = int.from_bytes(os.urandom(4)) if seed is None else seed
     dataset, run_options = set_up_frames(identity, data, options or {})
-    predictor: AnyModel = _Still()
+    predictor: AnyModel = NoMotion()
     if model is not None:
         predictor = name_model(model).model
         run_options = replace(run_options, window=window_on(predictor, dataset))
@@ -110,10 +109,3 @@ def _gap(made: dict[str, Any], row: dict[str, Any]) -> float:
         elif made[count] and row[count]:
             gaps.append(abs(made[total] / made[count] - row[total] / row[count]))
     return max(gaps)
-
-
-class _Still:
-    """Stands in for the run's model, which is not needed: no motion."""
-
-    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        return np.zeros((*frame1.shape[:2], 2), np.float32)

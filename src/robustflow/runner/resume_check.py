@@ -13,16 +13,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-
 from ..metrics.rows import CLEAN
 from ..runs.manifest import last_changed
 from ..runs.plan import Plan, Unit
 from ..runs.store import RunFolder
-from ..sample import Flow, Frame
 from .engines.base import Job
 from .kept_rows import check_same_data, check_same_model, kept_clean_rows
-from .worker import Worker
+from .worker import NoMotion, Worker
 
 _HASH = re.compile(r"[0-9a-f]{64}")
 
@@ -49,7 +46,7 @@ def check_before_resuming(folder: RunFolder, job: Job, plan: Plan) -> None:
             return worker.run(Unit(before["sample"], CLEAN, (0,)))[0]
 
         if job.options.window is None and is_named_by_content(plan.model_identity):
-            check_same_data(before, measured(_Still()))
+            check_same_data(before, measured(NoMotion()))
             return
         now = measured(job.load_model())
     check_same_data(before, now)
@@ -66,10 +63,3 @@ def is_named_by_content(identity: dict[str, Any]) -> bool:
     """
     users = "source" in identity or "object" in identity
     return not users and any(isinstance(value, str) and _HASH.fullmatch(value) for value in identity.values())
-
-
-class _Still:
-    """Stands in for a model whose prediction is not needed: no motion."""
-
-    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        return np.zeros((*frame1.shape[:2], 2), np.float32)

@@ -11,9 +11,10 @@ from typing import Any
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
 from ..benchmarks.setting import training_record
 from ..corruptions import load_corruption
+from ..corruptions.on_disk import on_disk
 from ..corruptions.own import is_known, own_among
 from ..corruptions.scale import calibration_digest
-from ..corruptions.sources import OWN, recorded_sources, user_sources
+from ..corruptions.sources import OWN_KEY, recorded_sources, user_sources
 from ..corruptions.textures import Textures, recorded_textures
 from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
@@ -72,7 +73,8 @@ def set_up(
         ModelError: the model cannot be loaded.
     """
     for corruption in benchmark.corruptions:
-        load_corruption(corruption, variant, severity_scale)
+        if not benchmark.closed or on_disk(corruption) is None:
+            load_corruption(corruption, variant, severity_scale)
     if benchmark.closed and severity_scale != "paper":
         raise UsageError(
             "these frames were corrupted beforehand, at the paper's severities; leave out --severity-scale, "
@@ -179,7 +181,7 @@ def open_benchmark(
 
 def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOptions:
     scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
-    own = [str(name) for name in identity.get(OWN, {})]
+    own = [str(name) for name in identity.get(OWN_KEY, {})]
     for name in own:
         if not is_known(name):
             raise RunError(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..atomic import make_folder
-from ..datasets.robustspring import CLEAN, DIRECTIONS, RobustSpring
+from ..datasets.robustspring_condition import CLEAN, DIRECTIONS, Condition
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..flowio import read_flow, write_flow
 from ..models import ModelSpec
@@ -22,7 +22,7 @@ from .predict import flows_of
 
 
 @dataclass(frozen=True)
-class Job:
+class ConditionPairs:
     """The pairs of one condition in one direction.
 
     Attributes:
@@ -32,7 +32,7 @@ class Job:
     """
 
     condition: str
-    pairs: RobustSpring
+    pairs: Condition
     keys: tuple[str, ...]
 
 
@@ -76,7 +76,7 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
     return named.model
 
 
-def jobs_of(root: Path, corruptions: Sequence[str], limit: int | None = None) -> list[Job]:
+def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = None) -> list[ConditionPairs]:
     """What a submission consists of, the clean frames first; every condition has the same pairs.
 
     Args:
@@ -90,25 +90,25 @@ def jobs_of(root: Path, corruptions: Sequence[str], limit: int | None = None) ->
     """
     if limit is not None and limit < 1:
         raise UsageError(f"limit {limit} leaves no pairs: give 1 or more")
-    clean = {direction: RobustSpring(root, CLEAN, direction) for direction in DIRECTIONS}
+    clean = {direction: Condition(root, CLEAN, direction) for direction in DIRECTIONS}
     wanted = set(sorted(key for pairs in clean.values() for key in pairs.keys())[:limit])  # noqa: SIM118
-    jobs = []
+    conditions = []
     for condition in dict.fromkeys((CLEAN, *corruptions)):
         for direction in DIRECTIONS:
-            pairs = clean[direction] if condition == CLEAN else RobustSpring(root, condition, direction)
+            pairs = clean[direction] if condition == CLEAN else Condition(root, condition, direction)
             keys = [key for key in clean[direction].keys() if key in wanted]  # noqa: SIM118
             if gone := set(keys) - set(pairs.keys()):
                 raise DataError(f"{root}: {condition} lacks the pair {min(gone)}, which {CLEAN} has; unpack it whole")
-            jobs.append(Job(condition, pairs, tuple(keys)))
-    return jobs
+            conditions.append(ConditionPairs(condition, pairs, tuple(keys)))
+    return conditions
 
 
-def write_submission(model: AnyModel, jobs: Sequence[Job], folder: Path) -> Iterator[Submitted]:
+def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], folder: Path) -> Iterator[Submitted]:
     """Predict FOLDER/CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5 and so on; flows that are there stay.
 
     Args:
         model: from `model_of`.
-        jobs: from `jobs_of`.
+        conditions: from `condition_pairs`.
         folder: made where it is not there.
 
     Yields:
@@ -119,17 +119,17 @@ def write_submission(model: AnyModel, jobs: Sequence[Job], folder: Path) -> Iter
         DataError: a frame cannot be read, or a file cannot be written.
         ModelError: the model does not answer with a flow at every pixel.
     """
-    for job in jobs:
-        targets = {key: folder / job.condition / "test" / f"{key}.flo5" for key in job.keys}
-        there = [key for key in job.keys if targets[key].exists()]
+    for each in conditions:
+        targets = {key: folder / each.condition / "test" / f"{key}.flo5" for key in each.keys}
+        there = [key for key in each.keys if targets[key].exists()]
         for key in there:
-            yield Submitted(job.condition, key, False, _moved(read_flow(targets[key])[0], folder, job.condition, key))
-        for key, flow in flows_of(model, job.pairs, [key for key in job.keys if key not in set(there)]):
+            yield Submitted(each.condition, key, False, _moved(read_flow(targets[key])[0], folder, each.condition, key))
+        for key, flow in flows_of(model, each.pairs, [key for key in each.keys if key not in set(there)]):
             if not np.isfinite(flow).all():
-                raise ModelError(f"{job.condition}, '{key}': not a number at every pixel, as a submission has to be")
+                raise ModelError(f"{each.condition}, '{key}': not a number at every pixel, as a submission has to be")
             make_folder(targets[key].parent)
             write_flow(targets[key], flow)
-            yield Submitted(job.condition, key, True, _moved(flow, folder, job.condition, key))
+            yield Submitted(each.condition, key, True, _moved(flow, folder, each.condition, key))
 
 
 def _moved(flow: Flow, folder: Path, condition: str, key: str) -> float | None:

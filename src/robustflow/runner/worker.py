@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..datasets.base import Dataset
 from ..metrics.rows import CLEAN
 from ..models.base import AnyModel
@@ -113,3 +115,11 @@ class Worker:
 
     def _row(self, loaded: Loaded, clean: Flow, flow: Flow, frames: tuple[Frame, ...], cell: Cell) -> dict[str, Any]:
         return self._measure.row(loaded, clean, flow, self._measure.digest(frames), cell)
+
+
+class NoMotion:
+    """Stands in for a model whose prediction is not needed: the flow is zero everywhere."""
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """Zero flow, float32 (H, W, 2)."""
+        return np.zeros((*frame1.shape[:2], 2), np.float32)

@@ -15,12 +15,13 @@ from typing import Any, Literal, get_args
 
 import polars as pl
 
+from ..corruptions.names import family_of, ordered
 from ..corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
 from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
-from .family_means import by_family
+from .family_means import grouped_by_family
 from .means import WHOLE, mean_scores, scores_by_condition
 from .plan import Cell
 
@@ -83,7 +84,7 @@ def summarize(
     averaged_over = [name for name, scores in corruptions.items() if scores.averaged]
     overall = mean_scores([corruptions[name] for name in averaged_over], clean)
     in_paper = [name for name in corruptions if name in paper]
-    families = {family: mean_scores(parts, clean) for family, parts in by_family(corruptions).items()}
+    families = {family: mean_scores(parts, clean) for family, parts in grouped_by_family(corruptions).items()}
     return Summary(
         **overall.model_dump(),
         averaging=averaging,
@@ -143,16 +144,15 @@ def _corruptions(
     by_corruption: dict[str, dict[int, Scores]] = defaultdict(dict)
     for (corruption, severity), scores in sorted(by_condition.items(), key=lambda item: item[0]):
         by_corruption[corruption][severity] = scores
-    family_of = {name: family for family, names in FAMILIES.items() for name in names}
     return {
         name: CorruptionScores(
             **mean_scores(list(by_corruption[name].values()), clean).model_dump(),
-            family=family_of.get(name),
+            family=family_of(name),
             averaged=over == "all" or name in PAPER_ORDER,
             severities=list(by_corruption[name]),
             by_severity={m: [getattr(scores, m) for scores in by_corruption[name].values()] for m in METRICS},
         )
-        for name in _corruption_order(by_corruption)
+        for name in ordered(by_corruption)
     }
 
 
@@ -181,17 +181,12 @@ def _regions(rows: pl.DataFrame, averaging: Averaging, over: Literal["all", "pap
     return out
 
 
-def in_order(summary: Summary) -> Summary:
+def summary_in_order(summary: Summary) -> Summary:
     """A summary read from a file, whose keys may be in any order, in the order of a computed one."""
     return summary.model_copy(
         update={
-            "corruptions": {name: summary.corruptions[name] for name in _corruption_order(summary.corruptions)},
+            "corruptions": {name: summary.corruptions[name] for name in ordered(summary.corruptions)},
             "families": {name: summary.families[name] for name in FAMILIES if name in summary.families},
             "regions": {name: summary.regions[name] for name in REGIONS if name in summary.regions},
         }
     )
-
-
-def _corruption_order(names: Collection[str]) -> list[str]:
-    """The paper's order, then the others by name."""
-    return [name for name in PAPER_ORDER if name in names] + sorted(set(names) - set(PAPER_ORDER))

@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from ..errors import RunError, first_misfit
+from ..validated import Untrusted
 
 if TYPE_CHECKING:
     from .run import Run
 
 
-class RunAttachment(BaseModel):
+class RunAttachment(Untrusted):
     """The fields that every such file has.
 
     Attributes:
         version: of this file.
         run: the digest of the run's identity.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
     version: Annotated[int, Field(ge=1, le=1)] = 1
     run: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]

@@ -79,7 +79,7 @@ def read_cost(run: Run) -> RunCost | None:
     return read_attachment(RunCost, run, PROFILE, _LARGEST, _COMMAND)
 
 
-def check_model(run: Run, model: Mapping[str, Any]) -> None:
+def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
     """Check that a model of this identity is the run's, apart from its weights and how it is executed.
 
     Raises:

@@ -17,7 +17,7 @@ from typing import Any
 import polars as pl
 
 from ..atomic import TEMPORARY
-from ..corruptions.registry import PAPER_ORDER
+from ..corruptions.names import ordered
 from ..metrics.rows import CLEAN
 from .example_cells import example_cells
 from .run import Run
@@ -43,8 +43,10 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
     ]
     shown = next(cell.key for cell in cells if cell.kind == "median")
     of_sample = rows.filter((pl.col("sample") == shown) & (pl.col("corruption") != CLEAN))
-    conditions = sorted(of_sample.select("corruption", "severity").iter_rows(), key=_paper_order)
-    names = list(dict.fromkeys(name for name, _ in conditions))
+    names = ordered(of_sample["corruption"].unique())
+    conditions = sorted(
+        of_sample.select("corruption", "severity").iter_rows(), key=lambda cell: (names.index(cell[0]), cell[1])
+    )
     pictures = [
         {"corruption": name, "severity": severity, "file": f"{_plain_name(name, names.index(name))}_{severity}.jpg"}
         for name, severity in conditions
@@ -56,17 +58,12 @@ def example_list(rows: pl.DataFrame) -> dict[str, Any] | None:
     }
 
 
-def _paper_order(condition: tuple[str, int]) -> tuple[int, str, int]:
-    name, severity = condition
-    return (PAPER_ORDER.index(name) if name in PAPER_ORDER else len(PAPER_ORDER)), name, severity
-
-
 def _plain_name(corruption: str, index: int) -> str:
     """A file name for a corruption: its own, or a number for a stack, whose name holds "+" and ":"."""
     return corruption if re.fullmatch("[a-z0-9_]{1,40}", corruption) else f"other-{index}"
 
 
-def picture_files(listed: dict[str, Any]) -> list[str]:
+def example_files(listed: dict[str, Any]) -> list[str]:
     slider = listed["slider"]
     return [slider["clean"], *(picture["file"] for picture in (*slider["pictures"], *listed["panels"]))]
 
@@ -79,7 +76,7 @@ def are_current(result: Run) -> bool:
         on_disk = json.loads((home / EXAMPLES_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return listed is not None and on_disk == listed and all((home / name).is_file() for name in picture_files(listed))
+    return listed is not None and on_disk == listed and all((home / name).is_file() for name in example_files(listed))
 
 
 def drop_examples(run: Path) -> None:

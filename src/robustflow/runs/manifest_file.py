@@ -23,7 +23,7 @@ class _Shape(BaseModel):
     model_config = ConfigDict(extra="allow", strict=True)
 
 
-class _Identity(_Shape):
+class _IdentityFields(_Shape):
     benchmark: str
     dataset: str
     protocol: dict[str, Any]
@@ -33,21 +33,21 @@ class _Identity(_Shape):
     allow_invalid: bool
 
 
-class _Selection(_Shape):
+class _SelectionFields(_Shape):
     corruptions: list[str]
     severities: list[_Severity]
 
 
-class _Provenance(_Shape):
+class _ProvenanceFields(_Shape):
     setting: str
 
 
-class _Manifest(_Shape):
-    identity: _Identity
+class _ManifestFields(_Shape):
+    identity: _IdentityFields
     identity_digest: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
     samples: dict[str, list[list[Any]]]
-    selection: _Selection
-    provenance: _Provenance | None = None
+    selection: _SelectionFields
+    provenance: _ProvenanceFields | None = None
     left_out: dict[str, list[_Severity]] = {}
     started: str = ""
     finished: str | None = None
@@ -80,7 +80,7 @@ def read_manifest(path: Path) -> dict[str, Any] | None:
     if _too_deep(manifest):
         raise _damaged(path, "its parts are nested too deeply")
     try:
-        _Manifest.model_validate(manifest)
+        _ManifestFields.model_validate(manifest)
     except ValidationError as error:
         raise _damaged(path, plain(first_misfit(error), 200)) from error
     return manifest

@@ -18,8 +18,8 @@ from ..errors import RobustFlowError, RunError
 from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
 from ..models.catalog import methods
-from ..text import plain
-from .aggregate import in_order, summarize
+from ..text import counted, plain
+from .aggregate import summarize, summary_in_order
 from .facts import Facts
 from .made_from import is_current, made_from, note_made
 from .plan import Cell, planned_cells
@@ -201,7 +201,7 @@ class Run:
             return None
         try:
             document = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))
-            return in_order(Summary.model_validate({name: document[name] for name in Summary.model_fields}))
+            return summary_in_order(Summary.model_validate({name: document[name] for name in Summary.model_fields}))
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             return None
 
@@ -214,7 +214,7 @@ def _lines(run: Run) -> list[str]:
     """Which run, its means, and what is missing."""
     title = benchmark_facts(str(run.manifest["identity"]["benchmark"])).title
     samples = len(run.manifest["samples"])
-    head = f"{plain(run.name)} ({plain(run.setting)}) on {plain(title)}, {samples} pair{'s' if samples != 1 else ''}"
+    head = f"{plain(run.name)} ({plain(run.setting)}) on {plain(title)}, {counted(samples, 'pair')}"
     means = [
         f"{name} {value:.4g}{unit}"
         for name, value, unit in (

@@ -46,11 +46,13 @@ def list_shards(folder: Path) -> list[Path]:
     return now
 
 
-def name_of(path: Path) -> str:
+def shard_name(path: Path) -> str:
     """What a shard holds: its file name without digest and suffix.
 
-    >>> name_of(Path("a-0011.fog-2233.13.00112233445566778899aabbccddeeff.parquet")), name_of(Path("a-0011.parquet"))
-    ('a-0011.fog-2233.13', 'a-0011')
+    >>> shard_name(Path("a-0011.fog-2233.13.00112233445566778899aabbccddeeff.parquet"))
+    'a-0011.fog-2233.13'
+    >>> shard_name(Path("a-0011.parquet"))
+    'a-0011'
     """
     return _DIGEST.sub("", path.name.removesuffix(_SUFFIX))
 

@@ -25,7 +25,7 @@ from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY, rows_frame
 from .manifest_file import MANIFEST_SCHEMA, read_manifest
 from .plan import Cell, Unit
-from .shards import PACK, cells_of, list_shards, merge_shards, name_of, read_shards, shards_digest, write_shard
+from .shards import PACK, cells_of, list_shards, merge_shards, read_shards, shard_name, shards_digest, write_shard
 
 _MANY_SHARDS = 64
 """Number of small shards that are merged into one."""
@@ -107,8 +107,8 @@ class RunFolder:
         """
         name = _slug(key)
         shards = list_shards(self.rows_folder)
-        mine = [path for path in shards if name_of(path) == name or name_of(path).startswith(f"{name}.")]
-        if [name_of(path) for path in mine] != [name]:
+        mine = [path for path in shards if shard_name(path) == name or shard_name(path).startswith(f"{name}.")]
+        if [shard_name(path) for path in mine] != [name]:
             merge_shards(mine, name)
         self.clean_path(key).unlink(missing_ok=True)
         self.pack(_MANY_SHARDS)
@@ -118,7 +118,7 @@ class RunFolder:
         small = [
             path
             for path in list_shards(self.rows_folder)
-            if "." not in name_of(path) and path.stat().st_size < _SMALL_SHARD
+            if "." not in shard_name(path) and path.stat().st_size < _SMALL_SHARD
         ]
         if len(small) >= at_least:
             merge_shards(small, PACK)
@@ -145,7 +145,9 @@ class RunFolder:
             unfinished: those with missing rows.
             cells: the existing rows.
         """
-        in_parts = {name_of(path).partition(".")[0] for path in list_shards(self.rows_folder) if "." in name_of(path)}
+        in_parts = {
+            shard_name(path).partition(".")[0] for path in list_shards(self.rows_folder) if "." in shard_name(path)
+        }
         for key in samples:
             if key not in unfinished and _slug(key) in in_parts:
                 self.finish_sample(key)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ModelError
-from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowModel, name_of
+from ..models.base import AnyModel, BatchedFlowModel, ClipModel, FlowModel, given_name
 from ..models.construct import as_model
 from ..models.window import window_of
 from ..sample import Flow, Frame
@@ -154,7 +154,7 @@ def check_model(model: Any, seed: int = 0) -> str:
             )
         if isinstance(made, BatchedFlowModel) and not isinstance(made, ClipModel):
             _check_batch(made, clips, [first, other], where)
-    return name_of(model) or getattr(model, "__name__", None) or type(model).__name__
+    return given_name(model) or getattr(model, "__name__", None) or type(model).__name__
 
 
 def _predict(model: AnyModel, clip: list[Frame], where: str) -> Flow:

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from ..atomic import write_with
-from ..errors import ModelError, RunError
+from ..errors import ModelError, RunError, first_line
 from ..models.torch.checkpoint import TRAINED_ON
 
 LAST = "last.pth"
@@ -74,8 +74,9 @@ def read_progress(path: Path) -> tuple[dict[str, Any], Progressed]:
     except FileNotFoundError:
         raise RunError(f"{path.parent}: no training to resume (no {path.name}); start one without --resume") from None
     except (RuntimeError, OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
-        first = next(iter(str(error).splitlines()), type(error).__name__)
-        raise ModelError(f"{path} is damaged ({first}); restore it, or start again from a file of weights") from error
+        raise ModelError(
+            f"{path} is damaged ({first_line(error)}); restore it, or start again from a file of weights"
+        ) from error
     try:
         about = json.loads(content[_ABOUT])
         return content, Progressed(int(about["updates"]), dict(about["identity"]), about["best"])

@@ -24,12 +24,12 @@ class Corrector(nn.Module):
         self.head = nn.Sequential(nn.Conv2d(_FEATURES, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 3, 3, padding=1))
         self.mask = mask_layers(_FEATURES)
 
-    def forward(self, image: Tensor, found: Tensor, seen: Tensor) -> Tensor:
+    def forward(self, image: Tensor, warped: Tensor, seen: Tensor) -> Tensor:
         """Offsets (N, 3, H, W) in -1..1, which are added to the image.
 
         Args:
-            image, found: (N, 3, H, W) in -1..1.
+            image, warped: (N, 3, H, W) in -1..1.
             seen: (N, 1, H, W), 1 where the pixel is not occluded.
         """
-        features = torch.relu(self.encoder(torch.cat((image, found, seen), dim=1)))
+        features = torch.relu(self.encoder(torch.cat((image, warped, seen), dim=1)))
         return convex_upsample(torch.tanh(self.head(features)) / 8, 0.25 * self.mask(features), 8)

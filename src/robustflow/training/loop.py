@@ -35,7 +35,7 @@ from .unsupervised.objective import Moment
 
 
 @dataclass(frozen=True)
-class Training:
+class TrainingSetup:
     """Everything that the loop needs.
 
     Attributes:
@@ -66,7 +66,7 @@ class Training:
 
 
 @dataclass
-class State:
+class TrainingState:
     """The state that changes during a training."""
 
     network: TrainedNetwork
@@ -75,7 +75,7 @@ class State:
     done: Progressed
 
 
-def train(training: Training, state: State, process: Process, progress: TrainingProgress) -> None:
+def train(training: TrainingSetup, state: TrainingState, process: Process, progress: TrainingProgress) -> None:
     """Make the remaining updates.
 
     Raises:
@@ -118,7 +118,7 @@ def train(training: Training, state: State, process: Process, progress: Training
 
 
 def _update(
-    called: nn.Module, state: State, stream: Iterator[Batch], training: Training, share: Share, update: int
+    called: nn.Module, state: TrainingState, stream: Iterator[Batch], training: TrainingSetup, share: Share, update: int
 ) -> dict[str, float]:
     """Make one update of the weights, and return its numbers for the log."""
     recipe, device = training.recipe, next(called.parameters()).device
@@ -160,7 +160,7 @@ def _due(update: int, every: int | None, last: int) -> bool:
     return every is not None and (update % every == 0 or update == last)
 
 
-def _validate(training: Training, state: State, log: MetricsLog | None) -> None:
+def _validate(training: TrainingSetup, state: TrainingState, log: MetricsLog | None) -> None:
     assert training.validate is not None
     state.network.eval()
     numbers = training.validate(state.done.updates)
@@ -173,6 +173,6 @@ def _validate(training: Training, state: State, log: MetricsLog | None) -> None:
         save_weights(training.folder / BEST, state.network.weights(), state.done, training.trained_on)
 
 
-def _save(training: Training, state: State) -> None:
+def _save(training: TrainingSetup, state: TrainingState) -> None:
     weights = state.network.weights()
     save_training(training.folder / LAST, weights, state.done, training.trained_on, state.optimizer, state.scaler)

@@ -10,12 +10,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .table import Table
+from ..validated import Frozen
 
 Range = tuple[float, float]
 
 
-class Appearance(Table):
+class Appearance(Frozen):
     """How ARFlow changes the colours of the second pass: in this order, both frames alike.
 
     Attributes:
@@ -31,7 +31,7 @@ class Appearance(Table):
     gamma: Range | None = None
 
 
-class Spatial(Table):
+class Spatial(Frozen):
     """How ARFlow moves the frames of the second pass. The first numbers are for both frames, `relative_*` are for the
     second one besides.
 
@@ -58,7 +58,7 @@ class Spatial(Table):
     noise: float = Field(default=0.04, ge=0)
 
 
-class ArflowObjective(Table):
+class ArflowObjective(Frozen):
     """ARFlow's (Liu et al., CVPR 2020).
 
     Attributes:
@@ -79,7 +79,7 @@ class ArflowObjective(Table):
     spatial: Spatial = Spatial()
 
 
-class UpflowObjective(Table):
+class UpflowObjective(Frozen):
     """UPFlow's (Luo et al., CVPR 2021).
 
     Attributes:
@@ -97,7 +97,7 @@ class UpflowObjective(Table):
     radius: int = Field(3, ge=1)
 
 
-class BrightflowObjective(Table):
+class BrightflowObjective(Frozen):
     """BrightFlow's (Marsal et al., WACV 2023).
 
     Attributes:

@@ -26,15 +26,15 @@ def plan_text(recipe: Recipe, data: Sequence[str | Path]) -> str:
         _memory(recipe),
         "data:",
     ]
-    found: list[OpenPart] = []
+    available: list[OpenPart] = []
     missing: list[tuple[Part, str]] = []
     for part in mix_parts(recipe.mix):
         try:
-            found.append(open_part(part, data))
+            available.append(open_part(part, data))
         except RobustFlowError as error:
             missing.append((part, str(error)))
-    places = sum(map(len, found))
-    for one in found:
+    places = sum(map(len, available))
+    for one in available:
         share = f", {100 * len(one) / places:.1f} % of an epoch" if not missing else ""
         pairs = f"{counted(len(one.keys), 'pair')} x {one.part.times}"
         lines.append(f"  found    {_title(one.part)}: {pairs}{share}; {_augmented(one.part)}")
@@ -71,8 +71,10 @@ def _settings(recipe: Recipe) -> list[str]:
 def _loss(recipe: Recipe) -> str:
     if recipe.objective is None:
         return f"{recipe.loss} loss, gamma {recipe.gamma:g}"
-    said = recipe.objective.model_dump(exclude={"kind", "appearance", "spatial"})
-    words = {name: f"{value:.4g}" if isinstance(value, float) else str(value).lower() for name, value in said.items()}
+    settings = recipe.objective.model_dump(exclude={"kind", "appearance", "spatial"})
+    words = {
+        name: f"{value:.4g}" if isinstance(value, float) else str(value).lower() for name, value in settings.items()
+    }
     return "no labels: " + ", ".join(f"{name.replace('_', ' ')} {value}" for name, value in words.items())
 
 

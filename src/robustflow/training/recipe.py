@@ -16,8 +16,8 @@ from pydantic import BeforeValidator, Field, ValidationError
 
 from ..digest import digest_of_value
 from ..errors import UsageError, unknown_name
+from ..validated import Frozen
 from .objectives import Objective
-from .table import Table
 
 FOLDER = "recipes"
 MIXES = "mixes"
@@ -28,7 +28,7 @@ _NONE = BeforeValidator(lambda value: None if value == "none" else value)
 """A TOML file has no None and says "none"."""
 
 
-class Optimizer(Table):
+class Optimizer(Frozen):
     """The optimiser's settings, besides the learning rate."""
 
     name: Literal["adamw", "adam"] = "adamw"
@@ -41,7 +41,7 @@ class Optimizer(Table):
     """Norm of all gradients that is not exceeded; None, in a file "none", for no clipping."""
 
 
-class Part(Table):
+class Part(Frozen):
     """A data set's part in a mix.
 
     Attributes:
@@ -70,7 +70,7 @@ class Part(Table):
         return self.model_dump_json(exclude=None if self.margin else {"margin"})
 
 
-class Recipe(Table):
+class Recipe(Frozen):
     """One stage of one method.
 
     Attributes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import torch
 from ..atomic import make_folder, write_json
 from ..corruptions.transforms.transform import CorruptionTransform
 from ..datasets import dataset_facts
+from ..digest import digest_of_bytes
 from ..errors import RunError, UsageError
 from ..layout import user_path
 from ..models.provenance import TRAINING_SETS, training_of
@@ -22,7 +22,7 @@ from .checkpoint import LAST, Progressed, read_progress
 from .data.find import OpenPart, open_part
 from .data.order import Order
 from .data.pairs import TrainingPairs
-from .loop import State, Training, train
+from .loop import TrainingSetup, TrainingState, train
 from .networks import load_network
 from .optimizers import build_optimizer
 from .processes import Process, this_process
@@ -48,7 +48,7 @@ class Request:
         device: as for `run --device`.
         options: of the model.
         loaders: processes that prepare batches in advance.
-        save_every, keep_every, validate_every: updates, see `loop.Training`.
+        save_every, keep_every, validate_every: updates, see `loop.TrainingSetup`.
         validate: a benchmark, or None.
         validate_data: its data.
         validate_corruptions: besides the clean frames.
@@ -118,7 +118,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         if process.rank == 0 and not request.resume:
             make_folder(folder)
             write_json(folder / "recipe.json", {**recipe.model_dump(mode="json"), "training": done.identity})
-        training = Training(
+        training = TrainingSetup(
             recipe=recipe,
             seed=request.seed,
             trained_on=_trained_on(done.identity["start_trained_on"], parts),
@@ -131,7 +131,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
             validate=_validator(model, folder, request),
             stop=stop,
         )
-        train(training, State(network, optimizer, scaler, done), process, TrainingProgress(process.rank == 0))
+        train(training, TrainingState(network, optimizer, scaler, done), process, TrainingProgress(process.rank == 0))
     return folder / LAST
 
 
@@ -178,14 +178,12 @@ def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None
 
 def _identity(request: Request, parts: Sequence[OpenPart]) -> dict[str, Any]:
     """What determines the weights, besides the initial ones."""
-    keys = hashlib.blake2b(digest_size=8)
-    for part in parts:
-        keys.update("\x1f".join((part.dataset.name, part.part.spelled(), *part.keys)).encode())
+    keys = ("\x1f".join((part.dataset.name, part.part.spelled(), *part.keys)).encode() for part in parts)
     return {
         "recipe": request.recipe.digest(),
         "seed": request.seed,
         "options": {key: str(value) for key, value in request.options},
-        "data": keys.hexdigest(),
+        "data": digest_of_bytes(*keys, size=8),
         "corruptions": [*request.corrupt, request.corrupt_probability] if request.corrupt else [],
     }
 

@@ -17,7 +17,7 @@ from .codec import Encoder, lossless
 from .colour import even_size, rgb_to_i420
 from .flow_interpolator import FlowInterpolator
 from .interpolation import interpolate
-from .prepare import Preparation, geometry
+from .prepare import Preparation, clip_timing
 from .source import Source
 
 PROBE = 8
@@ -63,12 +63,12 @@ def estimate_disk(
     """
     masters, key_frames, segments, variants = 0, 0, [0], 0
     for source in sources:
-        plan = geometry(source, preparation)
+        timing = clip_timing(source, preparation)
         coded, picture = _bytes_per_frame(source, preparation.factor)
-        masters += plan.count * coded
-        key_frames += len(plan.key_frames) * picture
-        variants += 15 * len(plan.key_frames) * picture
-        segments.append(plan.count * coded if preparation.factor > 1 else 0)
+        masters += timing.count * coded
+        key_frames += len(timing.key_frames) * picture
+        variants += 15 * len(timing.key_frames) * picture
+        segments.append(timing.count * coded if preparation.factor > 1 else 0)
     temporary = sum(sorted(segments)[-workers:])
     return DiskEstimate(masters, key_frames, temporary, min(variants, cache_limit), _free(output))
 

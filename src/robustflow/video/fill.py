@@ -37,16 +37,8 @@ class Fill:
         """How many frames were filled."""
         return sum(last - first + 1 for first, last, _ in self.lost)
 
-    def source_of(self, index: int) -> int:
-        """The decoded frame that is shown as frame `index`.
 
-        >>> Fill(9, [(3, 5, 2)]).source_of(4)
-        2
-        """
-        return next((source for first, last, source in self.lost if first <= index <= last), index)
-
-
-def in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
+def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
     """Pictures by ascending index, each index once, with a bounded buffer; what does not fit counts as dropped."""
     waiting: list[tuple[int, int, I420]] = []
     last = -1
@@ -79,7 +71,7 @@ def fill_lost(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple
     """
     previous: tuple[int, I420] | None = None
     next_index = 0
-    for index, picture in in_order(decoded, fill):
+    for index, picture in pictures_in_order(decoded, fill):
         if index > next_index:
             source, shown = previous or (index, picture)
             fill.lost.append((next_index, index - 1, source))

@@ -48,7 +48,7 @@ class BasicBlock(nn.Module):
         return F.relu(self.fg(self.conv2(self.conv1(x))) + shortcut)
 
 
-class Encoder(nn.Module):
+class ResNet18(nn.Module):
     """A 3D ResNet-18. Keys: `stem.0`, `layer<1..4>.<0|1>.*`."""
 
     def __init__(self, bias: bool) -> None:
@@ -116,7 +116,7 @@ class FLAVR(nn.Module):
     def __init__(self, n_outputs: int = 3) -> None:
         super().__init__()
         # The authors' encoder has biases only in the networks for several frames.
-        self.encoder = Encoder(bias=n_outputs > 1)
+        self.encoder = ResNet18(bias=n_outputs > 1)
         self.decoder = nn.Sequential(Refine(512, 256), Widen(512, 128), Widen(256, 64), Refine(128, 64), Widen(128, 64))
         self.feature_fuse = Fuse(4 * 64, 64)
         self.outconv = nn.Sequential(nn.ReflectionPad2d(3), nn.Conv2d(64, 3 * n_outputs, 7))

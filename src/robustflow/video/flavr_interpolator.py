@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from ..digest import sha256_of_file
 from ..errors import UsageError
 from ..sample import Frame
-from .prepared import sha256_of
 
 MULTIPLE = 8
 """Frame sides the network takes are multiples of this; others are padded by repeating the border, then cropped."""
@@ -33,7 +33,7 @@ class FlavrInterpolator:
 
         self._model: Any = load_flavr(checkpoint, device)
         self._device = device
-        self._sha256 = sha256_of(checkpoint)
+        self._sha256 = sha256_of_file(checkpoint)
 
     def between(self, window: Sequence[Frame], factor: int) -> list[Frame]:
         """The three frames between the middle two.

@@ -7,7 +7,6 @@ as they pass; `clip.json` comes last.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections import deque
@@ -18,6 +17,7 @@ from itertools import islice
 from pathlib import Path
 
 from ..atomic import make_folder, write_json
+from ..digest import digest_of_bytes, sha256_of_file
 from ..errors import DataError, UsageError
 from ..images.io import write_image
 from .clip import ClipFile, read_pictures, write_clip
@@ -33,7 +33,6 @@ from .prepared import (
     ClipManifest,
     PreparedClip,
     choose_key_frames,
-    sha256_of,
 )
 from .source import Source
 
@@ -70,7 +69,7 @@ class Preparation:
 
 
 @dataclass(frozen=True)
-class Geometry:
+class ClipTiming:
     """The result of preparing one source: rate and length of the master, and its key frames."""
 
     fps: Fraction
@@ -79,7 +78,7 @@ class Geometry:
     key_frames: tuple[int, ...]
 
 
-def geometry(source: Source, preparation: Preparation) -> Geometry:
+def clip_timing(source: Source, preparation: Preparation) -> ClipTiming:
     """Plan one clip.
 
     Raises:
@@ -104,7 +103,7 @@ def geometry(source: Source, preparation: Preparation) -> Geometry:
             f"{source.name}: {source.count} frames are too few for one pair of key frames {step} apart with "
             f"{REACH} more on each side; give a clip of {frames} frames, or a smaller --step"
         )
-    return Geometry(fps, count, step, tuple(keys))
+    return ClipTiming(fps, count, step, tuple(keys))
 
 
 def prepare_clip(
@@ -115,20 +114,20 @@ def prepare_clip(
     Raises:
         DataError: a source that cannot be read to its end, or a folder that holds the clip prepared otherwise.
     """
-    plan = geometry(source, preparation)
+    timing = clip_timing(source, preparation)
     interpolator = load_interpolator(
         preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device
     )
     wanted = ClipManifest(
         version=VERSION,
         name=source.name,
-        count=plan.count,
-        fps=str(plan.fps),
+        count=timing.count,
+        fps=str(timing.fps),
         height=source.size[0],
         width=source.size[1],
         factor=preparation.factor,
-        step=plan.step,
-        key_frames=list(plan.key_frames),
+        step=timing.step,
+        key_frames=list(timing.key_frames),
         padded_to_even=source.size != even_size(*source.size),
         preset=preparation.preset,
         source=source.describe() | {"frames": source.count},
@@ -144,10 +143,10 @@ def prepare_clip(
     pictures = _converted(source) if interpolator is None else _segments(source, work, wanted, interpolator, progress)
     written = _with_key_frames(pictures, folder, wanted, progress)
     size = (wanted.height, wanted.width)
-    master = write_clip(folder / MASTER, written, size, plan.fps, lossless(preparation.preset))
-    if master.count != plan.count:
-        raise DataError(f"{source.name}: {master.count} frames came out where {plan.count} were expected; check it")
-    manifest = wanted.model_copy(update={"master_sha256": sha256_of(folder / MASTER)})
+    master = write_clip(folder / MASTER, written, size, timing.fps, lossless(preparation.preset))
+    if master.count != timing.count:
+        raise DataError(f"{source.name}: {master.count} frames came out where {timing.count} were expected; check it")
+    manifest = wanted.model_copy(update={"master_sha256": sha256_of_file(folder / MASTER)})
     write_json(folder / CLIP_MANIFEST, manifest.model_dump())
     for leftover in folder.glob(".segments-*"):
         shutil.rmtree(leftover, ignore_errors=True)
@@ -215,4 +214,4 @@ def _with_key_frames(
 
 def _digest(wanted: ClipManifest) -> str:
     text = json.dumps(wanted.model_dump(), sort_keys=True)
-    return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
+    return digest_of_bytes(text.encode(), size=8)

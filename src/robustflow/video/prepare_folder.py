@@ -10,10 +10,11 @@ from pathlib import Path
 
 from ..atomic import make_folder, write_json
 from ..cache import cache_folder, cache_folders
+from ..digest import sha256_of_file
 from ..errors import DataError, UsageError
 from ..layout import folders
 from .interpolation import load_interpolator
-from .prepare import Preparation, Progress, geometry, prepare_clip
+from .prepare import Preparation, Progress, clip_timing, prepare_clip
 from .prepared import (
     CACHE_LIMIT,
     FOLDER_MANIFEST,
@@ -22,7 +23,6 @@ from .prepared import (
     PreparedClip,
     is_prepared,
     read_folder,
-    sha256_of,
 )
 from .source import PictureFolder, Source, VideoFile, pictures_in
 
@@ -93,7 +93,7 @@ def prepare_folder(
         raise UsageError(f"--workers {workers}: give 1 or more")
     load_interpolator(preparation.interpolator, preparation.factor, preparation.checkpoint, preparation.device)
     for source in sources:  # whatever cannot work is reported before anything is written
-        geometry(source, preparation)
+        clip_timing(source, preparation)
     manifest = FolderManifest(version=VERSION, clips=[source.name for source in sources], cache_limit=cache_limit)
     if len(set(manifest.clips)) != len(manifest.clips):
         raise DataError(f"two clips have the same name: {', '.join(manifest.clips)}; rename one")
@@ -114,7 +114,7 @@ def prepare_video(path: Path) -> Path:
     Returns the prepared folder; made on the first call, found on later ones.
     """
     sources = find_sources(path)
-    name = f"{path.stem}-{sha256_of(path)[:12]}"
+    name = f"{path.stem}-{sha256_of_file(path)[:12]}"
     kept = (folder / name for folder in cache_folders("clips"))
     output = next((folder for folder in kept if is_prepared(folder)), cache_folder("clips") / name)
     prepare_folder(sources, output, Preparation(factor=1))

@@ -9,14 +9,14 @@ variants/...                       transcoded on demand, see `cache`
 
 from __future__ import annotations
 
-import hashlib
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from ..errors import DataError
+from ..validated import Frozen
 from .clip import ClipFile
 
 FOLDER_MANIFEST = "gopro_fc.json"
@@ -35,10 +35,8 @@ ClipName = Annotated[str, Field(pattern=r"^[^/\\.][^/\\]*$")]
 """Also a folder's name, so that a manifest cannot lead out of its own folder."""
 
 
-class ClipManifest(BaseModel):
+class ClipManifest(Frozen):
     """`clip.json`. Frame numbers count the master's frames from 0; `fps` is the master's, as a fraction."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     version: int
     name: ClipName
@@ -57,10 +55,8 @@ class ClipManifest(BaseModel):
     master_sha256: str
 
 
-class FolderManifest(BaseModel):
+class FolderManifest(Frozen):
     """`gopro_fc.json`: the clips, and how many bytes of transcoded variants may be kept."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     version: int
     clips: list[ClipName]
@@ -123,12 +119,6 @@ def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
             raise DataError(f"{root}: {name} is not finished; run the same robustflow prepare command again")
         clips.append(PreparedClip(root / name, _read(root / name / CLIP_MANIFEST, ClipManifest)))
     return manifest, clips
-
-
-def sha256_of(path: Path) -> str:
-    """Of a file of any size."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _read(path: Path, kind: type[R]) -> R:

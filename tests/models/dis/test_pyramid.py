@@ -9,7 +9,7 @@ from scipy.ndimage import correlate1d, map_coordinates
 
 from robustflow.models.dis.operating_point import OPERATING_POINTS
 from robustflow.models.dis.pyramid import enlarged, pyramid, slopes, with_border
-from robustflow.models.dis.spline import coefficients, mirrored, spline_weights
+from robustflow.models.dis.spline import coefficients, mirrored_once, spline_weights
 
 from .naive import cubic
 
@@ -68,8 +68,8 @@ def test_a_spline_goes_through_the_pixels_and_is_scipys_between_them(size):
     for y in np.linspace(0, height - 1, 3 * height):
         for x in np.linspace(0, width - 1, 3 * width):
             y0, x0 = min(int(y), height - 2), min(int(x), width - 2)
-            rows = [mirrored(y0 + k, height) for k in range(-1, 3)]
-            columns = [mirrored(x0 + k, width) for k in range(-1, 3)]
+            rows = [mirrored_once(y0 + k, height) for k in range(-1, 3)]
+            columns = [mirrored_once(x0 + k, width) for k in range(-1, 3)]
             near = weighed[np.ix_(rows, columns)]
             found = np.einsum("a,b,abc->c", spline_weights(y - y0), spline_weights(x - x0), near)
             np.testing.assert_allclose(found, cubic(image, [y], [x])[0], atol=1e-5)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import polars as pl
 
-from ...corruptions.registry import PAPER_ORDER
+from ...corruptions.names import ORDER
 from ..labels import METRIC_LABELS
 from ..results import AVERAGE, CLEAN
 from .findings import Finding
@@ -14,7 +14,7 @@ from .rounding import Printed, misfits, ratio_range
 
 ModelKey = tuple[str, str, str, str]
 """(sample set, benchmark, setting, model)."""
-Values = dict[tuple[str, str], Printed]
+PrintedValues = dict[tuple[str, str], Printed]
 """(metric, corruption) -> number."""
 
 
@@ -22,7 +22,7 @@ class Book:
     """Results by model, with the source of each number."""
 
     def __init__(self, results: pl.DataFrame) -> None:
-        self.values: dict[ModelKey, Values] = {}
+        self.values: dict[ModelKey, PrintedValues] = {}
         self.marks: dict[ModelKey, dict[tuple[str, str], bool]] = {}
         self._sources: dict[tuple[ModelKey, str], str] = {}
         for row in results.iter_rows(named=True):
@@ -58,25 +58,25 @@ class Book:
         )
 
 
-def expected_cre(values: Values) -> dict[str, float]:
+def expected_cre(values: PrintedValues) -> dict[str, float]:
     """corruption -> EPE - clean EPE."""
     if ("epe", CLEAN) not in values:
         return {}
     return {name: _change(values, name) for metric, name in values if metric == "epe" and name != CLEAN}
 
 
-def change_tolerance(epe: Values, corruption: str, given: Printed) -> float:
+def change_tolerance(epe: PrintedValues, corruption: str, given: Printed) -> float:
     """How much the rounding of the EPE, the clean EPE and a number compared with their difference (CRE, RCRE) can add
     up to."""
     return epe["epe", corruption].half + epe["epe", CLEAN].half + given.half
 
 
-def misfits_change(epe: Values, corruption: str, cre: Printed) -> bool:
+def misfits_change(epe: PrintedValues, corruption: str, cre: Printed) -> bool:
     """Whether a CRE does not follow from these EPE."""
     return misfits(cre.value, _change(epe, corruption), change_tolerance(epe, corruption, cre))
 
 
-def below_change(epe: Values, corruption: str, rcre: Printed) -> bool:
+def below_change(epe: PrintedValues, corruption: str, rcre: Printed) -> bool:
     """Whether an RCRE is impossible given these EPE: below |EPE - clean EPE|."""
     lowest = abs(_change(epe, corruption))
     return rcre.value < lowest and misfits(rcre.value, lowest, change_tolerance(epe, corruption, rcre))
@@ -103,11 +103,11 @@ def check_cre(book: Book) -> tuple[str, int, list[Finding]]:
 
 
 def check_averages(book: Book) -> tuple[str, int, list[Finding]]:
-    """The average of each metric is the mean over the paper's corruptions that are listed."""
+    """The average of each metric is the mean over those corruptions with a place in tables that are listed."""
     count, findings = 0, []
     for key, metric, values in _metrics(book):
         given = values.get((metric, AVERAGE))
-        parts = [values[metric, name] for name in PAPER_ORDER if (metric, name) in values]
+        parts = [values[metric, name] for name in ORDER if (metric, name) in values]
         if given is None or not parts:
             continue
         count += 1
@@ -191,7 +191,7 @@ def check_marks(book: Book) -> tuple[str, int, list[Finding]]:
     return "best", count, findings
 
 
-def _metrics(book: Book) -> Iterator[tuple[ModelKey, str, Values]]:
+def _metrics(book: Book) -> Iterator[tuple[ModelKey, str, PrintedValues]]:
     for key, values in book.values.items():
         for metric in dict.fromkeys(metric for metric, _ in values):
             yield key, metric, values
@@ -212,5 +212,5 @@ def _where(key: ModelKey, corruption: str) -> str:
     return f"{key[2]} {key[3]}, {corruption}"
 
 
-def _change(values: Values, corruption: str) -> float:
+def _change(values: PrintedValues, corruption: str) -> float:
     return values["epe", corruption].value - values["epe", CLEAN].value

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 
-from pydantic import BaseModel, ConfigDict
+from ...validated import Frozen, FrozenFinite
 
-CHECKS = {
+AUDIT_CHECKS = {
     "cre": "CRE is the corrupted minus the clean EPE",
     "crer": "CREr is CRE / clean EPE, from the EPE",
     "crer_from_cre": "CREr is CRE / clean EPE, from the CRE",
@@ -24,11 +24,11 @@ CHECKS = {
 """Each check and what it asserts."""
 
 
-class Finding(BaseModel):
+class Finding(FrozenFinite):
     """A number that does not follow from the others within rounding.
 
     Attributes:
-        check: one of `CHECKS`.
+        check: one of `AUDIT_CHECKS`.
         source: the table or file it is in.
         setting, model, metric, corruption: where in it; "" if not applicable.
         given: the number as printed.
@@ -36,8 +36,6 @@ class Finding(BaseModel):
         tolerance: how far apart rounding alone could put the two.
         says: the finding in words.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     check: str
     source: str
@@ -51,7 +49,7 @@ class Finding(BaseModel):
     says: str
 
 
-class Audit(BaseModel):
+class Audit(Frozen):
     """All findings, and how many numbers each check examined.
 
     Attributes:
@@ -59,8 +57,6 @@ class Audit(BaseModel):
         checked: numbers compared, by check.
         findings: in the order of the checks.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     audited: str
     checked: dict[str, int]
@@ -76,7 +72,7 @@ class Audit(BaseModel):
         return dict(Counter(finding.check for finding in self.findings))
 
 
-def merged(audited: str, parts: list[tuple[str, int, list[Finding]]]) -> Audit:
+def merged_audit(audited: str, parts: list[tuple[str, int, list[Finding]]]) -> Audit:
     """One audit from (check, numbers compared, findings) of several checks."""
     return Audit(
         audited=audited,

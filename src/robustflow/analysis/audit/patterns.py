@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import combinations
 
 from ..results import AVERAGE
-from .checks import Book, ModelKey, Values, below_change, change_tolerance, expected_cre, misfits_change
+from .checks import Book, ModelKey, PrintedValues, below_change, change_tolerance, expected_cre, misfits_change
 from .findings import Finding
 from .rounding import misfits
 
@@ -71,22 +71,22 @@ def _shift(book: Book, key: ModelKey, run: list[str], side: str) -> list[Finding
     return [book.finding("shifted", key, "epe", run[0], says)]
 
 
-def _fits_beside(values: Values, expected: float, here: str, there: str) -> bool:
+def _fits_beside(values: PrintedValues, expected: float, here: str, there: str) -> bool:
     tolerance = change_tolerance(values, here, values["cre", here])
     return misfits(values["cre", here].value, expected, tolerance) and not misfits(
         values["cre", there].value, expected, tolerance
     )
 
 
-def _both(epe: Values, cre: Values) -> list[str]:
+def _both(epe: PrintedValues, cre: PrintedValues) -> list[str]:
     return [name for name in expected_cre(epe) if ("cre", name) in cre]
 
 
-def _misfitting(epe: Values, cre: Values) -> list[str]:
+def _misfitting(epe: PrintedValues, cre: PrintedValues) -> list[str]:
     """Corruptions at which the CRE of one row does not follow from the EPE of another."""
     return [name for name in _both(epe, cre) if misfits_change(epe, name, cre["cre", name])]
 
 
-def _impossible(epe: Values, rcre: Values) -> int:
+def _impossible(epe: PrintedValues, rcre: PrintedValues) -> int:
     """How many RCRE of one row are below the change of the EPE of another."""
     return sum(below_change(epe, name, rcre["rcre", name]) for name in expected_cre(epe) if ("rcre", name) in rcre)

@@ -15,10 +15,10 @@ def averaged_over(names: Sequence[str], wanted: Sequence[str]) -> str:
     >>> averaged_over(["fog"], ["fog", "frost", "snow"])
     'average over 1 corruption: fog'
     """
-    said = f"average over {counted(len(names), 'corruption')}"
+    text = f"average over {counted(len(names), 'corruption')}"
     missing, further = [name for name in wanted if name not in names], [name for name in names if name not in wanted]
     if not missing and not further:
-        return said
+        return text
     if not further and len(missing) < len(names):
-        return f"{said}, without {', '.join(missing)}"
-    return f"{said}: {', '.join(names)}"
+        return f"{text}, without {', '.join(missing)}"
+    return f"{text}: {', '.join(names)}"

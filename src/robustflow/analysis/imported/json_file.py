@@ -31,10 +31,10 @@ def read_json_file(path: Path) -> Any:
         raise DataError(f"{path}: not JSON ({plain(str(error))}); give the file as it was written") from error
 
 
-def number(value: Any, where: str, *, signed: bool = False) -> float:
+def finite_number(value: Any, where: str, *, signed: bool = False) -> float:
     """A finite number, as a length in pixels or (`signed`) a difference of two.
 
-    >>> number(2, "r.json, fog"), number(-0.5, "r.json, fog", signed=True)
+    >>> finite_number(2, "r.json, fog"), finite_number(-0.5, "r.json, fog", signed=True)
     (2.0, -0.5)
 
     Raises:

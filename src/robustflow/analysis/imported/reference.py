@@ -27,9 +27,9 @@ from ...metrics.rows import CLEAN
 from ...severity import SEVERITIES
 from ...text import plain
 from ..results import AVERAGE
-from ..scores import OWN
+from ..scores import OWN_SETTING
 from .averaged import averaged_over
-from .json_file import number
+from .json_file import finite_number
 
 _METRICS = {"corrupt_EPE": "epe", "CRE": "cre", "rCRE": "rcre"}
 _PAPER_NAMES = {on_disk: name for name, on_disk in DISK_NAMES.items()}
@@ -100,13 +100,13 @@ def lines(files: Sequence[Results], note: str) -> Iterator[tuple[Any, ...]]:
         wanted = benchmark_facts(file.benchmark).paper_corruptions
         frames = f"Reference code, {file.benchmark}, {averaged_over(_averaged(file), wanted)}"
         for (metric, corruption), value in _with_averages(file).items():
-            yield file.benchmark, OWN, file.model, metric, corruption, value, None, None, _SOURCE, frames, note
+            yield file.benchmark, OWN_SETTING, file.model, metric, corruption, value, None, None, _SOURCE, frames, note
 
 
 def _mean(written: Any, where: str, signed: bool) -> float:
     if not isinstance(written, list) or len(written) != len(SEVERITIES):
         raise DataError(f"{where}: not {len(SEVERITIES)} values, one for each severity")
-    return fsum(number(value, where, signed=signed) for value in written) / len(SEVERITIES)
+    return fsum(finite_number(value, where, signed=signed) for value in written) / len(SEVERITIES)
 
 
 def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
@@ -114,7 +114,7 @@ def _clean(content: dict[str, dict[str, Any]], path: Path) -> float | None:
     for written in (CLEAN, *content):
         values = content.get(written, {}).get("clean_EPE")
         if isinstance(values, list) and values:
-            return number(values[0], f"{path}, '{plain(written, 40)}', clean_EPE")
+            return finite_number(values[0], f"{path}, '{plain(written, 40)}', clean_EPE")
     return None
 
 

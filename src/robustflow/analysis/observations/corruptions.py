@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from statistics import fmean
 
-from .evidence import Entry, Evidence, named
+from .evidence import Evidence, ModelInSetting, named
 from .verdict import Observation, part
 
 _LOCAL = ("gaussian_noise", "shot_noise", "impulse_noise", "jpeg_compression", "spatter", "frost", "snow")
@@ -23,7 +23,7 @@ def dark_and_overexposed(evidence: Evidence) -> Observation:
             continue
         gap = {entry: evidence.epe(entry, worse) - evidence.epe(entry, milder) for entry in every}
         mean = fmean(gap[entry] for entry in discussed)
-        against: list[Entry] = [entry for entry in every if gap[entry] <= 0]
+        against: list[ModelInSetting] = [entry for entry in every if gap[entry] <= 0]
         says = f"by {mean:+.2f} px over {len(discussed)} models"
         parts.append(part(f"{claim}, on average over models", mean > 0, says, True, {"mean_difference": mean}))
         says = f"{len(every) - len(against)} of {len(every)} models" + (f"; not {named(against)}" if against else "")

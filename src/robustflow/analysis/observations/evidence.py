@@ -19,7 +19,7 @@ from ..audit.rounding import misfits
 from ..published.tables import Cost, Method, method_of, not_discussed
 from ..results import AVERAGE, CLEAN, values_of
 
-Entry = tuple[str, str]
+ModelInSetting = tuple[str, str]
 """(setting, model)."""
 
 _ROUNDING = 0.015
@@ -39,8 +39,8 @@ class Evidence:
         self.costs = costs
         self._methods = methods
         self._without = not_discussed(results)
-        self._epe: dict[Entry, dict[str, float]] = {}
-        self.rcre: dict[Entry, dict[str, float]] = {}
+        self._epe: dict[ModelInSetting, dict[str, float]] = {}
+        self.rcre: dict[ModelInSetting, dict[str, float]] = {}
         without_flow = [name for name in results["benchmark"].unique() if not benchmark_facts(name).has_flow]
         of_flow, of_motion = (
             results.filter(~pl.col("benchmark").is_in(without_flow)),
@@ -53,7 +53,7 @@ class Evidence:
             self.rcre.setdefault((setting, model), {})[corruption] = value
         self.entries = [entry for entry, values in self._epe.items() if {CLEAN, AVERAGE} <= values.keys()]
 
-    def discussed(self, setting: str, kind: str | None = None, encoder: str | None = None) -> list[Entry]:
+    def discussed(self, setting: str, kind: str | None = None, encoder: str | None = None) -> list[ModelInSetting]:
         """Models of a setting, of a kind ("supervised", "unsupervised"), with an encoder (a part of its name)."""
         chosen = []
         for entry in self.entries:
@@ -75,47 +75,47 @@ class Evidence:
         """What is known of a model."""
         return self._methods.get(model) if self._methods is not None else method_of(model)
 
-    def epe(self, entry: Entry, corruption: str = AVERAGE) -> float:
+    def epe(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
         """Mean EPE, pixels."""
         return self._epe[entry][corruption]
 
-    def has(self, entry: Entry, *corruptions: str) -> bool:
+    def has(self, entry: ModelInSetting, *corruptions: str) -> bool:
         """Whether a model was measured under all of these."""
         return entry in self._epe and set(corruptions) <= self._epe[entry].keys()
 
-    def clean(self, entry: Entry) -> float:
+    def clean(self, entry: ModelInSetting) -> float:
         """EPE on the clean frames, pixels."""
         return self._epe[entry][CLEAN]
 
-    def cre(self, entry: Entry, corruption: str = AVERAGE) -> float:
+    def cre(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
         """EPE - clean EPE, pixels."""
         return self.epe(entry, corruption) - self.clean(entry)
 
-    def cre_text(self, entry: Entry) -> str:
+    def cre_text(self, entry: ModelInSetting) -> str:
         """The average CRE that follows from the EPE, and the printed one if rounding cannot explain the difference."""
         made, printed = self.cre(entry), self._printed_cre.get((*entry, AVERAGE))
         if printed is None or not misfits(printed, made, _ROUNDING):
             return f"{made:.2f}"
         return f"{made:.2f} from the EPE (printed: {printed:.2f})"
 
-    def log_ratio(self, entry: Entry) -> float:
+    def log_ratio(self, entry: ModelInSetting) -> float:
         """ln(EPE / clean EPE) of the means."""
         return math.log(self.epe(entry) / self.clean(entry))
 
-    def crer(self, entry: Entry, corruption: str = AVERAGE) -> float:
+    def crer(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
         """CRE / clean EPE."""
         return self.cre(entry, corruption) / self.clean(entry)
 
-    def family_crer(self, entry: Entry, family: str) -> float | None:
+    def family_crer(self, entry: ModelInSetting, family: str) -> float | None:
         """Mean CREr over the corruptions of a family that were measured; None without any."""
         return family_means({name: self.crer(entry, name) for name in self.corruptions(entry)}).get(family)
 
-    def corruptions(self, entry: Entry) -> list[str]:
+    def corruptions(self, entry: ModelInSetting) -> list[str]:
         """The paper's corruptions a model was measured under."""
         return [name for name in PAPER_ORDER if name in self._epe[entry]]
 
 
-def named(entries: list[Entry], most: int = 6) -> str:
+def named(entries: list[ModelInSetting], most: int = 6) -> str:
     """Names for a sentence: "ID GMA, ID SKFlow"."""
     shown = ", ".join(" ".join(entry) for entry in entries[:most])
     return shown + (f" and {len(entries) - most} more" if len(entries) > most else "") if entries else "none"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from statistics import fmean
 
 from ...corruptions.registry import FAMILIES
-from .evidence import Entry, Evidence, named
+from .evidence import Evidence, ModelInSetting, named
 from .verdict import Observation, Statement, part
 
 
@@ -94,7 +94,7 @@ def _csflow_increase(evidence: Evidence) -> list[Statement]:
     return [part(claim, abs(largest - 291) < 5, says, numbers=increase)]
 
 
-def _both_settings(evidence: Evidence) -> list[tuple[Entry, Entry]]:
+def _both_settings(evidence: Evidence) -> list[tuple[ModelInSetting, ModelInSetting]]:
     """(OOD, ID) of every supervised model that was measured in both."""
     ood = set(evidence.discussed("OOD", "supervised"))
     return [(("OOD", m), (s, m)) for s, m in evidence.discussed("ID", "supervised") if ("OOD", m) in ood]

@@ -5,10 +5,10 @@ from __future__ import annotations
 from statistics import median
 
 from ..results import AVERAGE
-from .evidence import Entry, Evidence
+from .evidence import Evidence, ModelInSetting
 from .verdict import Observation, part
 
-_FLOWFORMER: Entry = ("OOD", "FlowFormer")
+_FLOWFORMER: ModelInSetting = ("OOD", "FlowFormer")
 _NEEDS = "needs GoPro-FC results of FlowFormer and others"
 
 
@@ -69,5 +69,5 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
     return Observation(number=10, title=title, parts=parts)
 
 
-def _of_encoder(evidence: Evidence, entries: list[Entry], encoder: str) -> list[Entry]:
+def _of_encoder(evidence: Evidence, entries: list[ModelInSetting], encoder: str) -> list[ModelInSetting]:
     return [e for e in entries if (method := evidence.method(e[1])) is not None and method.encoder == encoder]

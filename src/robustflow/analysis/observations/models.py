@@ -7,7 +7,7 @@ from statistics import median
 from ..cost_ranks import cost_ranks
 from ..uncertainty.sentences import p_text
 from ..uncoupled import coupling, p_of_growth, spearman
-from .evidence import Entry, Evidence, named
+from .evidence import Evidence, ModelInSetting, named
 from .verdict import Observation, Statement, part
 
 _LEAST = 5
@@ -92,14 +92,14 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
     )
 
 
-def _method_name(evidence: Evidence, entry: Entry) -> str:
+def _method_name(evidence: Evidence, entry: ModelInSetting) -> str:
     """The common name of a method's variants; the model's name if that is unknown."""
     method = evidence.method(entry[1])
     return method.method if method else entry[1]
 
 
 def _larger_is_better(evidence: Evidence, setting: str) -> list[Statement]:
-    sizes: list[Entry] = [(setting, f"SAMFlow-{size}") for size in "TBH"]
+    sizes: list[ModelInSetting] = [(setting, f"SAMFlow-{size}") for size in "TBH"]
     claim = f"a larger foundation model gives lower EPE and CRE: T > B > H ({setting})"
     if not set(sizes) <= set(evidence.entries):
         return [part(claim, None, "not all three sizes of SAMFlow are among the models")]
@@ -120,7 +120,7 @@ def unsupervised_are_stable(evidence: Evidence) -> Observation:
     worst, best = max(map(evidence.crer, unsupervised)), min(map(evidence.crer, supervised))
     middle = median(map(evidence.epe, supervised))
     better = [entry for entry in unsupervised if evidence.epe(entry) < middle]
-    arflow: Entry = ("ID", "ARFlow")
+    arflow: ModelInSetting = ("ID", "ARFlow")
     first = all(min(unsupervised, key=value) == arflow for value in (evidence.cre, evidence.crer))
     parts = [
         part(

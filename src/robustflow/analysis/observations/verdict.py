@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from ...validated import FrozenFinite
 
 Verdict = Literal["holds", "does not hold", "too little evidence", "cannot be computed"]
 UNKNOWN: Verdict = "cannot be computed"
 THIN: Verdict = "too little evidence"
 
 
-class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Statement(_Frozen):
+class Statement(FrozenFinite):
     """One statement of an observation as a computation.
 
     Attributes:
@@ -33,7 +29,7 @@ class Statement(_Frozen):
     main: bool = False
 
 
-class Observation(_Frozen):
+class Observation(FrozenFinite):
     """An observation of the paper.
 
     Attributes:

@@ -12,8 +12,8 @@ from importlib.resources import files
 from typing import Literal
 
 import polars as pl
-from pydantic import BaseModel, ConfigDict
 
+from ...validated import Frozen
 from ..results import parse_results
 
 PAPER = "paper"
@@ -32,10 +32,8 @@ COUNTED_ITERATIONS = 12
 _TABLES = ("kitti_fc_epe", "kitti_fc_cre", "kitti_fc_rcre", "gopro_fc_rcre")
 
 
-class Method(BaseModel):
+class Method(Frozen):
     """A method as the paper describes it (Tab. 1); "" if it has no such part."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: str
     type: Literal["knowledge", "supervised", "unsupervised"]
@@ -45,7 +43,7 @@ class Method(BaseModel):
     source: str
 
 
-class Cost(BaseModel):
+class Cost(Frozen):
     """Size, computing cost and relative robustness of a model (Tab. 3), with the printed ranks.
 
     Attributes:
@@ -54,8 +52,6 @@ class Cost(BaseModel):
         crer_ood, crer_id: CRE / clean EPE in each setting; None where it was not evaluated.
         flops_rank, crer_rank_ood, crer_rank_id, average_rank_ood, average_rank_id: 1 is best.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     model: str
     parameters_m: float

@@ -26,7 +26,7 @@ import numpy as np
 from ...errors import UsageError
 from ...random.rng import Rng
 from .estimates import Array
-from .statistic import Statistic, Values
+from .statistic import Statistic, StatisticValues
 
 FEW = 12
 RESAMPLES = 4999
@@ -103,7 +103,7 @@ def bootstrap(
     return {key: _interval(estimates_of[key], np.concatenate(pivots[key]), together, level) for key in statistics}
 
 
-def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, Values]]:
+def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, StatisticValues]]:
     """Each statistic's values; the products with the weights are computed for many statistics at once."""
     keys = list(statistics)
     while keys:
@@ -139,7 +139,7 @@ def _resamples(clusters: int, resamples: int, seed: int) -> Iterator[Array]:
         yield np.bincount(place, minlength=count * clusters).reshape(count, clusters).astype(np.float64)
 
 
-def _pivots(estimates: Values, center: float) -> Array:
+def _pivots(estimates: StatisticValues, center: float) -> Array:
     """t* of each resample: 0 where the resample repeats the data, infinite where it has no spread of its own."""
     shift, spread = estimates.theta - center, estimates.standard_error
     tiny = 1e-12 * max(abs(center), float(np.nanmax(np.abs(shift), initial=0.0)))
@@ -148,7 +148,7 @@ def _pivots(estimates: Values, center: float) -> Array:
     return np.asarray(np.where(np.abs(shift) <= tiny, 0.0, pivots)[np.isfinite(shift)])
 
 
-def _interval(values: Values, pivots: Array, symmetric: bool, level: float) -> Interval:
+def _interval(values: StatisticValues, pivots: Array, symmetric: bool, level: float) -> Interval:
     estimate, error = float(values.theta[0]), float(values.standard_error[0])
     if not np.isfinite(estimate) or not np.isfinite(error):
         return _without_interval(values)
@@ -169,6 +169,6 @@ def _interval(values: Values, pivots: Array, symmetric: bool, level: float) -> I
     return Interval(estimate, error, float(estimate - above * error), float(estimate - below * error), float(p))
 
 
-def _without_interval(values: Values) -> Interval:
+def _without_interval(values: StatisticValues) -> Interval:
     error = float(values.standard_error[0])
     return Interval(float(values.theta[0]), error if np.isfinite(error) else None, None, None, None)

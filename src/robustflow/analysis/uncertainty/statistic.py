@@ -31,7 +31,7 @@ _COLUMNS = 12
 _ROUNDING = 1e-13
 
 
-class Values(Protocol):
+class StatisticValues(Protocol):
     """A statistic and its standard error in B resamples, float64 (B,) each."""
 
     @property
@@ -41,7 +41,7 @@ class Values(Protocol):
     def standard_error(self) -> Array: ...
 
 
-class _Values(NamedTuple):
+class _ComputedValues(NamedTuple):
     theta: Array
     standard_error: Array
 
@@ -114,10 +114,10 @@ class Statistic:
     def __sub__(self, other: Statistic) -> Statistic:
         return Statistic([*self.terms, *(Term(term.mean, term.over, -term.sign) for term in other.terms)])
 
-    def __call__(self, weights: Array) -> Values:
+    def __call__(self, weights: Array) -> StatisticValues:
         return self.values(weights, weights @ self.columns)
 
-    def values(self, weights: Array, products: Array) -> Values:
+    def values(self, weights: Array, products: Array) -> StatisticValues:
         """The values, from weights float64 (B, G) and their products with `columns`, float64 (B, P)."""
         count = self._count
         images = products[:, count : 2 * count]
@@ -148,8 +148,8 @@ class Statistic:
             squares[squares <= _ROUNDING * np.abs(parts).sum(axis=1)] = 0.0  # a single cluster has no spread
         clusters = weights.shape[1]
         if clusters < 2:
-            return _Values(theta, np.full(len(theta), np.nan))
-        return _Values(theta, np.sqrt(clusters / (clusters - 1) * squares))
+            return _ComputedValues(theta, np.full(len(theta), np.nan))
+        return _ComputedValues(theta, np.sqrt(clusters / (clusters - 1) * squares))
 
     def estimates(self, weights: Array) -> Estimates:
         """The same with the influence of every cluster, float64 (B, G): slower by about a factor of the number of

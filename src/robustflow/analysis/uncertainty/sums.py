@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from ...corruptions.registry import PAPER_ORDER
+from ...corruptions.names import ordered
 from ...errors import UsageError, unknown_name
 from ...metrics.rows import CLEAN, complete_rows
 from ..results import AVERAGE
@@ -61,8 +61,7 @@ class ClusterSums:
 
     def corruptions(self) -> list[str]:
         """The corruptions in the rows, the paper's first and in its order."""
-        measured = {name for name, _ in self.conditions}
-        return [name for name in PAPER_ORDER if name in measured] + sorted(measured - set(PAPER_ORDER))
+        return ordered({name for name, _ in self.conditions})
 
     def statistic(self, metric: str, corruption: str, severity: int | None = None) -> Statistic:
         """A mean of the run, as a function of how often each cluster is drawn.

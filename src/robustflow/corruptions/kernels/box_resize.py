@@ -19,7 +19,7 @@ from ...sample import Frame
 _HALF = 1 << 21
 
 
-class _Axis(NamedTuple):
+class _AxisResize(NamedTuple):
     """How one axis of `size` pixels shrinks to `small` and grows back."""
 
     first: npt.NDArray[np.int64]  # (small,) first pixel under the box
@@ -29,7 +29,7 @@ class _Axis(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def _axis(size: int, small: int) -> _Axis:
+def _axis_resize(size: int, small: int) -> _AxisResize:
     scale = size / small
     centre = (np.arange(small) + 0.5) * scale
     first = np.maximum((centre - 0.5 * scale + 0.5).astype(np.int64), 0)
@@ -40,14 +40,14 @@ def _axis(size: int, small: int) -> _Axis:
     step = np.full(size, small / size)
     step[0] *= 0.5
     nearest = np.minimum(np.add.accumulate(step).astype(np.int64), small - 1)
-    return _Axis(first, covered, np.floor(2.0**22 / covered + 0.5).astype(np.uint32), nearest)
+    return _AxisResize(first, covered, np.floor(2.0**22 / covered + 0.5).astype(np.uint32), nearest)
 
 
 def pixelated(frame: Frame, factor: float) -> Frame:
     """`frame` shrunk to int(factor * size) by a box filter and grown back, uint8 (H, W, 3)."""
     height, width = frame.shape[:2]
-    rows = _axis(height, max(1, int(height * factor)))
-    columns = _axis(width, max(1, int(width * factor)))
+    rows = _axis_resize(height, max(1, int(height * factor)))
+    columns = _axis_resize(width, max(1, int(width * factor)))
     narrow = np.empty((height, 3 * columns.first.size), np.uint8)
     fewest = int(columns.covered.min())
     most = int(columns.covered.max())

@@ -15,10 +15,10 @@ from numba import njit
 _STRAIGHT, _DIAGONAL, _KNIGHT = 10_000, 14_000, 21_969
 
 
-def edge_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np.int32]:
+def chamfer_distance(edges: npt.NDArray[np.uint8], limit: int) -> npt.NDArray[np.int32]:
     """Chamfer distance to the nearest non-zero pixel, int32 (H, W) in 1/10000 px, at most `limit` px.
 
-    >>> edge_distance(np.array([[0, 0, 0, 255]], np.uint8), limit=2).tolist()
+    >>> chamfer_distance(np.array([[0, 0, 0, 255]], np.uint8), limit=2).tolist()
     [[20000, 20000, 10000, 0]]
     """
     distance = np.where(edges > 0, 0, limit * _STRAIGHT).astype(np.int32)

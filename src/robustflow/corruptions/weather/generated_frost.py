@@ -27,7 +27,7 @@ _CLOUDS = 0.55
 """Share of the pane in the texture's spread; the rest is crystals."""
 
 
-class Look(NamedTuple):
+class TextureStyle(NamedTuple):
     """What tells one texture from another; after the photograph of the same slot."""
 
     mean: float
@@ -43,12 +43,12 @@ class Look(NamedTuple):
     """Between the branches of a stem, in pixels."""
 
 
-LOOKS = (
-    Look(128.0, 22.0, (0.82, 1.03, 1.15), 500, 36, 5),
-    Look(205.0, 22.0, (0.98, 1.0, 1.02), 420, 60, 7),
-    Look(190.0, 26.0, (0.97, 1.0, 1.03), 900, 30, 4),
-    Look(152.0, 29.0, (0.91, 1.0, 1.09), 1100, 24, 4),
-    Look(122.0, 43.0, (0.92, 1.0, 1.08), 700, 40, 4),
+STYLES = (
+    TextureStyle(128.0, 22.0, (0.82, 1.03, 1.15), 500, 36, 5),
+    TextureStyle(205.0, 22.0, (0.98, 1.0, 1.02), 420, 60, 7),
+    TextureStyle(190.0, 26.0, (0.97, 1.0, 1.03), 900, 30, 4),
+    TextureStyle(152.0, 29.0, (0.91, 1.0, 1.09), 1100, 24, 4),
+    TextureStyle(122.0, 43.0, (0.92, 1.0, 1.08), 700, 40, 4),
 )
 
 
@@ -59,35 +59,35 @@ def generated_texture(slot: int) -> Frame:
     >>> one.shape, one.dtype.name, bool((one == generated_texture(0)).all())
     ((500, 750, 3), 'uint8', True)
     """
-    look, rng = LOOKS[slot], Rng.of("robustflow", "generated frost", GENERATED_VERSION, slot)
+    style, rng = STYLES[slot], Rng.of("robustflow", "generated frost", GENERATED_VERSION, slot)
     clouds = _standardised(plasma_corner(rng.spawn("clouds"), *SHAPE, 1.7).astype(np.float64))
-    ice = _crystals(rng.spawn("crystals"), look)
+    ice = _crystals(rng.spawn("crystals"), style)
     ice = _standardised(ice / (1.0 + np.abs(ice)))  # where many lie over each other they do not outshine the rest
-    grey = _standardised(_CLOUDS * clouds + (1.0 - _CLOUDS) * ice) * look.spread + look.mean
-    return np.clip(np.rint(grey[..., None] * np.array(look.tint)), 0, 255).astype(np.uint8)
+    grey = _standardised(_CLOUDS * clouds + (1.0 - _CLOUDS) * ice) * style.spread + style.mean
+    return np.clip(np.rint(grey[..., None] * np.array(style.tint)), 0, 255).astype(np.uint8)
 
 
-def _crystals(rng: Rng, look: Look) -> npt.NDArray[np.float64]:
+def _crystals(rng: Rng, style: TextureStyle) -> npt.NDArray[np.float64]:
     """Light and shade of all crystals, float64 (H, W): six stems each, with branches at 60 degrees on both sides."""
-    count = look.crystals
+    count = style.crystals
     height, width = SHAPE
     y0, x0 = height * rng.uniforms(count), width * rng.uniforms(count)
     along = _directions(rng, count)
     stems = np.stack([_turned(along, place) for place in range(_STEMS)], axis=1)  # (crystal, stem, 2)
     sizes = 0.3 + 0.7 * rng.uniforms(count * _STEMS).reshape(count, _STEMS)
     light = 0.5 + rng.uniforms(count)
-    knots = np.arange(look.spacing, look.length, look.spacing)
+    knots = np.arange(style.spacing, style.length, style.spacing)
     out = np.zeros(height * width)
-    steps = np.arange(look.length)
+    steps = np.arange(style.length)
     for stem in range(_STEMS):
         ray, size = stems[:, stem], sizes[:, stem]
-        reach = np.where(steps[None] < size[:, None] * look.length, light[:, None], 0.0)
+        reach = np.where(steps[None] < size[:, None] * style.length, light[:, None], 0.0)
         _splat(out, y0[:, None] + ray[:, 1:] * steps, x0[:, None] + ray[:, :1] * steps, reach)
         for side, shade in ((1, 0.9), (-1, -0.7)):  # lit from one side
             twig = _turned(ray, side)
             for knot in knots:
-                length = 0.45 * (size * look.length - knot)
-                inner = np.arange(1, max(2, look.length // 2))
+                length = 0.45 * (size * style.length - knot)
+                inner = np.arange(1, max(2, style.length // 2))
                 weight = np.where(inner[None] < length[:, None], shade * light[:, None], 0.0)
                 y = y0[:, None] + ray[:, 1:] * knot + twig[:, 1:] * inner
                 x = x0[:, None] + ray[:, :1] * knot + twig[:, :1] * inner

@@ -13,7 +13,7 @@ from ...images.contiguous import contiguous
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..kernels.chamfer import edge_distance, mean_distance
+from ..kernels.chamfer import chamfer_distance, mean_distance
 from ..kernels.normal_field import UNIT, normal_field
 from ..kernels.separable import Plane, gaussian_plane
 
@@ -92,7 +92,7 @@ class Spatter(Corruption):
 
 def _water(liquid: npt.NDArray[np.uint8], strength: float) -> Plane:
     """Opacity of drops that are bright at their rims: the reference code's steps, in integers up to the last."""
-    near = mean_distance(edge_distance(cv2.Canny(liquid, 50, 150), limit=20))
+    near = mean_distance(chamfer_distance(cv2.Canny(liquid, 50, 150), limit=20))
     emboss = np.array([[-2, -1, 0], [-1, 1, 1], [0, 1, 2]])
     relief = cv2.blur(cv2.filter2D(cv2.equalizeHist(near), cv2.CV_8U, emboss), (3, 3))
     opacity = liquid * relief.astype(np.float32)

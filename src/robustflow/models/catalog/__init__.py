@@ -12,9 +12,9 @@ from importlib.resources import files
 from importlib.util import find_spec
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
-_FROZEN = ConfigDict(frozen=True, extra="forbid")
+from ...validated import Frozen
 
 _ADDRESSES = {
     "ptlflow": "https://github.com/hmorimitsu/ptlflow/releases/download/weights1/",
@@ -23,7 +23,7 @@ _ADDRESSES = {
 """Base addresses of the libraries' published checkpoints."""
 
 
-class MethodEntry(BaseModel):
+class MethodEntry(Frozen):
     """A method that can be loaded by name.
 
     Attributes:
@@ -39,8 +39,6 @@ class MethodEntry(BaseModel):
         undeclared: names of its public checkpoints whose training sets the catalogue does not know, joined by "+".
     """
 
-    model_config = _FROZEN
-
     model: str
     method: str
     year: int = Field(ge=1980, le=2100)
@@ -52,7 +50,7 @@ class MethodEntry(BaseModel):
     undeclared: str = ""
 
 
-class CheckpointEntry(BaseModel):
+class CheckpointEntry(Frozen):
     """A public checkpoint.
 
     Attributes:
@@ -64,8 +62,6 @@ class CheckpointEntry(BaseModel):
         confidence: of `trained_on`.
         note: what is uncertain, or what else it was trained on.
     """
-
-    model_config = _FROZEN
 
     model: str
     checkpoint: str

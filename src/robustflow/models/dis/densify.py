@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from ...sample import Flow
-from .patches import grid, looked_at, surroundings
+from .patches import grid, in_search_area, search_area
 from .pyramid import Image
 from .search import Displacements
 
@@ -29,7 +29,7 @@ def densified(image1: Image, image2: Image, displacements: Displacements, patch:
     height, width = image1.shape[0], image1.shape[1] // 3
     total = np.zeros((height, width, 2), np.float32)
     rows, columns = grid(height, patch, stride), grid(width, patch, stride)
-    _spread(image1, surroundings(image2, patch), rows, columns, displacements, patch, total)
+    _spread(image1, search_area(image2, patch), rows, columns, displacements, patch, total)
     return total
 
 
@@ -43,8 +43,8 @@ def _spread(image1: Any, image2: Any, rows: Any, columns: Any, displacements: An
         for j in range(columns.size):
             y, x = rows[i], columns[j]
             u, v = displacements[i, j, 0], displacements[i, j, 1]
-            y0, at_y = looked_at(y + float(v), height, patch)
-            x0, at_x = looked_at(x + float(u), width, patch)
+            y0, at_y = in_search_area(y + float(v), height, patch)
+            x0, at_x = in_search_area(x + float(u), width, patch)
             wy, wx = np.float32(at_y), np.float32(at_x)
             w00, w01, w10, w11 = (one - wy) * (one - wx), (one - wy) * wx, wy * (one - wx), wy * wx
             for r in range(patch):

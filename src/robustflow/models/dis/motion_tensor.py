@@ -15,7 +15,7 @@ from numba import njit
 
 from ...sample import Flow
 from .pyramid import Image, slopes
-from .spline import coefficients, mirrored, spline_weights
+from .spline import coefficients, mirrored_once, spline_weights
 
 Tensors = npt.NDArray[np.float32]
 """float32 (H, W, 2, 6): for E_I and E_G the coefficients xx, xy, yy, xt, yt, tt."""
@@ -58,10 +58,10 @@ def _warp(image1: Any, spline2: Any, flow: Any, middle: Any, change: Any, inside
             for c in range(3):
                 there = np.float32(0)
                 for a in range(4):
-                    row = spline2[mirrored(y0 + a - 1, height)]
+                    row = spline2[mirrored_once(y0 + a - 1, height)]
                     for b in range(4):
                         weight = np.float32(down[a] * right[b])
-                        there += weight * row[3 * mirrored(x0 + b - 1, width) + c]
+                        there += weight * row[3 * mirrored_once(x0 + b - 1, width) + c]
                 here = image1[y, 3 * x + c]
                 middle[y, 3 * x + c] = half * (here + there)
                 change[y, 3 * x + c] = there - here

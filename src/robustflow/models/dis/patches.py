@@ -23,14 +23,14 @@ def grid(size: int, patch: int, stride: int) -> npt.NDArray[np.int64]:
     return np.append(np.arange(0, size - patch, stride, dtype=np.int64), size - patch)
 
 
-def surroundings(image: Image, patch: int) -> Image:
-    """Frame 2 with its edges repeated as far as `looked_at` lets a patch go."""
+def search_area(image: Image, patch: int) -> Image:
+    """Frame 2 with its edges repeated as far as `in_search_area` lets a patch go."""
     return with_border(image, patch + _TAPS)
 
 
 @njit(cache=True, nogil=True)
-def looked_at(place: float, size: int, patch: int) -> tuple[int, float]:
-    """Whole and fractional part of a coordinate in `surroundings`, for a patch that begins at `place` in frame 2.
+def in_search_area(place: float, size: int, patch: int) -> tuple[int, float]:
+    """Whole and fractional part of a coordinate in `search_area`, for a patch that begins at `place` in frame 2.
 
     A patch goes no further than just out of the frame, where everything repeats the edge.
     """
@@ -40,7 +40,7 @@ def looked_at(place: float, size: int, patch: int) -> tuple[int, float]:
 
 
 @njit(cache=True, nogil=True)
-def beginning(coarse: Any, y: float, x: float) -> tuple[float, float]:
+def from_coarser(coarse: Any, y: float, x: float) -> tuple[float, float]:
     """Twice the flow at half the size, bilinear, at a place given in pixels of the finer scale: (u, v)."""
     height, width, _ = coarse.shape
     at_y = min(max((y + 0.5) / 2 - 0.5, 0.0), height - 1.0)

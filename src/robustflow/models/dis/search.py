@@ -19,7 +19,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ...sample import Flow
-from .patches import beginning, grid, looked_at, surroundings
+from .patches import from_coarser, grid, in_search_area, search_area
 from .pyramid import Image, slopes
 from .spline import coefficients, spline_weights
 
@@ -45,7 +45,7 @@ def inverse_search(
     height, width = image1.shape[0], image1.shape[1] // 3
     rows, columns = grid(height, patch, stride), grid(width, patch, stride)
     displacements = np.empty((rows.size, columns.size, 2), np.float32)
-    around, slope = surroundings(image2, patch), slopes(image1, 2)
+    around, slope = search_area(image2, patch), slopes(image1, 2)
     _search(image1, *slope, around, coefficients(around), coarse, (rows, columns), patch, iterations, displacements)
     return displacements
 
@@ -71,7 +71,7 @@ def _search(
     for i in range(rows.size):
         for j in range(columns.size):
             y, x = rows[i], columns[j]
-            u0, v0 = beginning(coarse, y + 0.5 * (patch - 1), x + 0.5 * (patch - 1))
+            u0, v0 = from_coarser(coarse, y + 0.5 * (patch - 1), x + 0.5 * (patch - 1))
             displacements[i, j, 0], displacements[i, j, 1] = u0, v0
             _centre(slope_x, y, 3 * x, sx)
             _centre(slope_y, y, 3 * x, sy)
@@ -105,13 +105,13 @@ def _descend(
     """Where a patch's descent ends. `memory` keeps sums at whole displacements; those that the patch owns count."""
     (y, x), (u0, v0), (sx, sy), (hxx, hxy, hyy), (patch_id, owner, sums) = corner, begin, slope, hessian, memory
     height, width, patch = image1.shape[0], image1.shape[1] // 3, sx.shape[0]
-    top = looked_at(y + v0, height, patch)[0] - patch - 2
-    left = looked_at(x + u0, width, patch)[0] - patch - 2
+    top = in_search_area(y + v0, height, patch)[0] - patch - 2
+    left = in_search_area(x + u0, width, patch)[0] - patch - 2
     det = hxx * hyy - hxy * hxy
     u, v = u0, v0
     for _ in range(steps):
-        y0, wy = looked_at(y + v, height, patch)
-        x0, wx = looked_at(x + u, width, patch)
+        y0, wy = in_search_area(y + v, height, patch)
+        x0, wx = in_search_area(x + u, width, patch)
         down, right = spline_weights(wy), spline_weights(wx)
         bx, by = -wanted[0], -wanted[1]
         for a in range(4):
@@ -178,8 +178,8 @@ def _project(image: Any, row: int, column: int, sx: Any, sy: Any, lanes: Any) ->
 @njit(cache=True, nogil=True)
 def _mismatch(image1: Any, image2: Any, y: int, x: int, u: float, v: float, patch: int, lanes: Any) -> float:
     """Sum of squared differences between a patch and what it looks at (bilinear), both less their means per channel."""
-    y0, at_y = looked_at(y + v, image1.shape[0], patch)
-    x0, at_x = looked_at(x + u, image1.shape[1] // 3, patch)
+    y0, at_y = in_search_area(y + v, image1.shape[0], patch)
+    x0, at_x = in_search_area(x + u, image1.shape[1] // 3, patch)
     wy, wx = np.float32(at_y), np.float32(at_x)
     w00, w01 = (np.float32(1) - wy) * (np.float32(1) - wx), (np.float32(1) - wy) * wx
     w10, w11 = wy * (np.float32(1) - wx), wy * wx

@@ -46,10 +46,10 @@ def spline_weights(t: float) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True, nogil=True)
-def mirrored(index: int, size: int) -> int:
+def mirrored_once(index: int, size: int) -> int:
     """The index of a pixel that mirroring at the edge pixels puts at `index`, at most one outside.
 
-    >>> mirrored(-1, 8), mirrored(3, 8), mirrored(8, 8)
+    >>> mirrored_once(-1, 8), mirrored_once(3, 8), mirrored_once(8, 8)
     (1, 3, 6)
     """
     return abs(index) if index < size else 2 * size - 2 - index

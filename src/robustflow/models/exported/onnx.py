@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import ModelError, UsageError, unknown_name
+from ...errors import ModelError, UsageError, first_line, unknown_name
 from ...sample import Flow, Frame
 from ..extras import require
 from ..input_convention import InputConvention, named_convention
@@ -167,8 +167,8 @@ class OnnxModel:
         except Exception as error:  # onnxruntime has a class of its own for each kind of failure
             what = describe_arrays([(name, array.shape) for name, array in given.items()])
             raise ModelError(
-                f"the network failed on {what}: {_first_line(error)}; give the multiple of height and width that it "
-                "needs (-O multiple=64), or export it again"
+                f"the network failed on {what}: {first_line(error)[:200]}; give the multiple of height and width that "
+                "it needs (-O multiple=64), or export it again"
             ) from None
         flow = np.asarray(flow)
         pairs, _, height, width = image1.shape
@@ -237,7 +237,3 @@ def _dtype(node: Any) -> Any:
     if node.type not in _DTYPES:
         raise ModelError(f"the network's input {node.name} is {node.type}; expected one of {', '.join(_DTYPES)}")
     return _DTYPES[node.type]
-
-
-def _first_line(error: Exception) -> str:
-    return next(iter(str(error).splitlines()), type(error).__name__)[:200]

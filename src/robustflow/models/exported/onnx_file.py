@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from ...digest import sha256_of_file
 from ...errors import ModelError
 from ..model_file import damaged
 
@@ -56,7 +56,7 @@ def external_files(path: Path, model: Any) -> dict[str, str]:
         for entry in tensor.external_data
         if entry.key == "location"
     }
-    return {name: _digest(path, name) for name in sorted(names)}
+    return {name: _weights_sha256(path, name) for name in sorted(names)}
 
 
 def _messages(message: Any, kind: type) -> Iterator[Any]:
@@ -69,7 +69,7 @@ def _messages(message: Any, kind: type) -> Iterator[Any]:
                 yield from _messages(part, kind)
 
 
-def _digest(path: Path, name: str) -> str:
+def _weights_sha256(path: Path, name: str) -> str:
     folder = path.resolve().parent
     file = (folder / name).resolve()
     if not name or not file.is_relative_to(folder):
@@ -80,8 +80,7 @@ def _digest(path: Path, name: str) -> str:
     if file.exists() and not file.is_file():  # a pipe would never end, a device never answer
         raise ModelError(f"{path}: refused: its weights '{name[:200]}' are not a regular file; get the genuine file")
     try:
-        with file.open("rb") as weights:
-            return hashlib.file_digest(weights, "sha256").hexdigest()
+        return sha256_of_file(file)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ModelError(

@@ -17,7 +17,7 @@ from ...errors import UsageError, unknown_name
 from ..base import AnyModel
 from ..execution import Execution, with_execution
 from ..input_convention import InputConvention
-from ..tiny.model import Tiny
+from ..tiny.model import NumpyTiny
 from ..tiny.plan import MULTIPLE
 from ..tiny.shipped import SHIPPED, shipped_weights
 from ..torch.network import network_model
@@ -54,7 +54,7 @@ def small_network(
         runtime = "torch" if checkpoint is not None or find_spec("torch") is not None else "numpy"
     if runtime == "numpy":
         _check_for_numpy(name, checkpoint, execution)
-        return Tiny(name, shipped_weights(name))
+        return NumpyTiny(name, shipped_weights(name))
     if checkpoint is None:
         from ..torch.shipped import shipped_network
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class _Clip:
+class _ClipConvention:
     """How a network gets its clip; see `PtlflowClipNet`."""
 
     window: Window
@@ -43,17 +43,17 @@ class _Clip:
     """It also works with two frames alone."""
 
 
-_MEMORY = _Clip(Window(10, 0, "short"), "memory", least=2, streams=True)
+_MEMORY = _ClipConvention(Window(10, 0, "short"), "memory", least=2, streams=True)
 """On KITTI the authors begin ten frames before the pair; on other data with the sequence."""
 
 CLIPS = {
-    "videoflow_bof": _Clip(Window(1, 0, "repeat"), "middle", least=3),
-    "videoflow_mof": _Clip(Window(2, 1, "inside"), "middle", least=3, twice=5),
+    "videoflow_bof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),
+    "videoflow_mof": _ClipConvention(Window(2, 1, "inside"), "middle", least=3, twice=5),
     "memflow": _MEMORY,
     "memflow_t": _MEMORY,
-    "streamflow": _Clip(Window(2, 0, "inside"), "each", least=4),
-    "memfof": _Clip(Window(1, 0, "repeat"), "middle", least=3),
-    "starflow": _Clip(Window(2, 0, "short"), "each", least=2, streams=True),
+    "streamflow": _ClipConvention(Window(2, 0, "inside"), "each", least=4),
+    "memfof": _ClipConvention(Window(1, 0, "repeat"), "middle", least=3),
+    "starflow": _ClipConvention(Window(2, 0, "short"), "each", least=2, streams=True),
 }
 """Multi-frame networks by ptlflow's name."""
 

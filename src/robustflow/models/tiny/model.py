@@ -10,7 +10,7 @@ from .network import predict
 from .shipped import ShippedWeights
 
 
-class Tiny:
+class NumpyTiny:
     """The small network in NumPy; satisfies `FlowModel`.
 
     Args:
@@ -20,7 +20,7 @@ class Tiny:
     >>> import numpy as np
     >>> from robustflow.models.tiny.shipped import shipped_weights
     >>> frame = np.random.default_rng(0).integers(0, 255, (40, 70, 3)).astype(np.uint8)
-    >>> Tiny("tiny", shipped_weights("tiny")).predict(frame, frame).shape
+    >>> NumpyTiny("tiny", shipped_weights("tiny")).predict(frame, frame).shape
     (40, 70, 2)
     """
 

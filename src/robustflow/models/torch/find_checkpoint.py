@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from ...errors import ModelError, unknown_name
+from ...errors import ModelError, first_line, unknown_name
 
 SOURCES = {"ptlflow": "the authors' file", "torchvision": "a file of https://download.pytorch.org/models"}
 """Where the weights of a library's networks are published, for messages."""
@@ -92,7 +92,7 @@ def _cached(model: str, url: str) -> tuple[Path, str | None]:
             path.parent.mkdir(parents=True, exist_ok=True)
             torch.hub.download_url_to_file(url, str(path), hash_prefix=prefix, progress=False)
         except Exception as error:  # no network, no permission, another hash: each is another exception
-            reason = getattr(error, "reason", None) or next(iter(str(error).splitlines()), type(error).__name__)
+            reason = getattr(error, "reason", None) or first_line(error)
             raise ModelError(
                 f"model '{model}': cannot fetch {url} ({reason}); put that file at {path}, or give the path of a copy "
                 "as --checkpoint"

@@ -15,11 +15,11 @@ from ...errors import ModelError
 from ..input_convention import ORDERS, SCALINGS, named_convention
 from ..signature import flow_layout
 from .fit import fitted_images
-from .module_net import LAYOUTS, ModuleNet, chosen_output, outputs_of
+from .module_net import MODULE_LAYOUTS, ModuleNet, chosen_output, outputs_of
 from .reproducible import reproducible
 from .shifted import SHIFTS, ShiftedPair, shifted_pair
 
-LAST = -1
+LAST_OUTPUT = -1
 _FIRST_ROUND = 2
 """Number of pairs after which conventions that are far behind are dropped."""
 _FAR = 2.0
@@ -61,7 +61,7 @@ class Declared:
 
 
 @dataclass
-class _Candidate:
+class _TriedConvention:
     way: Declared
     errors: list[float]
 
@@ -69,7 +69,7 @@ class _Candidate:
     def mean(self) -> float:
         return float(np.mean(self.errors))
 
-    def clearly_beats(self, other: _Candidate) -> bool:
+    def clearly_beats(self, other: _TriedConvention) -> bool:
         every = all(mine < theirs for mine, theirs in zip(self.errors, other.errors, strict=True))
         return every and self.mean <= _CLEAR * other.mean
 
@@ -133,7 +133,7 @@ class _Trial:
         if declared.layout is not None:
             return [declared.layout]
         working, failures = [], []
-        for layout in LAYOUTS:
+        for layout in MODULE_LAYOUTS:
             way = Declared(declared.scaling or "0-1", declared.order or "rgb", layout, declared.output)
             try:
                 self._errors(way, self._pairs[0])
@@ -144,9 +144,9 @@ class _Trial:
             raise ModelError(f"the network accepts a pair in none of the common ways ({failures[0]}); wrap it in one")
         return working
 
-    def rank(self, ways: Sequence[Declared]) -> list[_Candidate]:
+    def rank(self, ways: Sequence[Declared]) -> list[_TriedConvention]:
         """Those not dropped after the first pairs, with their errors on every pair, the best first."""
-        candidates: dict[Declared, _Candidate] = {}
+        candidates: dict[Declared, _TriedConvention] = {}
         for number, pair in enumerate(self._pairs):
             if number == _FIRST_ROUND and candidates:
                 limit = _FAR * min(one.mean for one in candidates.values()) + 0.01
@@ -154,13 +154,13 @@ class _Trial:
                 ways = [way for way in ways if (way.scaling, way.order, way.layout) in kept]
             for way in ways:
                 for completed, error in self._errors(way, pair).items():
-                    candidates.setdefault(completed, _Candidate(completed, [])).errors.append(error)
+                    candidates.setdefault(completed, _TriedConvention(completed, [])).errors.append(error)
         whole = [one for one in candidates.values() if len(one.errors) == len(self._pairs)]
         return sorted(self._last_unless_clear(whole), key=lambda one: one.mean)
 
-    def _last_unless_clear(self, candidates: list[_Candidate]) -> list[_Candidate]:
+    def _last_unless_clear(self, candidates: list[_TriedConvention]) -> list[_TriedConvention]:
         """One of the outputs under a convention: the last, unless another is clearly better."""
-        chosen: dict[tuple[Any, ...], _Candidate] = {}
+        chosen: dict[tuple[Any, ...], _TriedConvention] = {}
         for one in candidates:
             key = (one.way.scaling, one.way.order, one.way.layout)
             before = chosen.setdefault(key, one)
@@ -188,7 +188,7 @@ class _Trial:
 def _outputs(returned: Any) -> list[str | int]:
     if isinstance(returned, dict):
         return [str(key) for key in returned]
-    return [0, LAST] if isinstance(returned, list | tuple) and len(returned) > 1 else [LAST]
+    return [0, LAST_OUTPUT] if isinstance(returned, list | tuple) and len(returned) > 1 else [LAST_OUTPUT]
 
 
 def _as_flow(returned: Any, output: str | int, size: tuple[int, ...]) -> Any:

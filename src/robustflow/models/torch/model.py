@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from ...errors import ModelError, RobustFlowError, UsageError
+from ...errors import ModelError, RobustFlowError, UsageError, first_line
 from ...sample import Flow, Frame
 from ..execution import Execution
 from ..input_convention import InputConvention
@@ -149,8 +149,7 @@ def find_device(name: str) -> torch.device:
     try:
         torch.zeros(1, device=device)
     except (RuntimeError, AssertionError, NotImplementedError) as error:
-        reason = next(iter(str(error).splitlines()), type(error).__name__)
         raise ModelError(
-            f"this machine has no device '{name}' that torch can use ({reason}); give cpu or auto"
+            f"this machine has no device '{name}' that torch can use ({first_line(error)}); give cpu or auto"
         ) from None
     return device

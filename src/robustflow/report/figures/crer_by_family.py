@@ -9,7 +9,7 @@ import polars as pl
 
 from ...analysis.labels import FAMILY_LABELS
 from ...analysis.results import CLEAN, SETTINGS, values_of
-from ...corruptions.registry import FAMILIES
+from ...corruptions.names import MEMBERS
 from ...errors import UsageError
 from ...text import name_text
 from .canvas import ORANGE, SETTING_COLOURS, new_figure
@@ -24,7 +24,7 @@ def family_crer(results: pl.DataFrame) -> dict[tuple[str, str], dict[str, float]
     out: dict[tuple[str, str], dict[str, float]] = {}
     for setting, model in dict.fromkeys((s, m) for s, m, _ in epe):
         clean = epe.get((setting, model, CLEAN))
-        for family, names in FAMILIES.items():
+        for family, names in MEMBERS.items():
             values = [epe[setting, model, name] for name in names if (setting, model, name) in epe]
             if clean and values:
                 out.setdefault((setting, model), {})[family] = (fmean(values) - clean) / clean
@@ -57,7 +57,7 @@ def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None)
         extra.remove()
     for panel, model in zip(axes, shown, strict=False):
         settings = [setting for setting, m in crer if m == model]
-        families = [family for family in FAMILIES if any(family in crer[s, model] for s in settings)]
+        families = [family for family in MEMBERS if any(family in crer[s, model] for s in settings)]
         width = 0.8 / len(settings)
         for index, setting in enumerate(settings):
             heights = [crer[setting, model].get(family, np.nan) for family in families]

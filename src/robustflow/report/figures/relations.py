@@ -10,7 +10,7 @@ from ...analysis.published.tables import not_discussed
 from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...analysis.uncoupled import spearman
 from ...errors import UsageError
-from ...text import name_text
+from ...text import counted, name_text
 from .canvas import ORANGE, SETTING_COLOURS, new_figure
 from .marks import Mark, MarkedFigure
 
@@ -67,7 +67,7 @@ def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
             marker="o",
             linestyle="",
             color=SETTING_COLOURS.get(s, ORANGE),
-            label=f"{name_text(s)} ({len(models)} model{'s' if len(models) != 1 else ''})",
+            label=f"{name_text(s)} ({counted(len(models), 'model')})",
         )
         for s, models in points.items()
     ]

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from ...analysis.labels import METRIC_LABELS, UNITS, long_label, metric_label
 from ...analysis.uncertainty import intervals
-from ...corruptions.registry import PAPER_ORDER
+from ...corruptions.names import ordered
 from ...errors import UsageError
 from ...severity import SEVERITIES
 from ...text import name_text
@@ -41,7 +41,7 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
     corruptions = {corruption for curve in curves.values() for corruption in curve["corruption"]}
     if not corruptions:
         raise UsageError(f"none of these runs measured {METRIC_LABELS.get(metric, metric)} at a severity")
-    shown = [name for name in PAPER_ORDER if name in corruptions] + sorted(corruptions - set(PAPER_ORDER))
+    shown = ordered(corruptions)
     columns = min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     figure, axes = new_figure(2.3 * columns, 1.9 * rows + 0.5, rows, columns)

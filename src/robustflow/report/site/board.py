@@ -17,9 +17,9 @@ from ...analysis.labels import (
 )
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
-from ...corruptions.registry import FAMILIES
+from ...corruptions.names import MEMBERS
 from ...text import plain
-from .entries import COVERAGE, START, Entry, Key, default_order
+from .entries import COVERAGE, START, LeaderboardEntry, NumberKey, default_order
 
 OVERVIEW = "overview"
 CLASSES = "classes"
@@ -31,7 +31,7 @@ class BoardColumn:
     """A column: it is shown in some `views` (`OVERVIEW`, `CLASSES`, a family), and only with its metric if it has
     one."""
 
-    key: Key
+    key: NumberKey
     label: str
     title: str
     views: tuple[str, ...]
@@ -45,7 +45,7 @@ class Group:
 
     title: str
     published: bool
-    entries: tuple[Entry, ...]
+    entries: tuple[LeaderboardEntry, ...]
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,9 @@ _OVERVIEW = (
 )
 
 
-def boards_of(entries: Sequence[Entry], group_titles: dict[str, str], most_models_first: bool = False) -> list[Board]:
+def boards_of(
+    entries: Sequence[LeaderboardEntry], group_titles: dict[str, str], most_models_first: bool = False
+) -> list[Board]:
     """A board per benchmark, in the order of the entries.
 
     Args:
@@ -103,17 +105,17 @@ def boards_of(entries: Sequence[Entry], group_titles: dict[str, str], most_model
     return [_board(name, [e for e in entries if e.benchmark == name], group_titles) for name in benchmarks]
 
 
-def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -> Board:
+def _board(benchmark: str, entries: list[LeaderboardEntry], group_titles: dict[str, str]) -> Board:
     keys = {key for entry in entries for key in entry.texts}
     columns = [column for column in _OVERVIEW if column.key in keys]
-    metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in FAMILIES)]
-    families = [family for family in FAMILIES if any((metric, family) in keys for metric in metrics)]
+    metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in MEMBERS)]
+    families = [family for family in MEMBERS if any((metric, family) in keys for metric in metrics)]
     for metric in metrics:
         if (metric, AVERAGE) in keys:
             columns.append(_mean_column(metric, (metric, AVERAGE), f"AVG {METRIC_LABELS[metric]}", (CLASSES,)))
         for family in families:
             columns.append(_mean_column(metric, (metric, family), FAMILY_LABELS[family], (CLASSES, family)))
-            columns += [_column(metric, name, family) for name in FAMILIES[family] if (metric, name) in keys]
+            columns += [_column(metric, name, family) for name in MEMBERS[family] if (metric, name) in keys]
     start = next((i for key in START for i, column in enumerate(columns) if column.key == key), 0)
     views = [(OVERVIEW, "Overview"), *([(CLASSES, "Class means")] if families else [])]
     settings = dict.fromkeys(entry.setting for entry in entries)
@@ -133,7 +135,7 @@ def _board(benchmark: str, entries: list[Entry], group_titles: dict[str, str]) -
     )
 
 
-def _groups(entries: list[Entry], titles: dict[str, str]) -> tuple[Group, ...]:
+def _groups(entries: list[LeaderboardEntry], titles: dict[str, str]) -> tuple[Group, ...]:
     groups = []
     for frames in dict.fromkeys(entry.sample_set for entry in entries):
         lines = sorted((entry for entry in entries if entry.sample_set == frames), key=default_order)
@@ -146,6 +148,6 @@ def _column(metric: str, corruption: str, family: str) -> BoardColumn:
     return BoardColumn((metric, corruption), short_label(corruption), title, (family,), metric, "px")
 
 
-def _mean_column(metric: str, key: Key, label: str, views: tuple[str, ...]) -> BoardColumn:
+def _mean_column(metric: str, key: NumberKey, label: str, views: tuple[str, ...]) -> BoardColumn:
     title = f"{METRIC_LABELS[metric]}, mean over {'all corruptions' if key[1] == AVERAGE else 'the class'}"
     return BoardColumn(key, label, title, views, metric, "px")

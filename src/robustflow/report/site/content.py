@@ -13,12 +13,12 @@ from ...analysis.doubts import doubted_runs, doubts
 from ...analysis.labels import benchmark_words
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
-from ...analysis.scores import coverage_of, note_of, run_names, run_results, sample_set, setting_of
+from ...analysis.scores import coverage_of, note_of, run_names, run_results, run_setting, sample_set
 from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import DataError, UsageError
 from ...text import plain
 from ..assemble import results_of
-from .entries import Entry, entries_of
+from .entries import LeaderboardEntry, entries_of
 
 if TYPE_CHECKING:
     from ...runs.run import Run
@@ -51,7 +51,7 @@ class Content:
     runs: Mapping[tuple[str, str], Run]
     results: pl.DataFrame
     costs: Mapping[str, Cost]
-    entries: Sequence[Entry]
+    entries: Sequence[LeaderboardEntry]
     group_titles: Mapping[str, str]
     alone: bool
     doubted: Mapping[tuple[str, str], str]
@@ -136,7 +136,7 @@ def _content(
         known,
         run_costs(runs),
         [
-            (str(run.manifest["identity"]["benchmark"]), frames, setting_of(run), name, note_of(run, beside))
+            (str(run.manifest["identity"]["benchmark"]), frames, run_setting(run), name, note_of(run, beside))
             for (frames, name), run in by_name.items()
         ],
         doubted,

@@ -12,11 +12,11 @@ from typing import Any
 
 from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS, benchmark_label, setting_words
 from ...analysis.results import AVERAGE, CLEAN, RESULT_METRICS
-from ...corruptions.registry import FAMILIES, PAPER_ORDER
+from ...corruptions.names import MEMBERS, ordered
 from ...text import plain
 from ..table import Table
 from .board import Board
-from .entries import Entry, Key
+from .entries import LeaderboardEntry, NumberKey
 from .models import HeatTable, ModelPage, interval_text
 
 
@@ -52,22 +52,21 @@ def _board(board: Board) -> dict[str, Any]:
     }
 
 
-def _keys(entries: Sequence[Entry]) -> list[Key]:
+def _keys(entries: Sequence[LeaderboardEntry]) -> list[NumberKey]:
     """First what a download holds, in its order; then means over classes of corruptions, which follow from the rest,
     and costs."""
     present = {key for entry in entries for key in entry.texts}
     corruptions = {corruption for _, corruption in present}
-    known = (CLEAN, AVERAGE, *PAPER_ORDER)
-    order = [*known, *sorted(corruptions - {*known, *FAMILIES, ""})]
+    order = [CLEAN, AVERAGE, *ordered(corruptions - {CLEAN, AVERAGE, *MEMBERS, ""})]
     numbers = [(metric, name) for metric in RESULT_METRICS for name in order if (metric, name) in present]
     return [*numbers, *sorted(present - set(numbers))]
 
 
 def _is_number(metric: str, corruption: str) -> bool:
-    return metric in RESULT_METRICS and corruption not in FAMILIES
+    return metric in RESULT_METRICS and corruption not in MEMBERS
 
 
-def _entry(entry: Entry, place: dict[Key, int], title: str) -> dict[str, Any]:
+def _entry(entry: LeaderboardEntry, place: dict[NumberKey, int], title: str) -> dict[str, Any]:
     """Only existing parts: most entries have no intervals, and many no note."""
     values: list[str | int] = [0] * len(place)
     for key, text in entry.texts.items():
@@ -87,7 +86,7 @@ def _entry(entry: Entry, place: dict[Key, int], title: str) -> dict[str, Any]:
     return {name: value for name, value in shown.items() if value or name in ("name", "setting")}
 
 
-def _remark(entry: Entry, title: str) -> str:
+def _remark(entry: LeaderboardEntry, title: str) -> str:
     """Below the name: how it differs, unless the heading says so, and why it is never marked as best."""
     doubt = f"not marked as best: {plain(entry.doubt, 160)}" if entry.doubt else ""
     return "; ".join(part for part in (plain(entry.note, 80) if entry.note not in title else "", doubt) if part)

@@ -19,21 +19,21 @@ from ...text import plain
 from ..table import number_text
 from .slugs import Slugs
 
-Key = tuple[str, str]
+NumberKey = tuple[str, str]
 """(metric, corruption, "clean", "average", or a family); ("parameters", ""), ("flops", ""), ("rank", "") and
 `COVERAGE`."""
 
-COVERAGE: Key = ("coverage", "")
+COVERAGE: NumberKey = ("coverage", "")
 
 Interval = tuple[float, float]
 
-START: tuple[Key, ...] = (("epe", AVERAGE), ("rcre", AVERAGE), ("epe", CLEAN))
+START: tuple[NumberKey, ...] = (("epe", AVERAGE), ("rcre", AVERAGE), ("epe", CLEAN))
 """The initial sort key: the error under corruption, or how far the flow moves without ground truth. CRE alone would put
 the knowledge-driven methods first, whose clean error leaves little room to get worse."""
 
 
 @dataclass
-class Entry:
+class LeaderboardEntry:
     """A line of the leaderboard.
 
     Attributes:
@@ -57,14 +57,14 @@ class Entry:
     name: str
     note: str
     page: str
-    texts: dict[Key, str] = field(default_factory=dict)
-    numbers: dict[Key, float] = field(default_factory=dict)
-    derived: set[Key] = field(default_factory=set)
-    best: set[Key] = field(default_factory=set)
-    intervals: dict[Key, Interval] = field(default_factory=dict)
+    texts: dict[NumberKey, str] = field(default_factory=dict)
+    numbers: dict[NumberKey, float] = field(default_factory=dict)
+    derived: set[NumberKey] = field(default_factory=set)
+    best: set[NumberKey] = field(default_factory=set)
+    intervals: dict[NumberKey, Interval] = field(default_factory=dict)
     doubt: str = ""
 
-    def set(self, key: Key, value: float | None, decimals: int | None = None) -> None:
+    def set(self, key: NumberKey, value: float | None, decimals: int | None = None) -> None:
         """Store a number as printed; None is skipped."""
         if value is not None:
             self.numbers[key], self.texts[key] = value, number_text(value, decimals)
@@ -73,12 +73,12 @@ class Entry:
 def entries_of(
     results: pl.DataFrame,
     costs: Mapping[str, Cost],
-    intervals: Mapping[tuple[str, str], Mapping[Key, Interval]] | None = None,
+    intervals: Mapping[tuple[str, str], Mapping[NumberKey, Interval]] | None = None,
     run_costs: Mapping[tuple[str, str], RunCost] | None = None,
     first: Sequence[tuple[str, str, str, str, str]] = (),
     doubted: Mapping[tuple[str, str], str] | None = None,
     coverage: Mapping[tuple[str, str], float] | None = None,
-) -> list[Entry]:
+) -> list[LeaderboardEntry]:
     """Entries of results, in their order, with the means over classes of corruptions that the paper does not print.
 
     Args:
@@ -90,14 +90,14 @@ def entries_of(
         doubted: by (sample set, name) of a run, why its model is not called the best of any column.
         coverage: for runs that left out pixels, the share that is included in the errors.
     """
-    entries: dict[tuple[str, str, str, str], Entry] = {}
+    entries: dict[tuple[str, str, str, str], LeaderboardEntry] = {}
     slugs = Slugs()
 
-    def entry_of(benchmark: str, frames: str, setting: str, model: str, note: str) -> Entry:
+    def entry_of(benchmark: str, frames: str, setting: str, model: str, note: str) -> LeaderboardEntry:
         key = (benchmark, frames, setting, model)
         if key not in entries:
             texts = (plain(setting, 40), plain(model), model, plain(note, 300))
-            entries[key] = Entry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
+            entries[key] = LeaderboardEntry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
         return entries[key]
 
     for head in first:
@@ -135,7 +135,7 @@ def entries_of(
     return list(entries.values())
 
 
-def _add_published(entry: Entry, cost: Cost, ranks: Mapping[str, Mapping[str, int]]) -> None:
+def _add_published(entry: LeaderboardEntry, cost: Cost, ranks: Mapping[str, Mapping[str, int]]) -> None:
     entry.set(("parameters", ""), cost.parameters_m)
     entry.set(("flops", ""), cost.flops_g, 1)
     setting = entry.setting.lower()
@@ -150,7 +150,7 @@ def _add_published(entry: Entry, cost: Cost, ranks: Mapping[str, Mapping[str, in
 _UNMARKED = {("parameters", ""), ("flops", ""), COVERAGE}
 
 
-def _mark_best(entries: list[Entry], doubted: Mapping[tuple[str, str], str]) -> None:
+def _mark_best(entries: list[LeaderboardEntry], doubted: Mapping[tuple[str, str], str]) -> None:
     """As in the paper, knowledge-driven methods have no marks, and neither do numbers that the paper does not print.
     Nor do imported lines: that they were measured on the same frames cannot be verified."""
     lines = []
@@ -164,7 +164,7 @@ def _mark_best(entries: list[Entry], doubted: Mapping[tuple[str, str], str]) -> 
         entry.best |= best
 
 
-def default_order(entry: Entry) -> tuple[bool, float, str]:
+def default_order(entry: LeaderboardEntry) -> tuple[bool, float, str]:
     """By `START`, then by name."""
     value = next((entry.numbers[key] for key in START if key in entry.numbers), None)
     return value is None, value or 0.0, entry.model

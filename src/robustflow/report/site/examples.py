@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from ...analysis.labels import long_label
 from ...errors import DataError, first_misfit
@@ -19,6 +19,7 @@ from ...images.io import jpeg_address, read_image, shrunk
 from ...runs.example_list import EXAMPLES_FILE, FOLDER
 from ...sample import Frame
 from ...text import plain
+from ...validated import Untrusted
 from ..slider import Slider, make_slider
 
 if TYPE_CHECKING:
@@ -38,23 +39,19 @@ _Text = Annotated[str, Field(max_length=500)]
 _Severity = Annotated[int, Field(ge=1, le=5)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-
-
-class _Picture(_Strict):
+class _PictureEntry(Untrusted):
     corruption: _Text
     severity: _Severity
     file: _File
 
 
-class _Slider(_Strict):
+class _SliderEntry(Untrusted):
     key: _Text
     clean: _File
-    pictures: Annotated[list[_Picture], Field(max_length=300)]
+    pictures: Annotated[list[_PictureEntry], Field(max_length=300)]
 
 
-class _PanelEntry(_Picture):
+class _PanelEntry(_PictureEntry):
     kind: Literal["worst", "median"]
     key: _Text
     epe: float | None
@@ -62,9 +59,9 @@ class _PanelEntry(_Picture):
     rcre: float | None
 
 
-class _Examples(_Strict):
+class _ExampleList(Untrusted):
     version: Literal[1]
-    slider: _Slider
+    slider: _SliderEntry
     panels: Annotated[list[_PanelEntry], Field(max_length=8)]
 
 
@@ -100,7 +97,7 @@ def run_examples(run: Run) -> tuple[Slider, list[PanelPicture]] | None:
         return None
     data = _bytes(folder / EXAMPLES_FILE, _LARGEST_LIST)
     try:
-        shown = _Examples.model_validate_json(data)
+        shown = _ExampleList.model_validate_json(data)
     except ValidationError as error:
         raise DataError(f"{folder / EXAMPLES_FILE}: {first_misfit(error)}; delete the folder, or run again") from error
     clean = _read(folder / shown.slider.clean)

@@ -16,20 +16,20 @@ from ...analysis.uncertainty import compare_all
 from ...errors import RunError
 from ...text import counted, plain
 from .content import Content
-from .entries import Entry, Key
+from .entries import LeaderboardEntry, NumberKey
 
 if TYPE_CHECKING:
     from ...runs.run import Run
 
 MOST_COMPARED = 8
-_RANKED: tuple[Key, ...] = (("cre", AVERAGE), ("rcre", AVERAGE))
-_CLEAN: Key = ("epe", CLEAN)
+_RANKED: tuple[NumberKey, ...] = (("cre", AVERAGE), ("rcre", AVERAGE))
+_CLEAN: NumberKey = ("epe", CLEAN)
 
 
 def headline(content: Content) -> list[str]:
     """Sentences about the runs first, then about the paper's values."""
     sentences: list[str] = []
-    groups: dict[tuple[str, str], list[Entry]] = {}
+    groups: dict[tuple[str, str], list[LeaderboardEntry]] = {}
     for entry in content.entries:
         groups.setdefault((entry.benchmark, entry.sample_set), []).append(entry)
     published = []
@@ -56,13 +56,13 @@ def headline(content: Content) -> list[str]:
     return sentences
 
 
-def _own_without_truth(entries: Sequence[Entry], content: Content) -> dict[str, Run]:
+def _own_without_truth(entries: Sequence[LeaderboardEntry], content: Content) -> dict[str, Run]:
     """The runs of a group over frames without ground truth that the paper has no results on; empty for others."""
     runs = {entry.model: content.runs.get((entry.sample_set, entry.name)) for entry in entries}
     return {name: run for name, run in runs.items() if run is not None and without_truth(run)}
 
 
-def _best_of_settings(entries: list[Entry]) -> list[str]:
+def _best_of_settings(entries: list[LeaderboardEntry]) -> list[str]:
     """For each setting the model with the lowest CRE, or RCRE if there is no CRE."""
     leaders = []
     for setting in dict.fromkeys(entry.setting for entry in entries if entry.setting != "knowledge"):
@@ -73,7 +73,7 @@ def _best_of_settings(entries: list[Entry]) -> list[str]:
     return leaders
 
 
-def _printed(entry: Entry, key: Key) -> str:
+def _printed(entry: LeaderboardEntry, key: NumberKey) -> str:
     """A printed score; for a CRE that does not follow from the printed EPE, also the one that does."""
     epe, clean = (entry.numbers.get(("epe", name)) for name in (AVERAGE, CLEAN))
     text = f"{entry.texts[key]} px"
@@ -82,7 +82,7 @@ def _printed(entry: Entry, key: Key) -> str:
     return f"{text} as printed, {epe - clean:.2f} px from its EPE"
 
 
-def _alone(entry: Entry) -> list[str]:
+def _alone(entry: LeaderboardEntry) -> list[str]:
     where = on_benchmark(entry.model, entry.benchmark)
     clean, whole = entry.texts.get(("epe", CLEAN)), entry.texts.get(("epe", AVERAGE))
     if clean is None or whole is None:
@@ -104,7 +104,7 @@ def _alone(entry: Entry) -> list[str]:
     return [f"{sentence}; 95 % interval of the CRE {interval[0]:.2f} to {interval[1]:.2f} px: {significant}."]
 
 
-def _of_own(entries: list[Entry], content: Content) -> list[str]:
+def _of_own(entries: list[LeaderboardEntry], content: Content) -> list[str]:
     """The lowest CRE together with the accuracy, among the models without doubts."""
     left_out = _not_ranked(entries, content, "Not ranked")
     sound = [entry for entry in entries if not _doubts(entry, content)]
@@ -128,25 +128,25 @@ def _of_own(entries: list[Entry], content: Content) -> list[str]:
     return [sentence, *_difference(key[0], order, content), *left_out]
 
 
-def _shown(entry: Entry, key: Key) -> str:
+def _shown(entry: LeaderboardEntry, key: NumberKey) -> str:
     """A score together with the accuracy, without which it cannot be judged."""
     clean = entry.texts.get(_CLEAN)
     return f"{entry.texts[key]} px" + (f"; clean EPE {clean} px" if clean else "")
 
 
-def _doubts(entry: Entry, content: Content) -> list[str]:
+def _doubts(entry: LeaderboardEntry, content: Content) -> list[str]:
     reason = content.doubted.get((entry.sample_set, entry.name))
     return [reason] if reason else []
 
 
-def _not_ranked(entries: Sequence[Entry], content: Content, start: str) -> list[str]:
+def _not_ranked(entries: Sequence[LeaderboardEntry], content: Content, start: str) -> list[str]:
     """Which models are not called robust, and why."""
     against = {entry.model: " and ".join(_doubts(entry, content)) for entry in entries}
     reasons = [f"{model}, because {reason}" for model, reason in against.items() if reason]
     return [f"{start}: {'; '.join(reasons)}."] if reasons else []
 
 
-def _difference(metric: str, order: Sequence[Entry], content: Content) -> list[str]:
+def _difference(metric: str, order: Sequence[LeaderboardEntry], content: Content) -> list[str]:
     """Whether the best differs from the second, corrected for every pair of the best `MOST_COMPARED`, because the two
     were chosen by looking at all."""
     runs = {entry.name: content.runs.get((entry.sample_set, entry.name)) for entry in order[:MOST_COMPARED]}
@@ -162,7 +162,7 @@ def _difference(metric: str, order: Sequence[Entry], content: Content) -> list[s
     return [plain(sentence, None) for sentence in pair["sentence"]]
 
 
-def _ranked(entries: Sequence[Entry]) -> tuple[Key, list[Entry]] | None:
+def _ranked(entries: Sequence[LeaderboardEntry]) -> tuple[NumberKey, list[LeaderboardEntry]] | None:
     for key in _RANKED:
         known = [entry for entry in entries if key in entry.numbers]
         if len(known) > 1:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 from ...analysis.anatomy import by_severity
 from ...analysis.labels import METRIC_LABELS, benchmark_label, long_label, metric_label, setting_words
 from ...analysis.results import AVERAGE, CLEAN
-from ...corruptions.registry import PAPER_ORDER
+from ...corruptions.names import ORDER
 from ...text import plain
 from ..analysis_tables import anatomy_table
 from ..table import Line, Section, Table
 from .content import Content
-from .entries import Entry, Key
+from .entries import LeaderboardEntry, NumberKey
 from .examples import PanelPicture
 from .facts import Facts, published_facts, run_facts
 from .heat import scale_top
@@ -60,7 +60,7 @@ class ModelPage:
 
     id: str
     name: str
-    tiles: tuple[tuple[Entry, tuple[tuple[str, str, str], ...]], ...]
+    tiles: tuple[tuple[LeaderboardEntry, tuple[tuple[str, str, str], ...]], ...]
     says: tuple[str, ...]
     tables: tuple[HeatTable, ...]
     facts: Facts
@@ -75,7 +75,7 @@ def model_pages(content: Content, panels: Mapping[tuple[str, str], Sequence[Pane
         content: of the page.
         panels: pictures of predictions, by (sample set, name) of a run.
     """
-    by_page: dict[str, list[Entry]] = {}
+    by_page: dict[str, list[LeaderboardEntry]] = {}
     for entry in content.entries:
         by_page.setdefault(entry.page, []).append(entry)
     pages = []
@@ -89,7 +89,7 @@ def model_pages(content: Content, panels: Mapping[tuple[str, str], Sequence[Pane
     return pages
 
 
-def _of_run(page: str, entry: Entry, run: Run, panels: tuple[PanelPicture, ...]) -> ModelPage:
+def _of_run(page: str, entry: LeaderboardEntry, run: Run, panels: tuple[PanelPicture, ...]) -> ModelPage:
     return ModelPage(
         id=page,
         name=entry.model,
@@ -104,7 +104,7 @@ def _of_run(page: str, entry: Entry, run: Run, panels: tuple[PanelPicture, ...])
     )
 
 
-def _of_results(page: str, entries: list[Entry], content: Content) -> ModelPage:
+def _of_results(page: str, entries: list[LeaderboardEntry], content: Content) -> ModelPage:
     first = entries[0]
     of_model = content.results.filter(sample_set=first.sample_set, model=first.name)
     tables = []
@@ -122,7 +122,7 @@ def _of_results(page: str, entries: list[Entry], content: Content) -> ModelPage:
     )
 
 
-def _tiles(entry: Entry) -> tuple[tuple[str, str, str], ...]:
+def _tiles(entry: LeaderboardEntry) -> tuple[tuple[str, str, str], ...]:
     return tuple(
         (f"{'clean ' if key[1] == CLEAN else ''}{METRIC_LABELS[key[0]]}", entry.texts[key], interval_text(entry, key))
         for key in _TILES
@@ -130,16 +130,16 @@ def _tiles(entry: Entry) -> tuple[tuple[str, str, str], ...]:
     )
 
 
-def interval_text(entry: Entry, key: Key) -> str:
+def interval_text(entry: LeaderboardEntry, key: NumberKey) -> str:
     """ "[1.02, 1.71]", or "" if there is no interval."""
     interval = entry.intervals.get(key)
     return f"[{interval[0]:.2f}, {interval[1]:.2f}]" if interval else ""
 
 
-def _sentences(entry: Entry) -> tuple[str, ...]:
+def _sentences(entry: LeaderboardEntry) -> tuple[str, ...]:
     """The corruptions under which the model is worst and best."""
     for metric in ("cre", "rcre"):
-        values = {name: entry.numbers[metric, name] for name in PAPER_ORDER if (metric, name) in entry.numbers}
+        values = {name: entry.numbers[metric, name] for name in ORDER if (metric, name) in entry.numbers}
         if len(values) < 2:
             continue
         order = sorted(values, key=lambda name: -values[name])
@@ -152,7 +152,7 @@ def _sentences(entry: Entry) -> tuple[str, ...]:
     return ()
 
 
-def _severity_table(entry: Entry, run: Run, metric: str) -> HeatTable:
+def _severity_table(entry: LeaderboardEntry, run: Run, metric: str) -> HeatTable:
     table = run.table(metric)
     levels = [column for column in table.columns if column.isdigit()]
     top = scale_top(value for level in levels for value in table[level])
@@ -169,14 +169,11 @@ def _severity_table(entry: Entry, run: Run, metric: str) -> HeatTable:
     return HeatTable(f"{metric_label(metric)} by severity", columns, tops, tuple(lines))
 
 
-def _settings_table(title: str, entries: Sequence[Entry]) -> HeatTable:
-    shown = [(m, e) for m in _METRICS for e in entries if any((m, name) in e.texts for name in PAPER_ORDER)]
-    tops = {
-        metric: scale_top(e.numbers.get((metric, name)) for _, e in shown for name in PAPER_ORDER)
-        for metric in _METRICS
-    }
+def _settings_table(title: str, entries: Sequence[LeaderboardEntry]) -> HeatTable:
+    shown = [(m, e) for m in _METRICS for e in entries if any((m, name) in e.texts for name in ORDER)]
+    tops = {metric: scale_top(e.numbers.get((metric, name)) for _, e in shown for name in ORDER) for metric in _METRICS}
     lines = []
-    for name in [name for name in PAPER_ORDER if any((m, name) in e.texts for m, e in shown)] + [AVERAGE]:
+    for name in [name for name in ORDER if any((m, name) in e.texts for m, e in shown)] + [AVERAGE]:
         cells = tuple((e.texts.get((m, name), "–"), "") for m, e in shown)
         lines.append(("Average" if name == AVERAGE else long_label(name), cells))
     columns = tuple(f"{METRIC_LABELS[metric]} {setting_words(entry.setting)}" for metric, entry in shown)

@@ -31,7 +31,7 @@ def cells_ahead(batch_size: int) -> int:
 
 
 @dataclass
-class _Sample:
+class _OpenSample:
     """A sample in progress: its clean flow is known or has been requested."""
 
     loaded: Loaded
@@ -45,7 +45,7 @@ class _Sample:
 class _Sent:
     """A question that was sent."""
 
-    sample: _Sample
+    sample: _OpenSample
     question: SlotQuestion
     digest: str
     wanted: bool
@@ -79,7 +79,7 @@ class _Feeder:
         clean_path = RunFolder(Path(job.folder)).clean_path
         self._measure = MeasureStage(job.options, clean_path, job.kept, self._seconds)
         self._hand: deque[Cell] = deque()
-        self._samples: dict[str, _Sample] = {}
+        self._samples: dict[str, _OpenSample] = {}
         self._batch: list[_Sent] = []
         self._flying: deque[list[_Sent]] = deque()
         self._unanswered = cells_ahead(job.batch_size)
@@ -113,7 +113,7 @@ class _Feeder:
         key, corruption, severity = cell
         if key not in self._samples:
             loaded = self._frames.load(key)
-            self._samples[key] = _Sample(loaded, _slot_bytes(loaded, self._frames))
+            self._samples[key] = _OpenSample(loaded, _slot_bytes(loaded, self._frames))
             return  # larger slots may be needed first
         sample = self._samples[key]
         if sample.clean is None and not sample.unmeasured:
@@ -130,7 +130,7 @@ class _Feeder:
             self._ask(sample, cell, frames, wanted=True)
         self._begun(cell, self._seconds["corrupt"] - before)
 
-    def _find_clean(self, sample: _Sample, cell: Cell) -> None:
+    def _find_clean(self, sample: _OpenSample, cell: Cell) -> None:
         """Take the clean flow from disk, or else ask for it; that question is the cell itself if the cell is clean."""
         sample.clean = self._measure.kept_clean(sample.loaded)
         if sample.clean is not None:
@@ -148,7 +148,7 @@ class _Feeder:
         plenty = 2 * self._slots.taken >= self._slots.count
         self._driver.send(("made", (cell[1], cost, plenty)))
 
-    def _ask(self, sample: _Sample, cell: Cell, frames: tuple[Frame, ...], wanted: bool) -> None:
+    def _ask(self, sample: _OpenSample, cell: Cell, frames: tuple[Frame, ...], wanted: bool) -> None:
         if self._batch and self._batch[0].sample is not sample:
             self._send_batch()
         digest = self._measure.digest(frames)
@@ -196,7 +196,7 @@ class _Feeder:
                 self._report(question.cell, sample, flow, sent.digest)
             self._slots.put_back(question.slot)
 
-    def _report(self, cell: Cell, sample: _Sample, flow: Flow, digest: str) -> None:
+    def _report(self, cell: Cell, sample: _OpenSample, flow: Flow, digest: str) -> None:
         assert sample.clean is not None  # a device answers in order, and the clean flow was requested first
         row = self._measure.row(sample.loaded, sample.clean, flow, digest, cell)
         self._driver.send(("row", (cell, row, taken(self._seconds))))

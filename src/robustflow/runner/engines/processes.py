@@ -19,11 +19,11 @@ from .watch import Watch
 def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> Iterator[FinishedUnit]:
     """Compute the units in `workers` processes; `timeout` is the longest a single prediction may take, in seconds."""
     check_picklable(job.model)
-    pool: list[_Worker] = []
+    pool: list[_WorkerHandle] = []
     schedule = Schedule(units)
     try:
         for _ in range(workers):
-            pool.append(_Worker(job, timeout))
+            pool.append(_WorkerHandle(job, timeout))
         for process in pool:
             process.give(schedule)
         while any(process.unit for process in pool):
@@ -45,7 +45,7 @@ def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | No
             process.child.end()
 
 
-class _Worker:
+class _WorkerHandle:
     """One worker process and what it is doing."""
 
     def __init__(self, job: Job, timeout: float | None) -> None:

@@ -45,8 +45,8 @@ def staged(
     """
     check_picklable(job.model)
     schedule = CellSchedule(units)
-    predictors: list[_Predictor] = []
-    pool: list[_Feeder] = []
+    predictors: list[_PredictorHandle] = []
+    pool: list[_FeederHandle] = []
     links = [multiprocessing.Pipe() for _ in range(feeders)]
     slots = [SharedSlots(2 * job.batch_size + 2) for _ in range(feeders)]
     try:
@@ -54,15 +54,15 @@ def staged(
             for number, device in enumerate(devices):
                 mine = range(number, feeders, len(devices))
                 theirs = [(links[feeder][1], slots[feeder]) for feeder in mine]
-                predictors.append(_Predictor(job, device if len(devices) > 1 else None, theirs, timeout))
+                predictors.append(_PredictorHandle(job, device if len(devices) > 1 else None, theirs, timeout))
             for (link, _), memory in zip(links, slots, strict=True):
-                pool.append(_Feeder(job, link, memory))
+                pool.append(_FeederHandle(job, link, memory))
         finally:
             for ends, memory in zip(links, slots, strict=True):
                 ends[0].close()
                 ends[1].close()
                 memory.close()
-        children: dict[Any, _Predictor | _Feeder] = {one.child.pipe: one for one in predictors}
+        children: dict[Any, _PredictorHandle | _FeederHandle] = {one.child.pipe: one for one in predictors}
         children |= {one.child.pipe: one for one in pool}
         for feeder in pool:
             feeder.deal(schedule)
@@ -82,7 +82,7 @@ def staged(
             child.end()
 
 
-class _Predictor:
+class _PredictorHandle:
     """The process of a device."""
 
     def __init__(self, job: Job, device: str | None, links: list[Link], timeout: float | None) -> None:
@@ -96,7 +96,7 @@ class _Predictor:
         self.watch.note(self.child.receive(doing, "try a smaller --batch-size")[1])
 
 
-class _Feeder:
+class _FeederHandle:
     """A feeder, and the cells it was given."""
 
     def __init__(self, job: Job, link: Any, slots: SharedSlots) -> None:

@@ -34,11 +34,11 @@ def over_iterations(losses: Sequence[Tensor]) -> Tensor:
     return torch.stack([GAMMA ** (len(losses) - 1 - number) * loss for number, loss in enumerate(losses)]).sum()
 
 
-def masked_census(image: Tensor, found: Tensor, seen: Tensor) -> Tensor:
+def masked_census(image: Tensor, warped: Tensor, seen: Tensor) -> Tensor:
     """The robust census distance of two RGB images 0..1 (N, 3, H, W), its mean where `seen` (N, 1, H, W) is 1 and the
     window is inside; a scalar."""
     mask = seen * inner(seen, RADIUS)
-    return (robust(census_sum(image, found, RADIUS, LUMA)) * mask).sum() / (mask.sum() + 1e-6)
+    return (robust(census_sum(image, warped, RADIUS, LUMA)) * mask).sum() / (mask.sum() + 1e-6)
 
 
 def seen_of(forward: Tensor, backward: Tensor, occlusion: str) -> Tensor:

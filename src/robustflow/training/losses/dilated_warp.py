@@ -24,8 +24,8 @@ def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) ->
 
     >>> whole = torch.arange(6.0).view(1, 1, 1, 6).repeat(1, 1, 2, 1)
     >>> flow = torch.tensor([2.0, 0.0]).view(1, 2, 1, 1).expand(1, 2, 1, 3)
-    >>> found, inside = dilated_warp(whole, flow, torch.tensor([[2.0, 0.0]]), torch.tensor([[6.0, 2.0]]))
-    >>> found.flatten().tolist(), inside.flatten().tolist()
+    >>> warped, inside = dilated_warp(whole, flow, torch.tensor([[2.0, 0.0]]), torch.tensor([[6.0, 2.0]]))
+    >>> warped.flatten().tolist(), inside.flatten().tolist()
     ([4.0, 5.0, 0.0], [1.0, 1.0, 0.0])
     """
     height, width = whole.shape[2:]
@@ -33,8 +33,8 @@ def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) ->
     last = (sizes - 1)[:, :, None, None]
     inside = ((x >= 0) & (x <= last[:, 0]) & (y >= 0) & (y <= last[:, 1]))[:, None].float()
     grid = torch.stack((2 * x / max(width - 1, 1) - 1, 2 * y / max(height - 1, 1) - 1), dim=-1)
-    found = F.grid_sample(whole.float(), grid, mode="bilinear", padding_mode="border", align_corners=True)
-    return found * inside, inside
+    warped = F.grid_sample(whole.float(), grid, mode="bilinear", padding_mode="border", align_corners=True)
+    return warped * inside, inside
 
 
 def leaves(flow: Tensor) -> Tensor:

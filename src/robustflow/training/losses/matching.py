@@ -55,8 +55,8 @@ def matching_loss(confidence: Tensor, image1: Tensor, image2: Tensor, truth: Ten
     wrong = -(1 - confidence).log()
     wrong = wrong.index_put((pair, place, matches[pair, place]), wrong.new_zeros(()))
     others = confidence.numel() - len(pair)
-    found = -right.log().mean() if len(pair) else confidence.new_zeros(())
-    return found + wrong.sum() / others
+    matched = -right.log().mean() if len(pair) else confidence.new_zeros(())
+    return matched + wrong.sum() / others
 
 
 @torch.no_grad()

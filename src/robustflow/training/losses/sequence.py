@@ -33,6 +33,7 @@ def sequence_loss(
     Raises:
         UsageError: no prediction, or shapes that do not fit.
 
+    >>> import torch
     >>> truth, ones = torch.zeros(1, 2, 4, 4), torch.ones(1, 4, 4)
     >>> flow = torch.ones(1, 2, 4, 4)
     >>> round(sequence_loss([flow, flow], truth, ones, gamma=0.8).item(), 4)

@@ -20,14 +20,14 @@ class OneWay:
         flow: (N, 2, H, W), pixels.
         levels: flows of the pyramid, each in pixels of its own size.
         image: (N, 3, H, W), the frame that the flow starts from, as the network takes it.
-        found: (N, 3, H, W), the other frame fetched along the flow.
+        warped: (N, 3, H, W), the other frame, warped to this one by the flow.
         seen: float (N, 1, H, W), 0 where another object hides the pixel.
     """
 
     flow: Tensor
     levels: Sequence[Tensor]
     image: Tensor
-    found: Tensor
+    warped: Tensor
     seen: Tensor
 
 
@@ -39,9 +39,9 @@ def upflow_terms(ways: Sequence[OneWay], settings: UpflowObjective) -> dict[str,
     """
     q = settings.exponent
     return {
-        "photometric": _sum(settings.photometric * robust(way.image - way.found, q).mean() for way in ways),
+        "photometric": _sum(settings.photometric * robust(way.image - way.warped, q).mean() for way in ways),
         "census": _sum(
-            settings.census * robust(census_sum(way.image, way.found, settings.radius, levels=1.0), q).mean()
+            settings.census * robust(census_sum(way.image, way.warped, settings.radius, levels=1.0), q).mean()
             for way in ways
         ),
         "smoothness": _sum(settings.smooth * edge_aware(way.flow, way.image) for way in ways),

@@ -71,30 +71,30 @@ class Brightflow(LabelFree):
         if not corrects:
             return way.image, way.image.new_zeros(())
         assert self.network.corrector is not None
-        found, inside = self._found(way, way.flows[-1].detach(), batch)
+        warped, inside = self._warped(way, way.flows[-1].detach(), batch)
         seen = way.seen * inside
-        with self.autocast(found):
-            offsets = self.network.corrector(way.image, found, seen).float()
+        with self.autocast(warped):
+            offsets = self.network.corrector(way.image, warped, seen).float()
         corrected = (way.image + offsets).clamp(-1.0, 1.0)  # 0..255
-        loss = ((corrected - found).abs() * seen).mean() / (seen.mean() + 1e-6)
+        loss = ((corrected - warped).abs() * seen).mean() / (seen.mean() + 1e-6)
         if moment.share < self._settings.corrected_from:
             return way.image, loss
         corrected = corrected.detach()
-        better = (corrected - found).abs() < (way.image - found).abs()
+        better = (corrected - warped).abs() < (way.image - warped).abs()
         return torch.where(better, corrected, way.image), loss
 
     def _photometric(self, way: _Way, target: Tensor, batch: Batch) -> Tensor:
         losses = []
         for flow in way.flows:
-            found, inside = self._found(way, flow, batch)
-            losses.append(masked_census((target + 1) / 2, (found + 1) / 2, way.seen * inside.detach()))
+            warped, inside = self._warped(way, flow, batch)
+            losses.append(masked_census((target + 1) / 2, (warped + 1) / 2, way.seen * inside.detach()))
         return over_iterations(losses)
 
     def _smoothness(self, way: _Way) -> Tensor:
         image, second_order = (way.image + 1) / 2, self._settings.second_order
         return over_iterations([robust_smoothness(flow, image, ALPHA, second_order) for flow in way.flows])
 
-    def _found(self, way: _Way, flow: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
+    def _warped(self, way: _Way, flow: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
         assert batch.whole is not None
         return dilated_warp(way.other, flow, batch.whole.corners, batch.whole.sizes)
 

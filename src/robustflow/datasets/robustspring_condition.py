@@ -1,0 +1,123 @@
+"""The frames of RobustSpring under one condition, and the layout in which its server takes flows.
+
+    spring/test/0003/frame_left/frame_left_0001.png ...     as unpacked from Spring's test_frame_left.zip, _right.zip
+    fog/test/0003/frame_left/frame_left_0001.png ...        from fog.zip, and so on
+
+Its server takes flows of every pair, forwards and backwards in both cameras, clean and corrupted, in the layout
+CONDITION/test/0003/flow_FW_left/flow_FW_left_0001.flo5.
+
+Source: Schmalfuss et al., RobustSpring, arXiv 2505.09368. The layout of the flows, the names and the lengths of the
+sequences are those of springeval/templates/springeval/faq.html and subsampling/flow_robust_subsampling.cpp in
+cv-stuttgart/springwebsite at bbfabe8. That of the frames is what two independent readers of the files expect:
+tools/official_transfer_probe.py in eLiAshaun/CAR-GR-RoCo-Spring at 5cbd69a and
+instant_video_models/datasets/robust_spring.py in wision-lab/instant-video-models at e685f56. This reader has not been
+run on the released frames themselves.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from ..corruptions.on_disk import ROBUSTSPRING
+from ..errors import DataError
+from ..layout import choice, consecutive, folders, locate, numbered
+from .pairs import Pair, PairDataset
+
+CLEAN = "clean"
+
+CORRUPTIONS = tuple(sorted(map(ROBUSTSPRING.there, ROBUSTSPRING.names)))
+"""Its corruptions, at one strength each, by its own names for them."""
+
+SEQUENCES = {3: 131, 19: 111, 28: 39, 29: 135, 31: 73, 34: 47, 35: 120, 40: 111, 42: 116, 46: 117}
+"""Number of a test sequence -> its frames."""
+
+DIRECTIONS = ("FW", "BW")
+_SIDES = ("left", "right")
+_CLEAN_NAMES = ("spring", CLEAN)
+
+
+class Condition(PairDataset):
+    """The pairs of one condition in one direction, both cameras. A key is a flow's path below CONDITION/test; a group
+    is a sequence, whose cameras see the same scene.
+
+    Args:
+        root: the folder that holds fog/ and the others, and of the clean frames spring/ or clean/.
+        condition: "clean", or one of `CORRUPTIONS`.
+        direction: "FW" (to the next frame) or "BW" (to the one before).
+        spring: the folder that holds Spring's test/, where it is neither in `root` nor beside it.
+
+    Attributes:
+        folder: CONDITION/test.
+
+    Raises:
+        DataError: another layout, or a frame missing within a sequence.
+    """
+
+    name = "robustspring"
+    has_flow = False
+
+    def __init__(
+        self, root: str | Path, condition: str = CLEAN, direction: str = "FW", spring: str | Path | None = None
+    ) -> None:
+        choice("condition", condition, (CLEAN, *CORRUPTIONS))
+        choice("direction", direction, DIRECTIONS)
+        self.folder = condition_folder(root, condition, spring)
+        pairs = {}
+        for sequence in folders(self.folder):
+            if re.fullmatch(r"\d{4}", sequence.name):
+                for side in _SIDES:
+                    pairs.update(_pairs(sequence, side, direction))
+        super().__init__(pairs, self.folder)
+
+
+def submitted() -> Iterator[str]:
+    """The path of every flow of a whole submission, below its folder.
+
+    >>> len(set(submitted())), next(submitted())
+    (83160, 'clean/test/0003/flow_FW_left/flow_FW_left_0001.flo5')
+    """
+    for condition in (CLEAN, *CORRUPTIONS):
+        for sequence, frames in SEQUENCES.items():
+            for side in _SIDES:
+                for direction in DIRECTIONS:
+                    first = 1 if direction == "FW" else 2
+                    for number in range(first, first + frames - 1):
+                        yield f"{condition}/test/{_key(f'{sequence:04d}', side, direction, number)}.flo5"
+
+
+def condition_folder(root: str | Path, condition: str, spring: str | Path | None = None) -> Path:
+    """CONDITION/test; arguments and errors as for `Condition`."""
+    if condition != CLEAN:
+        return _folder(root, [condition])
+    if spring is not None:
+        return locate("Spring", spring, ["test"], expected="test/, with 0003/frame_left/ in it") / "test"
+    beside = Path(root).expanduser().absolute().parent / "spring" / "test"
+    if not any((Path(root).expanduser() / name).is_dir() for name in _CLEAN_NAMES) and beside.is_dir():
+        return beside
+    return _folder(root, _CLEAN_NAMES, "; or name the folder of Spring's frames with -D spring=FOLDER")
+
+
+def _folder(root: str | Path, names: Sequence[str], otherwise: str = "") -> Path:
+    expected = f"{' or '.join(f'{name}/test/' for name in names)}, with 0003/frame_left/ in it{otherwise}"
+    top = locate("RobustSpring", root, [f"{name}/test" for name in names], expected=expected)
+    return next(top / name / "test" for name in names if (top / name / "test").is_dir())
+
+
+def _key(sequence: str, side: str, direction: str, number: int) -> str:
+    kind = f"flow_{direction}_{side}"
+    return f"{sequence}/{kind}/{kind}_{number:04d}"
+
+
+def _pairs(sequence: Path, side: str, direction: str) -> dict[str, Pair]:
+    folder = sequence / f"frame_{side}"
+    if not folder.is_dir():
+        raise DataError(f"{folder}: no such folder; unpack the frames of both cameras")
+    frames = numbered(folder, rf"frame_{side}_(\d{{4}})\.png")
+    pairs = {}
+    for before, after in consecutive(frames):
+        first, second = (before, after) if direction == "FW" else (after, before)
+        key = _key(sequence.name, side, direction, first)
+        pairs[key] = Pair((frames[first], frames[second]), group=sequence.name)
+    return pairs

@@ -1,0 +1,200 @@
+"""RobustSpring's corrupted frames as a benchmark: which pairs, from which files, under which names."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow.benchmarks import benchmark_facts, load_benchmark
+from robustflow.benchmarks.setting import setting_of
+from robustflow.corruptions import CORRUPTIONS, load_corruption
+from robustflow.corruptions.names import MEMBERS, ORDER
+from robustflow.corruptions.on_disk import ROBUSTSPRING
+from robustflow.corruptions.own import adopt
+from robustflow.datasets import load_dataset
+from robustflow.datasets.base import CorruptedClips
+from robustflow.datasets.robustspring import RobustSpring
+from robustflow.errors import DataError, RobustFlowError, UsageError
+from robustflow.images.io import read_image
+from robustflow.models.provenance import Training
+from robustflow.testing import check_dataset
+
+from .layouts import picture
+
+FOG, RAIN = "robustspring_fog", "robustspring_rain"
+
+
+@pytest.fixture
+def root(tmp_path) -> Path:
+    """Two short sequences in both cameras, clean and under two corruptions, as the archives unpack."""
+    root = tmp_path / "RobustSpring"
+    for condition in ("spring", "fog", "rain"):
+        for sequence, count in (("0003", 3), ("0028", 2)):
+            for side in ("left", "right"):
+                for number in range(1, count + 1):
+                    folder = root / condition / "test" / sequence / f"frame_{side}"
+                    picture(folder / f"frame_{side}_{number:04d}.png", 48, 64)
+    return root
+
+
+def test_both_cameras_both_directions_all_sequences(root):
+    pairs = RobustSpring(root)
+    assert check_dataset(pairs) == "robustspring"
+    assert isinstance(pairs, CorruptedClips)
+    steps = {"0003": 2, "0028": 1}
+    assert pairs.keys() == sorted(
+        f"{sequence}/flow_{direction}_{side}/flow_{direction}_{side}_{first + (direction == 'BW'):04d}"
+        for sequence, count in steps.items()
+        for side in ("left", "right")
+        for direction in ("FW", "BW")
+        for first in range(1, count + 1)
+    )
+    assert {sample.group for sample in pairs} == {"0003", "0028"}
+
+
+@pytest.mark.parametrize(("direction", "first", "second"), [("FW", 1, 2), ("BW", 3, 2)])
+def test_frames_are_those_of_the_files(root, direction, first, second):
+    pairs = RobustSpring(root)
+    key = f"0003/flow_{direction}_right/flow_{direction}_right_{first:04d}"
+    folders = {"spring": pairs.load(key).frames, "rain": pairs.corrupted(key, RAIN, 1)}
+    for folder, frames in folders.items():
+        for frame, number in zip(frames, (first, second), strict=True):
+            path = root / folder / "test/0003/frame_right" / f"frame_right_{number:04d}.png"
+            assert np.array_equal(frame, read_image(path))
+    third = 6 - first - second
+    assert list(pairs.around(key, 4)) == [0, 1, 2]
+    path = root / "rain/test/0003/frame_right" / f"frame_right_{third:04d}.png"
+    assert np.array_equal(pairs.corrupted_frame(key, 2, RAIN, 1), read_image(path))
+
+
+def test_the_benchmark_is_closed_over_what_is_unpacked(root):
+    benchmark = load_benchmark("robustspring", root)
+    assert benchmark.closed
+    assert (benchmark.corruptions, benchmark.severities) == ((FOG, RAIN), (1,))
+    assert benchmark.narrowed(limit=3).keys == tuple(RobustSpring(root).keys()[:3])
+    for wrong in ({"corruptions": ["robustspring_snow"]}, {"severities": [2]}):
+        with pytest.raises(UsageError, match="corrupted beforehand"):
+            benchmark.narrowed(**wrong)
+    for other in (benchmark, load_benchmark("demo")):
+        with pytest.raises(UsageError, match="exists only as the files of RobustSpring"):
+            other.narrowed(["fog+robustspring_fog"])
+
+
+def test_facts():
+    facts = benchmark_facts("robustspring")
+    assert (facts.title, facts.has_flow, facts.published) == ("RobustSpring", False, False)
+    assert (len(facts.paper_corruptions), facts.severities) == (20, (1,))
+
+
+def test_springs_training_sequences_are_its_domain_but_not_its_frames():
+    settings = {"spring": "ID", "flyingchairs": "OOD"}
+    for trained, setting in settings.items():
+        assert setting_of(Training((trained,), "declared"), "robustspring") == setting
+    assert setting_of(Training(None, "undeclared"), "robustspring") == "undeclared"
+
+
+def test_names_cannot_be_taken_for_this_projects():
+    ours = set(CORRUPTIONS.names())
+    assert not ours & set(ROBUSTSPRING.names)
+    assert {ROBUSTSPRING.there(name) for name in ROBUSTSPRING.names} - ours == {
+        "brightness",
+        "motion_blur",
+        "rain",
+        "speckle_noise",
+        "zoom_blur",
+    }
+    assert [name for names in MEMBERS.values() for name in names if name in ROBUSTSPRING.names] == list(
+        ROBUSTSPRING.names
+    )
+    assert len(set(ORDER)) == len(ORDER) == 24 + 20
+    with pytest.raises(UsageError, match=r"files of RobustSpring.*--benchmark robustspring"):
+        load_corruption(FOG)
+
+    class Mine:
+        name = FOG
+
+        def draw(self, rng, severity, shape):
+            return None
+
+        def apply(self, frame, state, index):
+            return frame
+
+    with pytest.raises(UsageError, match="has the name of the corruption"):
+        adopt(Mine)
+
+
+def _apart(root: Path, where: str) -> dict[str, str]:
+    """Move Spring's own frames elsewhere; the data options that this needs."""
+    target = root.parent / where
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.move(root / "spring", target)
+    return {"spring": str(target)} if where.startswith("far") else {}
+
+
+@pytest.mark.parametrize("where", ["RobustSpring/clean", "spring", "far/away"])
+def test_springs_own_frames_may_be_elsewhere(root, where):
+    before = load_benchmark("robustspring", root)
+    frame = before.dataset.load(before.keys[0]).frames[0]
+    options = _apart(root, where)
+    after = load_benchmark("robustspring", root, options=options)
+    assert after.keys == before.keys
+    assert after.protocol == before.protocol == {"frames": "released"}
+    assert np.array_equal(after.dataset.load(after.keys[0]).frames[0], frame)
+    assert all((root.parent / where) in path.parents for path in after.dataset.files(after.keys[0]))
+
+
+def _remove(path: str):
+    return lambda root: shutil.rmtree(root / path) if (root / path).is_dir() else (root / path).unlink()
+
+
+@pytest.mark.parametrize(
+    ("mistake", "message"),
+    [
+        (_remove("spring"), "spring/test/ or clean/test/.*-D spring=FOLDER"),
+        (
+            _remove("rain/test/0028/frame_left/frame_left_0002.png"),
+            "left_0002.png: missing, though",
+        ),
+        (_remove("fog/test/0003/frame_right"), "fog/test/0003/frame_right/frame_right_0001.png: missing"),
+        (_remove("fog/test"), "expected fog/test/"),
+        (
+            _remove("spring/test/0003/frame_left/frame_left_0002.png"),
+            "1 after frame_left_0001.png is missing",
+        ),
+        (lambda root: [shutil.rmtree(root / name) for name in ("fog", "rain")], "none under a corruption"),
+    ],
+)
+def test_mistakes_are_named_before_a_run_starts(root, mistake, message):
+    mistake(root)
+    with pytest.raises(DataError, match=message) as error:
+        load_benchmark("robustspring", root)
+    assert "\n" not in str(error.value)
+
+
+def test_mistakes_that_only_reading_shows(root):
+    small = root / "fog/test/0028/frame_left/frame_left_0001.png"
+    cv2.imwrite(str(small), np.zeros((24, 32, 3), np.uint8))
+    damaged = root / "rain/test/0028/frame_left/frame_left_0001.png"
+    damaged.write_bytes(b"no picture")
+    pairs = RobustSpring(root)
+    key = "0028/flow_FW_left/flow_FW_left_0001"
+    with pytest.raises(DataError, match=r"spring/test.* is 64x48.*fog/test.* is 32x24"):
+        pairs.corrupted(key, FOG, 1)
+    with pytest.raises(RobustFlowError, match="rain/test"):
+        pairs.corrupted(key, RAIN, 1)
+    with pytest.raises(UsageError, match="has no sample 'no'"):
+        pairs.load("no")
+    for corruption, severity in (("fog", 1), (FOG, 2), ("robustspring_snow", 1)):
+        with pytest.raises(UsageError, match="at severity 1 alone"):
+            pairs.corrupted(key, corruption, severity)
+
+
+def test_options_are_checked(root):
+    with pytest.raises(DataError, match="no such folder; give the folder of Spring"):
+        load_benchmark("robustspring", root, options={"spring": "nowhere"})
+    with pytest.raises(UsageError, match="option of dataset 'robustspring' 'sprung'"):
+        load_dataset("robustspring", root, sprung="x")

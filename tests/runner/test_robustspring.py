@@ -1,0 +1,162 @@
+"""A run on RobustSpring's layout, against numbers computed here from the files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from robustflow.analysis.results import read_results, results_csv, values_of
+from robustflow.analysis.robustspring import robustspring_results
+from robustflow.analysis.scores import note_of, run_results
+from robustflow.api import evaluate
+from robustflow.atomic import json_bytes
+from robustflow.datasets import load_dataset
+from robustflow.images.io import write_image
+from robustflow.models import load_model
+from robustflow.records.pack import record_bytes
+from robustflow.report.site.board import boards_of
+from robustflow.report.site.entries import entries_of
+from robustflow.report.tables import build_table
+from robustflow.runs.identity import identity_digest
+from tests.records.forge import entries_of as entries_of_record
+from tests.records.forge import failure, sealed, verified
+
+HEIGHT, WIDTH = 96, 128
+SEQUENCES = {"0003": 3, "0028": 2}
+
+
+def _clean(sequence: str, side: str, number: int) -> np.ndarray:
+    """A crop of a real frame, which moves from frame to frame."""
+    whole = load_dataset("motorcycle").load("motorcycle").frames[0]
+    top, left = 60 + 3 * number, 80 + 5 * number + 8 * (side == "right") + 150 * (sequence == "0028")
+    return np.ascontiguousarray(whole[top : top + HEIGHT, left : left + WIDTH])
+
+
+def _fog(frame: np.ndarray) -> np.ndarray:
+    return (0.5 * frame + 100).astype(np.uint8)
+
+
+def _zoom_blur(frame: np.ndarray) -> np.ndarray:
+    return cv2.blur(frame, (7, 3))
+
+
+CONDITIONS = {"spring": np.array, "fog": _fog, "zoom_blur": _zoom_blur}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory) -> Path:
+    root = tmp_path_factory.mktemp("data") / "RobustSpring"
+    for condition, make in CONDITIONS.items():
+        for sequence, count in SEQUENCES.items():
+            for side in ("left", "right"):
+                folder = root / condition / "test" / sequence / f"frame_{side}"
+                folder.mkdir(parents=True)
+                for number in range(1, count + 1):
+                    write_image(folder / f"frame_{side}_{number:04d}.png", make(_clean(sequence, side, number)))
+    return root
+
+
+@pytest.fixture(scope="module")
+def run(root, tmp_path_factory):
+    return evaluate("farneback", "robustspring", root, tmp_path_factory.mktemp("runs") / "mine", examples=False)
+
+
+def _farneback(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return load_model("farneback").predict(first, second).astype(np.float64)
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, float]:
+    """RobustSpring's R_EPE: the mean over pixels, pairs of both cameras and both directions, of how far flow moves."""
+    moved: dict[str, list[float]] = {"fog": [], "zoom_blur": []}
+    for sequence, count in SEQUENCES.items():
+        for side in ("left", "right"):
+            for number in range(1, count):
+                for pair in ((number, number + 1), (number + 1, number)):
+                    clean = [_clean(sequence, side, one) for one in pair]
+                    before = _farneback(*clean)
+                    for name, distances in moved.items():
+                        after = _farneback(*map(CONDITIONS[name], clean))
+                        distances.append(float(np.sqrt(((after - before) ** 2).sum(axis=2)).mean()))
+    return {name: float(np.mean(distances)) for name, distances in moved.items()}
+
+
+def test_rcre_is_how_far_the_flow_moves(run, expected):
+    summary = run.summary
+    assert list(summary.corruptions) == ["robustspring_fog", "robustspring_zoom_blur"]
+    for own, value in expected.items():
+        scores = summary.corruptions[f"robustspring_{own}"]
+        assert scores.rcre == pytest.approx(value, rel=1e-6)
+        assert scores.severities == [1]
+        assert scores.epe is None
+    assert summary.rcre == pytest.approx(np.mean(list(expected.values())), rel=1e-6)
+    assert summary.families["weather"].rcre == summary.corruptions["robustspring_fog"].rcre
+    assert summary.samples == 4 * sum(count - 1 for count in SEQUENCES.values()) == 12
+    assert set(run.rows["group"]) == set(SEQUENCES)
+
+
+def test_a_run_says_nothing_of_the_papers_severities(run):
+    assert note_of(run) == "12 pairs of RobustSpring; average over 2 corruptions"
+
+
+def test_the_export_has_the_same_numbers_under_the_same_names(run, expected):
+    results = robustspring_results(run, {name: [value] for name, value in expected.items()})
+    ours = values_of(run_results([run]), "rcre", benchmark="robustspring")
+    assert ours == pytest.approx(values_of(results, "rcre", benchmark="robustspring"), rel=1e-6)
+
+
+def test_results_can_be_written_and_read_again(run, tmp_path):
+    path = tmp_path / "results.csv"
+    path.write_text(results_csv(run_results([run])))
+    again = values_of(read_results(path), "rcre", benchmark="robustspring")
+    assert again == values_of(run_results([run]), "rcre")
+
+
+def test_it_stands_in_tables_and_on_pages_like_any_other(run):
+    results = run_results([run])
+    table = build_table("rcre", results)
+    headings = [(column.label, column.group) for column in table.columns]
+    assert headings == [("RS fog", "Weather"), ("RS zoom blur", "Blur"), ("AVG RCRE", "")]
+    (board,) = boards_of(entries_of(results, {}), {})
+    assert board.label == "RobustSpring"
+    assert [view for view, _ in board.views] == ["overview", "classes", "weather", "blur"]
+    assert ("rcre", "robustspring_fog") in [column.key for column in board.columns]
+
+
+def test_a_second_call_finds_its_rows(run, root):
+    before = {path: path.stat().st_mtime_ns for path in Path(run.path, "rows").iterdir()}
+    again = evaluate("farneback", "robustspring", root, run.path, examples=False)
+    assert again.summary == run.summary
+    assert {path: path.stat().st_mtime_ns for path in Path(run.path, "rows").iterdir()} == before
+
+
+def test_where_springs_frames_are_is_no_part_of_a_run(run, root, tmp_path):
+    apart = tmp_path / "apart"
+    apart.mkdir()
+    for condition in ("fog", "zoom_blur"):
+        (apart / condition).symlink_to(root / condition)
+    options = {"spring": root / "spring"}
+    moved = evaluate(
+        "farneback", "robustspring", apart, tmp_path / "run", data_options=options, limit=1, examples=False
+    )
+    assert moved.manifest["identity"] == run.manifest["identity"]
+
+
+def test_a_record_of_it_is_verified(run):
+    assert verified(record_bytes(run)).ok
+
+
+def test_a_record_knows_its_names_with_its_benchmark_alone(run):
+    entries = entries_of_record(record_bytes(run))
+    parts = {name: json.loads(entries[name]) for name in ("record.json", "manifest.json", "summary.json")}
+    identity = parts["manifest.json"]["identity"]
+    identity["benchmark"] = "gopro"
+    digest = identity_digest(identity)
+    parts["manifest.json"]["identity_digest"] = parts["record.json"]["run"] = parts["summary.json"]["run"] = digest
+    check, says = failure(sealed(entries | {name: json_bytes(part) for name, part in parts.items()}))
+    assert check == "cells"
+    assert "corruption 'robustspring_fog' is unknown" in says
