@@ -27,21 +27,22 @@ from pathlib import Path
 
 import numpy as np
 
-from robustflow.benchmarks import Benchmark
-from robustflow.corruptions.registry import IMAGE_PAIR
-from robustflow.datasets import load_dataset
-from robustflow.metrics.rows import CLEAN
-from robustflow.models import ModelSpec
-from robustflow.runner.engines.choose import choose_engine
-from robustflow.runner.fill import fill
-from robustflow.runner.frame_stage import FrameStage
-from robustflow.runner.measure_stage import MeasureStage
-from robustflow.runner.seconds import no_seconds
-from robustflow.runner.setup import set_up
-from robustflow.runs.plan import RunOptions
-from robustflow.runs.store import RunFolder
-from robustflow.testing import TexturePairs
-from robustflow.threads import one_opencv_thread
+if __name__ == "__main__":  # the processes that only predict load this file too, without what they do not need
+    from robustflow.benchmarks import Benchmark
+    from robustflow.corruptions.registry import IMAGE_PAIR
+    from robustflow.datasets import load_dataset
+    from robustflow.metrics.rows import CLEAN
+    from robustflow.models import ModelSpec
+    from robustflow.runner.engines.choose import choose_engine
+    from robustflow.runner.fill import fill
+    from robustflow.runner.frame_stage import FrameStage
+    from robustflow.runner.measure_stage import MeasureStage
+    from robustflow.runner.seconds import no_seconds
+    from robustflow.runner.setup import set_up
+    from robustflow.runs.plan import RunOptions
+    from robustflow.runs.store import RunFolder
+    from robustflow.testing import TexturePairs
+    from robustflow.threads import one_opencv_thread
 
 SEVERITIES = (1, 2, 3, 4, 5)
 SIZE = (375, 1242)

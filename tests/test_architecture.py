@@ -28,11 +28,20 @@ def test_data_flows_one_way():
     assert linted.returncode == 0, linted.stdout[-3000:]
 
 
-def test_a_planted_violation_is_found(tmp_path):
+def test_planted_violations_are_found(tmp_path):
+    """A late import and one for type checking upwards, and two files that import each other."""
     package = tmp_path / "robustflow"
     shutil.copytree(ROOT / "src" / "robustflow", package, ignore=shutil.ignore_patterns("__pycache__", "data", "*.csv"))
     late = "def table() -> object:\n    from ..report.table import Table\n\n    return Table\n"
+    typed = "from typing import TYPE_CHECKING\n\nif TYPE_CHECKING:\n    from ..runs.run import Run\n"
     (package / "metrics" / "planted.py").write_text(late)
+    (package / "flowio" / "planted.py").write_text(typed)
+    (package / "images" / "planted.py").write_text("from . import planted_too\n")
+    (package / "images" / "planted_too.py").write_text("def planted() -> object:\n    from . import planted\n")
     linted = _lint(tmp_path)
     assert linted.returncode == 1
     assert "robustflow.metrics.planted -> robustflow.report.table" in linted.stdout
+    assert "robustflow.flowio.planted -> robustflow.runs.run" in linted.stdout
+    cycles = linted.stdout.partition("No file imports itself through others\n---")[2]
+    assert "robustflow.images" in cycles
+    assert "planted" in cycles

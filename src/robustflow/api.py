@@ -141,9 +141,10 @@ def evaluate(
         common_draws: one draw for all five severities of a pair, so that they differ only in strength.
         severity_scale: "paper", or "calibrated" for severities that can be compared between corruptions; those that do
             not exist for a corruption are left out, and listed in `Result.left_out`.
-        workers: number of processes, by default one, which is this process unless `timeout` is given. For a model on a
-            GPU (attribute `device`) the processes that corrupt and measure, in addition to one per GPU that predicts,
-            by default one per processor; with Ray one per GPU or processor of the cluster.
+        workers: number of processes. By default this process alone, unless `timeout` is given; for a named model that
+            uses one thread (`dis`, `tiny`, `farneback`) one per processor, up to 8, in runs of 50 cells or more. For a
+            model on a GPU (attribute `device`) the processes that corrupt and measure, in addition to one per GPU that
+            predicts, by default one per processor; with Ray one per GPU or processor of the cluster.
         batch_size: cells of one sample that a model with `predict_batch` gets in one call. It is not part of a run's
             identity: a flow may change by 1e-4 px.
         engine: "serial", "processes" or "ray"; chosen from the model's device, `workers` and `timeout` by default.
@@ -191,7 +192,7 @@ def evaluate(
         name=name,
     )
     setup.model.check_batch_size(batch_size)
-    compute = choose_engine(engine, workers, timeout, address, setup.model)
+    compute = choose_engine(engine, workers, timeout, address, setup.model, (setup.dataset, setup.options))
     if output is None:
         output = default_folder(setup.plan, setup.model.spec)
         warn_of_a_fresh_start(output, setup.plan)

@@ -1,4 +1,4 @@
-"""Find a data set's folders, or say what was expected instead."""
+"""Find a data set's folders and files, or say what was expected instead."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from itertools import islice, pairwise
 from pathlib import Path
 
 from .errors import DataError, UsageError
+
+VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".avi", ".webm", ".mpg", ".mpeg", ".ts")
+"""File extensions of videos."""
 
 _LOOK_AT = 500
 """Entries of a folder that are searched for a hint; a home folder may hold very many."""

@@ -10,10 +10,10 @@ import re
 import unicodedata
 from collections.abc import Sequence
 
-LONGEST_NAME = 80
+LONGEST_TEXT = 80
 
 
-def plain(text: str, longest: int | None = LONGEST_NAME) -> str:
+def plain(text: str, longest: int | None = LONGEST_TEXT) -> str:
     """One line without control, direction or other invisible characters, at most `longest` characters long.
 
     Escape sequences of terminals, line breaks, characters that reverse the text around them and lone surrogates become

@@ -5,7 +5,7 @@ from __future__ import annotations
 import polars as pl
 import pytest
 
-from robustflow.analysis.anatomy import broken_pixels, by_family, by_region, by_severity
+from robustflow.analysis.anatomy import by_family, by_region, by_severity
 from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
 from robustflow.runs.aggregate import summarize
 
@@ -75,21 +75,6 @@ def test_slopes():
     assert (found["snow"]["lowest"], found["snow"]["highest"]) == (1, 25)
 
 
-def test_broken_pixels_against_mean_shift():
-    """Ten percent break by 20 px, or every pixel shifts by 2 px: the same CRE, another anatomy."""
-    summary = _summary(_row(CLEAN, 0, 1, 4), _row("fog", 2, 3, 14), _row("snow", 2, 3, 4))
-    found = {row["corruption"]: row for row in broken_pixels(summary).iter_rows(named=True)}
-    assert found["fog"] == {
-        "corruption": "fog",
-        "severity": 2,
-        "cre": 2,
-        "broken": pytest.approx(10),
-        "per_broken": pytest.approx(0.2),
-    }
-    assert found["snow"]["broken"] == pytest.approx(0)
-    assert found["snow"]["per_broken"] is None
-
-
 def test_regions():
     summary = _summary(_row(CLEAN, 0, 2, 5, edge_epe=4.0), _row("fog", 1, 8, 10, edge_epe=20.0))
     found = by_region(summary).row(0, named=True)
@@ -105,5 +90,4 @@ def test_without_ground_truth_nothing_is_made_up():
     )
     summary = summarize(blind)
     assert by_region(summary).is_empty()
-    assert broken_pixels(summary).is_empty()
     assert by_family(summary)["contribution"].to_list() == [None]

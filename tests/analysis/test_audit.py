@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robustflow.analysis.audit import CHECKS, Audit, audit_published, audit_results
+from robustflow.analysis.audit import AUDIT_CHECKS, Audit, audit_published, audit_results
 from robustflow.analysis.audit.row_rules import RULES
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results import AVERAGE, CLEAN, parse_results
@@ -92,7 +92,7 @@ def test_what_fits_is_not_reported():
     }
     assert not [f for f in _of("best") if f.source in ("Tab. 2", "Tab. 4")]
     assert _FOUND.checked["cre"] == 29 * 21
-    assert set(_FOUND.checked) <= set(CHECKS)
+    assert set(_FOUND.checked) <= set(AUDIT_CHECKS)
 
 
 def _csv(values: dict[tuple[str, str, str], str], marked: set[tuple[str, str, str]] = frozenset()) -> pl.DataFrame:

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.doubts import sound_results
-from robustflow.analysis.scores import note_of, run_names, run_results, sample_set, setting_of
+from robustflow.analysis.scores import note_of, run_names, run_results, run_setting, sample_set
 from robustflow.api import Result, evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import UsageError
@@ -159,7 +159,7 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs, tmp_path):
 
 
 def test_settings_and_notes(runs):
-    assert [setting_of(run) for run in runs] == ["knowledge", "own", "ID"]
+    assert [run_setting(run) for run in runs] == ["knowledge", "own", "ID"]
     for run in runs:
         note = note_of(run)
         assert "1 pair of demo, not the paper's 80" in note

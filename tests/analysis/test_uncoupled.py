@@ -10,7 +10,15 @@ import polars as pl
 import pytest
 from scipy.stats import rankdata, spearmanr
 
-from robustflow.analysis.uncoupled import UNCOUPLED, UncoupledScores, coupling, partial_spearman, uncoupled
+from robustflow.analysis.uncoupled import (
+    UNCOUPLED,
+    UncoupledScores,
+    coupling,
+    p_of_growth,
+    partial_spearman,
+    spearman,
+    uncoupled,
+)
 from robustflow.errors import UsageError
 from robustflow.metrics.rows import CLEAN, complete_rows
 
@@ -132,3 +140,17 @@ def test_over_models_noise_in_the_clean_error_couples_both():
     assert found.cre == pytest.approx(-1.0) == found.log_ratio
     proportional = coupling(clean, 2 * clean, np.full(30, math.log(3)))
     assert (proportional.cre, proportional.log_ratio) == (pytest.approx(1.0), None)
+
+
+@pytest.mark.parametrize("count", [5, 11, 200])
+@pytest.mark.parametrize("slope", [-0.9, -0.3, 0.0, 0.3, 0.9])
+def test_the_p_of_a_rank_correlation_is_that_of_scipy(count, slope):
+    rng = np.random.default_rng(count)
+    first = rng.permutation(count).astype(float)
+    second = first * slope + rng.normal(0, count / 2, count)
+    scipys = spearmanr(first, second, alternative="greater")
+    assert p_of_growth(spearman(first, second), count) == pytest.approx(scipys.pvalue, rel=1e-9)
+
+
+def test_a_rank_correlation_of_one_is_never_reached_by_chance():
+    assert (p_of_growth(1.0, 9), p_of_growth(-1.0, 9)) == (0.0, 1.0)

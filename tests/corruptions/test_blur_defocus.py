@@ -9,7 +9,6 @@ from scipy.ndimage import correlate
 
 from robustflow.corruptions.blur.defocus_blur import DefocusBlur
 from robustflow.corruptions.kernels.disk import convolve_disk
-from robustflow.corruptions.kernels.disk_kernel import disk_kernel
 from robustflow.random.rng import Rng
 
 
@@ -20,6 +19,19 @@ def opencv_kernel(radius, smoothing):
     disk = (x**2 + y**2 <= radius**2).astype(np.float64)
     size = 3 if radius <= 8 else 5
     return cv2.GaussianBlur(disk / disk.sum(), (size, size), sigmaX=smoothing)
+
+
+def disk_kernel(radius, smoothing):
+    """The same in numpy, for any radius and smoothing: float64 (n, n), n at least 17."""
+    edge = max(int(radius), 8)
+    axis = np.arange(-edge, edge + 1)
+    disk = (axis[:, None] ** 2 + axis[None, :] ** 2 <= radius**2).astype(np.float64)
+    reach = 0 if smoothing == 0 else 1 if radius <= 8 else 2
+    taps = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (smoothing or 1)) ** 2)
+    taps /= taps.sum()
+    padded = np.pad(disk / disk.sum(), reach, mode="reflect")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (len(taps), len(taps)))
+    return np.einsum("yxij,i,j->yx", windows, taps, taps)
 
 
 def direct(frame, kernel):

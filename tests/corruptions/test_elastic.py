@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from robustflow.corruptions.digital.elastic_transform import ElasticTransform, displacement
+from robustflow.corruptions.digital.elastic_transform import ElasticTransform
 from robustflow.corruptions.kernels.smooth_field import field_row, smooth_field
 from robustflow.random.rng import Rng, hash64
 
@@ -23,6 +23,11 @@ def rows_of(field, height, width):
     for y in range(height):
         field_row(*field, y, out[y])
     return out
+
+
+def displacement(state, shape):
+    """The field at every pixel, float32 (H, W, 2): (dx, dy) in pixels."""
+    return np.stack([rows_of(state.dx, *shape), rows_of(state.dy, *shape)], axis=-1)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.analysis.published.tables import published_methods
-from robustflow.analysis.scores import setting_of
+from robustflow.analysis.scores import run_setting
 from robustflow.benchmarks.setting import manifest_provenance, training_record
 from robustflow.benchmarks.setting import setting_of as setting_on
 from robustflow.datasets import DATASETS, dataset_facts
@@ -198,7 +198,7 @@ def test_a_users_own_model_declares_itself(tmp_path):
         "trained_on": ["flyingchairs", "flyingthings3d", "middlebury:train"],
         "basis": "declared",
     }
-    assert run.setting == setting_of(run) == "ID"
+    assert run.setting == run_setting(run) == "ID"
     silent = rf.evaluate(lambda a, b: Mine().predict(a, b), output=tmp_path / "b", corruptions=["contrast"])
     assert silent.setting == "undeclared"
-    assert setting_of(silent) == "own"
+    assert run_setting(silent) == "own"

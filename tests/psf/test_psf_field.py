@@ -7,7 +7,7 @@ import pytest
 
 from robustflow.errors import DataError
 from robustflow.lenses.prescription import PIXEL
-from robustflow.lenses.render import field_rays, render
+from robustflow.lenses.render import field_rays, render_psfs
 from robustflow.lenses.shipped import shipped_lens
 from robustflow.lenses.trace import Rays, trace
 from robustflow.lenses.transfer import moments
@@ -60,13 +60,13 @@ def test_rays_land_where_the_tracer_says():
 
 
 def test_the_singlet_renders_to_the_shipped_bytes():
-    assert half_digest(halved(render(shipped_lens(2)))) == manifest()["psf_s2"]
+    assert half_digest(halved(render_psfs(shipped_lens(2)))) == manifest()["psf_s2"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("severity", SEVERITIES)
 def test_every_lens_renders_to_the_shipped_bytes(severity):
-    assert half_digest(halved(render(shipped_lens(severity)))) == manifest()[f"psf_s{severity}"]
+    assert half_digest(halved(render_psfs(shipped_lens(severity)))) == manifest()[f"psf_s{severity}"]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from robustflow.atomic import json_bytes
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.records.container import container_bytes
 from robustflow.records.pack import record_bytes
-from robustflow.records.verify import CHECKS, verify
+from robustflow.records.verify import VERIFICATION_CHECKS, verify
 from robustflow.runs.identity import identity_digest
 from robustflow.testing import ZeroFlow
 
@@ -43,7 +43,7 @@ def test_a_record_verifies(packed, tmp_path):
     (tmp_path / "a.robustflow").write_bytes(packed)
     found = verify(tmp_path / "a.robustflow")
     assert found.ok, found.first_failure()
-    assert [check.name for check in found.checks] == list(CHECKS)[:-2]
+    assert [check.name for check in found.checks] == list(VERIFICATION_CHECKS)[:-2]
     assert found.facts is not None
     assert found.facts.author == "Ada"
 

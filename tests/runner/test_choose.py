@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import sys
-from types import SimpleNamespace
+import threading
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
+from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.errors import UsageError
 from robustflow.models import ModelSpec
 from robustflow.runner.engines import choose
@@ -85,3 +87,74 @@ def test_a_script_without_a_guard_stays_in_one_process(tmp_path, monkeypatch):
     assert _describe(_named("cuda:0")).startswith("serial (processes need the script's own code under `if __name__")
     (tmp_path / "script.py").write_text('if __name__ == "__main__":\n    pass\n')
     assert _describe(_named("cuda:0")) == "processes, 1 device + 4 feeders"
+
+
+class Light(Model):
+    single_threaded = True
+
+
+def _spread(model, units, workers=None, others=()):
+    return choose_engine(None, workers, None, None, model, others).describe(units)
+
+
+def _light(spec="dis"):
+    return NamedModel(spec and ModelSpec(spec), Light("cpu"), {}, None)
+
+
+PAIR = [Unit("a", "clean", (0,)), *(Unit("a", name, (1, 2, 3, 4, 5)) for name in IMAGE_PAIR)]
+
+
+@pytest.mark.parametrize(
+    ("units", "options", "engine"),
+    [
+        (UNITS, {}, "serial"),
+        (PAIR[:10], {}, "serial"),  # 46 cells: a second process would hardly have begun
+        (PAIR[:11], {}, "processes, 2 workers"),
+        (PAIR * 3, {}, "processes, 4 workers"),
+        (PAIR * 3, {"workers": 1}, "serial"),
+        (PAIR * 3, {"workers": 3}, "processes, 3 workers"),
+        ([Unit(str(number), "clean", (0,)) for number in range(90)], {}, "processes, 3 workers"),
+    ],
+)
+def test_of_a_model_in_one_thread(units, options, engine):
+    assert _spread(_light(), units, **options) == engine
+
+
+def test_not_every_processor_of_a_large_machine(monkeypatch):
+    monkeypatch.setattr(choose, "_processors", lambda: 96)
+    assert _spread(_light(), PAIR * 80) == "processes, 8 workers"
+    assert _spread(_light(), PAIR * 80, workers=40) == "processes, 40 workers"
+
+
+def test_a_model_in_one_thread_that_has_no_name_stays_here():
+    assert _spread(_light(None), PAIR * 3) == "serial"
+
+
+def test_in_a_script_without_a_guard_it_stays_here_and_says_why(monkeypatch, tmp_path):
+    (tmp_path / "script.py").write_text("import robustflow as rf")
+    main = SimpleNamespace(__file__=str(tmp_path / "script.py"), __spec__=None)
+    monkeypatch.setitem(sys.modules, "__main__", main)
+    assert _spread(_light(), PAIR * 3).startswith("serial (processes need the script's own code under")
+    main.__spec__ = SimpleNamespace(name="package.__main__")  # python -m package
+    assert _spread(_light(), PAIR * 3) == "processes, 4 workers"
+
+
+def test_a_worker_starts_no_workers(monkeypatch):
+    monkeypatch.setattr(choose.multiprocessing, "current_process", lambda: SimpleNamespace(daemon=True))
+    assert _spread(_light(), PAIR * 3).startswith("serial (this process is itself a worker")
+
+
+def test_data_that_cannot_be_sent_stay_here_unless_asked():
+    unsendable = (threading.Lock(),)
+    why = "serial (this data set or corruption cannot be sent to another process)"
+    assert _spread(_light(), PAIR * 3, others=unsendable) == why
+    assert choose_engine(None, None, None, None, _named("cuda:0"), unsendable).describe(UNITS) == why
+    assert _spread(_light(), PAIR * 3, workers=2, others=unsendable) == "processes, 2 workers"
+
+
+def test_data_of_a_class_of_a_notebook_stay_here(monkeypatch):
+    notebook = ModuleType("__main__")  # has no file that a process could load
+    notebook.Mine = type("Mine", (), {"__module__": "__main__"})
+    monkeypatch.setitem(sys.modules, "__main__", notebook)
+    assert _spread(_light(), PAIR * 3, others=(notebook.Mine(),)).startswith("serial (this data set")
+    assert _spread(_light(), PAIR * 3) == "processes, 4 workers"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image
 
-from robustflow.images.error_colours import HIGHEST, LOWEST, UNKNOWN, error_colours
+from robustflow.images.error_colours import HIGHEST, LOWEST, UNKNOWN_COLOUR, error_colours
 from robustflow.images.sparse import REACH, SPARSE, thickened
 from robustflow.runner.panel import Panel, draw_panel, panel_title
 from robustflow.sample import Sample
@@ -34,7 +34,7 @@ def test_errors_grow_brighter_on_a_logarithmic_scale():
     outside = error_colours(np.array([[0.0, LOWEST, HIGHEST, np.inf, np.nan]]))[0]
     assert outside[0].tolist() == outside[1].tolist()
     assert outside[2].tolist() == outside[3].tolist()
-    assert tuple(outside[4]) == UNKNOWN
+    assert tuple(outside[4]) == UNKNOWN_COLOUR
 
 
 @given(arrays(bool, st.tuples(st.integers(1, 9), st.integers(1, 9))))

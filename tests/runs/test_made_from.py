@@ -16,7 +16,7 @@ from robustflow.analysis.uncertainty.of_runs import interval_ends
 from robustflow.errors import DataError, RunError
 from robustflow.report.site import write as site_write
 from robustflow.runs import run as run_module
-from robustflow.runs.made_from import FACTS, RECORD, code_digest, note_made
+from robustflow.runs.made_from import FACTS_FILE, MADE_FROM_FILE, code_digest, note_made
 from robustflow.runs.shards import list_shards, read_shard, write_shard
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ConstantFlow
@@ -89,7 +89,7 @@ def test_a_summary_changed_by_hand_is_not_believed(folder):
 @pytest.mark.parametrize("damage", ["", "[]", "{", '{"summary.json": 3}', "[" * 100_000])
 def test_a_damaged_note_costs_time_and_nothing_else(folder, damage):
     before = rf.load_run(folder).summary
-    (folder / RECORD).write_text(damage)
+    (folder / MADE_FROM_FILE).write_text(damage)
     run = rf.load_run(folder)
     assert run.summary == before
     run.write_means()
@@ -122,7 +122,7 @@ def _edit_rows(folder):
 
 
 def _edit_facts(folder):
-    path = folder / FACTS
+    path = folder / FACTS_FILE
     path.write_text(json.dumps({**json.loads(path.read_text()), "sample_set": "0", "doubts": ["a lie"]}))
 
 
@@ -139,14 +139,14 @@ def _asked(run):
 def _computed(folder, tmp_path):
     """The same, of a copy without anything kept."""
     copy = shutil.copytree(folder, tmp_path / "copy")
-    for name in (RECORD, FACTS, "summary.json"):
+    for name in (MADE_FROM_FILE, FACTS_FILE, "summary.json"):
         (copy / name).unlink(missing_ok=True)
     return _asked(rf.load_run(copy))
 
 
 @pytest.mark.parametrize("edit", [lambda folder: None, _edit_summary, _edit_rows, _edit_facts, _edit_manifest])
 def test_what_is_kept_is_what_would_be_computed(folder, tmp_path, edit):
-    assert (folder / FACTS).is_file(), "kept by the run's own report"
+    assert (folder / FACTS_FILE).is_file(), "kept by the run's own report"
     edit(folder)
     assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
 
@@ -161,7 +161,7 @@ def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder)
     run = rf.load_run(folder)
     assert run.rows.height
     _edit_rows(folder)
-    (folder / FACTS).unlink()
+    (folder / FACTS_FILE).unlink()
     before = doubts(run)
     run.keep()
     later = rf.load_run(folder)
@@ -171,13 +171,13 @@ def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder)
 
 @pytest.mark.parametrize("facts", ["[]", "{", '{"doubts": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}'])
 def test_facts_of_another_shape_are_made_again(folder, tmp_path, facts):
-    (folder / FACTS).write_text(facts)
-    note_made(folder, FACTS, rf.load_run(folder)._made_from)
+    (folder / FACTS_FILE).write_text(facts)
+    note_made(folder, FACTS_FILE, rf.load_run(folder)._made_from)
     assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
 
 
 def test_a_folder_that_cannot_be_written_keeps_nothing(folder, monkeypatch):
-    (folder / RECORD).unlink()
+    (folder / MADE_FROM_FILE).unlink()
     run = rf.load_run(folder)
     whole = _asked(run)
 

@@ -12,6 +12,7 @@ from robustflow.images.io import write_image
 from robustflow.video.clip import ClipFile, write_clip
 from robustflow.video.codec import Encoding, lossless
 from robustflow.video.colour import rgb_to_i420
+from robustflow.video.fill import Fill
 
 from .render import Scene
 
@@ -21,6 +22,11 @@ def frames(count: int, height: int = 48, width: int = 64, step: float = 1.0) -> 
     """RGB uint8 frames of a moving scene, `step` units of time apart."""
     scene = Scene(height, width)
     return tuple(scene.frame(index * step) for index in range(count))
+
+
+def shown_as(fill: Fill, index: int) -> int:
+    """The decoded frame that is shown as frame `index`."""
+    return next((source for first, last, source in fill.lost if first <= index <= last), index)
 
 
 def pictures(count: int, height: int = 48, width: int = 64) -> list[np.ndarray]:

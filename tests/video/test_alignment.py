@@ -43,7 +43,7 @@ def test_frames_whose_packets_survive_are_exactly_their_own(tmp_path, amount):
     hit = set(stream.damage.frames_hit)
     assert sorted(shown) == list(range(COUNT))
     for index in set(range(COUNT)) - hit:
-        assert stream.fill.source_of(index) == index
+        assert clips.shown_as(stream.fill, index) == index
         # a broken frame can leave a stray residual in FFmpeg's decoder, which the next one begins with
         assert index - 1 in hit or (shown[index] == pictures[index]).all()
         distances = [np.abs(shown[index].astype(int) - picture).mean() for picture in pictures]
@@ -95,7 +95,7 @@ def test_lost_tail_and_middle(tmp_path):
     shown, fill = decode(clip, ruined(read_packets(clip), {7, 8, 17, 18, 19}))
     pictures = clips.pictures(20)
     assert fill.lost == [(7, 8, 6), (17, 19, 16)]
-    assert all((shown[index] == pictures[fill.source_of(index)]).all() for index in range(20))
+    assert all((shown[index] == pictures[clips.shown_as(fill, index)]).all() for index in range(20))
 
 
 def test_unreadable_stream_is_one_clear_error(tmp_path):
@@ -131,7 +131,7 @@ def test_damage_of_a_real_clip(tmp_path, shared, megabytes):
             around.append(newest)
             count += 1
             recent = set(stream.damage.frames_hit[-64:])
-            if index in recent or stream.fill.source_of(index) != index:
+            if index in recent or clips.shown_as(stream.fill, index) != index:
                 continue
             same = (picture == around[8]).all()
             exact += same

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from robustflow.errors import DataError
 from robustflow.video.fill import REORDER, Fill, fill_lost, pictures_in_order
 
+from . import clips
+
 
 def picture(index: int) -> np.ndarray:
     return np.full((3, 2), index % 251, np.uint8)
@@ -26,7 +28,7 @@ def test_every_frame_shows_the_last_decoded_one_before_it(data):
         before = [k for k in kept if k <= index]
         source = before[-1] if before else kept[0]
         assert what[0, 0] == source % 251
-        assert fill.source_of(index) == source
+        assert clips.shown_as(fill, index) == source
     assert fill.frames_lost == count - len(kept)
 
 

@@ -1,4 +1,4 @@
-"""Anatomy of a run's error: where in the image, by which family, how fast with severity, by how many broken pixels.
+"""Anatomy of a run's error: where in the image, by which family, how fast with severity.
 
 A mean error can grow because every pixel is a little worse, or because a few break. Fl tells the two apart: the share
 of pixels that are wrong (error above 3 px and 5 %). Rows hold counts rather than pixels, so a change of the share is
@@ -95,25 +95,6 @@ def by_severity(summary: Summary, metric: str = "epe") -> pl.DataFrame:
         )
     frame = _frame([record[:6] for record in records], ("corruption", "family"), ("slope", "lowest", "highest", "bend"))
     return frame.with_columns(rises=pl.Series([record[6] for record in records], dtype=pl.Boolean))
-
-
-def broken_pixels(summary: Summary) -> pl.DataFrame:
-    """Few pixels that break, or many that shift?
-
-    Returns:
-        Columns corruption, severity, cre (mean shift of the error, px), broken (percent of pixels that became Fl
-        outliers, net), per_broken (px of CRE per percent broken; null where fewer than 0.1 % broke), one line per
-        corruption and severity.
-    """
-    records = []
-    for name, scores in summary.corruptions.items():
-        columns = (scores.by_severity["cre"], scores.by_severity["fl"])
-        for level, cre, fl in zip(scores.severities, *columns, strict=True):
-            broken = _minus(fl, summary.clean.fl)
-            if cre is None or broken is None:
-                continue
-            records.append((name, level, cre, broken, cre / broken if abs(broken) >= 0.1 else None))
-    return _frame(records, ("corruption",), ("severity", "cre", "broken", "per_broken")).cast({"severity": pl.Int64})
 
 
 def _slope(levels: Any, values: Any) -> float:

@@ -13,7 +13,7 @@ from ..corruptions.on_disk import ROBUSTSPRING
 from ..runs.run import Run
 from ..text import counted
 from .results import AVERAGE, RESULT_SCHEMA
-from .scores import OWN
+from .scores import OWN_SETTING
 
 
 def robustspring_results(run: Run, moved: Mapping[str, Sequence[float]]) -> pl.DataFrame:
@@ -37,4 +37,4 @@ def _setting(manifest: Mapping[str, Any]) -> str:
     """What the model's training means for RobustSpring's frames, whatever the run was on."""
     identity = {**manifest["identity"], "benchmark": ROBUSTSPRING.dataset}
     setting = str(manifest_provenance({**manifest, "identity": identity})["setting"])
-    return OWN if setting == "undeclared" else setting
+    return OWN_SETTING if setting == "undeclared" else setting

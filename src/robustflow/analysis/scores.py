@@ -21,7 +21,7 @@ from .results import AVERAGE, CLEAN, RESULT_METRICS, RESULT_SCHEMA
 if TYPE_CHECKING:
     from ..runs.run import Run
 
-OWN = "own"
+OWN_SETTING = "own"
 """The setting of a run whose model does not declare what it was trained on."""
 
 _OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
@@ -50,7 +50,7 @@ def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataF
             values[metric, AVERAGE] = getattr(means, metric)
         for (metric, corruption), value in values.items():
             if value is not None:
-                head = (str(identity["benchmark"]), setting_of(run), name, metric, corruption)
+                head = (str(identity["benchmark"]), run_setting(run), name, metric, corruption)
                 records.append((*head, float(value), None, None, str(run.manifest["identity_digest"]), *shared))
     return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
 
@@ -109,9 +109,9 @@ def run_names(runs: Sequence[Run]) -> list[str]:
     return names
 
 
-def setting_of(run: Run) -> str:
+def run_setting(run: Run) -> str:
     """The setting of a run, by what its model was trained on; "own" if that was not declared."""
-    return OWN if run.setting == "undeclared" else run.setting
+    return OWN_SETTING if run.setting == "undeclared" else run.setting
 
 
 def sample_set(run: Run) -> str:

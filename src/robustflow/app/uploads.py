@@ -14,10 +14,10 @@ from starlette.requests import Request
 from starlette.types import Message
 
 from ..datasets.pairs import read_frames
-from ..datasets.suffixes import VIDEO_SUFFIXES
 from ..errors import DataError, RobustFlowError, UsageError
 from ..flowio import read_flow
 from ..images.io import IMAGE_SUFFIXES, stored_size
+from ..layout import VIDEO_SUFFIXES
 from ..sample import Sample
 from ..video.container import open_video
 from .pairs import OnePair, PairSource, UploadedClip

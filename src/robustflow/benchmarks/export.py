@@ -26,7 +26,7 @@ from ..images.io import write_image
 from ..sample import Frame, Sample
 from .base import Benchmark
 
-RECORD = "export.json"
+EXPORT_FILE = "export.json"
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _write_truth(folder: Path, sample: Sample) -> None:
 def _claim(output: Path, settings: dict[str, object]) -> None:
     """Record what this folder holds; raises rather than mix two exports in it."""
     make_folder(output)
-    record = output / RECORD
+    record = output / EXPORT_FILE
     if record.exists():
         try:
             on_disk = json.loads(record.read_text(encoding="utf-8"))

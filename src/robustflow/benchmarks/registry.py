@@ -7,9 +7,8 @@ from typing import Any, Protocol
 
 from ..datasets import DATASETS, dataset_facts
 from ..datasets.guess import benchmark_of_folder
-from ..datasets.suffixes import VIDEO_SUFFIXES
 from ..errors import DataError, UsageError, unknown_name
-from ..layout import user_path
+from ..layout import VIDEO_SUFFIXES, user_path
 from ..registry import Registry
 from ..target import is_target
 from .base import Benchmark

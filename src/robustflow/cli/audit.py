@@ -29,7 +29,7 @@ def audit(
       robustflow audit results.csv --json
       robustflow audit runs/mine
     """
-    from ..analysis.audit import CHECKS, audit_published
+    from ..analysis.audit import AUDIT_CHECKS, audit_published
     from ..records.audit import audit as audit_source
     from ..text import plain
 
@@ -40,9 +40,9 @@ def audit(
         for check, count in audit.checked.items():
             findings = [finding for finding in audit.findings if finding.check == check]
             typer.echo(
-                f"{CHECKS[check]}: {len(findings)} of {count} do not fit"
+                f"{AUDIT_CHECKS[check]}: {len(findings)} of {count} do not fit"
                 if findings
-                else f"{CHECKS[check]}: {count} fit"
+                else f"{AUDIT_CHECKS[check]}: {count} fit"
             )
             for finding in findings:
                 where = f"{finding.source}: " if finding.source else ""

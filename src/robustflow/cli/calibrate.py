@@ -31,7 +31,7 @@ def calibrate(
     from ..atomic import write_json
     from ..corruptions.calibration.search import calibratable, reference_pictures
     from ..corruptions.calibration.search import calibrate as measure
-    from ..corruptions.scale import CalibratedCorruption, merged, read_table, shipped
+    from ..corruptions.scale import CalibratedCorruption, merged_tables, read_table, shipped
 
     def show(name: str, result: CalibratedCorruption) -> None:
         low, high = result.reachable
@@ -41,7 +41,7 @@ def calibrate(
     table = measure(names(corruptions) or calibratable(), reference_pictures(data), seed, draws, report=show)
     if output is not None:
         if corruptions is not None and output.exists():
-            table = merged(read_table(output), table)
+            table = merged_tables(read_table(output), table)
         write_json(output, table.model_dump(mode="json"))
         typer.echo(str(output))
     elif data is None and (seed, draws) == (shipped().seed, shipped().draws):

@@ -35,9 +35,8 @@ def design(
     from ..lenses.design import SHIPPED_SEEDS, structure_line
     from ..lenses.design import design as search_lens
     from ..lenses.prescription import write_lens
-    from ..lenses.render import render as render_field
-    from ..lenses.shipped import lens_digest
-    from ..lenses.shipped import ship as ship_lens
+    from ..lenses.render import render_psfs
+    from ..lenses.shipped import lens_digest, ship_lens
     from ..psf.shipped import manifest
     from ..severity import check_severity
 
@@ -45,7 +44,7 @@ def design(
     lens = search_lens(severity, chosen, report=typer.echo)
     typer.echo(f"found: {structure_line(lens)}")
     if ship:
-        ship_lens(severity, lens, render_field(lens))
+        ship_lens(severity, lens, render_psfs(lens))
         typer.echo("written into the package")
     elif chosen == SHIPPED_SEEDS[severity - 1]:
         same = lens_digest(lens) == manifest()[f"lens_s{severity}"]
@@ -72,14 +71,14 @@ def show(
     from ..atomic import make_folder
     from ..lenses.draw import contact_sheet, lens_figure, profile_figure, save_figure
     from ..lenses.prescription import read_lens
-    from ..lenses.render import render as render_field
+    from ..lenses.render import render_psfs
     from ..lenses.shipped import shipped_lens
     from ..psf.shipped import shipped_field
     from .options import numbers
 
     if lens is not None:
         own = read_lens(lens)
-        shown = [(lens.stem, own, render_field(own))]
+        shown = [(lens.stem, own, render_psfs(own))]
     else:
         shown = [(f"lens_s{k}", shipped_lens(k), shipped_field(k)) for k in numbers(severity) or []]
     make_folder(output)
@@ -115,7 +114,7 @@ def render(
     from ..atomic import write_bytes
     from ..errors import DataError, UsageError
     from ..lenses.prescription import read_lens
-    from ..lenses.render import render as render_field
+    from ..lenses.render import render_psfs
     from ..lenses.shipped import shipped_lens
     from ..psf.shipped import half_digest, halved, manifest
     from .options import numbers
@@ -124,13 +123,13 @@ def render(
         raise UsageError("--lens and --output go together: give the prescription and the file for its PSFs")
     if lens is not None and output is not None:
         buffer = io.BytesIO()
-        np.save(buffer, render_field(read_lens(lens)).stack, allow_pickle=False)
+        np.save(buffer, render_psfs(read_lens(lens)).stack, allow_pickle=False)
         write_bytes(output, buffer.getvalue())
         typer.echo(str(output))
         return
     wrong = []
     for level in numbers(severity) or []:
-        same = half_digest(halved(render_field(shipped_lens(level)))) == manifest()[f"psf_s{level}"]
+        same = half_digest(halved(render_psfs(shipped_lens(level)))) == manifest()[f"psf_s{level}"]
         typer.echo(f"severity {level}: {'as shipped' if same else 'DIFFERS from the shipped PSFs'}")
         if not same:
             wrong.append(str(level))

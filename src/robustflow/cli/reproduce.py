@@ -66,7 +66,7 @@ def reproduce(
     from ..reproduce.side_by_side import comparison_table, paper_alone
     from ..reproduce.variants import paper_variants
     from ..reproduce.weights import weights_in
-    from ..reproduce.words import contents, needs_data, plan_table, summary_sentence
+    from ..reproduce.words import contents, data_hint, plan_table, summary_sentence
 
     renderer(format)
     if what is None:
@@ -83,7 +83,7 @@ def reproduce(
         _print(plan_table(artefact, choices) if dry_run else comparison_table(artefact, published), format)
         typer.echo(summary_sentence(choices))
         if data is None:
-            typer.echo(needs_data(artefact))
+            typer.echo(data_hint(artefact))
         if artefact.table and artefact.instead:
             typer.echo(f"Besides, {artefact.instead}")
         return

@@ -74,8 +74,9 @@ def run(
         typer.Option(
             "--workers",
             "-w",
-            help="Processes, 1 by default; for a model on GPUs the processes that feed it, one per processor by "
-            "default; with Ray one per GPU or CPU of the cluster.",
+            help="Processes; for a model on GPUs those that feed it. By default one per processor, at most 8, to feed "
+            "and for models that use one thread (dis, tiny, farneback); 1 for other models on the processor; with Ray "
+            "one per GPU or CPU of the cluster.",
         ),
     ] = None,
     batch_size: Annotated[

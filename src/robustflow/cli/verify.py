@@ -107,12 +107,12 @@ class _Rows:
 
 
 def _print(result: "Verification") -> None:
-    from ..records.verify import CHECKS
+    from ..records.verify import VERIFICATION_CHECKS
     from ..text import plain
 
     typer.echo(plain(result.file, 200))
     for check in result.checks:
-        about = f"{CHECKS[check.name]}{f': {check.says}' if check.says else ''}"
+        about = f"{VERIFICATION_CHECKS[check.name]}{f': {check.says}' if check.says else ''}"
         typer.echo(f"  {check.status:11s}  {check.name:12s}  {about}")
     stated = result.facts.model_dump(include={"author", "link", "description"}) if result.facts else {}
     for name, text in stated.items():

@@ -96,7 +96,7 @@ def read_table(path: Path) -> CalibrationTable:
         ) from error
 
 
-def merged(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
+def merged_tables(old: CalibrationTable, new: CalibrationTable) -> CalibrationTable:
     """`old` with its corruptions replaced by those of `new`.
 
     Raises:

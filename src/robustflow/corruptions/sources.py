@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .base import Corruption
 
 
-OWN = "corruptions"
+OWN_KEY = "corruptions"
 """The key of the user's own corruptions, and those of installed packages: name to the digest of their source."""
 
 
@@ -31,7 +31,7 @@ def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[st
     sources = {kind.source_key: load_corruption(kind.name, variant).source for kind in _kinds_with_sources()}
     parts = {part for name in names for part, _ in split_stack(name)}
     own = {part: one.source for part in sorted(parts) if (one := own_corruption(part, variant)) is not None}
-    return {key: source for key, source in sources.items() if source} | ({OWN: own} if own else {})
+    return {key: source for key, source in sources.items() if source} | ({OWN_KEY: own} if own else {})
 
 
 def recorded_sources(identity: Mapping[str, Any]) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def recorded_sources(identity: Mapping[str, Any]) -> dict[str, Any]:
     >>> recorded_sources({"seed": 0, "psf": "reference 0123456789ab"})
     {'psf': 'reference 0123456789ab'}
     """
-    keys = [OWN, *(kind.source_key for kind in _kinds_with_sources())]
+    keys = [OWN_KEY, *(kind.source_key for kind in _kinds_with_sources())]
     return {key: identity[key] for key in keys if key in identity}
 
 

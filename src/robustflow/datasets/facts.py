@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, Protocol, TypeVar
+from typing import Literal, TypeVar
 
 from pydantic import Field
 
@@ -55,12 +55,6 @@ class DatasetFacts(Frozen):
     benchmark: str = Field(default="", max_length=80)
     corruptions: tuple[str, ...] = ()
     folder_options: tuple[str, ...] = ()
-
-
-class WithFacts(Protocol):
-    """A class or function with facts."""
-
-    facts: DatasetFacts
 
 
 T = TypeVar("T", bound=Callable[..., object])

@@ -11,11 +11,10 @@ from pathlib import Path
 
 from ..errors import DataError, UsageError
 from ..images.io import IMAGE_SUFFIXES, image_size
-from ..layout import folders, positive
+from ..layout import VIDEO_SUFFIXES, folders, positive
 from .facts import DatasetFacts, described
 from .pairs import Pair, PairDataset, pairs_at_step
-from .section import Place, place
-from .suffixes import VIDEO_SUFFIXES
+from .section import Position, position
 from .video import Video
 
 FACTS = DatasetFacts(
@@ -49,7 +48,7 @@ class FrameFolder(PairDataset):
     has_flow = False
     facts = FACTS
 
-    def __init__(self, root: Path, step: int = 1, start: Place = None, stop: Place = None) -> None:
+    def __init__(self, root: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
         positive("step", step)
         begin, end = _frame_number("start", start), _frame_number("stop", stop)
         sequences = {"": _pictures(root)} if _pictures(root) else {f.name: _pictures(f) for f in folders(root)}
@@ -73,7 +72,7 @@ class FrameFolder(PairDataset):
 
 
 @described(FACTS)
-def open_folder(root: str | Path, step: int = 1, start: Place = None, stop: Place = None) -> FrameFolder | Video:
+def open_folder(root: str | Path, step: int = 1, start: Position = None, stop: Position = None) -> FrameFolder | Video:
     """The data set `folder`: a video file, or a folder of frames or of folders of frames; or a part of it, from `start`
     to `stop` (frame numbers, or for a video also times such as "12.5s" and "1:05").
 
@@ -102,8 +101,8 @@ def natural_order(name: str) -> tuple[tuple[tuple[int, int | str], ...], str]:
     return tuple((0, int(part)) if part[0] in "0123456789" else (1, part) for part in parts), name
 
 
-def _frame_number(option: str, value: Place) -> int | None:
-    chosen = place(option, value)
+def _frame_number(option: str, value: Position) -> int | None:
+    chosen = position(option, value)
     if isinstance(chosen, float):
         raise UsageError(f"{option} {value}: pictures have no times; give the number of a frame, from 0")
     return chosen

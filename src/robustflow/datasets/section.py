@@ -6,17 +6,17 @@ import re
 
 from ..errors import UsageError
 
-Place = int | str | None
+Position = int | str | None
 """A frame number from 0; a time as "12.5s" or "1:05" (minutes and seconds); or None for the beginning or end."""
 
 
-def place(option: str, value: Place | float) -> int | float | None:
+def position(option: str, value: Position | float) -> int | float | None:
     """A position as a frame number (int) or in seconds (float).
 
     Raises:
         UsageError: neither of the two, or negative.
 
-    >>> place("start", 120), place("start", "12.5s"), place("stop", "1:05"), place("stop", None)
+    >>> position("start", 120), position("start", "12.5s"), position("stop", "1:05"), position("stop", None)
     (120, 12.5, 65.0, None)
     """
     if value is None or (isinstance(value, int) and not isinstance(value, bool) and value >= 0):

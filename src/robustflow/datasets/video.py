@@ -12,7 +12,7 @@ from ..sample import Frame, Sample
 from ..video.reader import VideoReader
 from .pairs import too_few_frames
 from .samples import Samples
-from .section import Place, place
+from .section import Position, position
 
 
 class Video(Samples):
@@ -36,7 +36,7 @@ class Video(Samples):
     name = "folder"
     has_flow = False
 
-    def __init__(self, path: Path, step: int = 1, start: Place = None, stop: Place = None) -> None:
+    def __init__(self, path: Path, step: int = 1, start: Position = None, stop: Position = None) -> None:
         self._path, self._step = path, positive("step", step)
         self._first, self._second = VideoReader(path), VideoReader(path)
         begin, end = self._frame_number("start", start, 0), self._frame_number("stop", stop, len(self._first))
@@ -87,8 +87,8 @@ class Video(Samples):
             )
         return int(key)
 
-    def _frame_number(self, option: str, value: Place, default: int) -> int:
-        chosen = place(option, value)
+    def _frame_number(self, option: str, value: Position, default: int) -> int:
+        chosen = position(option, value)
         if chosen is None:
             return default
         return self._first.index_at(chosen) if isinstance(chosen, float) else chosen

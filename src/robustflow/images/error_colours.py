@@ -13,7 +13,7 @@ LOWEST, HIGHEST = 0.1, 100.0
 """Ends of the scale in pixels: errors below and above have the colours of the ends."""
 
 COLOUR_MAP = "inferno"
-UNKNOWN = (160, 160, 160)
+UNKNOWN_COLOUR = (160, 160, 160)
 """Where there is no error to show: no ground truth, or a prediction that is not finite."""
 
 
@@ -25,5 +25,5 @@ def error_colours(errors: Errors) -> Frame:
     """
     shown = np.clip(np.nan_to_num(errors, nan=LOWEST), LOWEST, HIGHEST)
     colours: Frame = colormaps[COLOUR_MAP](LogNorm(LOWEST, HIGHEST)(shown), bytes=True)[..., :3]
-    colours[np.isnan(errors)] = UNKNOWN
+    colours[np.isnan(errors)] = UNKNOWN_COLOUR
     return colours

@@ -90,7 +90,7 @@ def field_rays(
     return result
 
 
-def render(lens: Lens) -> PsfField:
+def render_psfs(lens: Lens) -> PsfField:
     """Trace the PSFs of a lens: 64 fields, 3 colours of five wavelengths, 18 000 rays per half pupil each.
 
     Every field is centred on the centroid of its green PSF, so that the blur moves nothing; red and blue keep their

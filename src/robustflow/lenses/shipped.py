@@ -33,7 +33,7 @@ def lens_digest(lens: Lens) -> str:
     return hashlib.sha256(lens.model_dump_json().encode()).hexdigest()
 
 
-def ship(severity: int, lens: Lens, field: PsfField, folder: Path | None = None) -> None:
+def ship_lens(severity: int, lens: Lens, field: PsfField, folder: Path | None = None) -> None:
     """Write a lens, its PSFs and their hashes where the package finds them."""
     folder = shipped_psfs.DATA if folder is None else folder
     half = halved(field)

@@ -52,12 +52,6 @@ def modulation(field: PsfField, frequencies: Array) -> tuple[Array, Array]:
     return np.abs(stack.sum(3) @ waves), np.abs(stack.sum(2) @ waves)
 
 
-def energy_within(field: PsfField, side: int) -> Array:
-    """Share of the energy in the middle `side` x `side` pixels (odd), (64, 3)."""
-    reach = slice(SIZE // 2 - side // 2, SIZE // 2 + side // 2 + 1)
-    return np.asarray(field.stack[..., reach, reach].astype(np.float64).sum((2, 3)))
-
-
 def nominal_rms(lens: Lens, fields: int = 16) -> float:
     """Mean RMS radius in mm over evenly spaced field points and the three colours, all rays counted.
 

@@ -23,6 +23,8 @@ class FlowModel(Protocol):
     A model may also have `identity() -> dict` that lists everything that changes its numbers (parameters, checkpoint
     hash, library version); it becomes part of a run's identity. A model that computes on an accelerator declares it by
     an attribute `device` ("cuda:0"): frames are then corrupted and flows measured in other processes (see `devices`).
+    One that is light and computes in one thread declares it by `single_threaded = True`: a long run of it, if it is
+    named, then uses several processes by default.
     """
 
     def predict(self, frame1: Frame, frame2: Frame) -> Flow:

@@ -37,6 +37,8 @@ class Farneback:
     (64, 96, 2)
     """
 
+    single_threaded = True
+
     def __init__(
         self,
         pyr_scale: float = 0.5,
@@ -87,6 +89,7 @@ class Dis:
         UsageError: another preset.
     """
 
+    single_threaded = True
     PRESETS = ("ultrafast", "fast", "medium")
 
     def __init__(self, preset: str = "medium") -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from ..registry import Registry
 from .base import AnyModel
-from .own.networks import OWN
+from .own.networks import OWN_NETWORKS
 
 MODELS: Registry[Callable[..., AnyModel]] = Registry("model", entry_point_group="robustflow.models")
 MODELS.add("farneback", "robustflow.models.opencv:Farneback")
@@ -15,7 +15,7 @@ MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
 for _name in ("tiny", "tiny_no_weather", "tiny_all"):
     MODELS.add(_name, f"robustflow.models.own.tiny:{_name}")
-for _name in OWN:
+for _name in OWN_NETWORKS:
     MODELS.add(_name, f"robustflow.models.own.networks:{_name}")
 for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
     MODELS.add(_name, f"robustflow.models.ptlflow.pairs:{_name}")

@@ -19,7 +19,7 @@ from .contents import Record
 from .read import STEPS, Reader
 from .subject import Subject, subject_of, unproven
 
-CHECKS = {
+VERIFICATION_CHECKS = {
     "container": "a plain file of a record's entries, nothing else in it",
     "record": "its format is read by this version",
     "hashes": "every entry has its SHA-256",
@@ -54,8 +54,8 @@ class Verification(Frozen):
         sha256: of the file, by which a record can be cited; "" if it could not be read.
         facts: `record.json` with author, link and description, all in the submitter's words; None if it could not be
             read.
-        checks: in the order of `CHECKS`; "frames" only if data were given, "predictions" only if a model was given,
-            too.
+        checks: in the order of `VERIFICATION_CHECKS`; "frames" only if data were given, "predictions" only if a
+            model was given, too.
         subject: model, benchmark, pairs and scores, recomputed from the rows; None if an earlier check failed.
         unproven: what none of the checks made can prove, in sentences.
     """
@@ -174,6 +174,6 @@ def _checks(outcomes: dict[str, _Outcome], later: dict[str, DataCheck]) -> tuple
         Check(name=check, status=outcomes[check][0], says=plain(outcomes[check][1], 600))
         if check in outcomes
         else Check(name=check, status="not checked", says="")
-        for check in CHECKS
+        for check in VERIFICATION_CHECKS
         if check not in ("frames", "predictions") or check in later
     )

@@ -22,7 +22,7 @@ def json_block(value: Any) -> Markup:
     return Markup(text)
 
 
-def policy(script: str) -> str:
+def content_policy(script: str) -> str:
     """A Content-Security-Policy that allows this script by its hash, styles, and pictures inside the file."""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     return (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
-from ..analysis.scores import note_of, run_names, run_results, sample_set, setting_of
+from ..analysis.scores import note_of, run_names, run_results, run_setting, sample_set
 from ..errors import UsageError, unknown_name
 from .render import render
 from .table import Column, Line, Section, Table, TableCell, number_text
@@ -45,7 +45,7 @@ def result_table(run: Run) -> Table:
     remarks = [f"clean EPE {summary.epe_clean:.2f} px"] if summary.epe_clean is not None else []
     remarks += [note] if (note := note_of(run)) else []
     benchmark = benchmark_words(str(run.manifest["identity"]["benchmark"]))
-    title = f"{run.name} ({setting_words(setting_of(run))}) on {benchmark}"
+    title = f"{run.name} ({setting_words(run_setting(run))}) on {benchmark}"
     return Table("result", title, tuple(columns), (Section("Means", tuple(lines)),), tuple(remarks), "Corruptions")
 
 

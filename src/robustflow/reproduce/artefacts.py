@@ -7,7 +7,7 @@ from typing import Literal
 
 from ..errors import unknown_name
 
-Columns = Literal["epe", "cre", "rcre", "crer", "means", "families"]
+ColumnChoice = Literal["epe", "cre", "rcre", "crer", "means", "families"]
 """What is compared: a metric under each corruption, overall means, or CREr by family of corruptions."""
 
 
@@ -28,7 +28,7 @@ class Artefact:
     name: str
     title: str
     benchmark: str = ""
-    columns: Columns = "epe"
+    columns: ColumnChoice = "epe"
     table: str = ""
     figure: str = ""
     instead: str = ""

@@ -34,7 +34,7 @@ def summary_sentence(choices: Sequence[Runnable | Missing]) -> str:
     return f"{text}, {random} of them with RANDOM WEIGHTS." if random else f"{text}."
 
 
-def needs_data(artefact: Artefact) -> str:
+def data_hint(artefact: Artefact) -> str:
     """What to give so that a table or figure is measured again."""
     return (
         f"To measure it again: robustflow reproduce {artefact.name} --data FOLDER "

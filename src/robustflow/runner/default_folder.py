@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from ..corruptions.sources import OWN
+from ..corruptions.sources import OWN_KEY
 from ..corruptions.textures import KEY as TEXTURES
 from ..errors import RunError
 from ..models import ModelSpec
@@ -30,7 +30,7 @@ def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
         plan: of the run.
     """
     identity = plan.identity()
-    if folder.exists() or not {OWN, TEXTURES} & {*identity}:
+    if folder.exists() or not {OWN_KEY, TEXTURES} & {*identity}:
         return
     for other in sorted(folder.parent.glob(f"{folder.name.rpartition('_')[0]}_*")):
         try:

@@ -31,7 +31,7 @@ from ..video.colour import I420, rgb_to_i420
 from .named_model import name_model
 from .worker import Worker
 
-FORMATS = ("flo", "png", "pfm", "flo5")
+FLOW_FORMATS = ("flo", "png", "pfm", "flo5")
 """File formats for flow; "png" is KITTI's 16-bit format."""
 
 
@@ -84,7 +84,7 @@ def predict_flows(
         model: a name, a path, or anything that `evaluate` takes as a model.
         dataset: from `frames_of`, or any other.
         folder: created if it does not exist.
-        suffix: one of `FORMATS`.
+        suffix: one of `FLOW_FORMATS`.
         overwrite: replace existing files.
 
     Raises:
@@ -92,8 +92,8 @@ def predict_flows(
         ModelError: the model cannot be loaded, or does not return a flow.
         DataError: a frame cannot be read, or a file cannot be written.
     """
-    if suffix not in FORMATS:
-        raise UsageError(f"unknown format '{suffix}': choose {', '.join(FORMATS)}")
+    if suffix not in FLOW_FORMATS:
+        raise UsageError(f"unknown format '{suffix}': choose {', '.join(FLOW_FORMATS)}")
     keys = dataset.keys()
     targets = {key: folder / f"{key}.{suffix}" for key in keys}
     there = [path for path in targets.values() if path.exists()]

@@ -14,7 +14,7 @@ from ..corruptions import load_corruption
 from ..corruptions.on_disk import on_disk
 from ..corruptions.own import is_known, own_among
 from ..corruptions.scale import calibration_digest
-from ..corruptions.sources import OWN, recorded_sources, user_sources
+from ..corruptions.sources import OWN_KEY, recorded_sources, user_sources
 from ..corruptions.textures import Textures, recorded_textures
 from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
@@ -181,7 +181,7 @@ def open_benchmark(
 
 def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOptions:
     scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
-    own = [str(name) for name in identity.get(OWN, {})]
+    own = [str(name) for name in identity.get(OWN_KEY, {})]
     for name in own:
         if not is_known(name):
             raise RunError(

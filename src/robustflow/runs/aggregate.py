@@ -21,7 +21,7 @@ from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
-from .family_means import by_family
+from .family_means import grouped_by_family
 from .means import WHOLE, mean_scores, scores_by_condition
 from .plan import Cell
 
@@ -84,7 +84,7 @@ def summarize(
     averaged_over = [name for name, scores in corruptions.items() if scores.averaged]
     overall = mean_scores([corruptions[name] for name in averaged_over], clean)
     in_paper = [name for name in corruptions if name in paper]
-    families = {family: mean_scores(parts, clean) for family, parts in by_family(corruptions).items()}
+    families = {family: mean_scores(parts, clean) for family, parts in grouped_by_family(corruptions).items()}
     return Summary(
         **overall.model_dump(),
         averaging=averaging,

@@ -63,7 +63,7 @@ def _plain_name(corruption: str, index: int) -> str:
     return corruption if re.fullmatch("[a-z0-9_]{1,40}", corruption) else f"other-{index}"
 
 
-def picture_files(listed: dict[str, Any]) -> list[str]:
+def example_files(listed: dict[str, Any]) -> list[str]:
     slider = listed["slider"]
     return [slider["clean"], *(picture["file"] for picture in (*slider["pictures"], *listed["panels"]))]
 
@@ -76,7 +76,7 @@ def are_current(result: Run) -> bool:
         on_disk = json.loads((home / EXAMPLES_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return listed is not None and on_disk == listed and all((home / name).is_file() for name in picture_files(listed))
+    return listed is not None and on_disk == listed and all((home / name).is_file() for name in example_files(listed))
 
 
 def drop_examples(run: Path) -> None:

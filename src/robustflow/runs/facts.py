@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from ..atomic import write_json
-from .made_from import FACTS, is_current, note_made
+from .made_from import FACTS_FILE, is_current, note_made
 
 Fact = TypeVar("Fact")
 _LARGEST = 2**24
@@ -51,15 +51,15 @@ class Facts:
             DataError: the folder cannot be written.
         """
         if self._new:
-            write_json(self._folder / FACTS, self._known)
-            note_made(self._folder, FACTS, self._source)
+            write_json(self._folder / FACTS_FILE, self._known)
+            note_made(self._folder, FACTS_FILE, self._source)
             self._new = False
 
 
 def _read(folder: Path, source: str) -> dict[str, Any]:
-    path = folder / FACTS
+    path = folder / FACTS_FILE
     try:
-        if not is_current(folder, FACTS, source) or path.stat().st_size > _LARGEST:
+        if not is_current(folder, FACTS_FILE, source) or path.stat().st_size > _LARGEST:
             return {}
         facts = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):

@@ -11,11 +11,11 @@ from ..corruptions.names import MEMBERS
 T = TypeVar("T")
 
 
-def by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
+def grouped_by_family(values: Mapping[str, T]) -> dict[str, list[T]]:
     """The values of each family's corruptions, in the paper's order; families without any are left out, as are
     corruptions without a family.
 
-    >>> by_family({"snow": 2, "fog": 1, "elastic_transform": 3})
+    >>> grouped_by_family({"snow": 2, "fog": 1, "elastic_transform": 3})
     {'weather': [1, 2]}
     """
     measured = {family: [values[name] for name in names if name in values] for family, names in MEMBERS.items()}
@@ -28,4 +28,4 @@ def family_means(values: Mapping[str, float]) -> dict[str, float]:
     >>> family_means({"snow": 2.0, "fog": 1.0})
     {'weather': 1.5}
     """
-    return {family: math.fsum(members) / len(members) for family, members in by_family(values).items()}
+    return {family: math.fsum(members) / len(members) for family, members in grouped_by_family(values).items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..corruptions.sources import OWN
+from ..corruptions.sources import OWN_KEY
 from ..corruptions.textures import KEY as TEXTURES
 from ..corruptions.textures import recorded_textures
 from ..digest import digest_of_value
@@ -47,19 +47,19 @@ def describe_difference(now: dict[str, Any], before: dict[str, Any]) -> str:
     if parts == TEXTURES:
         then, today = recorded_textures(before), recorded_textures(now)
         return f"it differs in: frost, whose textures were {then}, and are {today} now"
-    if parts != OWN:
+    if parts != OWN_KEY:
         return f"it differs in: {parts}"
     if edited := edited_corruptions(now, before):
         return f"the source of the corruption {', '.join(edited)} has changed since"
-    if added := [name for name in now.get(OWN, {}) if name not in before.get(OWN, {})]:
+    if added := [name for name in now.get(OWN_KEY, {}) if name not in before.get(OWN_KEY, {})]:
         return f"it was begun without your corruption {', '.join(added)}"
-    return f"it was begun with the corruption {', '.join(map(str, before[OWN]))} besides"
+    return f"it was begun with the corruption {', '.join(map(str, before[OWN_KEY]))} besides"
 
 
 def edited_corruptions(now: dict[str, Any], before: dict[str, Any]) -> list[str]:
     """The user's corruptions whose source differs between two identities; none if anything else differs as well."""
-    mine, recorded = now.get(OWN, {}), before.get(OWN, {})
-    if differing(now, before) != OWN or not isinstance(recorded, dict):
+    mine, recorded = now.get(OWN_KEY, {}), before.get(OWN_KEY, {})
+    if differing(now, before) != OWN_KEY or not isinstance(recorded, dict):
         return []
     return [name for name in mine if name in recorded and mine[name] != recorded[name]]
 

@@ -20,9 +20,9 @@ from typing import Any
 from ..atomic import write_json
 from ..digest import digest_of_bytes, digest_of_value
 
-RECORD = ".made_from.json"
-FACTS = ".facts.json"
-_MADE = ("summary.json", "report.html", FACTS)
+MADE_FROM_FILE = ".made_from.json"
+FACTS_FILE = ".facts.json"
+_MADE = ("summary.json", "report.html", FACTS_FILE)
 _NOT_BESIDE = ("rows", "clean", "manifest.json", "source.json", *_MADE)
 _LARGEST = 2**28
 
@@ -54,12 +54,12 @@ def note_made(folder: Path, name: str, source: str) -> None:
     data = _read(folder / name)
     if data is not None:
         entry = {"made_from": source, "digest": digest_of_bytes(data)}
-        write_json(folder / RECORD, {**_entries(folder), name: entry})
+        write_json(folder / MADE_FROM_FILE, {**_entries(folder), name: entry})
 
 
 def _entries(folder: Path) -> dict[str, Any]:
     try:
-        entries = json.loads(_read(folder / RECORD) or b"{}")
+        entries = json.loads(_read(folder / MADE_FROM_FILE) or b"{}")
     except (ValueError, RecursionError):
         return {}
     return {name: entries[name] for name in _MADE if name in entries} if isinstance(entries, dict) else {}

@@ -24,11 +24,11 @@ WHOLE = {
 }
 """Metric: (column of its sum, column of its count, factor)."""
 
-Columns = dict[str, tuple[str, str, float]]
+MetricColumns = dict[str, tuple[str, str, float]]
 
 
 def scores_by_condition(
-    rows: pl.DataFrame, columns: Columns, averaging: Averaging
+    rows: pl.DataFrame, columns: MetricColumns, averaging: Averaging
 ) -> tuple[Scores, dict[tuple[str, int], Scores]]:
     """Scores on the clean frames, and at each (corruption, severity).
 
@@ -69,7 +69,7 @@ def _places(rows: pl.DataFrame) -> dict[tuple[str, int], list[int]]:
 
 
 def _means(
-    values: dict[str, list[Any]], places: list[int], columns: Columns, averaging: Averaging
+    values: dict[str, list[Any]], places: list[int], columns: MetricColumns, averaging: Averaging
 ) -> dict[str, float | None]:
     """The mean of each metric over images; images without a pixel to measure are left out."""
     out: dict[str, float | None] = {}

@@ -11,7 +11,7 @@ from typing import Any
 from ..atomic import write_bytes
 from ..errors import DataError
 
-METRICS = "metrics.jsonl"
+METRICS_FILE = "metrics.jsonl"
 
 
 class MetricsLog:
@@ -24,7 +24,7 @@ class MetricsLog:
     """
 
     def __init__(self, folder: Path, first: int) -> None:
-        self._path = folder / METRICS
+        self._path = folder / METRICS_FILE
         if self._path.exists():
             lines = [line for line in self._path.read_text(encoding="utf-8").splitlines() if _update(line) < first]
             write_bytes(self._path, "".join(f"{line}\n" for line in lines).encode())

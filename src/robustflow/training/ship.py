@@ -12,7 +12,7 @@ from ..atomic import write_bytes
 from .checkpoint import read_progress
 
 
-def ship(checkpoint: Path, target: Path, command: str, commit: str) -> None:
+def ship_weights(checkpoint: Path, target: Path, command: str, commit: str) -> None:
     """Write weights as safetensors, with what determined them.
 
     Args:
@@ -37,4 +37,4 @@ def ship(checkpoint: Path, target: Path, command: str, commit: str) -> None:
 if __name__ == "__main__":
     if len(sys.argv) != 5:
         sys.exit("usage: python -m robustflow.training.ship CHECKPOINT TARGET.safetensors 'COMMAND' COMMIT")
-    ship(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4])
+    ship_weights(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3], sys.argv[4])

@@ -56,10 +56,6 @@ class FolderCache:
                     os.utime(entry)
                     return read(entry)
 
-    def bytes_used(self) -> int:
-        """What the entries take."""
-        return sum(_size(entry) for entry in self.entries())
-
     def _make(self, entry: Path, make: Callable[[Path], object]) -> None:
         temporary = self.root / f".making-{entry.name}"
         shutil.rmtree(temporary, ignore_errors=True)  # what a killed process left behind

@@ -38,7 +38,7 @@ def open_video(path: Path) -> Any:
     try:
         if not container.streams.video:
             raise DataError(f"{path}: has no video stream; check the file")
-        check_length(path, container.format.name)
+        check_stated_length(path, container.format.name)
         context = container.streams.video[0].codec_context
         context.thread_count, context.thread_type = 1, "NONE"
         context.options = STRICT
@@ -48,7 +48,7 @@ def open_video(path: Path) -> Any:
     return container
 
 
-def check_length(path: Path, kind: str) -> None:
+def check_stated_length(path: Path, kind: str) -> None:
     """Raise if a file is shorter or longer than its container states; what a container does not state is not checked.
 
     Args:

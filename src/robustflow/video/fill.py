@@ -37,14 +37,6 @@ class Fill:
         """How many frames were filled."""
         return sum(last - first + 1 for first, last, _ in self.lost)
 
-    def source_of(self, index: int) -> int:
-        """The decoded frame that is shown as frame `index`.
-
-        >>> Fill(9, [(3, 5, 2)]).source_of(4)
-        2
-        """
-        return next((source for first, last, source in self.lost if first <= index <= last), index)
-
 
 def pictures_in_order(decoded: Iterable[tuple[int, I420]], fill: Fill) -> Iterator[tuple[int, I420]]:
     """Pictures by ascending index, each index once, with a bounded buffer; what does not fit counts as dropped."""

@@ -37,9 +37,6 @@ class Interpolator(Protocol):
         """What determines its output (method, checkpoint hash, versions), for the manifest."""
 
 
-INTERPOLATORS = ("flavr", "flow")
-
-
 def load_interpolator(
     name: str | None, factor: int, checkpoint: Path | None, device: str = "cpu"
 ) -> Interpolator | None:

@@ -19,7 +19,7 @@ from .object_motion import ObjectMotion
 from .prepared import PreparedClip
 from .variants import FRAMES_FILE, make_variant
 
-RECORDS = ".records"
+RECORDS_FOLDER = ".records"
 
 
 class OpenClip:
@@ -80,7 +80,7 @@ class OpenClip:
 
 def record_of_variant(clip: PreparedClip, cache: FolderCache, corruption: str, parameter: int) -> Path:
     """The file that says how a variant was made. It outlives the frames, which may be evicted."""
-    return cache.root / RECORDS / f"{_variant_name(clip, corruption, parameter)}.json"
+    return cache.root / RECORDS_FOLDER / f"{_variant_name(clip, corruption, parameter)}.json"
 
 
 def _variant_name(clip: PreparedClip, corruption: str, parameter: int) -> str:

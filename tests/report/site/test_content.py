@@ -15,7 +15,7 @@ from robustflow.report.site.board import boards_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.models import model_pages
-from robustflow.runs.made_from import FACTS
+from robustflow.runs.made_from import FACTS_FILE
 from robustflow.runs.run import Run
 from robustflow.testing import ConstantFlow
 
@@ -175,7 +175,7 @@ def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp
         for seed in (0, 1)
     ]
     for folder in folders:
-        (folder / FACTS).unlink()
+        (folder / FACTS_FILE).unlink()
     asked = []
 
     def counted(rows, *, corruptions):

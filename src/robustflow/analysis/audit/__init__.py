@@ -9,11 +9,11 @@ import polars as pl
 from ..published.tables import Cost, published_costs, published_results
 from .checks import Book, check_averages, check_bound, check_cre, check_crer, check_marks
 from .costs import check_costs
-from .findings import CHECKS, Audit, Finding, merged
+from .findings import AUDIT_CHECKS, Audit, Finding, merged_audit
 from .patterns import check_shifted, check_swapped
 from .run_folder import audit_run
 
-__all__ = ["CHECKS", "Audit", "Finding", "audit_published", "audit_results", "audit_run"]
+__all__ = ["AUDIT_CHECKS", "Audit", "Finding", "audit_published", "audit_results", "audit_run"]
 
 
 def audit_published() -> Audit:
@@ -30,4 +30,4 @@ def audit_results(results: pl.DataFrame, costs: Mapping[str, Cost] | None = None
     book = Book(results)
     checks = (check_swapped, check_shifted, check_cre, check_averages, check_crer, check_bound, check_marks)
     parts = [check(book) for check in checks]
-    return merged(audited, parts + (check_costs(book, costs) if costs else []))
+    return merged_audit(audited, parts + (check_costs(book, costs) if costs else []))

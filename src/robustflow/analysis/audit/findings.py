@@ -6,7 +6,7 @@ from collections import Counter
 
 from ...validated import Frozen, FrozenFinite
 
-CHECKS = {
+AUDIT_CHECKS = {
     "cre": "CRE is the corrupted minus the clean EPE",
     "crer": "CREr is CRE / clean EPE, from the EPE",
     "crer_from_cre": "CREr is CRE / clean EPE, from the CRE",
@@ -28,7 +28,7 @@ class Finding(FrozenFinite):
     """A number that does not follow from the others within rounding.
 
     Attributes:
-        check: one of `CHECKS`.
+        check: one of `AUDIT_CHECKS`.
         source: the table or file it is in.
         setting, model, metric, corruption: where in it; "" if not applicable.
         given: the number as printed.
@@ -72,7 +72,7 @@ class Audit(Frozen):
         return dict(Counter(finding.check for finding in self.findings))
 
 
-def merged(audited: str, parts: list[tuple[str, int, list[Finding]]]) -> Audit:
+def merged_audit(audited: str, parts: list[tuple[str, int, list[Finding]]]) -> Audit:
     """One audit from (check, numbers compared, findings) of several checks."""
     return Audit(
         audited=audited,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from ...errors import RunError
-from .findings import Audit, Finding, merged
+from .findings import Audit, Finding, merged_audit
 from .row_rules import RULES, broken_rules
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def audit_run(run: Run, audited: str | None = None) -> Audit:
             f"manifest.json: the digest is {run.manifest.get('identity_digest')}, but that of its identity is {digest}"
         )
         identity.append(Finding(check="identity", source="manifest.json", says=says))
-    return merged(audited or str(run.path), [_summary(run), ("identity", 1, identity), _rows(run.rows)])
+    return merged_audit(audited or str(run.path), [_summary(run), ("identity", 1, identity), _rows(run.rows)])
 
 
 def _summary(run: Run) -> tuple[str, int, list[Finding]]:

@@ -30,11 +30,11 @@ from ...models.provenance import training_of_entry
 from ...severity import SEVERITIES
 from ...text import plain
 from ..results import AVERAGE
-from ..scores import OWN
+from ..scores import OWN_SETTING
 from .averaged import averaged_over
 from .json_file import finite_number
 
-CORRUPTIONS = (
+FLOWBENCH_CORRUPTIONS = (
     "gaussian_noise",
     "shot_noise",
     "impulse_noise",
@@ -53,7 +53,7 @@ CORRUPTIONS = (
 )
 """`common_corruptions_2d` of flowbench/evals.py."""
 
-DATASETS = {"kitti-2015": "kitti2015", "sintel-clean": "sintel", "sintel-final": "sintel"}
+FLOWBENCH_DATASETS = {"kitti-2015": "kitti2015", "sintel-clean": "sintel", "sintel-final": "sintel"}
 """What it evaluates on -> the data set as this project calls it."""
 
 _SOURCE = "metrics files of FlowBench"
@@ -66,7 +66,7 @@ class Experiment:
 
     Attributes:
         model, checkpoint, dataset: as FlowBench calls them.
-        corruption: one of `CORRUPTIONS`, or "clean".
+        corruption: one of `FLOWBENCH_CORRUPTIONS`, or "clean".
         severity: 1 to 5; 0 of clean frames.
         epe: mean over images, pixels.
     """
@@ -116,7 +116,7 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[tuple[Any, .
     for one in experiments:
         models.setdefault((one.dataset, one.model, one.checkpoint), {})[one.corruption, one.severity] = one.epe
     for (dataset, model, checkpoint), errors in models.items():
-        names = [name for name in CORRUPTIONS if any(of == name for of, _ in errors)]
+        names = [name for name in FLOWBENCH_CORRUPTIONS if any(of == name for of, _ in errors)]
         if not names:
             continue
         levels = [level for level in SEVERITIES if all((name, level) in errors for name in names)]
@@ -128,7 +128,7 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[tuple[Any, .
         values = {name: fsum(errors[name, level] for level in levels) / len(levels) for name in names}
         values[AVERAGE] = fsum(values.values()) / len(names)
         clean = errors.get((CLEAN, 0))
-        conditions = f"severity {', '.join(map(str, levels))}, {averaged_over(names, CORRUPTIONS)}"
+        conditions = f"severity {', '.join(map(str, levels))}, {averaged_over(names, FLOWBENCH_CORRUPTIONS)}"
         head = (f"FlowBench {dataset}", _setting(dataset, model, checkpoint), f"{model} {checkpoint}")
         rest = (None, None, _SOURCE, f"FlowBench, {dataset}, {conditions}", note)
         yield from ((*head, "epe", name, value, *rest) for name, value in values.items())
@@ -139,14 +139,16 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[tuple[Any, .
 
 def _experiment(entry: dict[str, Any], where: str) -> Experiment:
     dataset = entry.get("dataset")
-    if dataset not in tuple(DATASETS):
-        raise DataError(f"{where}: unknown data set '{plain(str(dataset), 40)}'; known: {', '.join(DATASETS)}")
+    if dataset not in tuple(FLOWBENCH_DATASETS):
+        raise DataError(
+            f"{where}: unknown data set '{plain(str(dataset), 40)}'; known: {', '.join(FLOWBENCH_DATASETS)}"
+        )
     corruption: Any = CLEAN
     severity: Any = 0
     if entry["attack"] == _ATTACK:
         corruption, severity = entry.get("name"), entry.get("severity")
-        if corruption not in CORRUPTIONS:
-            known = ", ".join(CORRUPTIONS)
+        if corruption not in FLOWBENCH_CORRUPTIONS:
+            known = ", ".join(FLOWBENCH_CORRUPTIONS)
             raise DataError(f"{where}: unknown corruption '{plain(str(corruption), 40)}'; FlowBench has {known}")
         if isinstance(severity, bool) or severity not in SEVERITIES:
             raise DataError(f"{where}: severity {plain(repr(severity), 40)}; there are 1 to 5")
@@ -166,5 +168,5 @@ def _setting(dataset: str, model: str, checkpoint: str) -> str:
     """What the catalogue says of the checkpoint of this name: FlowBench takes its models from ptlflow."""
     for entry in checkpoints():
         if (entry.model.removeprefix("ptlflow:"), entry.checkpoint) == (model, checkpoint):
-            return setting_of(training_of_entry(entry), DATASETS[dataset])
-    return OWN
+            return setting_of(training_of_entry(entry), FLOWBENCH_DATASETS[dataset])
+    return OWN_SETTING

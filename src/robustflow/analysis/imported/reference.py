@@ -27,7 +27,7 @@ from ...metrics.rows import CLEAN
 from ...severity import SEVERITIES
 from ...text import plain
 from ..results import AVERAGE
-from ..scores import OWN
+from ..scores import OWN_SETTING
 from .averaged import averaged_over
 from .json_file import finite_number
 
@@ -100,7 +100,7 @@ def lines(files: Sequence[Results], note: str) -> Iterator[tuple[Any, ...]]:
         wanted = benchmark_facts(file.benchmark).paper_corruptions
         frames = f"Reference code, {file.benchmark}, {averaged_over(_averaged(file), wanted)}"
         for (metric, corruption), value in _with_averages(file).items():
-            yield file.benchmark, OWN, file.model, metric, corruption, value, None, None, _SOURCE, frames, note
+            yield file.benchmark, OWN_SETTING, file.model, metric, corruption, value, None, None, _SOURCE, frames, note
 
 
 def _mean(written: Any, where: str, signed: bool) -> float:

@@ -6,7 +6,7 @@ from statistics import median
 
 from ..cost_ranks import cost_ranks
 from ..uncertainty.sentences import p_text
-from ..uncoupled import coupling
+from ..uncoupled import coupling, p_of_growth, spearman
 from .evidence import Evidence, ModelInSetting, named
 from .verdict import Observation, Statement, part
 
@@ -16,8 +16,6 @@ _LEAST = 5
 
 def accuracy_and_robustness(evidence: Evidence) -> Observation:
     """1: corrupted EPE and CRE grow with the clean EPE, setting by setting (Spearman, one-sided p < 0.05)."""
-    from scipy.stats import spearmanr  # takes a second to import, so only when needed
-
     parts = []
     settings = [setting for setting in evidence.settings() if len(evidence.discussed(setting)) >= _LEAST]
     for name, value in (("corrupted EPE", evidence.epe), ("CRE", evidence.cre)):
@@ -28,8 +26,9 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
                 says = f"{setting}: all models have the same clean EPE or {name}, so there is no correlation"
                 parts.append(part(f"{name} grows with clean EPE ({setting})", None, says, True))
                 continue
-            correlation = spearmanr(*columns, alternative="greater")
-            rho, p = float(correlation.statistic), float(correlation.pvalue)
+            rho = spearman(*columns)
+            assert rho is not None  # both columns vary
+            p = p_of_growth(rho, len(entries))
             says = f"{setting}: Spearman {rho:+.2f}, one-sided p {p_text(p)}, {len(entries)} models"
             parts.append(part(f"{name} grows with clean EPE ({setting})", p < 0.05, says, True, {"rho": rho, "p": p}))
     if not parts:
@@ -50,9 +49,7 @@ def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Statement]:
         )
         correlation = coupling(clean, cre, ratio)
         if correlation is not None and correlation.cre is not None and correlation.log_ratio is not None:
-            from scipy.stats import spearmanr
-
-            p = float(spearmanr(clean, ratio, alternative="greater").pvalue)
+            p = p_of_growth(correlation.log_ratio, correlation.models)
             says = (
                 f"{setting}: Spearman with clean EPE {correlation.cre:+.2f} for CRE, {correlation.log_ratio:+.2f} for "
                 f"ln(EPE / clean EPE), one-sided p {p_text(p)}, {correlation.models} models"

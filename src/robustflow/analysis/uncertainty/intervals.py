@@ -24,7 +24,7 @@ _SCHEMA: dict[str, Any] = {
     "level": pl.Float64,
 }
 
-Key = tuple[str, str, int | None]
+MetricKey = tuple[str, str, int | None]
 
 
 def intervals(
@@ -73,9 +73,9 @@ def intervals(
     return pl.DataFrame(records, schema=_SCHEMA, orient="row")
 
 
-def statistics_of(sums: ClusterSums, severities: bool = False, corruptions: bool = True) -> list[Key]:
+def statistics_of(sums: ClusterSums, severities: bool = False, corruptions: bool = True) -> list[MetricKey]:
     """(metric, corruption, severity) of every mean that can be made."""
-    keys: list[Key] = [("epe", CLEAN, None)]
+    keys: list[MetricKey] = [("epe", CLEAN, None)]
     for metric in INTERVAL_METRICS:
         keys += [(metric, name, None) for name in (AVERAGE, *(sums.corruptions() if corruptions else ()))]
         if severities:

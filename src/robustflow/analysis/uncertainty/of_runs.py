@@ -7,11 +7,13 @@ from ..scores import only_of_paper, paper_rows
 from .intervals import intervals
 from .sums import AVERAGE, CLEAN
 
-Ends = tuple[float, float]
+IntervalEnds = tuple[float, float]
 _Line = tuple[str, str, float, float]
 
 
-def interval_ends(run: Run, corruptions: bool = True, beside_published: bool = False) -> dict[tuple[str, str], Ends]:
+def interval_ends(
+    run: Run, corruptions: bool = True, beside_published: bool = False
+) -> dict[tuple[str, str], IntervalEnds]:
     """(metric, corruption) -> the ends of the 95 % interval, if there is one.
 
     Args:

@@ -18,7 +18,7 @@ from ...metrics.rows import ROW_KEY
 from ...text import joined
 from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap
 from .holm import holm
-from .intervals import Key, statistics_of
+from .intervals import MetricKey, statistics_of
 from .sentences import difference_sentence
 from .sums import AVERAGE, CLEAN, ClusterSums
 
@@ -70,7 +70,7 @@ def compare_rows(
     sums = tuple(ClusterSums.of(rows) for rows in common_rows(first, second, names))
     gap = _clean_gap(sums)
     differences = _differences(sums, statistics_of(sums[0]), level, resamples, seed)
-    by_metric: dict[str, list[Key]] = {}
+    by_metric: dict[str, list[MetricKey]] = {}
     for key in differences:
         by_metric.setdefault(key[0], []).append(key)
     records = []
@@ -96,7 +96,7 @@ def compare_all(
     Raises:
         RunError: nothing in common, or different frames under the same names.
     """
-    key: Key = (metric, AVERAGE, None)
+    key: MetricKey = (metric, AVERAGE, None)
     runs = common_to_all(runs)
     pairs = []
     for names in combinations(runs, 2):
@@ -167,8 +167,8 @@ _Difference = tuple[Interval, float, float]
 
 
 def _differences(
-    sums: tuple[ClusterSums, ...], keys: list[Key], level: float, resamples: int, seed: int
-) -> dict[Key, _Difference]:
+    sums: tuple[ClusterSums, ...], keys: list[MetricKey], level: float, resamples: int, seed: int
+) -> dict[MetricKey, _Difference]:
     first, second = sums
     if first.clusters != second.clusters:
         raise RunError("the two runs group their samples differently; compare runs of the same data")
@@ -190,7 +190,7 @@ def _differences(
 
 def _clean_gap(sums: tuple[ClusterSums, ...]) -> float | None:
     """Clean EPE of the first minus that of the second, pixels; None without ground truth."""
-    key: Key = ("epe", CLEAN, None)
+    key: MetricKey = ("epe", CLEAN, None)
     if not all(one.measured(*key) for one in sums):
         return None
     whole = np.ones((1, len(sums[0].clusters)))
@@ -206,7 +206,7 @@ def _adjusted(intervals: list[Interval]) -> list[float | None]:
 
 def _record(
     names: tuple[str, str],
-    key: Key,
+    key: MetricKey,
     difference: _Difference,
     p_holm: float | None,
     comparisons: int,

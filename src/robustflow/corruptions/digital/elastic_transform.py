@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from ...images.contiguous import contiguous
@@ -55,17 +54,6 @@ class ElasticTransform(Corruption):
         out = np.empty_like(frame)
         _warp(frame, *state.dy, state.dx.samples, out)
         return out
-
-
-def displacement(state: ElasticState, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
-    """The field at every pixel, float32 (H, W, 2): (dx, dy) in pixels."""
-    out = np.empty((*shape, 2), np.float32)
-    for y in range(shape[0]):
-        for c, field in ((0, state.dx), (1, state.dy)):
-            row = np.empty(shape[1], np.float32)
-            field_row(*field, y, row)
-            out[y, :, c] = row
-    return out
 
 
 @njit(cache=True, nogil=True)

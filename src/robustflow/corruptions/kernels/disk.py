@@ -23,7 +23,7 @@ _STRIP = 640
 
 
 def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = False) -> Frame:
-    """The frame convolved with `disk_kernel(radius, smoothing)`: uint8 (H, W, 3) in and out, borders mirrored.
+    """The frame convolved with the kernel of disk_kernel.py: uint8 (H, W, 3) in and out, borders mirrored.
 
     Rounds once, or cuts the fraction off with `floor`.
     """

@@ -1,4 +1,4 @@
-"""The anti-aliased disk of the defocus blur, as a kernel and in the parts that disk.py sums.
+"""The anti-aliased disk of the defocus blur, in the parts that disk.py sums.
 
 The kernel is a flat disk blurred by a tiny Gaussian g (3 or 5 taps) inside an array. Where the disk comes within reach
 of the array's edge (radius 8 and 10 of the paper's five) the reference code mirrors it there, and what g would spread
@@ -35,24 +35,6 @@ class DiskParts(NamedTuple):
     """Their common weights, float32 (n,), in the units of `taps`."""
 
 
-def disk_kernel(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
-    """The kernel itself, float64 (n, n): n = 17 up to radius 8, else 2 * int(radius) + 1.
-
-    The paper's radii are whole; one between them takes in the pixels whose centres it covers.
-
-    >>> [round(float(disk_kernel(r, 0.5).sum()), 3) for r in (6, 8, 10)]
-    [1.0, 1.013, 1.011]
-    """
-    edge = max(int(radius), _ROOM)
-    axis = np.arange(-edge, edge + 1)
-    disk = (axis[:, None] ** 2 + axis[None, :] ** 2 <= radius**2).astype(np.float64)
-    taps = _smoothing_taps(radius, smoothing)
-    taps = np.concatenate([taps[:0:-1], taps])
-    padded = np.pad(disk / disk.sum(), len(taps) // 2, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (len(taps), len(taps)))
-    return np.einsum("yxij,i,j->yx", windows, taps, taps)
-
-
 def _smoothing_taps(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
     """Half of g, centre first; only the centre where there is no smoothing."""
     if smoothing == 0:
@@ -64,7 +46,10 @@ def _smoothing_taps(radius: float, smoothing: float) -> npt.NDArray[np.float64]:
 
 @lru_cache(maxsize=16)
 def disk_parts(radius: float, smoothing: float) -> DiskParts:
-    """The parts of `disk_kernel(radius, smoothing)`."""
+    """The parts of the kernel of a radius and a smoothing, in pixels.
+
+    The paper's radii are whole; one between them takes in the pixels whose centres it covers.
+    """
     whole = int(radius)
     widths = np.array([isqrt(int(radius**2) - dy**2) for dy in range(whole + 1)])
     taps = _smoothing_taps(radius, smoothing)

@@ -62,7 +62,8 @@ def gaussian_frame(frame: Frame, sigma: float, offset: float = 0.0) -> Frame:
 def gaussian_plane(plane: npt.NDArray[Any], sigma: float) -> Plane:
     """Blur one channel: uint8, int16 or float32 (H, W) in, float32 (H, W) out, unrounded."""
     out = np.empty(plane.shape, np.float32)
-    _blur_to_float(np.ascontiguousarray(plane), gaussian_weights(sigma), out)
+    # Of one type, and with the step as an argument, so that the loops are compiled once.
+    _blur_to_float(np.ascontiguousarray(plane, np.float32), 1, gaussian_weights(sigma), out)
     return out
 
 
@@ -150,14 +151,14 @@ def _repeat_edges(padded: Any, step: int, pad: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _blur_to_float(source: Any, weights: Any, out: Any) -> None:
+def _blur_to_float(source: Any, step: int, weights: Any, out: Any) -> None:
     height, n = source.shape
-    pad = weights.size - 1
+    pad = (weights.size - 1) * step
     padded = np.empty(n + 2 * pad, np.float32)
     for y in range(height):
         _down_columns(source, y, weights, padded[pad : pad + n])
-        _repeat_edges(padded, 1, pad)
-        _along_row(padded, 1, weights, out[y])
+        _repeat_edges(padded, step, pad)
+        _along_row(padded, step, weights, out[y])
 
 
 @njit(cache=True, nogil=True)

@@ -89,7 +89,7 @@ class Snow(Corruption):
             *_between(flakes.shape[1], columns),
             flakes,
         )
-        layer = move_plane(flakes, state.motion)[:height, :width]
+        layer = move_plane(flakes, state.motion)
         out = np.empty_like(frame, order="C")
         _whiten(contiguous(frame), layer, np.float32(level.share), out)
         return out
@@ -126,13 +126,16 @@ def _enlarge(
 
 @njit(cache=True, nogil=True)
 def _whiten(frame: Any, layer: Any, share: Any, out: Any) -> None:
-    """Veil and flakes are spread over the three channels first, so that the last loop is one over flat rows."""
-    height, width = layer.shape
+    """Veil and flakes are spread over the three channels first, so that the last loop is one over flat rows.
+
+    `layer` may be larger than the frame.
+    """
+    height, width = frame.shape[:2]
     rest, top = np.float32(1) - share, np.float32(255)
     veil, snow = np.empty(3 * width, np.float32), np.empty(3 * width, np.float32)
     for y in range(height):
         source, target = frame[y].reshape(3 * width), out[y].reshape(3 * width)
-        flakes, turned = layer[y], layer[height - 1 - y][::-1]
+        flakes, turned = layer[y], layer[height - 1 - y, :width][::-1]
         for x in range(width):
             r, g, b = np.float32(source[3 * x]), np.float32(source[3 * x + 1]), np.float32(source[3 * x + 2])
             grey = np.float32(0.299) * r + np.float32(0.587) * g + np.float32(0.114) * b

@@ -15,7 +15,7 @@ from ..facts import DatasetFacts
 from ..samples import Samples
 from .render import render_pair
 from .scene import draw_scene
-from .textures import picture_files, picture_textures, procedural_textures
+from .textures import picture_textures, procedural_textures, texture_files
 
 SPLITS = ("test", "train")
 _SMALLEST, _LARGEST = 16, 4096
@@ -76,7 +76,7 @@ class FlyingShapes(Samples):
         self._shape = parse_size(size, smallest=_SMALLEST, largest=_LARGEST)
         self._textures = None if textures is None else str(textures)
         if self._textures is not None:
-            picture_files(self._textures)
+            texture_files(self._textures)
 
     def keys(self) -> list[str]:
         """See `Dataset.keys`."""
@@ -85,7 +85,7 @@ class FlyingShapes(Samples):
     def files(self, key: str) -> list[Path]:
         """See `Dataset.files`: the pictures that textures are taken from, none for procedural ones."""
         self._checked(key)
-        return [] if self._textures is None else picture_files(self._textures)
+        return [] if self._textures is None else texture_files(self._textures)
 
     def load(self, key: str) -> Sample:
         """See `Dataset.load`."""

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ...random.rng import Rng
 from .motion import MOTION
 from .outline import OUTLINE, SIDES
-from .textures import SIZE, Textures
+from .textures import SIZE, TextureArray
 
 Numbers = npt.NDArray[np.float64]
 
@@ -51,10 +51,10 @@ class Scene:
     outlines: Numbers
     fills: Numbers
     chosen: npt.NDArray[np.int64]
-    textures: Textures
+    textures: TextureArray
 
 
-def draw_scene(rng: Rng, shape: tuple[int, int], motion: float, textures: Textures) -> Scene:
+def draw_scene(rng: Rng, shape: tuple[int, int], motion: float, textures: TextureArray) -> Scene:
     """A scene.
 
     Args:

@@ -30,29 +30,29 @@ _RADII = (4.0, 140.0)
 _MOST_PICTURES = 256
 """The most pictures of the user's own: 200 MB."""
 
-Textures = npt.NDArray[np.uint8]
+TextureArray = npt.NDArray[np.uint8]
 """(count, SIZE, SIZE, 3), RGB."""
 
 
 @lru_cache(maxsize=2)
-def procedural_textures(seed: int, split: str) -> Textures:
+def procedural_textures(seed: int, split: str) -> TextureArray:
     """The textures of a seed, the same for all its pairs; made once per process, in a few seconds."""
     return np.stack([_texture(Rng.of(seed, "shapes", split, "texture", index)) for index in range(COUNT)])
 
 
 @lru_cache(maxsize=2)
-def picture_textures(folder: str) -> Textures:
+def picture_textures(folder: str) -> TextureArray:
     """The pictures of a folder as textures, each scaled to cover the square and cropped to its middle.
 
     Raises:
         UsageError: no folder, no picture in it, or too many.
         DataError: a picture that cannot be read.
     """
-    files = picture_files(folder)
+    files = texture_files(folder)
     return np.stack([_covering(read_image(path)) for path in files])
 
 
-def picture_files(folder: str) -> list[Path]:
+def texture_files(folder: str) -> list[Path]:
     """The pictures that `picture_textures` reads, sorted."""
     root = user_path(folder)
     if not root.is_dir():

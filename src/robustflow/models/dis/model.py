@@ -36,6 +36,8 @@ class DisRgb:
     ((48, 64, 2), dtype('float32'), True)
     """
 
+    single_threaded = True
+
     def __init__(self, operating_point: int = 2) -> None:
         if operating_point not in OPERATING_POINTS:
             raise unknown_name("operating point of DIS", str(operating_point), map(str, OPERATING_POINTS))

@@ -1,6 +1,6 @@
 """The project's own networks by name, as one table: the net, the files it is for, its input and its options.
 
-Each line is a model; its net is in `nets/`. Needs the torch extra when one is built.
+Each entry is a model; its net is in `nets/`. Building one needs the torch extra.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Option(NamedTuple):
 
     Attributes:
         default: its value if it is not given.
-        check: raises UsageError for a value it cannot have; is given the option's name and the value.
-        fit: for an option that changes how images enter, the convention for a value; others go to the net and are
-            part of the model's identity.
+        check: raises UsageError for a value it cannot have; called with the option's name and the value.
+        fit: for an option that changes how images are prepared, the convention for a value; other options are passed to
+            the net and are part of the model's identity.
     """
 
     default: Any
@@ -43,8 +43,8 @@ class OwnNetwork:
     """A network of the project.
 
     Attributes:
-        net: "module:attribute" in `nets/` that makes it; is given the options as keywords.
-        source: which file its checkpoint is and where the authors publish it.
+        net: "module:attribute" in `nets/` that makes it; called with the options as keywords.
+        source: the file of its checkpoint, and where the authors publish it.
         convention: the input that it expects.
         options: by name.
         fixed: further keywords, recorded like options.
@@ -102,7 +102,7 @@ _SAMFLOW = OwnNetwork(
     tile="432x960",  # the ViT encoders take whole frames up to 1024 pixels
 )
 
-OWN = {
+OWN_NETWORKS = {
     # Liu et al., "Learning by Analogy", CVPR 2020. The paper profiles 256x832, its authors' size for KITTI; theirs
     # for Sintel is 448x1024; "native" is the frame's own size, up to the next multiple of 64.
     "arflow": OwnNetwork(
@@ -111,7 +111,7 @@ OWN = {
         InputConvention(fit="stretch", multiple=64),
         {"size": Option("256x832", _size, _stretched)},
     ),
-    # Luo et al., CVPR 2021. align_corners: the weights were trained with True; the authors' code does False on PyTorch
+    # Luo et al., CVPR 2021. align_corners: the weights were trained with True; the authors' code uses False on PyTorch
     # 1.3 and later. mask_threshold: features from beyond the frame are zeroed where their bilinear weights sum to
     # less; the authors' 1.0 lets rounding zero pixels inside the frame, differently on every machine.
     "upflow": OwnNetwork(
@@ -167,7 +167,7 @@ def own_model(
     """An own network with its checkpoint.
 
     Args:
-        name: of `OWN`.
+        name: of `OWN_NETWORKS`.
         checkpoint: the authors' file, or "random".
         sha256: the file's hash, or its first eight or more digits, to be checked.
         execution: see `Execution`; its fields are options.
@@ -177,7 +177,7 @@ def own_model(
         UsageError: an unknown option or value.
         ModelError: no torch, no checkpoint, or one of another network.
     """
-    own = OWN[name]
+    own = OWN_NETWORKS[name]
     tile = options.pop("tile", own.tile)
     convention, keywords = own.convention, dict(own.fixed)
     for key, option in own.options.items():
@@ -207,7 +207,7 @@ def own_factory(name: str) -> Callable[..., AnyModel]:
     >>> [key for key in inspect.signature(own_factory("arflow")).parameters if key in ("checkpoint", "size", "tile")]
     ['checkpoint', 'size']
     """
-    own, factory = OWN[name], partial(own_model, name)
+    own, factory = OWN_NETWORKS[name], partial(own_model, name)
     options = {key: option.default for key, option in own.options.items()}
     options |= {"tile": own.tile} if own.tile is not None else {}
     shared = inspect.signature(factory)
@@ -219,6 +219,6 @@ def own_factory(name: str) -> Callable[..., AnyModel]:
 
 def __getattr__(name: str) -> Any:
     """Attributes such as `networks.arflow`, which the registry of models refers to."""
-    if name not in OWN:
+    if name not in OWN_NETWORKS:
         raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
     return own_factory(name)

@@ -24,6 +24,8 @@ class NumpyTiny:
     (40, 70, 2)
     """
 
+    single_threaded = True
+
     def __init__(self, name: str, weights: ShippedWeights) -> None:
         self.name = name
         self.trained_on = weights.trained_on

@@ -15,11 +15,11 @@ from ...errors import ModelError
 from ..input_convention import ORDERS, SCALINGS, named_convention
 from ..signature import flow_layout
 from .fit import fitted_images
-from .module_net import LAYOUTS, ModuleNet, chosen_output, outputs_of
+from .module_net import MODULE_LAYOUTS, ModuleNet, chosen_output, outputs_of
 from .reproducible import reproducible
 from .shifted import SHIFTS, ShiftedPair, shifted_pair
 
-LAST = -1
+LAST_OUTPUT = -1
 _FIRST_ROUND = 2
 """Number of pairs after which conventions that are far behind are dropped."""
 _FAR = 2.0
@@ -133,7 +133,7 @@ class _Trial:
         if declared.layout is not None:
             return [declared.layout]
         working, failures = [], []
-        for layout in LAYOUTS:
+        for layout in MODULE_LAYOUTS:
             way = Declared(declared.scaling or "0-1", declared.order or "rgb", layout, declared.output)
             try:
                 self._errors(way, self._pairs[0])
@@ -188,7 +188,7 @@ class _Trial:
 def _outputs(returned: Any) -> list[str | int]:
     if isinstance(returned, dict):
         return [str(key) for key in returned]
-    return [0, LAST] if isinstance(returned, list | tuple) and len(returned) > 1 else [LAST]
+    return [0, LAST_OUTPUT] if isinstance(returned, list | tuple) and len(returned) > 1 else [LAST_OUTPUT]
 
 
 def _as_flow(returned: Any, output: str | int, size: tuple[int, ...]) -> Any:

@@ -12,7 +12,7 @@ from ...errors import ModelError, RobustFlowError
 from ..signature import describe_arrays, flow_layout
 from ..where import where_raised
 
-LAYOUTS = ("pair", "concatenated", "stacked", "images")
+MODULE_LAYOUTS = ("pair", "concatenated", "stacked", "images")
 """How a pair goes into a module: two images (N, 3, H, W); one (N, 6, H, W); one (N, 2, 3, H, W); or that one in a
 dictionary, `{"images": ...}`, as ptlflow's models take it."""
 
@@ -23,7 +23,7 @@ class ModuleNet(nn.Module):
     Args:
         module: the network, or the program of an exported file; its mode is left as it is.
         call: calls it with its list of inputs.
-        layout: how the pair goes in, one of `LAYOUTS`.
+        layout: how the pair goes in, one of `MODULE_LAYOUTS`.
         output: position or key of the flow among several outputs; None for the last.
         batched: it takes several pairs at once; else each goes through by itself.
         dtypes: of its inputs; None for float32.

@@ -18,13 +18,13 @@ from ..input_convention import ORDERS, SCALINGS, named_convention
 from ..option_checks import check_count, check_switch
 from ..where import where_raised
 from .checkpoint import read_checkpoint
-from .guess import LAST, Declared, complete
+from .guess import LAST_OUTPUT, Declared, complete
 from .model import NetworkModel, find_device
-from .module_net import LAYOUTS, ModuleNet
+from .module_net import MODULE_LAYOUTS, ModuleNet
 from .weights import load_weights
 
 _KNOWN = {
-    "torchvision.models.optical_flow": (Declared("-1-1", "rgb", "pair", LAST), 8),
+    "torchvision.models.optical_flow": (Declared("-1-1", "rgb", "pair", LAST_OUTPUT), 8),
     "ptlflow.models": (Declared("0-1", "bgr", "images", "flows"), 1),
 }
 """Libraries whose models all expect the same kind of input, and the multiple of height and width that they need."""
@@ -89,7 +89,7 @@ class TorchModel(NetworkModel):
     ) -> None:
         if not isinstance(net, nn.Module):
             raise UsageError(f"TorchModel takes a torch.nn.Module, not {type(net).__name__}")
-        choices = {"scaling": (scaling, SCALINGS), "order": (order, ORDERS), "layout": (layout, LAYOUTS)}
+        choices = {"scaling": (scaling, SCALINGS), "order": (order, ORDERS), "layout": (layout, MODULE_LAYOUTS)}
         for option, (value, choice) in choices.items():
             if value is not None and value not in choice:
                 raise unknown_name(option, str(value), choice)
@@ -131,7 +131,7 @@ class TorchModel(NetworkModel):
             "object": kind,
             "checkpoint": weights,
             "layout": declared.layout,
-            "output": "last" if declared.output in (None, LAST) else declared.output,
+            "output": "last" if declared.output in (None, LAST_OUTPUT) else declared.output,
             "batched": batched,
         }
         wrapped = ModuleNet(module, call, declared.layout or "pair", declared.output, batched)

@@ -8,6 +8,7 @@ from matplotlib.lines import Line2D
 
 from ...analysis.published.tables import not_discussed
 from ...analysis.results import AVERAGE, CLEAN, values_of
+from ...analysis.uncoupled import spearman
 from ...errors import UsageError
 from ...text import counted, name_text
 from .canvas import ORANGE, SETTING_COLOURS, new_figure
@@ -77,6 +78,4 @@ def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
 def _correlation(xs: np.ndarray, ys: np.ndarray) -> str:
     if len(xs) < 3 or np.ptp(xs) == 0 or np.ptp(ys) == 0:
         return "too few models for a correlation"
-    from scipy.stats import pearsonr, spearmanr
-
-    return f"r = {pearsonr(xs, ys).statistic:.2f}, rho = {spearmanr(xs, ys).statistic:.2f}"
+    return f"r = {np.corrcoef(xs, ys)[0, 1]:.2f}, rho = {spearman(xs, ys):.2f}"

@@ -9,7 +9,7 @@ from jinja2 import Environment, PackageLoader
 
 from ...errors import UsageError
 from ...sample import Frame
-from ..embed import policy
+from ..embed import content_policy
 from ..slider import Slider, make_slider, script, slider_markup, style
 from .clip import ClipCell
 from .pictures import CorruptedPicture
@@ -100,7 +100,7 @@ def page_of(slider: Slider, remarks: Sequence[str] = ()) -> str:
             slider=slider_markup(slider),
             style=style(),
             script=script(),
-            policy=policy(script()),
+            policy=content_policy(script()),
         )
     )
 

@@ -8,7 +8,7 @@ from importlib.resources import files
 from markupsafe import Markup
 
 from .. import slider
-from ..embed import policy as policy_for
+from ..embed import content_policy
 
 SCRIPTS = (
     "elements.js",
@@ -36,7 +36,7 @@ def script() -> Markup:
 @cache
 def policy() -> str:
     """A Content-Security-Policy that allows this script by its hash, styles, and pictures inside the file."""
-    return policy_for(script())
+    return content_policy(script())
 
 
 def _text(name: str) -> str:

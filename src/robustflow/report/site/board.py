@@ -19,7 +19,7 @@ from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.names import MEMBERS
 from ...text import plain
-from .entries import COVERAGE, START, Key, LeaderboardEntry, default_order
+from .entries import COVERAGE, START, LeaderboardEntry, NumberKey, default_order
 
 OVERVIEW = "overview"
 CLASSES = "classes"
@@ -31,7 +31,7 @@ class BoardColumn:
     """A column: it is shown in some `views` (`OVERVIEW`, `CLASSES`, a family), and only with its metric if it has
     one."""
 
-    key: Key
+    key: NumberKey
     label: str
     title: str
     views: tuple[str, ...]
@@ -148,6 +148,6 @@ def _column(metric: str, corruption: str, family: str) -> BoardColumn:
     return BoardColumn((metric, corruption), short_label(corruption), title, (family,), metric, "px")
 
 
-def _mean_column(metric: str, key: Key, label: str, views: tuple[str, ...]) -> BoardColumn:
+def _mean_column(metric: str, key: NumberKey, label: str, views: tuple[str, ...]) -> BoardColumn:
     title = f"{METRIC_LABELS[metric]}, mean over {'all corruptions' if key[1] == AVERAGE else 'the class'}"
     return BoardColumn(key, label, title, views, metric, "px")

@@ -13,7 +13,7 @@ from ...analysis.doubts import doubted_runs, doubts
 from ...analysis.labels import benchmark_words
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
-from ...analysis.scores import coverage_of, note_of, run_names, run_results, sample_set, setting_of
+from ...analysis.scores import coverage_of, note_of, run_names, run_results, run_setting, sample_set
 from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import DataError, UsageError
 from ...text import plain
@@ -136,7 +136,7 @@ def _content(
         known,
         run_costs(runs),
         [
-            (str(run.manifest["identity"]["benchmark"]), frames, setting_of(run), name, note_of(run, beside))
+            (str(run.manifest["identity"]["benchmark"]), frames, run_setting(run), name, note_of(run, beside))
             for (frames, name), run in by_name.items()
         ],
         doubted,

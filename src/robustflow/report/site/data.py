@@ -16,7 +16,7 @@ from ...corruptions.names import MEMBERS, ordered
 from ...text import plain
 from ..table import Table
 from .board import Board
-from .entries import Key, LeaderboardEntry
+from .entries import LeaderboardEntry, NumberKey
 from .models import HeatTable, ModelPage, interval_text
 
 
@@ -52,7 +52,7 @@ def _board(board: Board) -> dict[str, Any]:
     }
 
 
-def _keys(entries: Sequence[LeaderboardEntry]) -> list[Key]:
+def _keys(entries: Sequence[LeaderboardEntry]) -> list[NumberKey]:
     """First what a download holds, in its order; then means over classes of corruptions, which follow from the rest,
     and costs."""
     present = {key for entry in entries for key in entry.texts}
@@ -66,7 +66,7 @@ def _is_number(metric: str, corruption: str) -> bool:
     return metric in RESULT_METRICS and corruption not in MEMBERS
 
 
-def _entry(entry: LeaderboardEntry, place: dict[Key, int], title: str) -> dict[str, Any]:
+def _entry(entry: LeaderboardEntry, place: dict[NumberKey, int], title: str) -> dict[str, Any]:
     """Only existing parts: most entries have no intervals, and many no note."""
     values: list[str | int] = [0] * len(place)
     for key, text in entry.texts.items():

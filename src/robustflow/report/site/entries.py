@@ -19,15 +19,15 @@ from ...text import plain
 from ..table import number_text
 from .slugs import Slugs
 
-Key = tuple[str, str]
+NumberKey = tuple[str, str]
 """(metric, corruption, "clean", "average", or a family); ("parameters", ""), ("flops", ""), ("rank", "") and
 `COVERAGE`."""
 
-COVERAGE: Key = ("coverage", "")
+COVERAGE: NumberKey = ("coverage", "")
 
 Interval = tuple[float, float]
 
-START: tuple[Key, ...] = (("epe", AVERAGE), ("rcre", AVERAGE), ("epe", CLEAN))
+START: tuple[NumberKey, ...] = (("epe", AVERAGE), ("rcre", AVERAGE), ("epe", CLEAN))
 """The initial sort key: the error under corruption, or how far the flow moves without ground truth. CRE alone would put
 the knowledge-driven methods first, whose clean error leaves little room to get worse."""
 
@@ -57,14 +57,14 @@ class LeaderboardEntry:
     name: str
     note: str
     page: str
-    texts: dict[Key, str] = field(default_factory=dict)
-    numbers: dict[Key, float] = field(default_factory=dict)
-    derived: set[Key] = field(default_factory=set)
-    best: set[Key] = field(default_factory=set)
-    intervals: dict[Key, Interval] = field(default_factory=dict)
+    texts: dict[NumberKey, str] = field(default_factory=dict)
+    numbers: dict[NumberKey, float] = field(default_factory=dict)
+    derived: set[NumberKey] = field(default_factory=set)
+    best: set[NumberKey] = field(default_factory=set)
+    intervals: dict[NumberKey, Interval] = field(default_factory=dict)
     doubt: str = ""
 
-    def set(self, key: Key, value: float | None, decimals: int | None = None) -> None:
+    def set(self, key: NumberKey, value: float | None, decimals: int | None = None) -> None:
         """Store a number as printed; None is skipped."""
         if value is not None:
             self.numbers[key], self.texts[key] = value, number_text(value, decimals)
@@ -73,7 +73,7 @@ class LeaderboardEntry:
 def entries_of(
     results: pl.DataFrame,
     costs: Mapping[str, Cost],
-    intervals: Mapping[tuple[str, str], Mapping[Key, Interval]] | None = None,
+    intervals: Mapping[tuple[str, str], Mapping[NumberKey, Interval]] | None = None,
     run_costs: Mapping[tuple[str, str], RunCost] | None = None,
     first: Sequence[tuple[str, str, str, str, str]] = (),
     doubted: Mapping[tuple[str, str], str] | None = None,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import polars as pl
 
-from ...analysis.audit import CHECKS, Audit, Finding, audit_published, audit_results
+from ...analysis.audit import AUDIT_CHECKS, Audit, Finding, audit_published, audit_results
 from ...analysis.doubts import sound_results
 from ...analysis.observations import Observation, observations
 from ...analysis.observations.verdict import THIN, UNKNOWN
@@ -52,6 +52,6 @@ def audits(content: Content) -> list[Audit]:
 def by_check(audit: Audit) -> list[tuple[str, int, list[Finding]]]:
     """(what is checked, how many numbers, what does not fit) in the order of the checks."""
     return [
-        (CHECKS[check], count, [finding for finding in audit.findings if finding.check == check])
+        (AUDIT_CHECKS[check], count, [finding for finding in audit.findings if finding.check == check])
         for check, count in audit.checked.items()
     ]

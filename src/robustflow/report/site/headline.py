@@ -16,14 +16,14 @@ from ...analysis.uncertainty import compare_all
 from ...errors import RunError
 from ...text import counted, plain
 from .content import Content
-from .entries import Key, LeaderboardEntry
+from .entries import LeaderboardEntry, NumberKey
 
 if TYPE_CHECKING:
     from ...runs.run import Run
 
 MOST_COMPARED = 8
-_RANKED: tuple[Key, ...] = (("cre", AVERAGE), ("rcre", AVERAGE))
-_CLEAN: Key = ("epe", CLEAN)
+_RANKED: tuple[NumberKey, ...] = (("cre", AVERAGE), ("rcre", AVERAGE))
+_CLEAN: NumberKey = ("epe", CLEAN)
 
 
 def headline(content: Content) -> list[str]:
@@ -73,7 +73,7 @@ def _best_of_settings(entries: list[LeaderboardEntry]) -> list[str]:
     return leaders
 
 
-def _printed(entry: LeaderboardEntry, key: Key) -> str:
+def _printed(entry: LeaderboardEntry, key: NumberKey) -> str:
     """A printed score; for a CRE that does not follow from the printed EPE, also the one that does."""
     epe, clean = (entry.numbers.get(("epe", name)) for name in (AVERAGE, CLEAN))
     text = f"{entry.texts[key]} px"
@@ -128,7 +128,7 @@ def _of_own(entries: list[LeaderboardEntry], content: Content) -> list[str]:
     return [sentence, *_difference(key[0], order, content), *left_out]
 
 
-def _shown(entry: LeaderboardEntry, key: Key) -> str:
+def _shown(entry: LeaderboardEntry, key: NumberKey) -> str:
     """A score together with the accuracy, without which it cannot be judged."""
     clean = entry.texts.get(_CLEAN)
     return f"{entry.texts[key]} px" + (f"; clean EPE {clean} px" if clean else "")
@@ -162,7 +162,7 @@ def _difference(metric: str, order: Sequence[LeaderboardEntry], content: Content
     return [plain(sentence, None) for sentence in pair["sentence"]]
 
 
-def _ranked(entries: Sequence[LeaderboardEntry]) -> tuple[Key, list[LeaderboardEntry]] | None:
+def _ranked(entries: Sequence[LeaderboardEntry]) -> tuple[NumberKey, list[LeaderboardEntry]] | None:
     for key in _RANKED:
         known = [entry for entry in entries if key in entry.numbers]
         if len(known) > 1:

@@ -14,7 +14,7 @@ from ...text import plain
 from ..analysis_tables import anatomy_table
 from ..table import Line, Section, Table
 from .content import Content
-from .entries import Key, LeaderboardEntry
+from .entries import LeaderboardEntry, NumberKey
 from .examples import PanelPicture
 from .facts import Facts, published_facts, run_facts
 from .heat import scale_top
@@ -130,7 +130,7 @@ def _tiles(entry: LeaderboardEntry) -> tuple[tuple[str, str, str], ...]:
     )
 
 
-def interval_text(entry: LeaderboardEntry, key: Key) -> str:
+def interval_text(entry: LeaderboardEntry, key: NumberKey) -> str:
     """ "[1.02, 1.71]", or "" if there is no interval."""
     interval = entry.intervals.get(key)
     return f"[{interval[0]:.2f}, {interval[1]:.2f}]" if interval else ""

@@ -105,8 +105,11 @@ def refuse_unguarded_script() -> None:
 
 
 def may_have_children() -> bool:
-    """Whether children can start without running a script's own code again: it has a guard, or there is no script."""
+    """Whether children can start without running a script's own code again: it has a guard, there is no script, or it
+    is a package's `__main__`, which `multiprocessing` leaves alone."""
     main = __import__("__main__")
+    if getattr(getattr(main, "__spec__", None), "name", "").endswith(".__main__"):
+        return True
     file = getattr(main, "__file__", None)
     if file is None:
         return True

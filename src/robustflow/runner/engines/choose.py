@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import pickle
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
-from ...errors import RobustFlowError, UsageError, unknown_name
+from ...errors import UsageError, unknown_name
 from ...models.devices import devices_of
 from ...runs.plan import Unit
 from ...text import counted
 from ..named_model import NamedModel
 from .base import Engine
-from .child import check_picklable, may_have_children
+from .child import may_have_children
 from .processes import processes
 from .ray import on_ray
 from .serial import SERIAL
@@ -23,15 +27,28 @@ ENGINES = ("serial", "processes", "ray")
 _FEEDERS_PER_DEVICE = 8
 """Most feeders per device, unless more are requested: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
 
+_CELLS_PER_PROCESS = 25
+"""Fewest cells for which a process is started unasked: it takes about two seconds to start."""
+
+_MOST_PROCESSES = 8
+"""Most processes started unasked: each takes 300 MB and more."""
+
 
 def choose_engine(
-    name: str | None, workers: int | None, timeout: float | None, address: str | None, model: NamedModel
+    name: str | None,
+    workers: int | None,
+    timeout: float | None,
+    address: str | None,
+    model: NamedModel,
+    others: tuple[Any, ...] = (),
 ) -> Engine:
     """The engine of this name, or the one that suits the model, the number of workers and the timeout.
 
     A model on accelerators gets one process per accelerator that only predicts, and as many feeders as there are
-    processors; a model on the processor stays in this process, unless workers or a timeout are given. `workers` is the
-    number of feeders, or of processes that do everything.
+    processors. A model on the processor stays in this process, unless workers or a timeout are given, or the model uses
+    one thread alone (`FlowModel.single_threaded`): then long runs get a process per processor. `workers` is the number
+    of feeders, or of processes that do everything. `others` is what processes are sent beside the model: without being
+    asked, nothing is moved to processes that cannot be.
 
     Raises:
         UsageError: an unknown name, or workers or a timeout that the engine does not support.
@@ -45,8 +62,11 @@ def choose_engine(
     if name is None:
         asked = (workers or 1) > 1 or timeout is not None
         name = "processes" if asked or devices else "serial"
-        if devices and not asked and workers is None and (why := _kept_here(model)):
+        spreads = getattr(model.model, "single_threaded", False) is True and model.spec is not None
+        if (devices or spreads) and not asked and workers is None and (why := _kept_here(model, others)):
             name = "serial"
+        elif spreads and not asked and workers is None:
+            return _spread()
     if name not in ENGINES:
         raise unknown_name("engine", name, ENGINES)
     if address is not None and name != "ray":
@@ -69,6 +89,22 @@ def _processes(workers: int, timeout: float | None) -> Engine:
     return Engine(
         lambda units: f"processes, {counted(count(units), 'worker')}",
         lambda job, units: processes(job, units, count(units), timeout),
+    )
+
+
+def _spread() -> Engine:
+    """A process per processor, if there is enough to do for each; otherwise this one alone."""
+
+    def count(units: Sequence[Unit]) -> int:
+        cells = sum(len(unit.severities) for unit in units)
+        return max(1, min(_processors(), _MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units)))
+
+    def engine(units: Sequence[Unit]) -> Engine:
+        return _processes(count(units), None) if count(units) > 1 else SERIAL
+
+    return Engine(
+        lambda units: engine(units).describe(units),
+        lambda job, units: engine(units).compute(job, units),
     )
 
 
@@ -100,16 +136,26 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
     return Engine(describe, lambda job, units: staged(job, units, *parts(units), timeout))
 
 
-def _kept_here(model: NamedModel) -> str:
-    """Why a model on a device is not moved to another process by default; empty if it can be."""
+def _kept_here(model: NamedModel, others: tuple[Any, ...]) -> str:
+    """Why a run is not moved to other processes by default; empty if it can be."""
+    if multiprocessing.current_process().daemon:
+        return " (this process is itself a worker of another)"
     if not may_have_children():
         return ' (processes need the script\'s own code under `if __name__ == "__main__":`)'
-    if model.spec is None:
-        try:
-            check_picklable(model.model)
-        except RobustFlowError:
-            return " (this model object cannot be sent to another process)"
+    if model.spec is None and not _moves(model.model):
+        return " (this model object cannot be sent to another process)"
+    if not _moves(others):
+        return " (this data set or corruption cannot be sent to another process)"
     return ""
+
+
+def _moves(thing: Any) -> bool:
+    """Whether another process can load a pickled object: not one of a class that a notebook or a prompt defines."""
+    try:
+        pickled = pickle.dumps(thing)
+    except Exception:
+        return False
+    return b"__main__" not in pickled or hasattr(sys.modules["__main__"], "__file__")
 
 
 def _processors() -> int:

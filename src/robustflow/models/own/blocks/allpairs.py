@@ -46,7 +46,7 @@ def sample_window(maps: Tensor, centres: Tensor, radius: int) -> Tensor:
 
     Args:
         maps: (M, C, H, W).
-        centres: (M, 2), (x, y) in pixels of the maps, need not be whole.
+        centres: (M, 2), (x, y) in pixels of the maps, not necessarily whole.
         radius: half the window's width, in pixels of the maps.
 
     Returns:
@@ -57,7 +57,7 @@ def sample_window(maps: Tensor, centres: Tensor, radius: int) -> Tensor:
     side = len(offsets)
     x = (centres[:, 0, None, None] + offsets[None, :, None]).expand(-1, side, side)
     y = (centres[:, 1, None, None] + offsets[None, None, :]).expand(-1, side, side)
-    # Half-pixel normalisation means the same positions as align_corners=True with size - 1, and a map one pixel
+    # Half-pixel normalisation gives the same positions as align_corners=True with size - 1, and a map one pixel
     # wide (the last level of a small image) does not divide by zero.
     grid = torch.stack(((2 * x + 1) / width - 1, (2 * y + 1) / height - 1), dim=-1)
     return F.grid_sample(maps, grid, mode="bilinear", padding_mode="zeros", align_corners=False).flatten(2)
@@ -69,7 +69,7 @@ class CorrelationPyramid:
     Args:
         features1: (N, C, H, W).
         features2: (N, C, H, W).
-        levels: number of levels, the full resolution among them.
+        levels: number of levels, including the full resolution.
         radius: of the lookup window, in pixels of each level.
 
     >>> features = torch.randn(1, 16, 8, 12)
@@ -87,7 +87,7 @@ class CorrelationPyramid:
             self.volumes.append(F.avg_pool2d(finest, pool, stride=2))
 
     def lookup(self, coordinates: Tensor) -> Tensor:
-        """Correlations around where each pixel of map 1 goes.
+        """Correlations around the target of each pixel of map 1.
 
         Args:
             coordinates: (N, 2, H, W), (x, y) in pixels of map 2 at full resolution.

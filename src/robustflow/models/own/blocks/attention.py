@@ -1,4 +1,4 @@
-"""Multi-head attention on token lists, without the projections, which every network names in its own way."""
+"""Multi-head attention on token lists, without the projections, which each network names differently."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def attend(query: Tensor, key: Tensor, value: Tensor, heads: int = 1, bias: Tens
 def linear_sine(coordinates: Tensor, channels: int) -> Tensor:
     """FlowFormer's position code: sine and cosine at frequencies that grow linearly (Huang et al. 2022).
 
-    The published weights were trained with 3.14 in the place of pi and a period unit of 200 pixels at 1/8 resolution.
+    The published weights were trained with 3.14 in place of pi and a period unit of 200 pixels at 1/8 resolution.
 
     Args:
         coordinates: (..., 2), (x, y) in pixels.

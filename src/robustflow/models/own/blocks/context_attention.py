@@ -1,4 +1,4 @@
-"""Global motion aggregation: motion gathered from wherever the context looks alike (GMA, Jiang et al. 2021)."""
+"""Global motion aggregation: motion gathered from pixels with similar context (GMA, Jiang et al. 2021)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def context_attention(query_key: Tensor) -> Tensor:
         query_key: (N, 2 * C, H, W): C channels of queries, then C of keys.
 
     Returns:
-        (N, H * W, H * W): row `i` says how much pixel `i` takes from each pixel.
+        (N, H * W, H * W): row `i` holds the weights of all pixels for pixel `i`.
     """
     query, key = query_key.flatten(2).chunk(2, dim=1)
     return (query.transpose(1, 2) * query.shape[1] ** -0.5 @ key).softmax(dim=-1)

@@ -1,4 +1,4 @@
-"""Convex upsampling: a fine pixel is a weighted mean of 3 x 3 coarse ones (RAFT, Teed and Deng 2020, section 3.3)."""
+"""Convex upsampling: a fine pixel is the weighted mean of 3 x 3 coarse ones (RAFT, Teed and Deng 2020, sec. 3.3)."""
 
 from __future__ import annotations
 

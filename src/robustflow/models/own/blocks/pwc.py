@@ -1,4 +1,4 @@
-"""The convolutions of the PWC family (Sun et al. 2018), as ARFlow and UPFlow hold them."""
+"""The convolutions of the PWC family (Sun et al. 2018), as ARFlow and UPFlow use them."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class ContextNetwork(nn.Module):
 
 
 class DenseEstimator(nn.Module):
-    """Five convolutions, each fed with everything before it, and a linear one. Keys: `conv1.0 ... conv5.0 conv_last.0`.
+    """Five convolutions, each fed everything before it, and a linear one. Keys: `conv1.0 ... conv5.0 conv_last.0`.
 
     Args:
         inputs: channels in.

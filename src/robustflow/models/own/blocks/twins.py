@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from .attention import attend
 from .windows import from_windows, to_windows
 
-# Width of the last of the four stages; only its norm is left in the checkpoints, and nothing runs it.
+# Width of the last of the four stages; the checkpoints contain only its norm, which is never run.
 _LARGE = ((128, 256), (4, 8), 1024)
 _SMALL = ((64, 128), (2, 4), 512)
 
@@ -42,7 +42,7 @@ class WindowAttention(nn.Module):
 
 
 class ReducedAttention(nn.Module):
-    """Attention of every pixel to the whole map shrunk by a strided convolution. Keys: `q kv proj sr norm`."""
+    """Attention of every pixel to the whole map, shrunk by a strided convolution. Keys: `q kv proj sr norm`."""
 
     def __init__(self, width: int, heads: int, reduction: int) -> None:
         super().__init__()
@@ -96,7 +96,7 @@ class PatchEmbedding(nn.Module):
 
 
 class PositionConv(nn.Module):
-    """A depthwise 3 x 3 convolution with a residual, which tells tokens where they are. Keys: `proj.0`."""
+    """A depthwise 3 x 3 convolution with a residual, which gives tokens their positions. Keys: `proj.0`."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -139,7 +139,7 @@ class Twins(nn.Module):
         self.svt = _Stages(*(_LARGE if large else _SMALL))
 
     def stage(self, index: int, x: Tensor, dense: bool = False) -> Tensor:
-        """One stage: (N, C, H, W) to (N, width, H / patch, W / patch); with `dense` as `PatchEmbedding` has it."""
+        """One stage: (N, C, H, W) to (N, width, H / patch, W / patch); `dense` as in `PatchEmbedding`."""
         x = self.svt.patch_embeds[index](x, dense)
         local, reduced = self.svt.blocks[index]
         x = reduced(self.svt.pos_block[index](local(x)))

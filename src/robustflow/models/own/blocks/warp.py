@@ -1,4 +1,4 @@
-"""Backward warping: fetch what a flow points at, as coarse-to-fine networks do between levels."""
+"""Backward warping: sample what a flow points at, as coarse-to-fine networks do between levels."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ def warp(maps: Tensor, flow: Tensor, padding: str = "zeros", align_corners: bool
         maps: (N, C, H, W).
         flow: (N, 2, H, W), (u right, v down) in pixels of `maps`.
         padding: outside the map: "zeros" or "border".
-        align_corners: True samples exactly at pixel + flow. False keeps the coordinates but lets the sampler read
-            them as counted from the corners of the outer pixels, which shifts and stretches by up to half a pixel:
-            what code written for PyTorch before 1.3 does on later versions.
+        align_corners: True samples exactly at pixel + flow. False keeps the coordinates but has the sampler count
+            them from the corners of the outer pixels, which shifts and stretches by up to half a pixel: what code
+            written for PyTorch before 1.3 does on later versions.
 
     Returns:
         float32 (N, C, H, W).
@@ -40,7 +40,7 @@ def inside_mask(flow: Tensor, threshold: float, align_corners: bool = True) -> T
 
     Args:
         flow: (N, 2, H, W), in pixels.
-        threshold: of the summed weights. At exactly 1.0 rounding decides for interior pixels too, differently on
+        threshold: of the summed weights. At exactly 1.0, rounding decides about interior pixels too, differently on
             every machine.
         align_corners: see `warp`.
 

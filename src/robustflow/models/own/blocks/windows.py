@@ -28,7 +28,7 @@ def to_windows(x: Tensor, size: int) -> Tensor:
 
 
 def from_windows(windows: Tensor, height: int, width: int) -> Tensor:
-    """The map (N, height, width, C) whose `to_windows` gave `windows`; the padding is cut away.
+    """The map (N, height, width, C) whose `to_windows` gave `windows`; the padding is removed.
 
     >>> import torch
     >>> x = torch.rand(2, 10, 8, 3)

@@ -13,7 +13,7 @@ from ..blocks.warp import warp
 
 
 class ReducedDenseEstimator(nn.Module):
-    """Correlation, reduced feature and flow to a flow residual; every layer sees the two before it.
+    """Correlation, reduced feature and flow to a flow residual; each layer is fed the outputs of the two before it.
 
     Keys: `conv1.0 ... conv5.0 predict_flow.0`.
     """
@@ -55,7 +55,7 @@ class ARFlow(nn.Module):
         return self.flows(self.features(image1), self.features(image2))[0]
 
     def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
-        """The flows of both directions per level, as `flows` gives them."""
+        """The flows of both directions per level, as `flows` returns them."""
         features1, features2 = self.features(image1), self.features(image2)
         return self.flows(features1, features2), self.flows(features2, features1)
 
@@ -64,9 +64,9 @@ class ARFlow(nn.Module):
         return self.feature_pyramid_extractor(image)
 
     def flows(self, features1: list[Tensor], features2: list[Tensor]) -> list[Tensor]:
-        """One flow per level, finest first, each in pixels of, and at, four times its level's size.
+        """One flow per level, finest first, each at four times its level's size, in pixels of that size.
 
-        Exchange the pyramids for the backward flow.
+        Swap the pyramids for the backward flow.
         """
         coarse_to_fine = list(zip(features1[:0:-1], features2[:0:-1], self.conv_1x1, strict=True))
         flow = torch.zeros_like(coarse_to_fine[0][0][:, :2], dtype=torch.float32)

@@ -18,7 +18,7 @@ HIDDEN = CONTEXT = 128
 
 
 class UpdateBlock(nn.Module):
-    """One recurrent step, and the mask that enlarges its flow. Keys: `encoder gru flow_head mask.0 mask.2`."""
+    """One recurrent step, and the mask that upsamples its flow. Keys: `encoder gru flow_head mask.0 mask.2`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -35,10 +35,10 @@ class UpdateBlock(nn.Module):
 
 
 class BrightFlow(nn.Module):
-    """RAFT trained without labels. The brightness corrector of the method's name is a part of training only.
+    """RAFT trained without labels. The brightness corrector that names the method is used in training only.
 
     Images are RGB in -1..1, float (N, 3, H, W), H and W multiples of 8. Keys are those of the authors' files without
-    `module.`; they start with `model.`, beside `corrector.` and others that only training needs.
+    `module.`; they start with `model.`, next to `corrector.` and others that only training needs.
 
     Args:
         iterations: of the recurrent update.

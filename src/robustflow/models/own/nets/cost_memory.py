@@ -15,7 +15,7 @@ _WIDTH, _TOKENS, _HEADS, _DEPTH = 128, 8, 8, 3
 
 
 class CostPatchEmbedding(nn.Module):
-    """Cost maps to one token for each 8 x 8 of their pixels. Keys: `proj.{0,2,4} ffn_with_coord.{0,2} norm`."""
+    """Cost maps to one token per 8 x 8 pixels. Keys: `proj.{0,2,4} ffn_with_coord.{0,2} norm`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -40,7 +40,7 @@ class CostPatchEmbedding(nn.Module):
 
 
 class LatentAttention(nn.Module):
-    """Pre-norm attention of latent tokens, to others or among themselves, and an MLP of their own width.
+    """Pre-norm attention of latent tokens, to others or among themselves, and an MLP of the same width.
 
     Keys: `norm1 norm2 q k v proj ffn.{0,3}`.
     """
@@ -53,11 +53,11 @@ class LatentAttention(nn.Module):
         self.k = nn.Linear(_WIDTH, _WIDTH)
         self.v = nn.Linear(_WIDTH, _WIDTH)
         self.proj = nn.Linear(_WIDTH, _WIDTH)
-        # The third place in the checkpoints' numbering is a dropout that was trained at rate 0.
+        # The third entry in the checkpoints' numbering is a dropout that was trained at rate 0.
         self.ffn = nn.Sequential(nn.Linear(_WIDTH, _WIDTH), nn.GELU(), nn.Identity(), nn.Linear(_WIDTH, _WIDTH))
 
     def forward(self, x: Tensor, others: Tensor | None = None) -> Tensor:
-        """Tokens (M, K, 128), attending to `others` (M, L, 128), which are not normed, or to themselves."""
+        """Tokens (M, K, 128), attending to `others` (M, L, 128), which are not normalised, or to themselves."""
         query = self.norm1(x)
         target = query if others is None else others
         x = x + self.proj(attend(self.q(query), self.k(target), self.v(target), _HEADS))
@@ -104,7 +104,7 @@ class MemoryEncoder(nn.Module):
         """Images (N, 3, 8 * H, 8 * W) in -1..1 and context (N, 256, H, W).
 
         Returns:
-            cost maps (N * H * W, 1, H, W), dot products that are not scaled, and memory (N * H * W, 8, 128).
+            cost maps (N * H * W, 1, H, W), unscaled dot products, and memory (N * H * W, 8, 128).
         """
         features = self.channel_convertor(self.feat_encoder(torch.cat((image1, image2))))
         features1, features2 = features.chunk(2)

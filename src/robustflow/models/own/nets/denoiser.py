@@ -1,4 +1,4 @@
-"""The conditional denoising decoder of FlowDiffuser (Luo et al., CVPR 2024): an update that knows the noise level."""
+"""The denoising decoder of FlowDiffuser (Luo et al., CVPR 2024): an update conditioned on the noise level."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Denoiser(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.conv_ee = _TimedConv()
-        # Place 0 in the checkpoints' numbering is the code of the time, which has no weights.
+        # Entry 0 in the checkpoints' numbering is the code of the time, which has no weights.
         self.time_mlp = nn.Sequential(nn.Identity(), nn.Linear(_CODE, 512), nn.GELU(), nn.Linear(512, 512))
         self.block_time_mlp = nn.Sequential(nn.SiLU(), nn.Linear(512, 256))
 

@@ -1,4 +1,4 @@
-"""The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), sampled deterministically (DDIM, 2021)."""
+"""The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), sampled deterministically (DDIM 2021)."""
 
 from __future__ import annotations
 

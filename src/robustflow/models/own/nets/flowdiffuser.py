@@ -17,7 +17,7 @@ from .window_volume import WindowVolume
 
 _ITERATIONS = 6
 _REACH = 0.1
-"""Share of the map's size that a sample of 1 moves a pixel by."""
+"""Fraction of the map's size by which a sample of 1 moves a pixel."""
 
 
 class FlowDiffuser(nn.Module):
@@ -32,7 +32,7 @@ class FlowDiffuser(nn.Module):
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
         self.seed = seed
-        # Constants that the checkpoints hold: a placeholder, and the factor between normalised flow and sample.
+        # Constants that the checkpoints contain: a placeholder, and the factor between normalised flow and sample.
         self.zero = nn.Parameter(torch.zeros(12), requires_grad=False)
         self.scale = nn.Parameter(torch.full((1,), 0.5), requires_grad=False)
         register_schedule(self)
@@ -61,8 +61,8 @@ class FlowDiffuser(nn.Module):
         Args:
             image1: RGB (N, 3, H, W) in 0..255; H and W multiples of 8.
             image2: the same.
-            noise: (N, 2, H / 8, W / 8), from the standard normal distribution, the only randomness; without it
-                `initial_noise` of the seed, the same for every pair of one size.
+            noise: (N, 2, H / 8, W / 8), from the standard normal distribution, the only source of randomness; by
+                default `initial_noise` of the seed, the same for every pair of one size.
 
         Returns:
             full-resolution flows (N, 2, H, W) in pixels, after each denoising step and after the refinement; and the

@@ -1,4 +1,4 @@
-"""FlowFormer's recurrent decoder: queries the cost memory where the flow points to now (Huang et al. 2022, 3.3)."""
+"""FlowFormer's recurrent decoder: queries the cost memory at the flow's current target (Huang et al. 2022, 3.3)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class MemoryQuery(nn.Module):
         self.k = nn.Linear(_MEMORY, _QUERY)
         self.v = nn.Linear(_MEMORY, _QUERY)
         self.proj = nn.Linear(2 * _QUERY, _QUERY)
-        # The third place in the checkpoints' numbering is a dropout that was trained at rate 0.
+        # The third entry in the checkpoints' numbering is a dropout that was trained at rate 0.
         self.ffn = nn.Sequential(nn.Linear(_QUERY, _QUERY), nn.GELU(), nn.Identity(), nn.Linear(_QUERY, _QUERY))
 
     def forward(self, token: Tensor, coordinates: Tensor, key: Tensor, value: Tensor) -> Tensor:
@@ -72,7 +72,7 @@ class UpdateBlock(nn.Module):
 
 
 class _RelativePositions(nn.Module):
-    """Tables that the checkpoints hold and the published model does not use."""
+    """Tables that the checkpoints contain but the published model does not use."""
 
     def __init__(self, size: int = 160) -> None:
         super().__init__()
@@ -109,8 +109,8 @@ class MemoryDecoder(nn.Module):
         """Cost maps (N * H * W, 1, H, W), memory (N * H * W, 8, 128) and context (N, 256, H, W) to flow.
 
         Returns:
-            full-resolution flows (N, 2, 8 * H, 8 * W) in pixels, after `every` iteration (for the loss) or the last
-            alone; and the last flow (N, 2, H, W) at 1/8, in its own pixels.
+            full-resolution flows (N, 2, 8 * H, 8 * W) in pixels, of every iteration if `every` (for the loss), else
+            of the last one; and the last flow (N, 2, H, W) at 1/8, in its own pixels.
         """
         net, inp = self.proj(context).chunk(2, dim=1)
         net, inp = net.tanh(), inp.relu()

@@ -1,4 +1,4 @@
-"""The feature transformer of FlowDiffuser: both images in shifted windows, then each against the other."""
+"""The feature transformer of FlowDiffuser: each image in shifted windows, then each attending to the other."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ class WindowBlock(nn.Module):
         self.mlp = _mlp()
 
     def forward(self, x: Tensor, labels: Tensor) -> Tensor:
-        """(N, H, W, 256), H and W multiples of 8; `labels` (H, W): pixels of different labels do not meet."""
+        """(N, H, W, 256), H and W multiples of 8; pixels with different `labels` (H, W) do not attend to each other."""
         height, width = labels.shape
         if self.shift:
-            # Besides the given labels, what the shift brings together from opposite edges has to stay apart.
+            # In addition to the given labels, pixels that the shift brings together from opposite edges stay apart.
             y, x_ = (torch.arange(size, device=x.device) for size in (height, width))
             wrapped = 2 * (y < self.shift).long()[:, None] + (x_ < self.shift).long()
             labels = 4 * labels + wrapped
@@ -101,7 +101,7 @@ class Layer(nn.Module):
             return x
         first, second = x.flatten(1, 2).chunk(2)
         bias = mask_bias(labels.flatten())
-        # The block has its own residuals; the published model adds one more around it.
+        # The block has its own residuals; the published model adds another around it.
         second = second + self.cross_transformer(second, first, bias)
         first = first + self.cross_transformer(first, second, bias)
         return torch.cat((first, second)).view(x.shape)
@@ -121,7 +121,7 @@ class PairTransformer(nn.Module):
         self.tb = _Body()
 
     def forward(self, features1: Tensor, features2: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 256, H, W) each; any size: padded to whole windows inside, on top and on both sides, and masked."""
+        """(N, 256, H, W) each; any size: padded here to whole windows, at the top and on both sides, and masked."""
         _, _, height, width = features1.shape
         over_x, over_y = -width % _WINDOW, -height % _WINDOW
         left = over_x // 2

@@ -61,7 +61,9 @@ class _Mlp(nn.Module):
 
 
 class TwoWayBlock(nn.Module):
-    """Tokens among themselves, tokens to image, MLP, image to tokens; each with a residual and a norm after it.
+    """Attention among the tokens and from tokens to image, an MLP, attention from image to tokens.
+
+    A residual and a norm follow each.
 
     Args:
         first: the first block attends among the tokens without positions and without a residual.
@@ -104,7 +106,7 @@ class TwoWayTransformer(nn.Module):
         self.norm_final_attn = nn.LayerNorm(_WIDTH)
 
     def forward(self, tokens: Tensor, image: Tensor, image_code: Tensor) -> tuple[Tensor, Tensor]:
-        """Updated tokens (N, T, 256) and image (N, H * W, 256); the tokens as they came are their own positions."""
+        """Updated tokens (N, T, 256) and image (N, H * W, 256); the input tokens are their own position codes."""
         token_code = tokens
         for layer in self.layers:
             tokens, image = layer(tokens, image, token_code, image_code)
@@ -113,7 +115,7 @@ class TwoWayTransformer(nn.Module):
 
 
 class _RandomFourier(nn.Module):
-    """Positions through a learned matrix that started as random frequencies."""
+    """Position codes from a learned matrix, initialised with random frequencies."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -138,7 +140,7 @@ class TaskToken(nn.Module):
 
 
 class ContextAdapter(nn.Module):
-    """The context after it has met the flow tokens. Keys: `transformer flow_init_token pe_layer`."""
+    """The context after attention with the flow tokens. Keys: `transformer flow_init_token pe_layer`."""
 
     def __init__(self) -> None:
         super().__init__()

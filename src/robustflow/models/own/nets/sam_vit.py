@@ -1,6 +1,6 @@
 """The image encoder of Segment Anything (Kirillov et al. 2023): a ViT with windows and decomposed relative positions.
 
-The published tables are for a grid of 64 x 64 patches. SAMFlow crops them to smaller grids; larger ones have no entry.
+The published tables are for a grid of 64 x 64 patches. SAMFlow crops them to smaller grids; larger ones have none.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def neck(width: int) -> nn.Sequential:
 
 
 def relative_rows(table: Tensor, size: int, first: bool = False) -> Tensor:
-    """The rows of a relative-position table for every pair on a line of `size` patches.
+    """The rows of a relative-position table for every pair of patches on a line of `size`.
 
     Args:
         table: (2 * S - 1, C), S at least `size`; its middle row stands for distance 0.
@@ -92,7 +92,7 @@ class Attention(nn.Module):
     def forward(self, tokens: Tensor, height: int, width: int) -> Tensor:
         """(M, height * width, C) to the same shape."""
         query, key, value = self.qkv(tokens).chunk(3, dim=-1)
-        # Positions meet the query before it is scaled.
+        # Positions are multiplied by the query before it is scaled.
         grid = query.unflatten(-1, (self.heads, -1)).unflatten(1, (height, width))
         rows = relative_rows(self.rel_pos_h, height, self.first_rows)
         columns = relative_rows(self.rel_pos_w, width, self.first_rows)

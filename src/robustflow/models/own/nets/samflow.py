@@ -1,4 +1,4 @@
-"""SAMFlow (Zhou et al., AAAI 2024): FlowFormer whose context also sees Segment Anything's features of image 1."""
+"""SAMFlow (Zhou et al., AAAI 2024): FlowFormer with Segment Anything's features of image 1 in its context."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ class SamFlow(nn.Module):
 
     Args:
         size: "tiny" (TinyViT), "base" (ViT-B), "huge" (ViT-H, trained on FlyingThings), or "huge_finetuned" (ViT-H,
-            fine-tuned on Sintel), which weighs the adapter's output and reads other rows of SAM's position tables.
+            fine-tuned on Sintel), which adds the adapter's output with learned weights and reads other rows of
+            SAM's position tables.
         iterations: of the decoder; the authors train with 12 and evaluate with 24 on KITTI, 32 on Sintel.
     """
 
@@ -57,7 +58,7 @@ class SamFlow(nn.Module):
 
     @classmethod
     def of(cls, size: Literal["tiny", "base", "huge"], finetuned: bool, iterations: int) -> SamFlow:
-        """The network of a size; `finetuned` is for the huge one alone."""
+        """The network of a size; `finetuned` is for the huge one only."""
         return cls("huge_finetuned" if finetuned else size, iterations)
 
     def fused_context(self, image1: Tensor) -> Tensor:
@@ -66,7 +67,7 @@ class SamFlow(nn.Module):
         return self.CFM(torch.cat((self.context_encoder(2 * image1 / 255 - 1), sam), dim=1))
 
     def context(self, image1: Tensor) -> Tensor:
-        """The fused context and what the adapter makes of it, added."""
+        """The sum of the fused context and the adapter's output for it."""
         fused = self.fused_context(image1)
         adapted = self.CAM(fused, self.LTSE.LTSE_embed.weight)
         return fused + adapted if self.wadd_1 is None else self.wadd_1(fused, adapted)

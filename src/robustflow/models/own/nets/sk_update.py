@@ -16,7 +16,7 @@ def _widen(channels: int, outputs: int) -> nn.Sequential:
 
 
 class Depthwise(nn.Conv2d):
-    """A convolution of each channel by itself."""
+    """A convolution of each channel separately."""
 
     def __init__(self, channels: int, kernel: int) -> None:
         super().__init__(channels, channels, kernel, padding=kernel // 2, groups=channels)
@@ -24,7 +24,7 @@ class Depthwise(nn.Conv2d):
     def forward(self, x: Tensor) -> Tensor:
         """(N, channels, H, W) to the same shape."""
         if self.kernel_size == (1, 1):
-            # The same function; as a convolution torch runs it channel after channel, a third of the network's time.
+            # The same function; as a convolution, torch runs it channel by channel, a third of the network's time.
             return x * self.weight.view(-1, 1, 1) + self.bias.view(-1, 1, 1)
         return super().forward(x)
 
@@ -67,7 +67,7 @@ class MotionEncoder(nn.Module):
 
 
 class Aggregator(nn.Module):
-    """Motion from wherever the context looks alike. Keys: `gamma to_qk to_v`."""
+    """Motion from pixels with similar context. Keys: `gamma to_qk to_v`."""
 
     def __init__(self) -> None:
         super().__init__()

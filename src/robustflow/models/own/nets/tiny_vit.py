@@ -77,7 +77,7 @@ class WindowAttention(nn.Module):
         self.proj = nn.Linear(width, width)
 
     def forward(self, x: Tensor) -> Tensor:
-        """(N, H, W, C) to (N, H, W, C). The padding of the last windows is normed and attended to like any pixel."""
+        """(N, H, W, C) to (N, H, W, C). The padding of the last windows is treated like any pixel."""
         qkv = self.qkv(self.norm(to_windows(x, self.window)))
         # Each head holds its query, key and value side by side.
         query, key, value = (t.flatten(-2) for t in qkv.unflatten(-1, (self.heads, -1)).chunk(3, dim=-1))
@@ -113,7 +113,7 @@ class Block(nn.Module):
 
 
 class Stage(nn.Module):
-    """Blocks and, before the next stage, a wider and (but for the last) smaller map. Keys: `blocks downsample`."""
+    """Blocks, then a wider map for the next stage, smaller except for the last stage. Keys: `blocks downsample`."""
 
     def __init__(self, blocks: list[nn.Module], width: int, following: int | None, stride: int = 2) -> None:
         super().__init__()
@@ -131,7 +131,7 @@ class Stage(nn.Module):
 class TinyVit(nn.Module):
     """Image to 256 channels at 1/16. Keys: `patch_embed.seq layers norm_head head neck`.
 
-    The classifier `norm_head head` is in the checkpoints and is not run. No weight depends on the image's size.
+    The classifier `norm_head head` is in the checkpoints but is not run. No weight depends on the image's size.
     """
 
     def __init__(self) -> None:

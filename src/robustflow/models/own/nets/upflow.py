@@ -37,13 +37,13 @@ class BothFlows:
 
 @dataclass(frozen=True)
 class Sampling:
-    """How the network's warps sample; the two points where PyTorch versions and machines differ.
+    """How the network's warps sample; the two settings in which PyTorch versions and machines differ.
 
     Attributes:
         align_corners: True is what the authors' weights were trained with (PyTorch 1.1); False is what their code
             does on PyTorch 1.3 and later.
         threshold: warped features are zeroed where their bilinear weights inside the map sum to less. The authors'
-            code compares with 1.0 exactly, which zeroes interior pixels at the whim of float32 rounding.
+            code compares with 1.0 exactly, so that float32 rounding zeroes some interior pixels.
     """
 
     align_corners: bool = True
@@ -59,7 +59,7 @@ class Sampling:
 
 
 class SelfGuidedUpsampler(nn.Module):
-    """Repairs an enlarged flow: each pixel may take its flow from a place an interpolation flow points at.
+    """Repairs an enlarged flow: each pixel may take its flow from the place that an interpolation flow points at.
 
     Keys: `dense_estimator_mask.*`, and `upsample_output_conv.*` for the features at full resolution.
     """
@@ -73,13 +73,13 @@ class SelfGuidedUpsampler(nn.Module):
         )
 
     def forward(self, flow: Tensor, own: Tensor, other: Tensor, target: Tensor | None = None) -> Tensor:
-        """The repaired flow, of the size of `target` where there is one.
+        """The repaired flow, of the size of `target` if there is one.
 
         Args:
             flow: (N, 2, H, W) in pixels.
             own: (N, 32, H, W), features of the image the flow starts from.
             other: (N, 32, H, W), of the image it goes to.
-            target: (N, 2, H', W'), the flow enlarged, to repair in place of `flow`.
+            target: (N, 2, H', W'), the enlarged flow, to be repaired instead of `flow`.
         """
         both = torch.cat((own, self.sampling.masked(other, flow)), dim=1)
         between, logit = self.dense_estimator_mask(both)[1].split((2, 1), dim=1)
@@ -108,7 +108,7 @@ class UPFlow(nn.Module):
 
     @classmethod
     def of(cls, align_corners: bool, mask_threshold: float) -> UPFlow:
-        """The network with these two ways of `Sampling`."""
+        """The network with these two settings of `Sampling`."""
         return cls(Sampling(align_corners, mask_threshold))
 
     def forward(self, image1: Tensor, image2: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from ..blocks.warp import warp
 def visible(flow: Tensor, other: Tensor) -> Tensor:
     """Forward and backward flow agree, or the pixel leaves the frame.
 
-    Pixels that leave count as visible: the losses these masks are for fetch them from beyond the crop.
+    Pixels that leave count as visible: the losses that use these masks sample them from beyond the crop.
 
     Args:
         flow: (N, 2, H, W), from this frame to the other one, in pixels.

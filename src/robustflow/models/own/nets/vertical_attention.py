@@ -1,6 +1,6 @@
 """Attention among the pixels of image 1 that hold the same latent cost token (FlowFormer, Huang et al. 2022, 3.2).
 
-Queries and keys also see the context features, so that motion spreads inside objects and not across them.
+Queries and keys also see the context features, so that motion spreads within objects and not across them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def _position_code(height: int, width: int, step: int, channels: int, like: Tens
 
 
 class _ContextAttention(nn.Module):
-    """What both kinds share: the context's projection beside the tokens."""
+    """What both kinds share: the projected context is appended to the tokens."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -37,7 +37,7 @@ class _ContextAttention(nn.Module):
 
 
 class LocalContextAttention(_ContextAttention):
-    """Inside windows of 7 x 7. Keys: `context_proj q k v proj`."""
+    """Attention inside windows of 7 x 7. Keys: `context_proj q k v proj`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -55,7 +55,7 @@ class LocalContextAttention(_ContextAttention):
 
 
 class ReducedContextAttention(_ContextAttention):
-    """To the whole map shrunk four times. Keys: `context_proj q k v proj sr_key sr_value norm`."""
+    """Attention to the whole map, shrunk by a factor of four. Keys: `context_proj q k v proj sr_key sr_value norm`."""
 
     def __init__(self) -> None:
         super().__init__()

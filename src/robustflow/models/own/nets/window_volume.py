@@ -1,4 +1,4 @@
-"""Correlation of every pixel with a window around where it goes, where all pairs would not fit in memory."""
+"""Correlation of every pixel with a window around its target, where all pairs would not fit in memory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..blocks.allpairs import sample_window
 
 
 class WindowVolume:
-    """Dot products, divided by sqrt(C), on 17 x 17 pixels around a whole-pixel target, and three poolings of them.
+    """Dot products, divided by sqrt(C), on 17 x 17 pixels around a whole-pixel target, and on three pooled levels.
 
     The values are those of the all-pairs volume, which at 1/4 of a KITTI image would take 3.4 GB.
 
