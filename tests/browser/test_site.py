@@ -319,6 +319,20 @@ def test_narrow_screens_scroll_inside_the_table_alone(opened):
         assert page.evaluate("document.documentElement.scrollWidth") == 390
 
 
+@pytest.mark.parametrize("width", [390, 1440])
+def test_a_long_name_of_a_corruption_does_not_run_into_its_numbers(visit, tmp_path, width):
+    stack = "camera_motion_blur+gaussian_noise+jpeg_compression"
+    run = evaluate("farneback", "demo", output=tmp_path / "run", examples=False, corruptions=[stack], severities=[2])
+    (tmp_path / "page.html").write_text(render_site(run_content(run)), encoding="utf-8")
+    page = visit(width=width).page
+    page.goto((tmp_path / "page.html").as_uri())
+    names = page.locator(".tables tbody th")
+    assert any("jpeg" in text.lower() for text in names.all_inner_texts())
+    spare = names.evaluate_all("cells => cells.map(cell => cell.clientWidth - cell.scrollWidth)")
+    assert min(spare) >= 0
+    assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+
+
 def test_on_paper_every_row_and_no_control(opened):
     page = opened("leaderboard", "#benchmark=KITTI-FC&search=csf", color_scheme="dark")
     page.emulate_media(media="print")

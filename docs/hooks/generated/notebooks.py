@@ -41,6 +41,8 @@ def _output(output: dict[str, Any]) -> str:
         return f'<img alt="What the cell above draws" src="data:image/png;base64,{encoded}">'
     if "text/html" in data:
         kept = re.sub(r"<style.*?</style>", "", "".join(data["text/html"]), flags=re.DOTALL)
-        return '<div class="output" markdown="0">' + re.sub(r"\n\s*\n", "\n", kept) + "</div>"
+        # A keyboard scrolls only what it can reach.
+        reached = 'tabindex="0" role="region" aria-label="Output of the cell above"'
+        return f'<div class="output" {reached} markdown="0">' + re.sub(r"\n\s*\n", "\n", kept) + "</div>"
     text = "".join(output.get("text", data.get("text/plain", [])))
     return f'<pre class="output"><code>{html.escape(text.rstrip())}</code></pre>'
