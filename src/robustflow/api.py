@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .benchmarks import Benchmark
+from .datasets.registry import with_whole_paths
 from .errors import RobustFlowError
 from .models import ModelSpec
 from .models.base import AnyModel
@@ -204,7 +205,8 @@ def evaluate(
                 fill(folder, keeping, compute, batch_size, listener)
             if isinstance(benchmark, str):
                 where = Path(data) if data is not None else None
-                RunSource(setup.model.spec, where, data_options or {}).write(folder.path)
+                options = with_whole_paths(benchmark, data_options or {})
+                RunSource(setup.model.spec, where, options).write(folder.path)
             _draw(Result(folder.path), keeping, examples)
     finally:
         folder.unlock()

@@ -14,6 +14,7 @@ from robustflow.analysis.robustspring import robustspring_results
 from robustflow.analysis.scores import note_of, run_results
 from robustflow.api import evaluate
 from robustflow.atomic import json_bytes
+from robustflow.benchmarks import load_benchmark
 from robustflow.datasets import load_dataset
 from robustflow.images.io import write_image
 from robustflow.models import load_model
@@ -22,6 +23,8 @@ from robustflow.report.site.board import boards_of
 from robustflow.report.site.entries import entries_of
 from robustflow.report.tables import build_table
 from robustflow.runs.identity import identity_digest
+from robustflow.runs.source import RunSource
+from robustflow.testing import ZeroClipFlow
 from tests.records.forge import entries_of as entries_of_record
 from tests.records.forge import failure, sealed, verified
 
@@ -144,6 +147,43 @@ def test_where_springs_frames_are_is_no_part_of_a_run(run, root, tmp_path):
         "farneback", "robustspring", apart, tmp_path / "run", data_options=options, limit=1, examples=False
     )
     assert moved.manifest["identity"] == run.manifest["identity"]
+
+
+def test_they_may_be_named_from_where_the_run_was_started(root, tmp_path, monkeypatch):
+    apart = tmp_path / "apart"
+    apart.mkdir()
+    (apart / "fog").symlink_to(root / "fog")
+    monkeypatch.chdir(root.parent)
+    options = {"spring": f"{root.name}/spring"}
+    measured = evaluate(
+        "farneback", "robustspring", apart, tmp_path / "run", data_options=options, limit=1, examples=False
+    )
+    monkeypatch.chdir(tmp_path)
+    source = RunSource.read(measured.path)
+    again = load_benchmark("robustspring", source.data, options=source.data_options)
+    assert again.keys[0] in measured.manifest["samples"]
+
+
+def test_a_model_of_several_frames_sees_its_neighbours_under_the_same_corruption(root, tmp_path):
+    seen = []
+
+    class Recorder(ZeroClipFlow):
+        def predict_clip(self, frames, index):
+            seen.append(tuple(frame.copy() for frame in frames))
+            return super().predict_clip(frames, index)
+
+    key = "0003/flow_BW_left/flow_BW_left_0003"
+    split = tmp_path / "split.txt"
+    split.write_text(key)
+    corruptions = ["robustspring_fog"]
+    evaluate(
+        Recorder((0, 1)), "robustspring", root, tmp_path / "run", split=split, corruptions=corruptions, examples=False
+    )
+    clean = [_clean("0003", "left", number) for number in (3, 2, 1)]
+    assert len(seen) == 2
+    for frames, expected in zip(seen, (clean, list(map(_fog, clean))), strict=True):
+        assert len(frames) == 3
+        assert all(np.array_equal(one, other) for one, other in zip(frames, expected, strict=True))
 
 
 def test_a_record_of_it_is_verified(run):

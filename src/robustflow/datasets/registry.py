@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +80,16 @@ def needs_folder(name: str) -> bool:
     (True, False)
     """
     return "root" in inspect.signature(DATASETS.get(name)).parameters
+
+
+def with_whole_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of a data set in which those that name a folder do so from anywhere; others stay as they are.
+
+    >>> with_whole_paths("robustspring", {"spring": "/data/spring"}), with_whole_paths("sintel", {"step": 2})
+    ({'spring': PosixPath('/data/spring')}, {'step': 2})
+    """
+    folders = dataset_facts(name).folder_options
+    return {key: Path(value).expanduser().absolute() if key in folders else value for key, value in options.items()}
 
 
 def dataset_facts(name: str) -> DatasetFacts:

@@ -55,7 +55,8 @@ class CorruptionScores(Scores):
     """Means over the severities of one corruption, and the values at each.
 
     Attributes:
-        family: the paper's family; None outside the paper.
+        family: one of the paper's families, in which corruptions stand that exist only as files, too; None for one
+            without.
         averaged: whether it is part of the overall means.
         severities: the measured severities, ascending.
         by_severity: for each metric a list in the order of `severities`.
@@ -105,7 +106,7 @@ class Summary(Scores):
         clean: the metrics on the clean frames, where CRE and CREr are not defined.
         averaged_over: corruptions in the overall means.
         corruptions: in the paper's order, then the others by name.
-        families: means over the corruptions of each of the paper's families.
+        families: means over the corruptions of each family.
         regions: overall means inside each region that occurs.
         paper: the paper's mean, over only its corruptions on this benchmark; None unless all of them were run. Only
             this mean can be compared with published averages.

@@ -1,4 +1,4 @@
-"""The paper's families of corruptions: what was measured for each, and its mean."""
+"""Families of corruptions: what was measured for each, and its mean."""
 
 from __future__ import annotations
 

@@ -31,8 +31,10 @@ def convolve_disk(frame: Frame, radius: float, smoothing: float, floor: bool = F
     source = contiguous(frame).reshape(height, width * 3)
     out = np.empty_like(source)
     offset = np.float32(FLOOR if floor else 0)
+    widths, taps, rim, rim_weights = disk_parts(radius, smoothing)
+    tallest = int(rim[:, 1::2].max()) + 2 if len(rim) else 0
     for x in range(0, width, _STRIP):
-        _convolve(source, x, *disk_parts(radius, smoothing), offset, out[:, 3 * x : 3 * (x + _STRIP)])
+        _convolve(source, x, widths, taps, rim, rim_weights, tallest, offset, out[:, 3 * x : 3 * (x + _STRIP)])
     return out.reshape(frame.shape)
 
 
@@ -143,7 +145,9 @@ def _add_three(a: Any, b: Any, c: Any, out: Any) -> None:
 def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, columns: Any, total: Any) -> None:
     """`columns[h]` is room for the running sums of the rows y - h, ..., y + h together; `columns[-1]` stays zero."""
     window, n = len(ring), total.size
-    columns[0] = ring[y % window]
+    row, first_sums = ring[y % window], columns[0]
+    for i in range(row.size):  # an assignment of slices would compile its error messages, for three seconds
+        first_sums[i] = row[i]
     for h in range(1, len(columns) - 1):
         _add_three(columns[h - 1], ring[(y - h) % window], ring[(y + h) % window], columns[h])
     for k in range(len(rim)):
@@ -179,15 +183,25 @@ def _weigh(rows: Any, y: int, taps: Any, out: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _convolve(source: Any, x0: int, widths: Any, taps: Any, rim: Any, rim_weights: Any, offset: Any, out: Any) -> None:
-    """The strip of columns that `out` is, from column `x0` of `source` on."""
+def _convolve(
+    source: Any,
+    x0: int,
+    widths: Any,
+    taps: Any,
+    rim: Any,
+    rim_weights: Any,
+    tallest: int,
+    offset: Any,
+    out: Any,
+) -> None:
+    """The strip of columns that `out` is, from column `x0` of `source` on; the rim needs `tallest` rows of sums."""
     height, n = out.shape
     g = len(taps) - 1
     reach = len(widths) - 1 + g
     window = 2 * reach + 1
     sums = np.empty((window, n + 3 * window), np.int32)
     disks = np.empty((2 * g + 1, n + 6 * g), np.int32)
-    columns = np.zeros((max(rim[:, 1].max(), rim[:, 3].max()) + 2 if len(rim) > 0 else 0, sums.shape[1]), np.int32)
+    columns = np.zeros((tallest, sums.shape[1]), np.int32)
     sides = np.zeros((2 * g + 1, n), np.float32)
     down = np.empty(n + 6 * g, np.float32)
     total = np.empty(n, np.float32)

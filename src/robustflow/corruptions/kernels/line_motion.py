@@ -51,15 +51,21 @@ def move_frame(frame: Frame, kernel: LineKernel) -> Frame:
     height, width, channels = frame.shape
     source = contiguous(frame).reshape(height, width * channels)
     out = np.empty_like(source)
-    _move(source, channels, 8, kernel.offsets, kernel.weights, out)
+    _move(source, channels, 8, kernel.offsets, *_extent(kernel), kernel.weights, out)
     return out.reshape(frame.shape)
 
 
 def move_plane(plane: npt.NDArray[np.uint16], kernel: LineKernel) -> npt.NDArray[np.uint8]:
     """Smear one channel given in 1/256 grey levels: uint16 (H, W), at most 65280, in; uint8 (H, W) out."""
     out = np.empty(plane.shape, np.uint8)
-    _move(plane, 1, 0, kernel.offsets, kernel.weights, out)
+    _move(plane, 1, 0, kernel.offsets, *_extent(kernel), kernel.weights, out)
     return out
+
+
+def _extent(kernel: LineKernel) -> tuple[int, int, int, int]:
+    """How far the taps reach up (not above 0), down, left (not above 0) and right."""
+    (up, left), (down, right) = kernel.offsets.min(axis=0).tolist(), kernel.offsets.max(axis=0).tolist()
+    return min(0, up), max(0, down), min(0, left), max(0, right)
 
 
 @njit(cache=True, nogil=True)
@@ -93,11 +99,21 @@ def _add_four_taps(total: Any, a: Any, b: Any, c: Any, d: Any, w: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _move(source: Any, step: int, shift: int, offsets: Any, weights: Any, out: Any) -> None:
+def _move(
+    source: Any,
+    step: int,
+    shift: int,
+    offsets: Any,
+    top: int,
+    bottom: int,
+    left: int,
+    right: int,
+    weights: Any,
+    out: Any,
+) -> None:
     height, n = source.shape
     taps = len(weights)
-    before, after = max(0, -offsets[:, 1].min()) * step, max(0, offsets[:, 1].max()) * step
-    top, bottom = min(0, offsets[:, 0].min()), max(0, offsets[:, 0].max())
+    before, after = -left * step, right * step
     window = bottom - top + 1
     rows = np.empty((window, before + n + after), np.uint16)
     total = np.empty(n, np.uint16)
@@ -121,8 +137,8 @@ def _move(source: Any, step: int, shift: int, offsets: Any, weights: Any, out: A
             )
             k += 4
         while k < taps:
-            left = before + offsets[k, 1] * step
-            _add_tap(total, rows[(y + offsets[k, 0]) % window][left : left + n], weights[k])
+            l0 = before + offsets[k, 1] * step
+            _add_tap(total, rows[(y + offsets[k, 0]) % window][l0 : l0 + n], weights[k])
             k += 1
         row = out[y]
         for i in range(n):
