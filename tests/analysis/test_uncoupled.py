@@ -10,13 +10,11 @@ import polars as pl
 import pytest
 from scipy.stats import rankdata, spearmanr
 
+from robustflow.analysis.rank_correlation import p_of_growth, partial_spearman, spearman
 from robustflow.analysis.uncoupled import (
     UNCOUPLED,
     UncoupledScores,
     coupling,
-    p_of_growth,
-    partial_spearman,
-    spearman,
     uncoupled,
 )
 from robustflow.errors import UsageError

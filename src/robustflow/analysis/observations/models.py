@@ -5,8 +5,9 @@ from __future__ import annotations
 from statistics import median
 
 from ..cost_ranks import cost_ranks
+from ..rank_correlation import p_of_growth, spearman
 from ..uncertainty.sentences import p_text
-from ..uncoupled import coupling, p_of_growth, spearman
+from ..uncoupled import coupling
 from .evidence import Evidence, ModelInSetting, named
 from .verdict import Observation, Statement, part
 

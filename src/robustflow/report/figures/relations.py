@@ -7,8 +7,8 @@ import polars as pl
 from matplotlib.lines import Line2D
 
 from ...analysis.published.tables import not_discussed
+from ...analysis.rank_correlation import spearman
 from ...analysis.results import AVERAGE, CLEAN, values_of
-from ...analysis.uncoupled import spearman
 from ...errors import UsageError
 from ...text import counted, name_text
 from .canvas import ORANGE, SETTING_COLOURS, new_figure
