@@ -1,12 +1,22 @@
-"""One thread for OpenCV: some of its methods split the image into stripes, one per thread, and their result depends on
-the number of stripes."""
+"""How many processors there are, and one thread for OpenCV: some of its methods split the image into stripes, one per
+thread, and their result depends on the number of stripes."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import cv2
+
+
+def available_processors() -> int:
+    """How many processors this process may run on.
+
+    >>> available_processors() >= 1
+    True
+    """
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

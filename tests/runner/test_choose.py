@@ -35,7 +35,7 @@ def _describe(model, name=None, workers=None, timeout=None):
 
 @pytest.fixture(autouse=True)
 def four_processors(monkeypatch):
-    monkeypatch.setattr(choose, "_processors", lambda: 4)
+    monkeypatch.setattr(choose, "available_processors", lambda: 4)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_of_a_model_in_one_thread(units, options, engine):
 
 
 def test_not_every_processor_of_a_large_machine(monkeypatch):
-    monkeypatch.setattr(choose, "_processors", lambda: 96)
+    monkeypatch.setattr(choose, "available_processors", lambda: 96)
     assert _spread(_light(), PAIR * 80) == "processes, 8 workers"
     assert _spread(_light(), PAIR * 80, workers=40) == "processes, 40 workers"
 

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from ..threads import available_processors
+
 _owner: ContextVar[tuple[int, int]] = ContextVar("robustflow_blur_threads", default=(0, 1))
 """(process, threads): what is allowed in one process is not allowed in those forked from it."""
 
@@ -31,16 +33,16 @@ def blur_threads(count: int | None = None) -> Iterator[None]:
     >>> allowed_threads()
     1
     """
-    token = _owner.set((os.getpid(), count or _processors()))
+    token = _owner.set((os.getpid(), count or _default_threads()))
     try:
         yield
     finally:
         _owner.reset(token)
 
 
-def _processors() -> int:
+def _default_threads() -> int:
     """As many as NUMBA_NUM_THREADS says, else as the process may run on."""
     named = os.environ.get("NUMBA_NUM_THREADS", "")
     if named.isdecimal() and int(named) > 0:
         return int(named)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return available_processors()

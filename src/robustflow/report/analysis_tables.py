@@ -16,7 +16,7 @@ from ..analysis.results import AVERAGE, CLEAN
 from ..analysis.scores import note_of, run_names
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL
-from .table import Column, Line, Section, Table, TableCell
+from .table import Column, Line, Section, Table, TableCell, number_text
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -107,4 +107,4 @@ def _estimate(row: dict[str, float | None] | None) -> str:
 
 
 def _line(label: str, values: Sequence[float | None]) -> Line:
-    return Line(label, tuple(TableCell("-" if value is None else f"{value:.2f}") for value in values))
+    return Line(label, tuple(TableCell(number_text(value, None)) for value in values))

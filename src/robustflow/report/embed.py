@@ -1,13 +1,26 @@
-"""What is embedded in a page that anyone may open: data as JSON, and the policy that lets nothing else run."""
+"""What a page that anyone may open is made from: templates that escape, data as JSON, and the policy that lets nothing
+else run."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import json
+from importlib.resources import files
 from typing import Any
 
+from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
+
+
+def templates(package: str) -> Environment:
+    """The templates in a package's folder `templates`; every text in them is escaped."""
+    return Environment(loader=PackageLoader(package), autoescape=True, trim_blocks=True, lstrip_blocks=True)
+
+
+def asset(package: str, name: str) -> str:
+    """The text of a file in a package's folder `assets`."""
+    return (files(package) / "assets" / name).read_text(encoding="utf-8")
 
 
 def json_block(value: Any) -> Markup:

@@ -9,7 +9,7 @@ from ..analysis.results import AVERAGE
 from ..analysis.scores import note_of, run_names, sample_set
 from ..analysis.uncoupled import Coupling, Uncoupled, coupling, uncoupled
 from ..errors import UsageError
-from .table import Column, Line, Section, Table, TableCell
+from .table import Column, Line, Section, Table, TableCell, number_text
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -66,10 +66,10 @@ def _texts(run: Run, measured: Uncoupled) -> Iterable[str]:
         scores.median_log_ratio,
         scores.median_cre,
         scores.fl_increase,
-        related and related.rho,
-        related and related.given_motion,
+        related.rho if related else None,
+        related.given_motion if related else None,
     )
-    return ("-" if value is None else f"{value:.2f}" for value in values)
+    return (number_text(value, None) for value in values)
 
 
 def _sentence(coupling: Coupling) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cache
 
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment
 
 from ...errors import UsageError
 from ...sample import Frame
-from ..embed import content_policy
+from ..embed import content_policy, templates
 from ..slider import Slider, make_slider, script, slider_markup, style
 from .clip import ClipCell
 from .pictures import CorruptedPicture
@@ -118,6 +118,4 @@ def _caption(cell: CorruptedPicture) -> str:
 
 @cache
 def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("robustflow.report.gallery"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
+    return templates("robustflow.report.gallery")

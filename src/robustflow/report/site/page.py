@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from functools import cache
 
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment
 
 from ...text import plain
 from ...version import VERSION
-from ..embed import json_block
+from ..embed import json_block, templates
 from ..slider import Slider, slider_markup
 from . import assets
 from .board import boards_of
@@ -59,9 +59,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
 
 @cache
 def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("robustflow.report.site"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
+    environment = templates("robustflow.report.site")
     environment.globals.update(
         by_check=by_check,
         plain=plain,

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
-from jinja2 import Environment, PackageLoader
+from jinja2 import Environment
 from markupsafe import Markup
 
-from ..embed import json_block
+from ..embed import asset, json_block, templates
 from .pictures import Shot, Slider
 
 
@@ -30,13 +29,13 @@ def slider_markup(slider: Slider) -> Markup:
 @cache
 def style() -> Markup:
     """The slider's style sheet; colours are taken from the page's own variables if it has them."""
-    return Markup(_text("slider.css"))
+    return Markup(asset("robustflow.report.slider", "slider.css"))
 
 
 @cache
 def script() -> Markup:
     """The slider's script, to be run once, below all sliders of a page."""
-    return Markup(_text("slider.js"))
+    return Markup(asset("robustflow.report.slider", "slider.js"))
 
 
 def _first(slider: Slider, shots: tuple[Shot, ...]) -> Shot | None:
@@ -62,10 +61,4 @@ def _data(slider: Slider) -> dict[str, Any]:
 
 @cache
 def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("robustflow.report.slider"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-
-
-def _text(name: str) -> str:
-    return (files("robustflow.report.slider") / "assets" / name).read_text(encoding="utf-8")
+    return templates("robustflow.report.slider")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import pickle
 import sys
 from collections.abc import Sequence
@@ -14,6 +13,7 @@ from ...errors import UsageError, unknown_name
 from ...models.devices import devices_of
 from ...runs.plan import Unit
 from ...text import counted
+from ...threads import available_processors
 from ..named_model import NamedModel
 from .base import Engine
 from .child import may_have_children
@@ -97,7 +97,7 @@ def _spread() -> Engine:
 
     def count(units: Sequence[Unit]) -> int:
         cells = sum(len(unit.severities) for unit in units)
-        return max(1, min(_processors(), _MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units)))
+        return max(1, min(available_processors(), _MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units)))
 
     def engine(units: Sequence[Unit]) -> Engine:
         return _processes(count(units), None) if count(units) > 1 else SERIAL
@@ -122,7 +122,7 @@ def _staged(devices: Sequence[str], workers: int | None, timeout: float | None) 
             f"--workers {workers} cannot feed {len(devices)} devices: give at least {len(devices)}, or name fewer with "
             "--device"
         )
-    wanted = workers or max(len(devices), min(_processors(), _FEEDERS_PER_DEVICE * len(devices)))
+    wanted = workers or max(len(devices), min(available_processors(), _FEEDERS_PER_DEVICE * len(devices)))
 
     def parts(units: Sequence[Unit]) -> tuple[Sequence[str], int]:
         """At most as many of each as there are cells."""
@@ -156,7 +156,3 @@ def _moves(thing: Any) -> bool:
     except Exception:
         return False
     return b"__main__" not in pickled or hasattr(sys.modules["__main__"], "__file__")
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
