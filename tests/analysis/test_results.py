@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from robustflow.analysis.results import RESULT_SCHEMA, parse_results, read_results
+from robustflow.analysis.results import RESULT_SCHEMA, parse_results, read_results, results_csv
 from robustflow.errors import DataError
+from robustflow.report.table import number_text
 
 _HEAD = "setting,model,metric,corruption,value\n"
 
@@ -17,6 +18,18 @@ def test_a_file_is_read_with_its_decimals(tmp_path):
     assert frame.schema == RESULT_SCHEMA
     row = frame.row(0, named=True)
     assert (row["value"], row["decimals"], row["marked"], row["benchmark"]) == (1.25, 3, True, "kitti-fc")
+
+
+@pytest.mark.parametrize(("written", "shown"), [("4.20", "4.20"), ("1.527602461899183", "1.53"), ("7", "7")])
+def test_a_number_is_shown_as_it_was_printed_unless_it_was_never_rounded(tmp_path, written, shown):
+    path = tmp_path / "mine.csv"
+    path.write_text(f"{_HEAD}OOD,Mine,rcre,fog,{written}\n")
+    results = read_results(path)
+    row = results.row(0, named=True)
+    assert row["value"] == float(written)
+    assert number_text(row["value"], row["decimals"]) == shown
+    path.write_text(results_csv(results))
+    assert read_results(path).equals(results)
 
 
 @pytest.mark.parametrize(

@@ -57,6 +57,8 @@ _WRITTEN = ("benchmark", "setting", "model", "metric", "corruption", "source", "
 _REQUIRED = ("setting", "model", "metric", "corruption", "value")
 _LARGEST_FILE = 64 * 2**20
 _LONGEST_TEXT = 500
+_MOST_PRINTED = 6
+"""Digits after the point; a number with more was not rounded for a reader."""
 
 
 def read_results(path: str | Path) -> pl.DataFrame:
@@ -66,7 +68,8 @@ def read_results(path: str | Path) -> pl.DataFrame:
     `marked` ("yes" or "no"), `source`, `sample_set` and `note` are optional; others are ignored.
 
     Returns:
-        Columns of `RESULT_SCHEMA`; `decimals` is counted from the text of each value.
+        Columns of `RESULT_SCHEMA`; `decimals` is counted from the text of each value, and null for more than six: a
+        number that a program wrote in full.
 
     Raises:
         DataError: no such file, not CSV in this shape, an unknown corruption, a value that is not a number or is
@@ -153,8 +156,8 @@ def _check_corruption(name: str, where: str) -> None:
             raise DataError(f"{where}: {error}") from None
 
 
-def _number(text: str, where: str) -> tuple[float, int]:
-    """The value and its decimals as written: "4.20" is exact to half a hundredth."""
+def _number(text: str, where: str) -> tuple[float, int | None]:
+    """The value and its decimals as written: "4.20" is exact to half a hundredth, "1.527602461899183" not rounded."""
     try:
         number = Decimal(text)
         value = float(number)
@@ -163,7 +166,8 @@ def _number(text: str, where: str) -> tuple[float, int]:
     exponent = number.as_tuple().exponent
     if not isinstance(exponent, int) or abs(value) > 1e9:
         raise DataError(f"{where}: '{text[:40]}' is not a finite number of pixels")
-    return value, max(0, -exponent)
+    decimals = max(0, -exponent)
+    return value, decimals if decimals <= _MOST_PRINTED else None
 
 
 def results_csv(results: pl.DataFrame) -> str:
