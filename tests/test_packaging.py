@@ -52,6 +52,18 @@ def test_an_extra_resolves_to_its_pins(extra):
             assert known[name] in requirement.specifier, f"{requirement} of [{extra}] against {name}=={known[name]}"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("extra", sorted({*OPTIONAL} - {"bench", "optics-test"}))
+def test_an_installer_finds_no_conflict_between_the_pins(extra, tmp_path):
+    """Of what the extra needs and what that needs in turn. Two extras say themselves that they go elsewhere."""
+    command = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet"]
+    command += ["-c", str(ROOT / "constraints.txt"), f"{ROOT}[{extra}]"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=600)
+    if "connection" in done.stderr.lower() and "conflict" not in done.stderr.lower():
+        pytest.skip("no package index can be reached")
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
 @pytest.mark.parametrize("name", ["lightning", "pytorch-lightning"])
 def test_compromised_releases_are_excluded(name):
     (requirement,) = [r for r in map(Requirement, OPTIONAL["ptlflow"]) if r.name == name]

@@ -335,7 +335,7 @@ NO_PROGRAM = {
     "bomb": (bomb, "would unpack to"),
     "html": (lambda path: path.write_text("<html>"), "is a web page"),
     "empty": (lambda path: path.write_bytes(b""), "is empty"),
-    "cut": (lambda path: path.write_bytes(save(path).read_bytes()[:-200]), "truncated or damaged|no whole file"),
+    "cut": (lambda path: path.write_bytes(save(path).read_bytes()[:-200]), "truncated or damaged|not a complete file"),
 }
 
 

@@ -128,7 +128,7 @@ def test_what_is_not_a_pair(pair, says):
 
 
 def test_as_many_first_as_second_frames():
-    with pytest.raises(UsageError, match="2 first frames and 1 second frames"):
+    with pytest.raises(UsageError, match="2 first frames but 1 second frames"):
         spy()[0].predict_batch(frames(2), frames(1))
 
 

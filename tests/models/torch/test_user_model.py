@@ -186,7 +186,7 @@ class AnyRange(nn.Module):
             {"order": "bgr"},
             r"scaling=.* is not clearly better than scaling=.*; declare it: ",
         ),
-        (Channels(), {}, "as networks without trained weights are; declare it"),
+        (Channels(), {}, "as for networks without trained weights; declare it"),
         (nn.Conv2d(3, 2, 3), {}, "accepts a pair in none of the common ways"),
     ],
     ids=["any range", "untrained", "no flow"],
