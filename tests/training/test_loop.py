@@ -18,6 +18,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
 from robustflow.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
+from robustflow.training.log import MetricsLog  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
@@ -195,6 +196,18 @@ def test_a_reading_process_that_is_killed_is_an_error_in_a_sentence(request_for)
 
     with pytest.raises(RunError, match="a process that reads training pairs was ended from outside"):
         run_training(request_for(steps=200, save_every=1, loaders=1), kill)
+
+
+def test_a_killed_reader_is_noticed_while_the_log_is_closed(request_for, monkeypatch):
+    closed = MetricsLog.__exit__
+
+    def close(self, *error):  # PyTorch's handler of SIGCHLD raises wherever the process is
+        closed(self, *error)
+        raise RuntimeError("DataLoader worker (pid 1) is killed by signal: Killed.")
+
+    monkeypatch.setattr(MetricsLog, "__exit__", close)
+    with pytest.raises(RunError, match="a process that reads training pairs was ended from outside"):
+        run_training(request_for(steps=1, loaders=1))
 
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])

@@ -93,7 +93,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
     stream = batches(training.pairs, share, steps, training.loaders)
     network.train()
     leads = process.rank == 0
-    with MetricsLog(training.folder, first) if leads else nullcontext() as log, progress, workers_watched():
+    with workers_watched(), MetricsLog(training.folder, first) if leads else nullcontext() as log, progress:
         progress.start(first, last)
         for update in range(first, last):
             began = time.perf_counter()

@@ -125,7 +125,8 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
 
 @contextmanager
 def workers_watched() -> Iterator[None]:
-    """Where batches are taken: PyTorch notices that a worker is gone at any moment, not only when a batch is requested.
+    """Around everything that happens while workers live: PyTorch notices that one is gone at any moment, not only when
+    a batch is requested, but also while a log is closed for that very reason.
 
     Raises:
         RunError: a worker was ended from outside.
