@@ -18,7 +18,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
 from robustflow.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
-from robustflow.training.log import MetricsLog  # noqa: E402
+from robustflow.training.data.loader import workers_watched  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
@@ -198,16 +198,23 @@ def test_a_reading_process_that_is_killed_is_an_error_in_a_sentence(request_for)
         run_training(request_for(steps=200, save_every=1, loaders=1), kill)
 
 
-def test_a_killed_reader_is_noticed_while_the_log_is_closed(request_for, monkeypatch):
-    closed = MetricsLog.__exit__
+@pytest.mark.parametrize("later", [None, RuntimeError("unexpected pos 64 vs 0"), DataError("no room")])
+def test_a_killed_reader_is_recognised_behind_a_later_error(later):
+    def write_a_checkpoint():
+        try:
+            raise RuntimeError("DataLoader worker (pid 1) is killed by signal: Killed.")
+        finally:
+            if later is not None:
+                raise later
 
-    def close(self, *error):  # PyTorch's handler of SIGCHLD raises wherever the process is
-        closed(self, *error)
-        raise RuntimeError("DataLoader worker (pid 1) is killed by signal: Killed.")
+    with pytest.raises(RunError, match="a process that reads training pairs was ended from outside"), workers_watched():
+        write_a_checkpoint()
 
-    monkeypatch.setattr(MetricsLog, "__exit__", close)
-    with pytest.raises(RunError, match="a process that reads training pairs was ended from outside"):
-        run_training(request_for(steps=1, loaders=1))
+
+def test_other_errors_of_a_training_stay_what_they_are():
+    for error in (RuntimeError("mat1 and mat2 shapes cannot be multiplied"), DataError("no such file")):
+        with pytest.raises(type(error), match=str(error)), workers_watched():
+            raise error
 
 
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])

@@ -133,13 +133,23 @@ def workers_watched() -> Iterator[None]:
     """
     try:
         yield
-    except (RuntimeError, ConnectionError, EOFError) as error:  # the last two from a batch that it had begun to send
-        if isinstance(error, RuntimeError) and "DataLoader worker" not in str(error):
+    except Exception as error:
+        if not (_tells_of_a_worker(error) or isinstance(error, ConnectionError | EOFError)):  # a batch it was sending
             raise
         raise RunError(
             "a process that reads training pairs was ended from outside, as happens when memory or /dev/shm is full; "
             "the last checkpoint is kept: give fewer --loaders, and continue with --resume"
         ) from error
+
+
+def _tells_of_a_worker(error: BaseException | None) -> bool:
+    """Whether this error, or one that it came of, is PyTorch's about a worker: raised while a checkpoint is written, it
+    is followed by one about the unfinished file."""
+    while error is not None:
+        if isinstance(error, RuntimeError) and "DataLoader worker" in str(error):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 class _Positions(Dataset[TrainingPair]):
