@@ -144,6 +144,20 @@ def test_a_worker_starts_no_workers(monkeypatch):
     assert _spread(_light(), PAIR * 3).startswith("serial (this process is itself a worker")
 
 
+def test_an_address_without_ray_is_refused_for_it_too():
+    with pytest.raises(UsageError, match="--address is for the ray engine"):
+        choose_engine(None, None, None, "auto", _light())
+
+
+def test_a_device_counts_for_more_than_one_thread():
+    on_gpu = NamedModel(ModelSpec("raft"), Light("cuda:0"), {}, None)
+    assert _spread(on_gpu, PAIR * 3) == "processes, 1 device + 4 feeders"
+
+
+def test_a_run_too_short_for_processes_gives_no_reason_against_them():
+    assert _spread(_light(), UNITS, others=(threading.Lock(),)) == "serial"
+
+
 def test_data_that_cannot_be_sent_stay_here_unless_asked():
     unsendable = (threading.Lock(),)
     why = "serial (this data set or corruption cannot be sent to another process)"

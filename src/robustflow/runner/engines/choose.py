@@ -58,19 +58,19 @@ def choose_engine(
     if timeout is not None and timeout <= 0:
         raise UsageError(f"no model can answer within a timeout of {timeout:g} s: give more than 0")
     devices = devices_of(model.spec, model.model)
+    if address is not None and name != "ray":
+        raise UsageError("--address is for the ray engine alone; give --engine ray with it, or leave it out")
     why = ""
     if name is None:
+        unasked = workers is None and timeout is None
+        light = getattr(model.model, "single_threaded", False) is True and model.spec is not None
+        if unasked and light and not devices:
+            return _spread(_kept_here(model, others))
+        why = _kept_here(model, others) if unasked and devices else ""
         asked = (workers or 1) > 1 or timeout is not None
-        name = "processes" if asked or devices else "serial"
-        spreads = getattr(model.model, "single_threaded", False) is True and model.spec is not None
-        if (devices or spreads) and not asked and workers is None and (why := _kept_here(model, others)):
-            name = "serial"
-        elif spreads and not asked and workers is None:
-            return _spread()
+        name = "processes" if asked or (devices and not why) else "serial"
     if name not in ENGINES:
         raise unknown_name("engine", name, ENGINES)
-    if address is not None and name != "ray":
-        raise UsageError(f"--address is for the ray engine, not for {name}; give --engine ray with it, or leave it out")
     if name == "ray":
         return _ray(workers, timeout, address)
     if name == "processes" and devices:
@@ -79,7 +79,7 @@ def choose_engine(
         return _processes(workers or 1, timeout)
     if (workers or 1) > 1 or timeout is not None:
         raise UsageError("the serial engine has one worker and cannot stop a hanging model; use --engine processes")
-    return replace(SERIAL, describe=lambda units: f"serial{why}")
+    return _serial(why)
 
 
 def _processes(workers: int, timeout: float | None) -> Engine:
@@ -92,20 +92,24 @@ def _processes(workers: int, timeout: float | None) -> Engine:
     )
 
 
-def _spread() -> Engine:
-    """A process per processor, if there is enough to do for each; otherwise this one alone."""
-
-    def count(units: Sequence[Unit]) -> int:
-        cells = sum(len(unit.severities) for unit in units)
-        return max(1, min(available_processors(), _MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units)))
+def _spread(why_not: str) -> Engine:
+    """A process per processor, if there is enough to do for each and nothing speaks against it; otherwise this one."""
 
     def engine(units: Sequence[Unit]) -> Engine:
-        return _processes(count(units), None) if count(units) > 1 else SERIAL
+        cells = sum(len(unit.severities) for unit in units)
+        count = min(available_processors(), _MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units))
+        if count < 2:
+            return SERIAL
+        return _serial(why_not) if why_not else _processes(count, None)
 
     return Engine(
         lambda units: engine(units).describe(units),
         lambda job, units: engine(units).compute(job, units),
     )
+
+
+def _serial(why: str) -> Engine:
+    return replace(SERIAL, describe=lambda units: f"serial{why}")
 
 
 def _ray(workers: int | None, timeout: float | None, address: str | None) -> Engine:
