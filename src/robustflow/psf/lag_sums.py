@@ -1,7 +1,7 @@
-"""The compiled loops of `rounded_blur`, of which `lag_sums` is the convolution along one axis without a transform.
+"""The convolution along one axis of `rounded_blur`, without a transform.
 
-A blur whose kernels change every few rows needs a transform for each change; a sum over 61 lags needs none, blends
-two kernels for each row as it goes, and serves the image, its mirror images and both upside down with one kernel.
+A blur whose kernels change every few rows needs a transform for each change; a sum over at most 61 lags needs none,
+blends two kernels for each row as it goes, and serves the image and its mirror image, both also upside down, with one.
 """
 
 from __future__ import annotations
@@ -11,76 +11,73 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from .tiles import SUPPORT
-
-_MIDDLE = SUPPORT // 2
-_LANES = 8
+LANES = 8
 """Lags are summed in groups of this many, of which the last may reach beyond the kernel, into zeros."""
-_PITCH = SUPPORT // _LANES * _LANES + 2 * _LANES
-_U = np.uint64  # an index that is never negative needs no test for it, and the loop over lags can take four at once
+
+_ZERO = np.float32(0.0)
+_U = np.uint64  # an index that is never negative needs no test for it, and the loop over lags can take eight at once
 
 
 @njit(
-    "void(float64[:,:,:,::1], float32[:,:,:,:,::1], int64[::1], int64[::1], float64[:,::1], float64[:,:,:,::1])",
+    "void(float32[:,:,:,::1], float32[:,:,::1], int64, int64[::1], int64[::1], float32[:,::1], float32[:,:,:,::1])",
     cache=True,
     fastmath=True,
     nogil=True,
     error_model="numpy",
 )
-def lag_sums(spectra: Any, kernels: Any, reaches: Any, tops: Any, windows: Any, out: Any) -> None:
-    """The rows of an image that is a spectrum along its rows, convolved and windowed; the fastest way, not bit-exact.
+def lag_sums(spectra: Any, kernels: Any, lags: Any, reaches: Any, tops: Any, windows: Any, out: Any) -> None:
+    """Convolve and window the columns of an image whose rows are spectra; the fastest way, not bit-exact.
 
     Args:
-        spectra: (2, 3, R, 2 F), an image and its left-right mirror image, real and imaginary parts in turns.
-        kernels: (3, F, n, 2, 61), of the nodes below the centre, real parts and imaginary parts, last lag first.
+        spectra: (2, 3, F, 2 R), an image of R rows and its left-right mirror image, real and imaginary parts in turns.
+        kernels: (3, F, 2 n L), of the n nodes below the centre, each L real and L imaginary parts: `lags` of them,
+            last lag first, and at least `LANES` zeros.
+        lags: an odd number, the middle one of which is no lag.
         reaches: (n,), the largest lag at which a node's kernel is not zero.
         tops: (n,), the row of R at which the window of a node begins.
         windows: (n, W), weights of rows; at most two nodes have one at a row.
-        out: (2, 3, H, 2 F) receives the H rows in the middle of R, the kernels used above the centre upside down.
+        out: (2, 3, F, 2 H) receives the H rows in the middle of R, the kernels used above the centre upside down.
     """
-    rows, frequencies, nodes, window = spectra.shape[2], kernels.shape[1], kernels.shape[2], windows.shape[1]
-    height = out.shape[2]
+    rows, frequencies, nodes, window = spectra.shape[3] // 2, kernels.shape[1], reaches.size, windows.shape[1]
+    height = out.shape[3] // 2
+    pitch = kernels.shape[2] // (2 * nodes)
     margin = (rows - height) // 2
     first, last = max(tops[0], margin), min(tops[nodes - 1] + window, margin + height)
     near, far, reach = np.zeros(rows, np.int64), np.zeros(rows, np.int64), np.zeros(rows, np.int64)
-    near_weight, far_weight = np.zeros(rows), np.zeros(rows)
+    near_weight, far_weight = np.zeros(rows, np.float32), np.zeros(rows, np.float32)
     for p in range(first, last):
         i = 0
         while i < nodes - 1 and tops[i + 1] <= p:
             i += 1
-        j = i - 1 if i > 0 else nodes  # there is a node of zeros after the last
+        j = max(i - 1, 0)
         near[p], far[p], reach[p] = i, j, reaches[i]
-        near_weight[p] = windows[i, p - tops[i]] if p - tops[i] < window else 0.0
+        near_weight[p] = windows[i, p - tops[i]] if p - tops[i] < window else _ZERO
         if i > 0 and p - tops[j] < window:
             far_weight[p] = windows[j, p - tops[j]]
             reach[p] = max(reach[p], reaches[j])
-    stride = rows + _LANES
-    s = _U(stride)
-    lines = np.zeros(8 * stride)  # image, upside down, mirrored, both; of each the real and the imaginary parts
-    lags = np.zeros((nodes + 1) * 2 * _PITCH)
-    sums = np.zeros((4, 2, rows))
+    stride = rows + LANES
+    s, pitch_u = _U(stride), _U(pitch)
+    lines = np.zeros(8 * stride, np.float32)  # image, upside down, mirrored, both; real parts, imaginary parts
+    sums = np.zeros((4, 2, rows), np.float32)
     for channel in range(3):
         for f in range(frequencies):
+            kernel = kernels[channel, f]
             for m in range(2):
+                line = spectra[m, channel, f]
                 for r in range(rows):
-                    real, imaginary = spectra[m, channel, r, 2 * f], spectra[m, channel, r, 2 * f + 1]
+                    real, imaginary = line[2 * r], line[2 * r + 1]
                     lines[4 * m * stride + r] = real
                     lines[(4 * m + 1) * stride + r] = imaginary
-                    lines[(4 * m + 3) * stride - _LANES - 1 - r] = real
-                    lines[(4 * m + 4) * stride - _LANES - 1 - r] = imaginary
-            for i in range(nodes):
-                for part in range(2):
-                    for lag in range(SUPPORT):
-                        lags[(2 * i + part) * _PITCH + lag] = kernels[channel, f, i, part, lag]
-            sums[:] = 0.0
+                    lines[(4 * m + 3) * stride - LANES - 1 - r] = real
+                    lines[(4 * m + 4) * stride - LANES - 1 - r] = imaginary
             for p in range(first, last):
                 r, a, b = reach[p], near_weight[p], far_weight[p]
-                k, z = _U(2 * near[p] * _PITCH + _MIDDLE - r), _U(2 * far[p] * _PITCH + _MIDDLE - r)
+                k, z = _U(2 * near[p] * pitch + lags // 2 - r), _U(2 * far[p] * pitch + lags // 2 - r)
                 begin = _U(p - r)
-                x0, y0, x1, y1, x2, y2, x3, y3 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-                for lag in range(_U((2 * r + _LANES) // _LANES * _LANES)):
-                    u = a * lags[k + lag] + b * lags[z + lag]
-                    v = a * lags[k + _U(_PITCH) + lag] + b * lags[z + _U(_PITCH) + lag]
+                x0, y0, x1, y1, x2, y2, x3, y3 = _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO
+                for lag in range(_U((2 * r + LANES) // LANES * LANES)):
+                    u = a * kernel[k + lag] + b * kernel[z + lag]
+                    v = a * kernel[k + pitch_u + lag] + b * kernel[z + pitch_u + lag]
                     q = begin + lag
                     c0, d0, c1, d1 = lines[q], lines[q + s], lines[q + _U(2) * s], lines[q + _U(3) * s]
                     q += _U(4) * s
@@ -105,67 +102,7 @@ def lag_sums(spectra: Any, kernels: Any, reaches: Any, tops: Any, windows: Any, 
                 p = rows - 1 - p
                 sums[1, 0, p], sums[1, 1, p], sums[3, 0, p], sums[3, 1, p] = x1, y1, x3, y3
             for m in range(2):
+                line = out[m, channel, f]
                 for y in range(height):
                     for part in range(2):
-                        upright, turned = sums[2 * m, part, y + margin], sums[2 * m + 1, part, y + margin]
-                        out[m, channel, y, 2 * f + part] = upright + turned
-
-
-@njit("void(float64[:,:,:,::1], float64[::1], int64, float64[:,:,::1])", cache=True, nogil=True)
-def add_strip(strip: Any, window: Any, left: Any, total: Any) -> None:
-    """Add a strip (2, 3, H, N) of an image and of its mirror image, windowed, to the image (3, H, W) from a column on.
-
-    The last columns of the strip count, as many as `window` has (n,).
-    """
-    skipped, right = strip.shape[3] - window.size, total.shape[2] - left
-    for channel in range(3):
-        for y in range(total.shape[1]):
-            plain, mirror = strip[0, channel, y, skipped:], strip[1, channel, y, skipped:]
-            to_plain = total[channel, y, left : left + window.size]
-            to_mirror = total[channel, y, right - window.size : right]
-            for x in range(window.size):
-                to_plain[x] += plain[x] * window[x]
-            for x in range(window.size):
-                to_mirror[window.size - 1 - x] += mirror[x] * window[x]
-
-
-@njit("int64(float64[:,:,::1], int64, float64, uint8[:,:,::1], int64[:,::1])", cache=True, nogil=True)
-def round_all(total: Any, left: Any, margin: Any, rounded: Any, close: Any) -> Any:
-    """Round to bytes; note what lies closer than `margin` to the middle between two.
-
-    Args:
-        total: (3, H, at least left + W), grey levels.
-        left: the first column that counts.
-        margin: grey levels.
-        rounded: (H, W, 3) receives the bytes.
-        close: (n, 3) receives y, x and channel of the first n values that are close.
-
-    Returns:
-        How many are close.
-    """
-    count = 0
-    for y in range(rounded.shape[0]):
-        for x in range(rounded.shape[1]):
-            for channel in range(3):
-                value = total[channel, y, left + x]
-                nearest = np.floor(value + 0.5)
-                rounded[y, x, channel] = np.uint8(min(max(nearest, 0.0), 255.0))
-                if 0.5 - abs(value - nearest) < margin:
-                    if count < close.shape[0]:
-                        close[count, 0], close[count, 1], close[count, 2] = y, x, channel
-                    count += 1
-    return count
-
-
-@njit("float64(int16[:,::1], uint8[:,::1], float64, int64[::1], int64[::1], int64[::1], int64[::1])", cache=True)
-def dot(kernel: Any, plane: Any, grey: Any, lags_y: Any, inputs_y: Any, lags_x: Any, inputs_x: Any) -> Any:
-    """The sum of pixels of (H, W), less `grey`, times the elements of a kernel (N, N) that belong to them.
-
-    `lags` are the indices into the kernel and `inputs` those into the plane, (N,) of either axis.
-    """
-    total = 0.0
-    for i in range(lags_y.size):
-        line, pixels = kernel[lags_y[i]], plane[inputs_y[i]]
-        for j in range(lags_x.size):
-            total += line[lags_x[j]] * (pixels[inputs_x[j]] - grey)
-    return total
+                        line[2 * y + part] = sums[2 * m, part, y + margin] + sums[2 * m + 1, part, y + margin]

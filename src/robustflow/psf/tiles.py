@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,7 @@ class Axis:
     windows: npt.NDArray[np.float64]
 
     @classmethod
+    @lru_cache(maxsize=32)
     def of(cls, length: int, largest_pitch: int) -> Axis:
         """The fewest nodes that reach from the centre to the last pixel."""
         count = max(1, math.ceil(((length - 1) / largest_pitch + 1.0) / 2.0))
@@ -68,6 +70,26 @@ class Axis:
         starts = tuple(math.floor(place - pitch) + 1 for place in places)
         pixels = np.array(starts)[:, None] + np.arange(2 * largest_pitch)
         return cls(length, pitch, offsets, starts, np.maximum(1.0 - np.abs(pixels - places[:, None]) / pitch, 0.0))
+
+    @cached_property
+    def nodes_at_pixels(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """The two nodes with the greatest weight at each pixel, (length, 2), and their weights; no other has one.
+
+        A node on the near side is the mirror image of that on the far side, and called `~node`.
+
+        >>> nodes, weights = Axis.of(375, 34).nodes_at_pixels
+        >>> nodes[187].tolist(), weights[187].tolist()
+        ([0, -1], [0.5, 0.5])
+        """
+        count = len(self.starts)
+        of_far = np.zeros((count, self.length))
+        for node, (start, window) in enumerate(zip(self.starts, self.windows, strict=True)):
+            inside = slice(max(start, 0), start + window.size)
+            of_far[node, inside] = window[inside.start - start :][: of_far[node, inside].size]
+        weights = np.concatenate([of_far, of_far[:, ::-1]])
+        names = np.concatenate([np.arange(count), ~np.arange(count)])
+        first = np.ascontiguousarray(np.argsort(-weights, axis=0, kind="stable")[:2].T)
+        return names[first], np.ascontiguousarray(np.take_along_axis(weights.T, first, axis=1))
 
 
 @njit(cache=True, error_model="numpy")
