@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from robustflow.psf import rounded_blur as module
 from robustflow.psf.blur import blur
 from robustflow.psf.exact_values import ExactValues
+from robustflow.psf.near_blur import GREY, near_blur, near_kernels
 from robustflow.psf.psf_field import PsfField
-from robustflow.psf.rounded_blur import MARGIN, rounded_blur
+from robustflow.psf.rounded_blur import FINE, MARGIN, NEAR_MARGIN, rounded_blur
 from robustflow.psf.shipped import shipped_field
 
 
@@ -64,13 +65,31 @@ def test_the_bytes_are_those_of_the_exact_blur_at_full_size(kind, severity):
         assert (rounded_blur(frame, shipped_field(severity)) == exact(frame, shipped_field(severity))).all()
 
 
-@pytest.mark.parametrize("severity", [1, 5])
-@pytest.mark.parametrize("kind", ["photograph", "black and white"])
-def test_the_quick_sum_stays_far_within_the_margin(kind, severity):
-    frame, field = image(kind, 150, 222), shipped_field(severity)
-    total, left = module._near_blur(frame, field, 1)
-    error = total[..., left : left + 222].transpose(1, 2, 0) - blur(frame, field)
-    assert np.abs(error).max() < MARGIN / 2
+def every_place(height: int, width: int) -> np.ndarray:
+    """Of the values of an image, y, x and channel, int32 (n, 3)."""
+    return np.indices((height, width, 3), np.int32).reshape(3, -1).T.copy()
+
+
+def exact_values(frame: np.ndarray, field: PsfField) -> ExactValues:
+    return ExactValues(frame, field, near_kernels(field, *frame.shape[:2]).kernel)
+
+
+@pytest.mark.parametrize("severity", [1, 2, 5])
+@pytest.mark.parametrize("kind", KINDS)
+def test_sums_stay_far_within_their_margins(kind, severity):
+    frame, field = image(kind, 150, 222, severity), shipped_field(severity)
+    wanted, near = blur(frame, field), near_blur(frame, field, 1)
+    error = near.total[:, near.left : near.left + 222].transpose(2, 1, 0) + GREY - wanted
+    assert np.abs(error).max() < NEAR_MARGIN / 3
+    plain = module._plain_values(frame, near, every_place(150, 222)) - wanted.ravel()
+    assert np.abs(plain).max() < MARGIN / 2
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 90), (61, 2), (97, 143), (30, 700)])
+def test_plain_sums_are_those_of_the_blur_at_every_place(shape):
+    frame, field = image("noise", *shape), shipped_field(4)
+    values = module._plain_values(frame, near_blur(frame, field, 1), every_place(*shape))
+    assert np.abs(values.reshape(*shape, 3) - blur(frame, field)).max() < MARGIN
 
 
 def test_kernels_with_negative_values_in_every_row():
@@ -80,26 +99,25 @@ def test_kernels_with_negative_values_in_every_row():
     assert (rounded_blur(frame, field) == exact(frame, field)).all()
 
 
-def test_noise_is_what_the_quick_sum_lacks():
+def test_noise_is_what_plain_sums_lack():
     frame, field = image("black and white", 80, 131), shipped_field(1)
-    total, left = module._near_blur(frame, field, 1)
-    wanted, values, kernels = blur(frame, field), ExactValues(frame, field), module._lag_kernels(field, 80, 131)
+    wanted, values = blur(frame, field), exact_values(frame, field)
     rng = np.random.default_rng(3)
-    lacking = []
-    for _ in range(40):
-        y, x, channel = (int(rng.integers(size)) for size in (80, 131, 3))
-        near = total[channel, y, left + x]
-        lacking.append(wanted[y, x, channel] - near)
-        assert (
-            abs(near + values.noise(y, x, channel, module.GREY, kernels.kernel) - wanted[y, x, channel])
-            < module.FINE / 10
-        )
-    assert np.std(lacking) > module.FINE
+    places = np.stack([rng.integers(0, size, 40) for size in frame.shape], axis=1).astype(np.int32)
+    plain = module._plain_values(frame, near_blur(frame, field, 1), places)
+    for (y, x, channel), value in zip(places.tolist(), plain.tolist(), strict=True):
+        weights, noises = zip(*values.noise(y, x, channel, GREY), strict=True)
+        assert sum(weights) == pytest.approx(1.0)
+        assert list(weights) == sorted(weights, reverse=True)
+        assert abs(value + np.dot(weights, noises) - wanted[y, x, channel]) < FINE / 10
+    assert np.std(plain - wanted[tuple(places.T)]) > FINE
 
 
 @pytest.mark.parametrize("fine", [0.0, 1.0])
 def test_values_are_repaired_with_the_noise_or_alone(monkeypatch, fine):
     frame, field = image("photograph", 20, 31), shipped_field(4)
+    monkeypatch.setattr(module, "NEAR_MARGIN", 0.2)
+    monkeypatch.setattr(module, "MOST_NEAR", 1)
     monkeypatch.setattr(module, "MARGIN", 0.1)
     monkeypatch.setattr(module, "MOST", 10**6)
     monkeypatch.setattr(module, "FINE", fine)
@@ -107,10 +125,12 @@ def test_values_are_repaired_with_the_noise_or_alone(monkeypatch, fine):
     assert (rounded_blur(frame, field) == exact(frame, field)).all()
 
 
-@pytest.mark.parametrize("most", [0, 3])
-def test_an_image_with_many_close_values_goes_to_the_exact_blur(monkeypatch, most):
+@pytest.mark.parametrize(("most_near", "most"), [(0.001, 10**6), (1, 0), (1, 3)])
+def test_an_image_with_many_close_values_goes_to_the_exact_blur(monkeypatch, most_near, most):
     frame, field = image("noise", 40, 50), shipped_field(2)
+    monkeypatch.setattr(module, "NEAR_MARGIN", 0.4)
     monkeypatch.setattr(module, "MARGIN", 0.4)
+    monkeypatch.setattr(module, "MOST_NEAR", most_near)
     monkeypatch.setattr(module, "MOST", most)
     monkeypatch.setattr(ExactValues, "value", lambda *_: pytest.fail("a value was computed alone"))
     assert (rounded_blur(frame, field) == exact(frame, field)).all()
@@ -118,6 +138,7 @@ def test_an_image_with_many_close_values_goes_to_the_exact_blur(monkeypatch, mos
 
 def test_a_tie_goes_to_the_exact_blur(monkeypatch):
     frame, field = image("noise", 24, 24), shipped_field(2)
+    monkeypatch.setattr(module, "NEAR_MARGIN", 0.01)
     monkeypatch.setattr(module, "MARGIN", 0.01)
     monkeypatch.setattr(module, "FINE", 1.0)
     monkeypatch.setattr(ExactValues, "value", lambda *_: 3.5)
@@ -127,7 +148,7 @@ def test_a_tie_goes_to_the_exact_blur(monkeypatch):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 90), (61, 2), (97, 143), (375, 1242)])
 def test_single_values_are_those_of_the_blur(shape):
     frame, field = image("noise", *shape), shipped_field(5)
-    wanted, values = blur(frame, field), ExactValues(frame, field)
+    wanted, values = blur(frame, field), exact_values(frame, field)
     rng = np.random.default_rng(1)
     for _ in range(6):
         y, x, channel = (int(rng.integers(size)) for size in (*shape, 3))
