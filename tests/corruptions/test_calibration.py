@@ -30,7 +30,7 @@ from robustflow.corruptions.stack import levels_of
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import write_image
 from robustflow.random.rng import Rng
-from robustflow.runner.frame_stage import frames_digest
+from robustflow.runner.frames_digest import frames_digest
 from robustflow.runs.plan import Plan, RunOptions
 from robustflow.testing import ZeroFlow
 

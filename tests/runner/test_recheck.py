@@ -53,6 +53,8 @@ def test_changed_rows(run, change, says):
     [
         ({"seed": 4}, "gaussian_noise severity 1: other frames"),
         ({"variant": "reference"}, "other frames"),
+        ({"rows": 1}, "other frames"),
+        ({"rows": 3}, "unknown here"),
         ({"protocol": {"frames": "released"}}, "data options of the run"),
         ({"dataset": "kitti2015"}, "data options of the run"),
         ({"severity_scale": "calibrated 0000"}, "not those of this version"),

@@ -78,9 +78,16 @@ def test_an_old_folder_and_record_can_be_shown_and_compared(finished):
     assert "DIS" in str(run.compare(run))
 
 
-def test_an_old_record_verifies():
-    verified = CliRunner().invoke(app, ["verify", str(DATA / "finished.robustflow")])
+def test_an_old_record_verifies_and_its_frames_are_made_again():
+    verified = CliRunner().invoke(app, ["verify", str(DATA / "finished.robustflow"), "--check-frames", "7"])
     assert verified.exit_code == 0, verified.output
+    assert "7 of 7 rows" in verified.output
+
+
+def test_an_old_run_is_not_compared_with_a_new_one_and_the_reason_is_said(finished, tmp_path):
+    run = rf.evaluate("dis", output=tmp_path / "new", corruptions=["contrast"], severities=[1])
+    with pytest.raises(RunError, match="version 1 of the rows"):
+        rf.load_run(finished).compare(run)
 
 
 def test_a_finished_run_is_continued_or_refused_with_a_reason(finished):

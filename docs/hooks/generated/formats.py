@@ -21,7 +21,8 @@ _COLUMNS = {
     "group": "What samples that are not independent share (a video); the key itself otherwise.",
     "corruption": "Its name, or `clean`.",
     "severity": "1 to 5; 0 of the clean row.",
-    "frames_digest": "Hash (BLAKE2b, hexadecimal) of the two frames that the model was given.",
+    "frames_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the two frames that the model was given; BLAKE2b in runs "
+    "of version 1 of the rows.",
     "height": "Of the frames, pixels.",
     "width": "Of the frames, pixels.",
     "n_invalid": "Pixels whose own prediction is not finite.",

@@ -35,9 +35,12 @@ from .row_sums import row_sums
 ROW_SCHEMA_VERSION = 2
 """Incremented when a column is added, dropped, or changes its meaning. Version 1 lacked `LATER_COLUMNS`."""
 
-ROW_MEANING_VERSION = 1
+ROW_MEANING_VERSION = 2
 """Incremented when a column changes its meaning, so that rows from before and after cannot be in one run; part of a
-run's identity."""
+run's identity. In version 1 `frames_digest` was another hash of the same bytes."""
+
+READABLE_MEANINGS = (1, ROW_MEANING_VERSION)
+"""Versions whose rows this one reads, shows and recomputes."""
 
 CLEAN = "clean"
 """The corruption name of the row of a sample's clean frames, with severity 0."""
@@ -112,7 +115,7 @@ def measure(
         clean_pred: float32 (H, W, 2), the model's flow on the clean frames.
         sample: the sample, with its ground truth if there is any.
         regions: `Regions.of(sample)`, computed once per sample and passed to all its rows.
-        corruption, severity, frames_digest: copied into the row; the digest is the hex blake2b of the two
+        corruption, severity, frames_digest: copied into the row; the digest is the hex BLAKE3 of the two
             frames that the model was given, the pair of the clip for a multi-frame model.
 
     Returns:

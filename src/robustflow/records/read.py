@@ -11,7 +11,7 @@ import polars as pl
 from ..atomic import make_folder, write_bytes
 from ..corruptions.api import STREAM_VERSION
 from ..errors import DataError
-from ..metrics.rows import ROW_KEY, ROW_MEANING_VERSION, ROW_SCHEMA
+from ..metrics.rows import READABLE_MEANINGS, ROW_KEY, ROW_SCHEMA
 from ..runs.costs import PROFILE, parse_cost
 from ..runs.identity import identity_digest
 from ..runs.plan import IDENTITY_VERSION
@@ -91,11 +91,13 @@ class Reader:
         self.raw_manifest = read_json(data, "manifest.json")
         self.plan = validated(Manifest, data, "manifest.json")
         identity, digest = self.plan.identity, self.plan.identity_digest
-        versions = (identity.version, identity.streams, identity.rows)
-        if versions != (IDENTITY_VERSION, STREAM_VERSION, ROW_MEANING_VERSION):
+        if (identity.version, identity.streams) != (IDENTITY_VERSION, STREAM_VERSION) or (
+            identity.rows not in READABLE_MEANINGS
+        ):
             raise DataError(
-                f"manifest.json is of versions {versions} (identity, streams, rows), this version reads "
-                f"{(IDENTITY_VERSION, STREAM_VERSION, ROW_MEANING_VERSION)}; use the version that packed it"
+                f"manifest.json is of versions {(identity.version, identity.streams, identity.rows)} (identity, "
+                f"streams, rows), this version reads {(IDENTITY_VERSION, STREAM_VERSION, READABLE_MEANINGS)}; use the "
+                "version that packed it"
             )
         made = identity_digest(self.raw_manifest["identity"])
         if not made == digest == self.facts.run:

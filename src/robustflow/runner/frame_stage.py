@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
 from ..corruptions.own import adopt
 from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..datasets.context_frames import ContextFrames
-from ..digest import digest_of_bytes
 from ..errors import DataError
 from ..metrics.regions import Regions
 from ..models.window import place_of_pair
 from ..runs.plan import Cell, RunOptions
 from ..sample import Frame, Sample
+from .frames_digest import frames_digest
 from .question import Question
 from .seconds import Seconds, spent
 from .slider_pictures import keep_picture
@@ -104,13 +102,3 @@ class FrameStage:
             return Question(cell, frames)
         key = cell[0]
         return Question(cell, self._context.in_order(key, frames), place_of_pair(self._context.offsets(key)))
-
-
-def frames_digest(frames: tuple[Frame, ...]) -> str:
-    """32 hexadecimal digits that name the exact bytes of some frames."""
-    return digest_of_bytes(*(part for frame in frames for part in (str(frame.shape).encode(), _bytes_of(frame))))
-
-
-def _bytes_of(frame: Frame) -> memoryview:
-    """A frame's bytes in row order, without a copy."""
-    return np.ascontiguousarray(frame).data.cast("B") if frame.size else memoryview(b"")

@@ -12,7 +12,8 @@ from ..models.base import place
 from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import Cell, RunOptions
 from ..sample import Flow
-from .frame_stage import Loaded, frames_digest
+from .frame_stage import Loaded
+from .frames_digest import frames_digest
 from .kept_rows import check_same_data, check_same_model
 from .seconds import Seconds, spent
 
@@ -35,6 +36,7 @@ class MeasureStage:
         seconds: Seconds,
     ) -> None:
         self._allow_invalid = options.allow_invalid
+        self._rows_version = options.rows_version
         self._clean_path = clean_path
         self._kept = kept
         self._seconds = seconds
@@ -93,7 +95,7 @@ class MeasureStage:
     def digest(self, frames: tuple[Any, ...]) -> str:
         """The digest of a cell's pair."""
         with spent(self._seconds, "measure"):
-            return frames_digest(frames[:2])
+            return frames_digest(frames[:2], self._rows_version)
 
     def _check(self, loaded: Loaded, clean: Flow) -> None:
         before = self._kept.get(loaded.sample.key)

@@ -20,6 +20,7 @@ from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
 from ..errors import RobustFlowError, RunError, UsageError
+from ..metrics.rows import READABLE_MEANINGS
 from ..models import ModelSpec
 from ..models.base import AnyModel
 from ..models.provenance import training_of
@@ -188,8 +189,10 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
                 f"the run's corruption '{plain(name)}' is your own or an installed package's, and unknown here: name "
                 "it with --own-corruption MODULE:ATTRIBUTE, or install its package"
             )
+    if identity["rows"] not in READABLE_MEANINGS:
+        raise RunError(f"the run's rows are of version {identity['rows']!r}, unknown here; use the version that ran it")
     common_draws = bool(identity.get("common_draws", False))
-    return _options(
+    options = _options(
         identity["seed"],
         identity["variant"],
         scale,
@@ -199,6 +202,7 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
         common_draws,
         recorded_textures(identity),
     )
+    return replace(options, rows_version=identity["rows"])
 
 
 def _options(

@@ -57,6 +57,8 @@ class RunOptions:
     """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
     textures: Textures = PHOTOGRAPHS
     """The textures of frost: the paper's photographs, or generated ones, which need no network."""
+    rows_version: int = ROW_MEANING_VERSION
+    """What columns mean: that of the run whose rows are made again."""
     pictures: Path | None = None
     """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
 
@@ -131,7 +133,7 @@ class Plan:
                 "variant": self.options.variant,
                 "allow_invalid": self.options.allow_invalid,
                 "streams": STREAM_VERSION,
-                "rows": ROW_MEANING_VERSION,
+                "rows": self.options.rows_version,
             }
         )
 

@@ -155,9 +155,9 @@ def common_rows(first: pl.DataFrame, second: pl.DataFrame, names: tuple[str, str
         sample, corruption, severity = other.sort(keys).select(keys).row(0)
         raise RunError(
             f"{names[0]} and {names[1]} were given different frames under the same name (sample '{sample}', "
-            f"{corruption} "
-            f"severity {severity}; {other.height} differ); "
-            "compare runs of the same data, seed, variant and frost textures"
+            f"{corruption} severity {severity}; {other.height} differ); compare runs of the same data, seed, variant "
+            "and frost textures; or, where only one of the manifests gives version 1 of the rows (identity, rows), "
+            "whose digests are another hash, run that one again"
         )
     common = both.select(keys)
     return first.join(common, on=keys, how="semi"), second.join(common, on=keys, how="semi")
