@@ -68,3 +68,28 @@ def test_larger_frames_wait_until_the_smaller_are_back():
     assert slots.fit(10**6)
     assert slots.free == slots.count
     slots.close()
+
+
+def test_the_memory_is_mapped_once_however_many_slots_are_used():
+    slots = SharedSlots(4)
+    slots.fit(2**16)
+    maps = []
+    for _ in range(slots.count):
+        slots.frames(slots.take(), slots.slot_bytes, (1, 2**8, 2**8, 1))
+        maps.append(slots._map)
+    assert all(one is maps[0] for one in maps)
+    slots.close()
+
+
+def test_views_of_small_slots_outlive_larger_ones():
+    slots = SharedSlots(4)
+    slots.fit(BUDGET // MOST_SLOTS)
+    places = [slots.take() for _ in range(slots.count)]
+    view = slots.frames(places[-1], slots.slot_bytes, (1, 64, 64, 3))
+    view[:] = 5
+    for place in places:
+        slots.put_back(place)
+    assert slots.fit(BUDGET // MOST_SLOTS * 3 // 2), "fewer bytes in all"
+    assert slots.count * slots.slot_bytes < BUDGET
+    assert (view == 5).all(), "a process that reads memory beyond the end would be killed"
+    slots.close()

@@ -76,6 +76,8 @@ class SharedSlots:
         self.count = max(self._fewest, min(MOST_SLOTS, BUDGET // self.slot_bytes))
         self._free = list(range(self.count))[::-1]
         self._used = set()
+        whole = max(self.count * self.slot_bytes, os.fstat(self._descriptor).st_size)
+        os.ftruncate(self._descriptor, whole)  # so that each process maps it once; it takes no memory yet
         return True
 
     def take(self) -> int:
