@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.util import find_spec
 
 from ..registry import Registry
 from .base import AnyModel
@@ -13,7 +14,8 @@ MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
 MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
-for _name in ("tiny", "tiny_no_weather", "tiny_all"):
+_TINY = ("tiny", "tiny_no_weather", "tiny_all")
+for _name in _TINY:
     MODELS.add(_name, f"robustflow.models.own.tiny:{_name}")
 for _name in OWN_NETWORKS:
     MODELS.add(_name, f"robustflow.models.own.networks:{_name}")
@@ -35,3 +37,8 @@ EXPORTED = {".onnx": "onnx", ".pt2": "torch_export"}
 TORCHSCRIPT = (".ts", ".torchscript")
 """Extensions of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods in the file while
 reading, before anything could be checked, and TorchScript's operators can write files."""
+
+
+def known_single_threaded(name: str) -> bool:
+    """Whether a model, which is not imported to find out, computes in one thread (`FlowModel.single_threaded`)."""
+    return name in ("dis", "farneback", "dis_rgb") or (name in _TINY and find_spec("torch") is None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 from jinja2 import Environment
@@ -15,18 +16,21 @@ from .board import boards_of
 from .content import Content
 from .data import page_data
 from .examples import Examples, examples_of
-from .figures import page_figures
+from .figures import PageFigure, page_figures
 from .findings import VERDICT_CLASSES, audits, by_check, checked_observations
 from .headline import headline
 from .models import model_pages
 
 
-def render_site(content: Content, gallery: Slider | None = None) -> str:
+def render_site(
+    content: Content, gallery: Slider | None = None, figures: Callable[[], list[PageFigure]] | None = None
+) -> str:
     """The page as one HTML file: it opens from disk and loads nothing from the network.
 
     Args:
         content: what it shows.
         gallery: pictures for a page whose runs have none.
+        figures: gives `page_figures` of the content, if they are being drawn elsewhere.
 
     >>> from .content import whole_content
     >>> render_site(whole_content([])).splitlines()[0]
@@ -43,7 +47,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             boards=boards,
             headline=headline(content),
             primary=pages[0].id if content.of_one_run else "",
-            figures=page_figures(content),
+            figures=figures() if figures else page_figures(content),
             examples=examples,
             slider=slider_markup(examples.slider) if examples else None,
             observations=checked_observations(content),

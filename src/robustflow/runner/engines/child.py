@@ -14,7 +14,7 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -58,6 +58,11 @@ class Child:
             self._process.start()
         theirs.close()
         watched.close()
+
+    def send(self, message: Any) -> None:
+        """Send a message; if the child has ended, `receive` says so."""
+        with suppress(BrokenPipeError, ConnectionError):
+            self.pipe.send(message)
 
     def receive(self, doing: str, advice: str) -> tuple[str, Any]:
         """The next message.

@@ -21,6 +21,7 @@ from .processes import processes
 from .ray import on_ray
 from .serial import SERIAL
 from .staged import staged
+from .worker_process import MOST_PROCESSES
 
 ENGINES = ("serial", "processes", "ray")
 
@@ -29,9 +30,6 @@ _FEEDERS_PER_DEVICE = 8
 
 _CELLS_PER_PROCESS = 25
 """Fewest cells for which a process is started unasked: it takes about two seconds to start."""
-
-_MOST_PROCESSES = 8
-"""Most processes started unasked: each takes 300 MB and more."""
 
 
 def choose_engine(
@@ -97,7 +95,7 @@ def _spread(why_not: str) -> Engine:
 
     def engine(units: Sequence[Unit]) -> Engine:
         cells = sum(len(unit.severities) for unit in units)
-        count = min(available_processors(), _MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units))
+        count = min(available_processors(), MOST_PROCESSES, cells // _CELLS_PER_PROCESS, len(units))
         if count < 2:
             return SERIAL
         return _serial(why_not) if why_not else _processes(count, None)

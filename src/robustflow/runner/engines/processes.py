@@ -7,13 +7,14 @@ shards, so an orphan can never write into a folder that a resumed run holds.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import wait
 
 from ...runs.plan import Unit
-from .base import FinishedUnit, Job, take_seconds
-from .child import Child, check_picklable
+from .base import FinishedUnit, Job
+from .child import check_picklable
 from .schedule import Schedule
 from .watch import Watch
+from .worker_process import release, worker_process
 
 
 def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> Iterator[FinishedUnit]:
@@ -42,14 +43,14 @@ def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | No
                     process.watch.check()
     finally:
         for process in pool:
-            process.child.end()
+            release(process.child, idle=process.unit is None)
 
 
 class _WorkerHandle:
     """One worker process and what it is doing."""
 
     def __init__(self, job: Job, timeout: float | None) -> None:
-        self.child = Child(_serve, job)
+        self.child = worker_process(job)
         self.unit: Unit | None = None
         self.watch = Watch(timeout)
         self._last_key: str | None = None
@@ -59,7 +60,7 @@ class _WorkerHandle:
         self.unit = schedule.take(self._last_key)
         if self.unit is not None:
             self._last_key = self.unit.key
-            self.child.pipe.send(self.unit)
+            self.child.send(self.unit)
 
     def receive(self) -> FinishedUnit | None:
         """Take one message; a finished unit, or None for news about its progress."""
@@ -72,12 +73,3 @@ class _WorkerHandle:
         assert self.unit is not None
         done, self.unit = FinishedUnit(self.unit, rows, seconds), None
         return done
-
-
-def _serve(pipe: Connection, job: Job) -> None:
-    """The life of a worker process."""
-    worker = job.worker(lambda what: pipe.send(("predicting", what)))
-    while True:
-        unit = pipe.recv()
-        rows = worker.run(unit)
-        pipe.send(("rows", (rows, take_seconds(worker))))

@@ -135,7 +135,7 @@ class _FeederHandle:
             if self._asked:
                 self._asked -= 1
                 self._late += cell is None
-                self.child.pipe.send(("none", None) if cell is None else ("cell", cell))
+                self.child.send(("none", None) if cell is None else ("cell", cell))
             else:
                 self._late -= 1
-                self.child.pipe.send(("late", cell))
+                self.child.send(("late", cell))
