@@ -145,8 +145,8 @@ def test_with_pytorch_the_small_network_does_not(monkeypatch):
     ("options", "early"),
     [
         (["-m", "dis"], True),
-        (["-m", "farneback", "-m", "raft"], True),
-        (["-m", "raft"], False),
+        (["-m", "farneback", "-m", "precomputed"], True),
+        (["-m", "precomputed"], False),
         (["-m", "dis", "-c", "fog"], False),
         (["-m", "dis", "-s", "3"], False),
         (["-m", "dis", "--limit", "1"], False),
