@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit, types
 from scipy.ndimage import distance_transform_edt
 
+from ..compile_late import njit_late
 from ..sample import Flow, Mask
 from .epe import ERRORS_TYPE, FLOW_TYPE, MASK_TYPE, Errors, dense, flow_array, magnitude_map
 
@@ -60,7 +61,7 @@ def edge_distance(edges: Mask) -> Errors:
     return np.asarray(distance_transform_edt(~edges), np.float64)
 
 
-@njit(types.boolean(FLOW_TYPE, ERRORS_TYPE, *[types.int64] * 5), cache=True)
+@njit(cache=True)
 def _jumps(flow: Any, magnitude: Any, y0: Any, x0: Any, y1: Any, x1: Any, gap: Any) -> Any:
     du = np.float64(flow[y0, x0, 0]) - np.float64(flow[y1, x1, 0])
     dv = np.float64(flow[y0, x0, 1]) - np.float64(flow[y1, x1, 1])
@@ -68,7 +69,7 @@ def _jumps(flow: Any, magnitude: Any, y0: Any, x0: Any, y1: Any, x1: Any, gap: A
     return math.sqrt(du * du + dv * dv) > gap * max(EDGE_PIXELS, EDGE_SHARE * longer)
 
 
-@njit(types.void(FLOW_TYPE, ERRORS_TYPE, MASK_TYPE, types.boolean[:, ::1]), cache=True)
+@njit_late(types.void(FLOW_TYPE, ERRORS_TYPE, MASK_TYPE, types.boolean[:, ::1]), cache=True)
 def _mark_jumps(flow: Any, magnitude: Any, valid: Any, edges: Any) -> None:
     above = np.full(valid.shape[1], -1, np.int64)
     for y in range(valid.shape[0]):

@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, types
+from numba import types
 
+from ..compile_late import njit_late
 from ..errors import DataError
 from ..sample import Flow, Mask
 
@@ -129,7 +130,7 @@ def dense(*maps: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
     return tuple(np.require(each, requirements=["C", "A"]) for each in maps)
 
 
-@njit(types.void(FLOW_TYPE, FLOW_TYPE, types.float64[:, ::1]), cache=True)
+@njit_late(types.void(FLOW_TYPE, FLOW_TYPE, types.float64[:, ::1]), cache=True)
 def _distances(a: Any, b: Any, out: Any) -> None:
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
@@ -139,7 +140,7 @@ def _distances(a: Any, b: Any, out: Any) -> None:
             out[y, x] = math.sqrt(square) if math.isfinite(square) else math.nan
 
 
-@njit(types.void(FLOW_TYPE, types.float64[:, ::1]), cache=True)
+@njit_late(types.void(FLOW_TYPE, types.float64[:, ::1]), cache=True)
 def _lengths(a: Any, out: Any) -> None:
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
@@ -148,7 +149,7 @@ def _lengths(a: Any, out: Any) -> None:
             out[y, x] = math.sqrt(square) if math.isfinite(square) else math.nan
 
 
-@njit(types.Tuple((types.int64, types.float64))(ERRORS_TYPE, MASK_TYPE), cache=True)
+@njit_late(types.Tuple((types.int64, types.float64))(ERRORS_TYPE, MASK_TYPE), cache=True)
 def _masked_sum(errors: Any, mask: Any) -> Any:
     n, total = 0, 0.0
     for y in range(errors.shape[0]):

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit, types
+from numba import njit
 
 FL_PIXELS = 3.0
 FL_SHARE = 0.05
@@ -27,13 +27,13 @@ WAUC_UNIT = WAUC_STEPS * (WAUC_STEPS + 1)
 """The points of a perfect pixel."""
 
 
-@njit(types.boolean(types.float64, types.float64), inline="always", cache=True)
+@njit(inline="always", cache=True)
 def is_fl_outlier(error: Any, magnitude: Any) -> Any:
     """The rule of Fl for one pixel; for use inside compiled loops."""
     return error > FL_PIXELS and error > FL_SHARE * magnitude
 
 
-@njit(types.int64(types.float64), inline="always", cache=True)
+@njit(inline="always", cache=True)
 def wauc_points(error: Any) -> Any:
     """The pixel's WAUC in units of 1 / `WAUC_UNIT`."""
     if error > WAUC_STEPS / WAUC_PER_PIXEL:

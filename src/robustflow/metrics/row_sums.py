@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, types
+from numba import types
 
+from ..compile_late import njit_late
 from ..sample import Flow
 from .epe import ERRORS_TYPE, FLOW_TYPE, dense, flow_array, flow_pair
 from .outliers import WAUC_UNIT, is_fl_outlier, wauc_points
@@ -73,7 +74,7 @@ def row_sums(pred: Flow, clean: Flow, truth: Flow | None, regions: Regions | Non
     return RowSums(whole, label_counts, label_totals)
 
 
-@njit(
+@njit_late(
     types.Tuple((types.int64[::1], types.int64, types.float64[::1], types.int64[:, ::1], types.float64[:, ::1]))(
         FLOW_TYPE, FLOW_TYPE, LABELS_TYPE, FLOW_TYPE, ERRORS_TYPE
     ),

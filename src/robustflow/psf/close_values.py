@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from ..compile_late import njit_late
 
 
-@njit(
+@njit_late(
     "int64(float32[:,:,::1], int64, float64, float64, uint8[:,:,::1], int32[:,::1])",
     cache=True,
     nogil=True,
@@ -42,7 +43,7 @@ def round_all(total: Any, left: Any, grey: Any, margin: Any, rounded: Any, close
     return count
 
 
-@njit(
+@njit_late(
     "void(int32[:,::1], float32[:,:,::1], int64, int64, float32[:,:,:,:,::1],"
     " int64[:,::1], float64[:,::1], int64[:,::1], float64[:,::1], float64[::1])",
     cache=True,
@@ -95,7 +96,7 @@ def plain_sums(
         out[number] = total
 
 
-@njit("float64(int16[:,::1], uint8[:,::1], float64, int64, int64[::1], int64, int64[::1])", cache=True)
+@njit_late("float64(int16[:,::1], uint8[:,::1], float64, int64, int64[::1], int64, int64[::1])", cache=True)
 def dot(kernel: Any, plane: Any, grey: Any, lag_y: Any, inputs_y: Any, lag_x: Any, inputs_x: Any) -> Any:
     """The sum of pixels of (H, W), less `grey`, times the elements of a kernel (N, N) that belong to them.
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from ..compile_late import njit_late
 
 LANES = 8
 """Lags are summed in groups of this many, of which the last may reach beyond the kernel, into zeros."""
@@ -18,7 +19,7 @@ _ZERO = np.float32(0.0)
 _U = np.uint64  # an index that is never negative needs no test for it, and the loop over lags can take eight at once
 
 
-@njit(
+@njit_late(
     "void(float32[:,:,:,::1], float32[:,:,::1], int64, int64[::1], int64[::1], float32[:,::1], float32[:,:,:,::1])",
     cache=True,
     fastmath=True,

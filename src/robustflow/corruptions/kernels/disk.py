@@ -18,6 +18,7 @@ from .borders import mirrored
 from .disk_kernel import disk_parts
 from .separable import FLOOR
 
+_U = np.uint64  # an index that is never negative needs no test for it
 _STRIP = 640
 """Columns worked on at a time: few enough for the rows that a sum reads to stay in the first-level cache."""
 
@@ -58,81 +59,76 @@ def _running_sums(row: Any, start: int, sums: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _add_segment(total: Any, right: Any, left: Any) -> None:
-    for i in range(total.size):
-        total[i] = np.int32(total[i] + np.int32(right[i] - left[i]))
+def _add_segment(total: Any, row: Any, left: Any, right: Any) -> None:
+    """Rows are passed whole, with where a segment begins: a slice takes longer to compile than this loop."""
+    for i in range(_U(total.size)):
+        total[i] = np.int32(total[i] + np.int32(row[right + i] - row[left + i]))
 
 
 @njit(cache=True, nogil=True)
-def _add_four_segments(total: Any, r0: Any, l0: Any, r1: Any, l1: Any, r2: Any, l2: Any, r3: Any, l3: Any) -> None:
-    for i in range(total.size):
-        first = np.int32(np.int32(r0[i] - l0[i]) + np.int32(r1[i] - l1[i]))
-        second = np.int32(np.int32(r2[i] - l2[i]) + np.int32(r3[i] - l3[i]))
+def _add_four_segments(total: Any, a: Any, b: Any, l0: Any, r0: Any, c: Any, d: Any, l1: Any, r1: Any) -> None:
+    for i in range(_U(total.size)):
+        first = np.int32(np.int32(a[r0 + i] - a[l0 + i]) + np.int32(b[r0 + i] - b[l0 + i]))
+        second = np.int32(np.int32(c[r1 + i] - c[l1 + i]) + np.int32(d[r1 + i] - d[l1 + i]))
         total[i] = np.int32(total[i] + np.int32(first + second))
 
 
 @njit(cache=True, nogil=True)
 def _sum_disk(ring: Any, y: int, widths: Any, middle: int, total: Any) -> None:
     """The flat disk about row `y`; total[0] is centred on column `middle` of the running sums."""
-    window, n = len(ring), total.size
-    left, right = 3 * (middle - widths), 3 * (middle + widths + 1)
-    row = ring[y % window]
-    total[:] = 0
-    _add_segment(total, row[right[0] : right[0] + n], row[left[0] : left[0] + n])
+    window = len(ring)
+    for i in range(total.size):
+        total[i] = 0
+    _add_segment(total, ring[y % window], _U(3 * (middle - widths[0])), _U(3 * (middle + widths[0] + 1)))
     dy = 1
     while dy + 1 < len(widths):
         a, b = ring[(y - dy) % window], ring[(y + dy) % window]
         c, d = ring[(y - dy - 1) % window], ring[(y + dy + 1) % window]
-        l0, r0, l1, r1 = left[dy], right[dy], left[dy + 1], right[dy + 1]
-        _add_four_segments(
-            total,
-            a[r0 : r0 + n],
-            a[l0 : l0 + n],
-            b[r0 : r0 + n],
-            b[l0 : l0 + n],
-            c[r1 : r1 + n],
-            c[l1 : l1 + n],
-            d[r1 : r1 + n],
-            d[l1 : l1 + n],
-        )
+        l0, r0 = _U(3 * (middle - widths[dy])), _U(3 * (middle + widths[dy] + 1))
+        l1, r1 = _U(3 * (middle - widths[dy + 1])), _U(3 * (middle + widths[dy + 1] + 1))
+        _add_four_segments(total, a, b, l0, r0, c, d, l1, r1)
         dy += 2
     if dy < len(widths):
-        l0, r0 = left[dy], right[dy]
-        for row in (ring[(y - dy) % window], ring[(y + dy) % window]):
-            _add_segment(total, row[r0 : r0 + n], row[l0 : l0 + n])
+        l0, r0 = _U(3 * (middle - widths[dy])), _U(3 * (middle + widths[dy] + 1))
+        _add_segment(total, ring[(y - dy) % window], l0, r0)
+        _add_segment(total, ring[(y + dy) % window], l0, r0)
 
 
 @njit(cache=True, nogil=True)
-def _add_rim(total: Any, weight: Any, r0: Any, l0: Any, r1: Any, l1: Any, r2: Any, l2: Any, r3: Any, l3: Any) -> None:
-    for i in range(total.size):
-        inside = np.int32(np.int32(r0[i] - l0[i]) + np.int32(r1[i] - l1[i]))
-        outside = np.int32(np.int32(r2[i] - l2[i]) + np.int32(r3[i] - l3[i]))
+def _add_rim(
+    total: Any,
+    weight: Any,
+    a: Any,
+    r0: Any,
+    l0: Any,
+    b: Any,
+    r1: Any,
+    l1: Any,
+    c: Any,
+    r2: Any,
+    l2: Any,
+    d: Any,
+    r3: Any,
+    l3: Any,
+) -> None:
+    for i in range(_U(total.size)):
+        inside = np.int32(np.int32(a[r0 + i] - a[l0 + i]) + np.int32(b[r1 + i] - b[l1 + i]))
+        outside = np.int32(np.int32(c[r2 + i] - c[l2 + i]) + np.int32(d[r3 + i] - d[l3 + i]))
         total[i] += weight * np.float32(np.int32(inside - outside))
 
 
 @njit(cache=True, nogil=True)
 def _add_rim_rows(ring: Any, y: int, rim: Any, weights: Any, middle: int, total: Any) -> None:
-    window, n = len(ring), total.size
+    window = len(ring)
     for k in range(len(rim)):
-        d, h, e, g = rim[k]
+        d, h, e, g = rim[k, 0], rim[k, 1], rim[k, 2], rim[k, 3]
         a, b = ring[(y - d) % window], ring[(y + d) % window]
         p, q = ring[(y - e) % window], ring[(y + e) % window]
-        left, right = 3 * (middle - h), 3 * (middle + h + 1)
-        first, last = 3 * (middle - g), 3 * (middle + g + 1)
+        left, right = _U(3 * (middle - h)), _U(3 * (middle + h + 1))
+        first, last = _U(3 * (middle - g)), _U(3 * (middle + g + 1))
         if g < 0:
             first = last
-        _add_rim(
-            total,
-            weights[k],
-            a[right : right + n],
-            a[left : left + n],
-            b[right : right + n],
-            b[left : left + n],
-            p[last : last + n],
-            p[first : first + n],
-            q[last : last + n],
-            q[first : first + n],
-        )
+        _add_rim(total, weights[k], a, right, left, b, right, left, p, last, first, q, last, first)
 
 
 @njit(cache=True, nogil=True)
@@ -144,28 +140,33 @@ def _add_three(a: Any, b: Any, c: Any, out: Any) -> None:
 @njit(cache=True, nogil=True)
 def _add_rim_columns(ring: Any, y: int, rim: Any, weights: Any, middle: int, columns: Any, total: Any) -> None:
     """`columns[h]` is room for the running sums of the rows y - h, ..., y + h together; `columns[-1]` stays zero."""
-    window, n = len(ring), total.size
+    window = len(ring)
     row, first_sums = ring[y % window], columns[0]
     for i in range(row.size):  # an assignment of slices would compile its error messages, for three seconds
         first_sums[i] = row[i]
     for h in range(1, len(columns) - 1):
         _add_three(columns[h - 1], ring[(y - h) % window], ring[(y + h) % window], columns[h])
+    three = _U(3)
     for k in range(len(rim)):
-        d, h, e, g = rim[k]
+        d, h, e, g = rim[k, 0], rim[k, 1], rim[k, 2], rim[k, 3]
         a, b = columns[h], columns[g]
-        left, right = 3 * (middle - d), 3 * (middle + d)
-        first, last = 3 * (middle - e), 3 * (middle + e)
+        left, right = _U(3 * (middle - d)), _U(3 * (middle + d))
+        first, last = _U(3 * (middle - e)), _U(3 * (middle + e))
         _add_rim(
             total,
             weights[k],
-            a[left + 3 : left + 3 + n],
-            a[left : left + n],
-            a[right + 3 : right + 3 + n],
-            a[right : right + n],
-            b[first + 3 : first + 3 + n],
-            b[first : first + n],
-            b[last + 3 : last + 3 + n],
-            b[last : last + n],
+            a,
+            left + three,
+            left,
+            a,
+            right + three,
+            right,
+            b,
+            first + three,
+            first,
+            b,
+            last + three,
+            last,
         )
 
 
@@ -213,7 +214,8 @@ def _convolve(
         _sum_disk(sums, ahead, widths, reach - g, disks[ahead % len(disks)])
         if len(rim) > 0:
             side = sides[ahead % len(sides)]
-            side[:] = 0
+            for i in range(n):
+                side[i] = 0
             _add_rim_columns(sums, ahead, rim, rim_weights, reach, columns, side)
         if y < 0:
             continue
