@@ -23,17 +23,15 @@ from typing import Any
 from ... import errors
 from ...errors import RobustFlowError, RunError, UsageError
 from ...models import ModelSpec
+from .kept_memory import keep_freed_memory
 
-_ONE_THREAD = (
+ONE_THREAD = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
     "MKL_NUM_THREADS",
     "NUMBA_NUM_THREADS",
     "POLARS_MAX_THREADS",
 )
-_KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(32 * 2**20), "MALLOC_TRIM_THRESHOLD_": str(512 * 2**20)}
-"""glibc returns freed memory to the system, and every pair's frames and flow then cost 2 ms of page faults (KITTI's
-size). With these values it keeps what the next pair needs; what the user has set goes before them."""
 _UNGUARDED = (
     'a script that several workers run needs its own code under `if __name__ == "__main__":`, because each of them '
     "loads the script from the top"
@@ -54,7 +52,7 @@ class Child:
         watched, self._lifeline = context.Pipe(duplex=False)
         self._began = False
         self._process = context.Process(target=_live, args=(theirs, watched, life, arguments), daemon=True)
-        with _environment(worker_environment()), _no_interrupt():
+        with one_thread(), _no_interrupt():
             self._process.start()
         theirs.close()
         watched.close()
@@ -144,15 +142,11 @@ def check_picklable(model: Any) -> None:
         ) from error
 
 
-def worker_environment() -> dict[str, str]:
-    """Of a process whose libraries each compute in one thread and keep the memory that they free."""
-    return dict.fromkeys(_ONE_THREAD, "1") | {name: os.environ.get(name, kept) for name, kept in _KEPT_MEMORY.items()}
-
-
 @contextmanager
-def _environment(variables: dict[str, str]) -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update(variables)
+def one_thread() -> Iterator[None]:
+    """The environment for a process whose libraries each compute in one thread."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
         yield
     finally:
@@ -188,6 +182,7 @@ def _live(pipe: Connection, watched: Connection, life: Callable[..., None], argu
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with_parent, args=(watched,), daemon=True).start()
+    keep_freed_memory()
     warnings.formatwarning = errors.plain_warning
     import cv2
 

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import DataError, RunError, UsageError
 from ...version import VERSION
+from .kept_memory import keep_freed_memory
 
 if TYPE_CHECKING:
     from ...runs.plan import Unit
@@ -87,6 +88,7 @@ class UnitActor:
             path: folders of modules, in addition to the node's own.
         """
         os.environ.update(variables)
+        keep_freed_memory()
         if os.path.isdir(folder):
             os.chdir(folder)
         sys.path.extend(each for each in path if each not in sys.path)

@@ -10,7 +10,7 @@ from ...models import ModelSpec
 from ...models.base import model_identity
 from ...models.devices import device_of, is_accelerator
 from .base import Job
-from .child import worker_environment
+from .child import ONE_THREAD
 from .ray_cluster import ray_module
 
 
@@ -58,4 +58,4 @@ def files_of(job: Job, key: str) -> tuple[tuple[str, int], ...]:
 def variables() -> dict[str, str]:
     """Environment variables for every actor: where the user's files are, and one thread per library."""
     mine = {name: value for name, value in os.environ.items() if name.startswith("ROBUSTFLOW_")}
-    return mine | worker_environment()
+    return mine | dict.fromkeys(ONE_THREAD, "1")

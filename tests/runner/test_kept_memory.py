@@ -1,0 +1,45 @@
+"""Worker processes keep the memory that they free."""
+
+from __future__ import annotations
+
+import os
+import resource
+
+import numpy as np
+import pytest
+
+from robustflow.runner.engines.child import Child
+
+FRAMES = (375, 1242, 3)
+
+
+def _faults_of_repeated_frames(pipe):
+    """How many pages the system gives for frames that are made and let go, after the first ones."""
+    before = 0
+    for number in range(60):
+        if number == 20:
+            before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        frames = [np.full(FRAMES, number, np.uint8) for _ in range(2)]
+        del frames
+    pipe.send(("faults", resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before))
+
+
+def _faults() -> int:
+    child = Child(_faults_of_repeated_frames)
+    try:
+        return child.receive("nothing", "")[1]
+    finally:
+        child.end()
+
+
+def test_frames_take_the_memory_of_those_before():
+    pages = 40 * 2 * int(np.prod(FRAMES)) // 4096
+    assert _faults() < pages / 10
+
+
+@pytest.mark.parametrize("name", ["MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_"])
+def test_what_the_user_has_set_goes_before(monkeypatch, name):
+    monkeypatch.setenv(name, "65536")
+    assert os.environ[name] == "65536"
+    pages = 40 * 2 * int(np.prod(FRAMES)) // 4096
+    assert _faults() > pages / 2
