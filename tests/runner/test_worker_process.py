@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from contextlib import contextmanager
 
@@ -166,3 +167,19 @@ def test_only_a_whole_run_whose_engine_is_left_to_choice_starts_them_early(monke
     monkeypatch.setattr(module, "kept_processes", noted)
     CliRunner().invoke(app, ["run", *options])
     assert asked == [early]
+
+
+def seen_there(name: str) -> tuple[str | None, list[str]]:
+    return os.environ.get(name), sys.path
+
+
+def test_a_process_that_started_early_finds_what_was_set_since(monkeypatch, tmp_path):
+    monkeypatch.setenv("ROBUSTFLOW_TEST_GONE", "before")
+    with kept_processes(early=True):
+        monkeypatch.setenv("ROBUSTFLOW_TEST", "since")
+        monkeypatch.delenv("ROBUSTFLOW_TEST_GONE")
+        monkeypatch.syspath_prepend(str(tmp_path))
+        value, path = errand(seen_there, "ROBUSTFLOW_TEST")()
+        assert value == "since"
+        assert str(tmp_path) in path
+        assert errand(seen_there, "ROBUSTFLOW_TEST_GONE")()[0] is None

@@ -7,6 +7,8 @@ done for the run and needs nothing of this process.
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
@@ -21,7 +23,17 @@ if TYPE_CHECKING:
 MOST_PROCESSES = 8
 """Most processes started unasked: each takes 300 MB and more."""
 
+_OWN = "ROBUSTFLOW_"
+"""How the package's environment variables begin."""
+
 Done = TypeVar("Done")
+
+
+class _Surroundings(NamedTuple):
+    """What this process has been told since the other one started: where the user's files and modules are."""
+
+    variables: dict[str, str]
+    path: list[str]
 
 
 class _Errand(NamedTuple):
@@ -56,6 +68,7 @@ def worker_process(job: Job) -> Child:
     """A process that takes units of a job and sends ("rows", (rows, seconds)) for each, and before that ("predicting",
     what) and ("predicting", None) for each prediction."""
     child = _idle.pop(0) if _idle else Child(_serve)
+    child.send(_surroundings())
     child.send(job)
     return child
 
@@ -79,6 +92,7 @@ def errand(function: Callable[..., Done], *arguments: Any) -> Callable[[], Done]
     if not _idle:
         return lambda: function(*arguments)
     child = _idle.pop()
+    child.send(_surroundings())
     child.send(_Errand(function, arguments))
 
     def result() -> Done:
@@ -93,14 +107,27 @@ def errand(function: Callable[..., Done], *arguments: Any) -> Callable[[], Done]
     return result
 
 
+def _surroundings() -> _Surroundings:
+    return _Surroundings({name: os.environ[name] for name in os.environ if name.startswith(_OWN)}, list(sys.path))
+
+
+def _adopt(there: _Surroundings) -> None:
+    for name in [name for name in os.environ if name.startswith(_OWN)]:
+        del os.environ[name]
+    os.environ.update(there.variables)
+    sys.path[:] = there.path
+
+
 def _serve(pipe: Connection) -> None:
     from ...runs.plan import Unit
     from .base import Job, take_seconds  # imports everything that a unit needs, before there is a job
 
     worker = None
     while True:
-        message: Job | Unit | _Errand = pipe.recv()
-        if isinstance(message, Job):
+        message: _Surroundings | Job | Unit | _Errand = pipe.recv()
+        if isinstance(message, _Surroundings):
+            _adopt(message)
+        elif isinstance(message, Job):
             worker = message.worker(lambda what: pipe.send(("predicting", what)))
         elif isinstance(message, Unit):
             assert worker is not None
