@@ -99,6 +99,23 @@ def test_kernels_with_negative_values_in_every_row():
     assert (rounded_blur(frame, field) == exact(frame, field)).all()
 
 
+@pytest.mark.parametrize("mean", [0.3, 0.1, 0.05])
+def test_margins_grow_with_the_negative_values_of_kernels(mean):
+    field = PsfField(np.random.default_rng(0).normal(mean, 1.0, (64, 3, 61, 61)))
+    frame = image("black and white", 60, 91)
+    wanted, near = blur(frame, field), near_blur(frame, field, 1)
+    gain = near.kernels.gain
+    assert gain > 1.5
+    error = near.total[:, near.left : near.left + 91].transpose(2, 1, 0) + GREY - wanted
+    assert np.abs(error).max() < gain * NEAR_MARGIN / 3
+    assert np.abs(module._plain_values(frame, near, every_place(60, 91)) - wanted.ravel()).max() < gain * MARGIN / 2
+    assert (rounded_blur(frame, field) == exact(frame, field)).all()
+
+
+def test_kernels_without_negative_values_have_no_gain():
+    assert near_kernels(shipped_field(5), 60, 91).gain == pytest.approx(1.0, abs=1e-5)
+
+
 def test_noise_is_what_plain_sums_lack():
     frame, field = image("black and white", 80, 131), shipped_field(1)
     wanted, values = blur(frame, field), exact_values(frame, field)

@@ -34,12 +34,15 @@ class NearKernels(NamedTuple):
         spectra: what `lag_sums` takes, for each column of nodes.
         reaches: int64 (columns of nodes, rows of nodes), the largest lag along y at which a kernel is not zero.
         transform: length of the transforms along x, pixels.
+        gain: the largest sum of a kernel's absolute values, 1 unless it has negative ones: how much larger than in an
+            image of the usual kind errors can be.
     """
 
     plain: npt.NDArray[np.float32]
     spectra: npt.NDArray[np.float32]
     reaches: npt.NDArray[np.int64]
     transform: int
+    gain: float
 
     @property
     def nbytes(self) -> int:
@@ -167,6 +170,7 @@ def near_kernels(field: PsfField, height: int, width: int) -> NearKernels:
     for column in range(columns.offsets.size):
         along_x = scipy.fft.rfft(plain[column][:, :, ::-1], transform, axis=-2).transpose(1, 2, 0, 3)
         spectra[column, ..., 0, : 2 * y + 1], spectra[column, ..., 1, : 2 * y + 1] = along_x.real, along_x.imag
-    made = NearKernels(plain, spectra.reshape(*spectra.shape[:3], -1), reaches, transform)
+    gain = max(1.0, float(np.abs(plain).sum(axis=(3, 4)).max()))
+    made = NearKernels(plain, spectra.reshape(*spectra.shape[:3], -1), reaches, transform, gain)
     _KERNELS.put(key, made)
     return made

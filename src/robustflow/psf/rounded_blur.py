@@ -27,7 +27,8 @@ from .psf_field import PsfField
 from .tiles import Axis, grid_of
 
 NEAR_MARGIN = 3e-4
-"""Grey levels; three times the largest error of `near_blur` in 27 kinds of images, six times that in photographs."""
+"""Grey levels, like the next three for kernels without negative values (see `NearKernels.gain`); three times the
+largest error of `near_blur` in 27 kinds of images, six times that in photographs."""
 
 MARGIN = 2e-5
 """Grey levels; about 15 times the noise where it is largest: black and white at random under severity 1."""
@@ -61,23 +62,24 @@ def rounded_blur(frame: Frame, field: PsfField, threads: int | None = None) -> F
     77
     """
     near = near_blur(frame, field, threads)
+    gain = near.kernels.gain
     rounded = np.empty(frame.shape, np.uint8)
     close = np.empty((math.ceil(MOST_NEAR * frame.size), 3), np.int32)
-    count = round_all(near.total, near.left, GREY, NEAR_MARGIN, rounded, close)
+    count = round_all(near.total, near.left, GREY, NEAR_MARGIN * gain, rounded, close)
     if count > len(close):
         return _rounded(blur(frame, field, threads))
     close = close[:count]
     values = _plain_values(frame, near, close)
     rounded[tuple(close.T)] = _rounded(values)
-    closer = np.abs(values - np.floor(values) - 0.5) < MARGIN
+    closer = np.abs(values - np.floor(values) - 0.5) < MARGIN * gain
     if closer.sum() > MOST:
         return _rounded(blur(frame, field, threads))
     exact = ExactValues(frame, field, near.kernels.kernel)
     for (y, x, channel), value in zip(close[closer].tolist(), values[closer].tolist(), strict=True):
-        decided = _with_noise(exact, y, x, channel, value)
+        decided = _with_noise(exact, y, x, channel, value, gain)
         if decided is None:
             decided = exact.value(y, x, channel)
-            if _from_middle(decided) < TIE:
+            if _from_middle(decided) < TIE * gain:
                 return _rounded(blur(frame, field, threads))
         rounded[y, x, channel] = _rounded(decided)
     return rounded
@@ -96,13 +98,13 @@ def _plain_values(frame: Frame, near: NearBlur, places: npt.NDArray[np.int32]) -
     return values + GREY
 
 
-def _with_noise(exact: ExactValues, y: int, x: int, channel: int, value: float) -> float | None:
+def _with_noise(exact: ExactValues, y: int, x: int, channel: int, value: float, gain: float) -> float | None:
     """A value with as much of the noise as decides how it is rounded; None if all of it does not."""
     left = 1.0
     for weight, noise in exact.noise(y, x, channel, GREY):
         value += weight * noise
         left -= weight
-        if _from_middle(value) >= FINE + MARGIN * left:
+        if _from_middle(value) >= gain * (FINE + MARGIN * left):
             return value
     return None
 
