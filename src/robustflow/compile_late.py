@@ -1,7 +1,7 @@
 """Compiled functions of fixed types that are compiled, or read from numba's cache, when they are first called.
 
 numba does that with a function's definition if it is given types. A process would then compile every such function of
-every file it imports, a second each, though most are called in other processes.
+every file it imports, up to two seconds each, though most are called in other processes.
 """
 
 from __future__ import annotations

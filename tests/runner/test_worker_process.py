@@ -89,6 +89,13 @@ def test_an_errand_that_fails_elsewhere_is_run_here(function):
         assert len(module._idle) == 1, "that process is not used again"
 
 
+def test_an_errand_that_nobody_asks_about_ends_with_the_block():
+    with kept_processes(early=True):
+        pids = _pids()
+        errand(time.sleep, 600)
+    assert all(_gone(pid) for pid in pids)
+
+
 def test_an_errand_without_a_process_is_run_here_when_its_result_is_asked_for():
     with kept_processes(early=False):
         result = errand(only_elsewhere, os.getpid())

@@ -1,4 +1,4 @@
-"""`blur` in single precision, in a quarter of its time.
+"""`blur` in single precision, in less than half its time.
 
 One transform along x for every column of nodes, sums over lags along y (`lag_sums`), and one transform back; pixels are
 held column by column, so that each step runs along contiguous memory.

@@ -1,4 +1,4 @@
-"""The bytes of `blur`, in a quarter of its time: a blur in single precision decides nearly all of them.
+"""The bytes of `blur`, in less than half its time: a blur in single precision decides nearly all of them.
 
 A value that is further from the middle between two grey levels than a first blur can be wrong is on the same side of it
 in all. The others are computed again, each time with a smaller error:

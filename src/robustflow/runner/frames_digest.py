@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
-from blake3 import blake3
 
+from ..digest import digest_of_bytes, quick_digest_of_bytes
 from ..metrics.rows import ROW_MEANING_VERSION
 from ..sample import Frame
 
-_BYTES = 16
-
-_HASHES: dict[int, Callable[[], Any]] = {1: lambda: hashlib.blake2b(digest_size=_BYTES), 2: blake3}
-"""By the version of the rows' meaning. BLAKE3 takes a fifth of the time: 0.8 instead of 4.5 ms for a pair of KITTI."""
+_HASHES = {1: digest_of_bytes, 2: quick_digest_of_bytes}
+"""By the version of the rows' meaning."""
 
 
 def frames_digest(frames: tuple[Frame, ...], rows_version: int = ROW_MEANING_VERSION) -> str:
@@ -31,14 +27,17 @@ def frames_digest(frames: tuple[Frame, ...], rows_version: int = ROW_MEANING_VER
     >>> frames_digest((frame, frame), rows_version=1)
     'd695cd999d6d135d05659c7c7115c9df'
     """
-    digest = _HASHES[rows_version]()
-    for frame in frames:
-        digest.update(str(frame.shape).encode())
-        if frame.size:
-            digest.update(np.ascontiguousarray(frame).data.cast("B"))
-    return str(digest.digest()[:_BYTES].hex())
+    return _HASHES[rows_version](*_content(frames))
 
 
 def are_frames_of(digest: str, frames: tuple[Frame, ...]) -> bool:
     """Whether a row of any version could have this digest of these frames."""
     return any(frames_digest(frames, version) == digest for version in _HASHES)
+
+
+def _content(frames: tuple[Frame, ...]) -> Iterator[bytes | memoryview]:
+    """The size and the bytes of each frame, in row order and without a copy."""
+    for frame in frames:
+        yield str(frame.shape).encode()
+        if frame.size:
+            yield np.ascontiguousarray(frame).data.cast("B")

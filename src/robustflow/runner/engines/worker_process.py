@@ -46,6 +46,9 @@ class _Errand(NamedTuple):
 _idle: list[Child] | None = None
 """Processes without work, within `kept_processes`."""
 
+_kept: list[Child] = []
+"""All processes that end with that block."""
+
 
 @contextmanager
 def kept_processes(early: bool) -> Iterator[None]:
@@ -55,13 +58,13 @@ def kept_processes(early: bool) -> Iterator[None]:
     count = min(available_processors(), MOST_PROCESSES) if early else 0
     _idle = []
     try:
-        if count > 1:
-            _idle.extend(Child(_serve) for _ in range(count))
+        for _ in range(count if count > 1 else 0):
+            release(Child(_serve), idle=True)
         yield
     finally:
-        for child in _idle:
-            child.end()
         _idle = None
+        while _kept:
+            _kept.pop().end()
 
 
 def worker_process(job: Job) -> Child:
@@ -77,6 +80,8 @@ def release(child: Child, idle: bool) -> None:
     """Let a worker process go; `idle` says that it has sent the rows of every unit that it was given."""
     if idle and _idle is not None:
         _idle.append(child)
+        if child not in _kept:
+            _kept.append(child)
     else:
         child.end()
 
