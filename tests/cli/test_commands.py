@@ -43,6 +43,41 @@ def test_run_then_show(robustflow):
     assert "digital" in table
 
 
+README = Path(__file__).resolve().parents[2] / "README.md"
+
+
+def _table_of_readme() -> list[str]:
+    """The lines that the README shows of what the first command prints."""
+    return re.search(r"^```text\n(.*?)^```$", README.read_text(), re.MULTILINE | re.DOTALL)[1].splitlines()
+
+
+def _cells_of(table: str, first: str) -> list[str]:
+    """The cells of a line of a printed table."""
+    line = next(line for line in table.splitlines() if re.match(rf"[│┃] {first} ", line))
+    return [cell.strip() for cell in re.split("[│┃]", line)[2:-1]]
+
+
+def test_run_with_ground_truth_prints_epe_at_every_severity_as_the_readme_shows(robustflow):
+    shown = _table_of_readme()
+    corruptions = [line.split()[1] for line in shown if line.startswith("│ ") and "mean" not in line]
+    code, out, _ = robustflow("run", "-m", "dis", "-c", ",".join(corruptions), "-o", "run", "--no-examples")
+    assert code == 0
+    assert _cells_of(out, "corruption") == ["EPE", "CRE", "CREr", "RCRE", "EPE 1", "2", "3", "4", "5"]
+    fog = load_run("run").summary.corruptions["fog"]
+    assert _cells_of(out, "fog")[4:] == [f"{value:.2f}" for value in fog.by_severity["epe"]]
+    assert _cells_of(out, "fog")[3] == f"{fog.rcre:.2f}"
+    lines = [line.rstrip() for line in out.splitlines()]
+    assert [line for line in shown[:-3] if line not in lines] == []  # the last three are means over all 20
+
+
+@pytest.mark.slow
+def test_the_first_command_prints_what_the_readme_shows(robustflow):
+    code, out, _ = robustflow("run", "--model", "dis", "-o", "run", "--no-examples")
+    printed = iter(line.rstrip() for line in out.splitlines())
+    assert code == 0
+    assert [line for line in _table_of_readme() if line not in printed] == []  # in this order
+
+
 class _Named(ZeroFlow):
     def identity(self):
         return {"name": "[/red][b]\u202e\x1b[3m"}

@@ -105,17 +105,18 @@ def _overview(name: str, summary: Summary) -> Table:
         shown.append("coverage")
     for metric in shown:
         table.add_column(METRIC_LABELS.get(metric, metric), justify="right")
+    at_each = "epe" if "epe" in shown else "rcre"
     levels = summary.severities()
     for level in levels:
-        table.add_column(f"RCRE {level}" if level == levels[0] else str(level), justify="right")
+        table.add_column(f"{METRIC_LABELS[at_each]} {level}" if level == levels[0] else str(level), justify="right")
     family = None
     for corruption, scores in summary.corruptions.items():
         if family is not None and scores.family != family:
             table.add_section()
         family = scores.family
-        rcre = dict(zip(scores.severities, scores.by_severity["rcre"], strict=True))
+        values = dict(zip(scores.severities, scores.by_severity[at_each], strict=True))
         means = [getattr(scores, metric) for metric in shown]
-        table.add_row(corruption, *map(cell, means), *(cell(rcre.get(level)) for level in levels))
+        table.add_row(corruption, *map(cell, means), *(cell(values.get(level)) for level in levels))
     table.add_section()
     table.add_row("mean", *(cell(getattr(summary, metric)) for metric in shown), *[""] * len(levels), style="bold")
     return table
