@@ -49,6 +49,14 @@ def test_the_training_part_of_a_few_pairs_of_kitti_is_empty_and_says_so(shared):
     assert "with fewer than 200 pairs all are evaluated, and none is left to train on" in text
 
 
+def test_the_plan_names_every_value_that_the_user_changed(tmp_path):
+    original = load_recipe("raft", "kitti")
+    text = plan_text(original.changed(steps=6, crop=(64, 96)), [tmp_path], original)
+    changes = [line for line in text.splitlines() if line.startswith("changed:")]
+    assert changes == ["changed: steps 6 instead of 50000", "changed: crop 64x96 instead of 288x960"]
+    assert "changed:" not in plan_text(original, [tmp_path], original)
+
+
 @pytest.mark.skipif(find_spec("torch") is not None, reason="torch is installed")
 def test_without_torch_it_says_which_extra():
     done = command("train", "raft", "--recipe", "ood")
@@ -62,6 +70,7 @@ def test_recipes_are_listed():
     assert done.returncode == 0
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
     assert "ood 100001 updates of 6 pairs at 368x768 rate 0.000125, begins with things, on ood" in lines
+    assert "ood 120000 updates of 6 pairs at 432x960 rate 0.000125, begins with things, on ood" in lines  # in two steps
 
 
 @pytest.mark.torch

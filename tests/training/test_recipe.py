@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
+import tomllib
+from importlib.resources import files
 
 import pytest
 
 from robustflow.errors import UsageError
 from robustflow.models.registry import MODELS
+from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe, mix_parts, recipes_of, trained_methods
 
 pytestmark = pytest.mark.training
@@ -77,6 +80,42 @@ def test_updates_are_counted_as_the_originals_do():
     assert load_recipe("raft", "ood").updates == 100_001
     assert load_recipe("gma", "ood").updates == 120_000
     assert load_recipe("samflow_b", "ood").updates == 120_000  # of two steps each
+
+
+@pytest.mark.parametrize("size", ["t", "b", "h"])
+@pytest.mark.parametrize(("stage", "updates"), [("ood", 120_000), ("id", 25_000)])
+def test_samflow_updates_have_six_pairs_as_the_paper_says_in_both_stages(size, stage, updates):
+    recipe = load_recipe(f"samflow_{size}", stage)
+    assert (recipe.batch, recipe.pairs, recipe.updates) == (3, 6, updates)
+
+
+@pytest.mark.parametrize("stage", ["ood", "id"])
+def test_samflow_states_each_deviation_from_the_published_script(stage):
+    recipe = load_recipe("samflow_t", stage)
+    for word in ("noise", "fp16", "updates", "one-cycle", "not finite"):
+        assert any(word in remark for remark in recipe.differs), word
+    assert any("400x720" in remark for remark in recipe.differs) == (stage == "id")
+    assert (recipe.noise, recipe.precision, recipe.schedule) == (0.0, "fp32", "one_cycle")  # the paper's
+    for size in ("b", "h"):
+        other = load_recipe(f"samflow_{size}", stage)
+        assert other == recipe.changed(method=f"samflow_{size}")
+
+
+@pytest.mark.parametrize("method", trained_methods())
+def test_remarks_of_a_stage_add_to_those_of_all_stages(method):
+    document = tomllib.loads(files("robustflow.training").joinpath("recipes", f"{method}.toml").read_text("utf-8"))
+    if "same_as" in document:
+        assert recipes_of(document["same_as"]).keys() == recipes_of(method).keys()
+        return
+    common = document.pop("all", {})
+    for stage, own in document.items():
+        recipe = load_recipe(method, stage)
+        text = plan_text(recipe, [])
+        for name in ("unverified", "differs"):
+            given = [part.get(name, []) for part in (common, own)]
+            remarks = [remark for one in given for remark in ([one] if isinstance(one, str) else one)]
+            assert list(getattr(recipe, name)) == remarks
+            assert all(text.count(f"  {remark}\n") == 1 for remark in remarks)
 
 
 def test_the_digest_names_what_decides_the_weights():

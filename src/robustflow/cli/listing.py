@@ -146,7 +146,7 @@ def _recipes() -> list[str]:
         for stage, recipe in recipes_of(method).items():
             crop = f"{recipe.crop[0]}x{recipe.crop[1]}"
             lines.append(
-                f"    {stage:12s} {recipe.updates:7d} updates of {recipe.batch} pairs at {crop:8s} rate "
+                f"    {stage:12s} {recipe.updates:7d} updates of {recipe.pairs} pairs at {crop:8s} rate "
                 f"{recipe.learning_rate:g}, begins with {recipe.start}, on {recipe.mix}"
             )
     return [*lines, "'robustflow train METHOD --recipe STAGE --plan' shows a recipe in full, and which data it needs."]

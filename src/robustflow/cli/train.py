@@ -101,7 +101,8 @@ def train(
     require("torch", "torch", "train")
     from ..training.recipe import load_recipe
 
-    chosen = load_recipe(like or method, recipe).changed(
+    original = load_recipe(like or method, recipe)
+    chosen = original.changed(
         method=method if like else None,
         mix=mix,
         steps=steps,
@@ -117,7 +118,7 @@ def train(
     if plan:
         from ..training.plan import plan_text
 
-        typer.echo(plan_text(chosen, data or []))
+        typer.echo(plan_text(chosen, data or [], original))
         return
     if not data and needs_data(chosen):
         raise UsageError("nothing to train on: give --data FOLDER, which holds the data sets; --plan lists them")

@@ -13,15 +13,18 @@ from .memory import expected_memory
 from .recipe import Part, Recipe, mix_parts
 
 
-def plan_text(recipe: Recipe, data: Sequence[str | Path]) -> str:
-    """The recipe, which data are there and which are missing, what each contributes, and how long it takes.
+def plan_text(recipe: Recipe, data: Sequence[str | Path], original: Recipe | None = None) -> str:
+    """The recipe, which data are there and which are missing, what each contributes, how long it takes, and what it
+    deviates from.
 
     Args:
         recipe: with the user's changes.
         data: see `open_part`.
+        original: the recipe without them; None if there are none.
     """
     lines = [
         f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})",
+        *_changes(recipe, original or recipe),
         *_settings(recipe),
         _memory(recipe),
         "data:",
@@ -41,26 +44,40 @@ def plan_text(recipe: Recipe, data: Sequence[str | Path]) -> str:
     for part, why in missing:
         lines.append(f"  missing  {_title(part)}: {why}")
     if not missing:
-        epochs = recipe.updates * recipe.accumulate * recipe.batch / places
+        epochs = recipe.updates * recipe.pairs / places
         lines.append(f"{places} pairs an epoch; {counted(recipe.updates, 'update')} are {epochs:.2f} epochs")
-    for name, text in (("not verified", recipe.unverified), ("paper and original", recipe.differs)):
-        if text:
-            lines.append(f"{name}: {text}")
+    for name, remarks in (("not verified", recipe.unverified), ("paper, original and this recipe", recipe.differs)):
+        if remarks:
+            lines += [f"{name}:", *(f"  {remark}" for remark in remarks)]
     if missing:
         lines.append("training cannot start before the missing data are available")
     return "\n".join(lines)
 
 
+def _changes(recipe: Recipe, original: Recipe) -> list[str]:
+    """One line for each of the user's changes."""
+    pairs = ((name, getattr(original, name), getattr(recipe, name)) for name in Recipe.model_fields)
+    return [
+        f"changed: {name.replace('_', ' ')} {_written(value)} instead of {_written(before)}"
+        for name, before, value in pairs
+        if value != before
+    ]
+
+
+def _written(value: object) -> str:
+    return "x".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
 def _settings(recipe: Recipe) -> list[str]:
     optimizer = recipe.optimizer
     clip = f"gradients clipped at {optimizer.clip:g}" if optimizer.clip is not None else "no clipping"
-    steps = f", {recipe.accumulate} steps an update" if recipe.accumulate > 1 else ""
+    steps = f" in {recipe.accumulate} steps" if recipe.accumulate > 1 else ""
     iterations = f", {counted(recipe.iterations, 'iteration')}" if recipe.iterations is not None else ""
     norms = {"none": "norms learn", "batchnorm": "BatchNorm frozen", "all": "all norms frozen"}[recipe.frozen_norms]
     noise = f", noise up to {recipe.noise:g} grey levels" if recipe.noise else ""
     return [
         f"begins with: {recipe.start}",
-        f"{counted(recipe.updates, 'update')} of {counted(recipe.batch, 'pair')}{steps}, crop "
+        f"{counted(recipe.updates, 'update')} of {counted(recipe.pairs, 'pair')}{steps}, crop "
         f"{recipe.crop[0]}x{recipe.crop[1]}, {recipe.precision}{iterations}",
         f"{optimizer.name}, rate {recipe.learning_rate:g} ({recipe.schedule}), weight decay "
         f"{optimizer.weight_decay:g}, {clip}",
@@ -98,4 +115,5 @@ def _augmented(part: Part) -> str:
     flips = "flips" if part.flip else "no flips"
     if part.augmentation in ("stretched", "cropped"):
         return f"{part.augmentation} to the crop, {flips}, half of the pairs exchanged"
-    return f"{part.augmentation} augmentation, scale 2^{part.log2_scale[0]:g} to 2^{part.log2_scale[1]:g}, {flips}"
+    scale = f"scale 2^{part.log2_scale[0]:g} to 2^{part.log2_scale[1]:g}"
+    return f"{part.augmentation} augmentation, {scale}, {flips}" + ("" if part.eraser else ", no eraser")

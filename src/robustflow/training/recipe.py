@@ -7,6 +7,7 @@ original differ.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -53,6 +54,7 @@ class Part(Frozen):
             crop's size, or "cropped", in both with half of the pairs exchanged.
         log2_scale: from and to which power of two frames are scaled; not for the last two.
         flip: whether frames are flipped.
+        eraser: whether rectangles of the second frame are erased; for "dense" and "sparse".
         margin: pixels of a "cropped" frame's border that no crop reaches.
     """
 
@@ -63,11 +65,8 @@ class Part(Frozen):
     augmentation: Literal["dense", "sparse", "stretched", "cropped"]
     log2_scale: tuple[float, float] = (0.0, 0.0)
     flip: bool
+    eraser: bool = True
     margin: int = Field(0, ge=0)
-
-    def spelled(self) -> str:
-        """Its form in a training's identity: without a margin of 0, which older trainings do not have."""
-        return self.model_dump_json(exclude=None if self.margin else {"margin"})
 
 
 class Recipe(Frozen):
@@ -99,7 +98,7 @@ class Recipe(Frozen):
         precision: "fp32", "fp16" (mixed, with loss scaling) or "bf16" (mixed).
         source: where this comes from.
         unverified: what could not be checked.
-        differs: where the paper and the original differ, and which is used.
+        differs: where the paper, the original and this recipe differ, and which is followed.
     """
 
     method: str
@@ -125,19 +124,23 @@ class Recipe(Frozen):
     unused: tuple[str, ...] = ()
     precision: Literal["fp32", "fp16", "bf16"] = "fp32"
     source: str
-    unverified: str = ""
-    differs: str = ""
+    unverified: tuple[str, ...] = ()
+    differs: tuple[str, ...] = ()
 
     @property
     def updates(self) -> int:
         """The number of updates of the weights."""
         return self.steps // self.accumulate + self.one_more
 
+    @property
+    def pairs(self) -> int:
+        """The number of pairs that one update is computed from."""
+        return self.batch * self.accumulate
+
     def digest(self) -> str:
         """A hash, 32 hexadecimal digits, of everything that determines the weights."""
         words = {"source", "unverified", "differs", "unused"}
-        later = {"objective"} if self.objective is None else set()  # a field that came later leaves older digests alone
-        return digest_of_value(self.model_dump(mode="json", exclude=words | later), size=16)
+        return digest_of_value(self.model_dump(mode="json", exclude=words), size=16)
 
     def changed(self, **changes: Any) -> Recipe:
         """This recipe with other values, checked again; those that are None are left as they are.
@@ -166,7 +169,8 @@ def load_recipe(method: str, stage: str) -> Recipe:
 
 @cache
 def recipes_of(method: str) -> dict[str, Recipe]:
-    """Every stage of a method, in the order of its file, which may say that the model has another name.
+    """Every stage of a method, in the order of its file, which may name the model differently (`method`), or a method
+    whose stages are its own too (`same_as`).
 
     Raises:
         UsageError: no recipe for the method.
@@ -174,6 +178,8 @@ def recipes_of(method: str) -> dict[str, Recipe]:
     if method not in trained_methods():
         raise unknown_name("method with a recipe", method, trained_methods())
     document = dict(_read(method))
+    if "same_as" in document:
+        return {stage: recipe.changed(method=method) for stage, recipe in recipes_of(document["same_as"]).items()}
     common = document.pop("all", {})
     return {
         stage: _validated(_merged({"method": method, **common}, {**entry, "stage": stage}))
@@ -225,9 +231,14 @@ def _read(name: str) -> dict[str, Any]:
 
 
 def _merged(common: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
-    """`own` over `common`, tables within them likewise."""
+    """`own` over `common`, tables within them likewise, and all remarks of both."""
     tables = {key: {**common[key], **own[key]} for key in common if isinstance(common[key], dict) and key in own}
-    return {**common, **own, **tables}
+    remarks = {key: _remarks(common.get(key, ())) + _remarks(own.get(key, ())) for key in ("unverified", "differs")}
+    return {**common, **own, **tables, **remarks}
+
+
+def _remarks(given: str | Sequence[str]) -> tuple[str, ...]:
+    return (given,) if isinstance(given, str) else tuple(given)
 
 
 def _validated(values: dict[str, Any]) -> Recipe:

@@ -178,7 +178,7 @@ def _trained_on(seen: list[str] | None, parts: Sequence[OpenPart]) -> str | None
 
 def _identity(request: Request, parts: Sequence[OpenPart]) -> dict[str, Any]:
     """What determines the weights, besides the initial ones."""
-    keys = ("\x1f".join((part.dataset.name, part.part.spelled(), *part.keys)).encode() for part in parts)
+    keys = ("\x1f".join((part.dataset.name, part.part.model_dump_json(), *part.keys)).encode() for part in parts)
     return {
         "recipe": request.recipe.digest(),
         "seed": request.seed,

@@ -54,7 +54,7 @@ def draw_augmentation(rng: Rng, part: Part, shape: tuple[int, int], crop: tuple[
     jitters = 2 if not sparse and rng.uniform() < _ASYMMETRIC else 1
     return Augmentation(
         tuple(draw_jitter(rng, strength) for _ in range(jitters)),
-        draw_eraser(rng, shape),
+        draw_eraser(rng, shape) if part.eraser else (),
         draw_geometry(rng, shape, crop, part.log2_scale, part.flip, sparse),
         crop,
         sparse,
