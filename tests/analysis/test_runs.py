@@ -9,7 +9,8 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.doubts import sound_results
-from robustflow.analysis.scores import note_of, run_names, run_results, run_setting, sample_set
+from robustflow.analysis.run_names import run_names
+from robustflow.analysis.scores import note_of, run_results, run_setting, sample_set
 from robustflow.api import Result, evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import UsageError
@@ -187,20 +188,42 @@ def test_what_is_averaged_over_less_is_not_a_rival(runs, tmp_path):
     assert "not complete" in note_of(part)
 
 
-def test_equal_names_are_told_apart(runs, tmp_path):
+def test_runs_of_one_name_alike_in_everything_are_named_by_digest_and_number(runs, tmp_path):
     copy = Result(shutil.copytree(runs[1].path, tmp_path / "copy"))
-    names = run_names([runs[1], copy])
-    assert len(set(names)) == 2
-    assert all(name.startswith("<img") for name in names)
+    digest = runs[1].manifest["identity_digest"][:8]
+    assert run_names([runs[1], copy]) == [f"{runs[1].name} ({digest})", f"{runs[1].name} ({digest}) #2"]
+
+
+def _changed(run, folder, **identity):
+    """A copy of a run with another identity; `model` is merged."""
+    copy = Result(shutil.copytree(run.path, folder))
+    now = copy.manifest["identity"]
+    model = {**now["model"], **identity.pop("model", {})}
+    copy.manifest["identity"] = {**now, **identity, "model": model}
+    copy.manifest["identity_digest"] = folder.name * 2
+    return copy
+
+
+def test_runs_of_one_name_are_named_by_what_differs(runs, tmp_path):
+    fast = _changed(runs[0], tmp_path / "fast", model={"preset": "fast"})
+    assert run_names([runs[0], fast]) == ["DIS (preset medium)", "DIS (preset fast)"]
+    again = _changed(runs[0], tmp_path / "again", model={"preset": "fast"}, seed=1)
+    assert run_names([runs[0], fast, again]) == [
+        "DIS (preset medium, seed 0)",
+        "DIS (preset fast, seed 0)",
+        "DIS (preset fast, seed 1)",
+    ]
+    weights = [_changed(runs[0], tmp_path / letter, model={"checkpoint": letter * 64}) for letter in "ab"]
+    assert run_names(weights) == ["DIS (checkpoint aaaaaaaa)", "DIS (checkpoint bbbbbbbb)"]
+    few = _changed(runs[0], tmp_path / "few")
+    few.manifest["selection"] = {"corruptions": ["contrast"], "severities": [1, 3]}
+    assert run_names([runs[0], few]) == ["DIS (contrast+jpeg_compression)", "DIS (contrast)"]
 
 
 def test_one_model_on_several_benchmarks_is_named_by_them(runs, tmp_path):
-    other = Result(shutil.copytree(runs[1].path, tmp_path / "other"))
-    other.manifest["identity"]["benchmark"] = "kitti-fc"
+    other = _changed(runs[1], tmp_path / "other", benchmark="kitti-fc")
     name = runs[1].name
     assert run_names([runs[0], runs[1], other]) == ["DIS", f"{name} (demo)", f"{name} (KITTI-FC)"]
-    digest = runs[1].manifest["identity_digest"][:8]
-    assert run_names([runs[1], other, runs[1]]) == [f"{name} ({digest})", f"{name} (KITTI-FC)", f"{name} ({digest}) #2"]
 
 
 def test_a_blank_name_gives_way_to_the_next(runs, tmp_path):

@@ -12,7 +12,8 @@ from ..text import counted, plain
 from .doubts import doubts
 from .labels import long_label
 from .results import AVERAGE
-from .scores import run_names, sample_set
+from .run_names import run_names
+from .scores import sample_set
 from .uncertainty import compare_all, intervals
 from .uncertainty.bootstrap import enough_clusters
 from .uncertainty.sentences import p_text

@@ -12,7 +12,8 @@ from ..runs.run import Run
 from .published.tables import Cost
 from .ranking import average_ranks, competition_ranks
 from .results import AVERAGE, CLEAN
-from .scores import run_names, sample_set
+from .run_names import run_names
+from .scores import sample_set
 
 Measured = tuple[str, str, str]
 """(sample set, setting, model)."""

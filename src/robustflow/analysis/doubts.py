@@ -10,7 +10,8 @@ import polars as pl
 
 from ..metrics.rows import CLEAN
 from ..runs.run import Run
-from .scores import run_names, sample_set
+from .run_names import run_names
+from .scores import sample_set
 
 BLIND_BELOW = 0.01
 """Mean RCRE in pixels below which a flow hardly depends on the frames; the flow of a model that uses them moves ten

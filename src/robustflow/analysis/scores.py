@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -14,9 +13,10 @@ from ..corruptions.textures import KEY as TEXTURES
 from ..digest import digest_of_bytes
 from ..metrics.summary import Scores, has_gaps
 from ..text import counted
-from .labels import benchmark_label, benchmark_words
+from .labels import benchmark_words
 from .published.tables import PAPER_PAIRS
 from .results import AVERAGE, CLEAN, RESULT_METRICS, RESULT_SCHEMA
+from .run_names import run_names
 
 if TYPE_CHECKING:
     from ..runs.run import Run
@@ -85,28 +85,6 @@ def coverage_of(runs: Sequence[Run]) -> dict[tuple[str, str], float]:
         for key, summary in summaries.items()
         if summary.coverage is not None and has_gaps(summary)
     }
-
-
-def run_names(runs: Sequence[Run]) -> list[str]:
-    """A name for each run, no two alike: the model's, with whatever distinguishes it from others of the same name: the
-    benchmark, or the run's digest (and a number)."""
-    of_model = Counter(run.name for run in runs)
-    of_benchmark = Counter((run.name, str(run.manifest["identity"]["benchmark"])) for run in runs)
-    candidates = []
-    for run in runs:
-        benchmark = str(run.manifest["identity"]["benchmark"])
-        if of_model[run.name] == 1:
-            candidates.append(run.name)
-        elif of_benchmark[run.name, benchmark] == 1:
-            candidates.append(f"{run.name} ({benchmark_label(benchmark)})")
-        else:
-            candidates.append(f"{run.name} ({str(run.manifest['identity_digest'])[:8]})")
-    seen: Counter[str] = Counter()
-    names = []
-    for name in candidates:
-        seen[name] += 1
-        names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
-    return names
 
 
 def run_setting(run: Run) -> str:

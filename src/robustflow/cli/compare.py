@@ -46,7 +46,7 @@ def compare(
       robustflow compare runs/a runs/b --format latex -o comparison.tex
     """
     from ..analysis.labels import METRIC_LABELS
-    from ..analysis.scores import run_names
+    from ..analysis.run_names import run_names
     from ..analysis.uncertainty import compare_all, standings
     from ..analysis.uncertainty.paired import common_remark
     from ..analysis.uncertainty.sums import INTERVAL_METRICS

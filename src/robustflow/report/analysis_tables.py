@@ -13,7 +13,8 @@ from ..analysis.labels import METRIC_LABELS, SETTING_LABELS, long_label, metric_
 from ..analysis.observations import observations
 from ..analysis.published.tables import Cost
 from ..analysis.results import AVERAGE, CLEAN
-from ..analysis.scores import note_of, run_names
+from ..analysis.run_names import run_names
+from ..analysis.scores import note_of
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL
 from .table import Column, Line, Section, Table, TableCell, number_text

@@ -15,7 +15,8 @@ from ..analysis.doubts import doubted_runs, sound_results
 from ..analysis.labels import on_benchmark
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results
-from ..analysis.scores import coverage_of, run_names, run_results, sample_set
+from ..analysis.run_names import run_names
+from ..analysis.scores import coverage_of, run_results, sample_set
 from ..errors import UsageError, unknown_name
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from ..analysis.labels import METRIC_LABELS, long_label, metric_label
-from ..analysis.scores import run_names
+from ..analysis.run_names import run_names
 from ..analysis.uncertainty import compare_rows
 from ..analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
 from ..analysis.uncertainty.paired import common_remark

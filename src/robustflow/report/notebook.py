@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
-from ..analysis.scores import note_of, run_names, run_results, run_setting, sample_set
+from ..analysis.run_names import run_names
+from ..analysis.scores import note_of, run_results, run_setting, sample_set
 from ..errors import UsageError, unknown_name
 from .render import render
 from .table import Column, Line, Section, Table, TableCell, number_text

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from ..analysis.results import AVERAGE
-from ..analysis.scores import note_of, run_names, sample_set
+from ..analysis.run_names import run_names
+from ..analysis.scores import note_of, sample_set
 from ..analysis.uncoupled import Coupling, Uncoupled, coupling, uncoupled
 from ..errors import UsageError
 from .table import Column, Line, Section, Table, TableCell, number_text

@@ -13,7 +13,8 @@ from ...analysis.doubts import doubted_runs, doubts
 from ...analysis.labels import benchmark_words
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
-from ...analysis.scores import coverage_of, note_of, run_names, run_results, run_setting, sample_set
+from ...analysis.run_names import run_names
+from ...analysis.scores import coverage_of, note_of, run_results, run_setting, sample_set
 from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import DataError, UsageError
 from ...text import plain

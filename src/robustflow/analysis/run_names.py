@@ -1,0 +1,86 @@
+"""A name for each of several runs, no two alike: the model's, with what differs between runs of one name."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from ..severity import SEVERITIES
+from ..text import counted, plain
+from .labels import benchmark_label
+
+if TYPE_CHECKING:
+    from ..runs.run import Run
+
+_MOST_NAMED = 3
+_LONGEST_VALUE = 24
+_DIGITS = 8
+_NOT_A_DIFFERENCE = {"name", "spec", "object", "source", "options"}
+"""Parts of a model's identity that its name already has, or that follow from the rest."""
+
+
+def run_names(runs: Sequence[Run]) -> list[str]:
+    """A name for each run, no two alike: the model's, followed by what differs from the runs of the same name, such as
+    the benchmark, an option of the model or the seed; the run's digest (and a number) where nothing readable does."""
+    of_name: dict[str, list[int]] = {}
+    for index, run in enumerate(runs):
+        of_name.setdefault(run.name, []).append(index)
+    candidates = [""] * len(runs)
+    for name, indices in of_name.items():
+        for index, words in zip(indices, _differences([runs[index] for index in indices]), strict=True):
+            candidates[index] = f"{name} ({', '.join(words)})" if words else name
+    seen: Counter[str] = Counter()
+    names = []
+    for name in candidates:
+        seen[name] += 1
+        names.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
+    return names
+
+
+def _differences(runs: Sequence[Run]) -> list[list[str]]:
+    """For each run of one name the fewest facts, in the order of `_facts`, that tell it from the others."""
+    facts = [dict(_facts(run)) for run in runs]
+    chosen: list[tuple[str, ...]] = [() for _ in runs]
+    for key in dict.fromkeys(key for known in facts for key in known):
+        finer = [(*words, known.get(key, "")) for words, known in zip(chosen, facts, strict=True)]
+        if len(set(finer)) > len(set(chosen)):
+            chosen = finer
+    same = Counter(chosen)
+    return [
+        [*filter(None, words)] + ([run.manifest["identity_digest"][:_DIGITS]] if same[words] > 1 else [])
+        for words, run in zip(chosen, runs, strict=True)
+    ]
+
+
+def _facts(run: Run) -> Iterator[tuple[str, str]]:
+    """(what, words) of everything that may differ between runs of one name, the most telling first."""
+    identity, selection = run.manifest["identity"], run.manifest["selection"]
+    yield "benchmark", benchmark_label(str(identity["benchmark"]))
+    yield "dataset", plain(str(identity.get("dataset", "")), _LONGEST_VALUE)
+    trained_on = run.provenance.get("trained_on")
+    yield "trained on", "training not stated" if trained_on is None else f"trained on {_named(trained_on, 'set')}"
+    for key, value in _flat(identity["model"]):
+        yield f"model {key}", f"{plain(key.replace('_', ' '), _LONGEST_VALUE)} {value}"
+    yield "seed", f"seed {identity['seed']}"
+    yield "variant", f"{plain(str(identity['variant']), _LONGEST_VALUE)} corruptions"
+    yield "scale", f"{plain(str(identity.get('severity_scale', 'paper')), _LONGEST_VALUE)} severities"
+    yield "corruptions", _named(selection["corruptions"], "corruption")
+    yield "severities", "severities " + ", ".join(map(str, selection["severities"] or SEVERITIES))
+    yield "samples", counted(len(run.manifest["samples"]), "pair")
+
+
+def _flat(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The settings of a model as text, a digest by its first digits."""
+    options = model.get("options") or {}
+    for key, value in {**(options if isinstance(options, Mapping) else {}), **model}.items():
+        if key not in _NOT_A_DIFFERENCE:
+            text = plain(str(value), _LONGEST_VALUE)
+            yield key, text[:_DIGITS] if len(str(value)) == 64 else text
+
+
+def _named(names: Sequence[str], noun: str) -> str:
+    """Few names as they are, many by their number."""
+    if len(names) > _MOST_NAMED:
+        return counted(len(names), noun)
+    return "+".join(plain(str(name), _LONGEST_VALUE) for name in names) or "nothing"
