@@ -54,6 +54,12 @@ def test_every_page_is_in_the_navigation():
     assert not sorted(page for page in pages if not re.search(rf"[:-] {re.escape(page)}$", NAVIGATION, re.MULTILINE))
 
 
+def test_bold_text_begins_with_two_asterisks_not_three():
+    """Three begin a strong emphasis that the two at its end do not close: one is then printed."""
+    texts = {path: path.read_text() for path in [*DOCS.rglob("*.md"), *ROOT.glob("*.md")]}
+    assert not [f"{path.name}: {found}" for path, text in texts.items() for found in re.findall(r"\*{3}.{20}", text)]
+
+
 def test_every_command_and_option_has_its_line(generated):
     pages = generated("commands").files()
     missing = []
