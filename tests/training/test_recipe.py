@@ -76,6 +76,11 @@ def test_the_mix_of_the_paper_has_its_shares():
     assert shares == {"sintel": 82.1, "hd1k": 2.1, "flyingthings3d": 15.9}
 
 
+@pytest.mark.parametrize("stage", ["unsupervised", "sintel"])
+def test_brightflow_erases_nothing_and_flips(stage):
+    assert all(part.flip and not part.eraser for part in mix_parts(load_recipe("brightflow", stage).mix))
+
+
 def test_updates_are_counted_as_the_originals_do():
     assert load_recipe("raft", "ood").updates == 100_001
     assert load_recipe("gma", "ood").updates == 120_000

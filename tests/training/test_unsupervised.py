@@ -102,7 +102,7 @@ def test_the_seed_is_that_of_every_random_weight(method):
     ("method", "crop", "says"),
     [
         ("arflow", (96, 128), "crop 96x128: arflow trains on multiples of 64; give another --crop"),
-        ("brightflow", (128, 192), "so it needs 256 at least; give another --crop"),
+        ("brightflow", (128, 192), "so each side needs more than 128; give a larger --crop"),
     ],
 )
 def test_a_crop_that_cannot_be(method, crop, says, request_for, tmp_path):

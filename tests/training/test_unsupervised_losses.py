@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 from scipy import ndimage, stats
@@ -9,13 +10,22 @@ from scipy import ndimage, stats
 from robustflow.random.rng import Rng
 from robustflow.training.augmentation.appearance import apply_look, draw_look
 from robustflow.training.augmentation.augment import augmented_whole, draw_augmentation
-from robustflow.training.objectives import Appearance, Spatial
-from robustflow.training.recipe import Part
+from robustflow.training.data.find import open_part
+from robustflow.training.data.order import Order
+from robustflow.training.data.pairs import TrainingPairs
+from robustflow.training.objectives import Appearance, Objective, Spatial
+from robustflow.training.recipe import Part, load_recipe
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.training.augmentation.affine import Moves, draw_moves, moved, moved_flow  # noqa: E402
-from robustflow.training.losses.brightflow import masked_census, self_supervised, student_image  # noqa: E402
+from robustflow.training.losses.brightflow import (  # noqa: E402
+    correction_loss,
+    kept_offsets,
+    masked_census,
+    self_supervised,
+    with_offsets,
+)
 from robustflow.training.losses.dilated_warp import dilated_warp  # noqa: E402
 from robustflow.training.losses.photometric import LUMA, census_sum  # noqa: E402
 from robustflow.training.losses.smoothness import robust_smoothness  # noqa: E402
@@ -56,12 +66,12 @@ def test_the_census_is_that_of_a_naive_loop(levels, radius):
 
 
 def test_the_masked_census_does_not_see_what_is_hidden():
-    first, second = images(1, 20, 24, 1), images(1, 20, 24, 2)
+    first, second = 255 * images(1, 20, 24, 1), 255 * images(1, 20, 24, 2)
     seen = torch.zeros(1, 1, 20, 24)
     seen[..., :10] = 1
     before = masked_census(first, second, seen)
     hidden = second.clone()
-    hidden[..., 13:] = 0.5  # three pixels, the window's radius, from what is seen
+    hidden[..., 13:] = 127.0  # three pixels, the window's radius, from what is seen
     assert masked_census(first, hidden, seen) == before
     assert masked_census(first, second, torch.zeros_like(seen)) == 0
 
@@ -107,9 +117,9 @@ def test_the_smoothness_of_second_order_leaves_affine_motion_alone():
     y, x = torch.meshgrid(torch.arange(20.0), torch.arange(30.0), indexing="ij")
     flow = torch.stack((0.3 * x - 0.1 * y, 0.2 * y))[None]
     flat = torch.full((1, 3, 20, 30), 0.5)
-    assert robust_smoothness(flow, flat, 150.0, second_order=True).item() == pytest.approx(1e-3, rel=1e-3)
+    assert robust_smoothness(flow, flat, 150.0, second_order=True).item() == pytest.approx(2e-3, rel=1e-3)
     first = robust_smoothness(flow, flat, 150.0, second_order=False).item()
-    assert first == pytest.approx((0.3 + 0.0) / 2 / 2 + (0.1 + 0.2) / 2 / 2, rel=5e-3)
+    assert first == pytest.approx((0.3 + 0.0 + 0.1 + 0.2) / 2, rel=5e-3)  # both components, mean of both axes
     edge = flat.clone()
     edge[..., 15:] = 0.9
     step = torch.zeros(1, 2, 20, 30)
@@ -136,11 +146,50 @@ def test_the_student_is_asked_for_the_teachers_flow_in_its_own_pixels():
     teacher = torch.full((1, 2, 32, 48), 4.0)
     enlarged = torch.empty(1, 2, 32, 48)
     enlarged[:, 0], enlarged[:, 1] = 4.0 * 48 / 32, 4.0 * 32 / 16
-    assert self_supervised([enlarged], teacher, 8).item() == pytest.approx(1e-3, rel=1e-2)
-    assert self_supervised([enlarged, enlarged + 1], teacher, 8).item() == pytest.approx(1.0 + 0.8e-3, rel=1e-3)
-    image = images(1, 32, 48)
-    assert student_image(image, 8).shape == image.shape
-    assert torch.allclose(student_image(image, 8)[..., 0, 0], image[..., 8, 8], atol=1e-6)
+    assert self_supervised([enlarged], teacher, 8).item() == pytest.approx(2e-3, rel=1e-2)  # of both components
+    assert self_supervised([enlarged, enlarged + 1], teacher, 8).item() == pytest.approx(2.0 + 1.6e-3, rel=1e-3)
+
+
+def test_offsets_stay_in_the_crop_and_are_kept_where_they_help_the_target():
+    whole, offsets = torch.full((1, 3, 8, 10), 100.0), torch.full((1, 3, 4, 5), 20.0)
+    corrected = with_offsets(whole, offsets, torch.tensor([[3.0, 2.0]]))
+    assert (corrected[0, 0] != 100).nonzero().tolist() == [[y, x] for y in range(2, 6) for x in range(3, 8)]
+    assert whole.unique().tolist() == [100.0]
+    target = torch.full((1, 3, 4, 5), 100.0)
+    target[..., 1, 1] = 115.0  # here 120 is closer than 100
+    flow = torch.zeros(1, 2, 4, 5)
+    flow[:, 0] = 1.0  # which lands one pixel to the right
+    kept = kept_offsets(target, torch.full_like(target, 100.0), torch.full_like(target, 120.0), flow)
+    assert kept.nonzero().tolist() == [[0, 0, 1, 2]]
+    half = torch.zeros(1, 1, 4, 5)
+    half[..., :2] = 1
+    off = correction_loss(target, torch.where(half > 0, target + 25.5, target + 200), half)
+    assert off.item() == pytest.approx(3 * 0.1, rel=1e-5)  # the sum over three colours of 0..1
+
+
+def test_brightflow_gets_the_frames_also_in_their_own_colours_and_without_their_border(chairs):
+    objective = load_recipe("brightflow", "sintel").objective
+    part = Part(data="flyingchairs", augmentation="dense", log2_scale=(0.0, 0.4), flip=True, eraser=False)
+    opened = open_part(part, [chairs])
+
+    def pairs(objective: Objective) -> TrainingPairs:
+        return TrainingPairs([opened], Order(len(opened), 1, 0), (96, 128), 5, objective=objective)
+
+    coloured = 0
+    for number in range(6):
+        pair = pairs(objective.model_copy(update={"border": 16}))[number]
+        assert pair.whole is not None
+        assert pair.plain is not None
+        assert pair.changed is not None
+        assert pair.whole.corner == pair.plain.corner
+        assert pair.whole.frame1.shape == pair.plain.frame1.shape
+        coloured += float(np.abs(pair.whole.frame1 - pair.plain.frame1).mean()) > 2
+        assert np.corrcoef(pair.whole.frame2.ravel(), pair.plain.frame2.ravel())[0, 1] > 0.5  # nothing has moved
+        inner = pair.frame2.transpose(1, 2, 0)[16:-16, 16:-16].astype(np.uint8)
+        expected = cv2.resize(inner, (128, 96), interpolation=cv2.INTER_LINEAR)
+        np.testing.assert_array_equal(pair.changed[1].transpose(1, 2, 0), expected)
+    assert coloured >= 5
+    assert pairs(load_recipe("upflow", "unsupervised").objective)[0].plain is None
 
 
 SPATIAL = Spatial(

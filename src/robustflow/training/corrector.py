@@ -11,25 +11,26 @@ from ..models.own.nets.residual_encoder import ResidualEncoder
 _FEATURES = 128
 
 
-class Corrector(nn.Module):
-    """From an image, the other image warped to it by the flow, and a visibility mask, to offsets of its colours.
+class Corrector(ResidualEncoder):
+    """From an image, the other image warped to it by the flow, and its visibility, to offsets of its colours.
 
-    Written from a description: the encoder of the flow network on seven channels, a head of three at 1/8, and convex
-    upsampling. How wide the head is and what its mask is made from is not described.
+    The encoder of the flow network on seven channels, a head of three channels at 1/8, and convex upsampling. Keys are
+    those of the authors' files after `corrector.`: the encoder's, `offset_head.conv1 offset_head.conv2 mask.0 mask.2`.
     """
 
     def __init__(self) -> None:
-        super().__init__()
-        self.encoder = ResidualEncoder(_FEATURES, inputs=7)
-        self.head = nn.Sequential(nn.Conv2d(_FEATURES, 256, 3, padding=1), nn.ReLU(), nn.Conv2d(256, 3, 3, padding=1))
+        super().__init__(_FEATURES, inputs=7)
+        self.offset_head = nn.ModuleDict(
+            {"conv1": nn.Conv2d(_FEATURES, 256, 3, padding=1), "conv2": nn.Conv2d(256, 3, 3, padding=1)}
+        )
         self.mask = mask_layers(_FEATURES)
 
-    def forward(self, image: Tensor, warped: Tensor, seen: Tensor) -> Tensor:
-        """Offsets (N, 3, H, W) in -1..1, which are added to the image.
+    def forward(self, image: Tensor) -> Tensor:
+        """Offsets (N, 3, H, W) in -1..1 of the image's range.
 
         Args:
-            image, warped: (N, 3, H, W) in -1..1.
-            seen: (N, 1, H, W), 1 where the pixel is not occluded.
+            image: (N, 7, H, W): the image and the warped one in -1..1, and 1 where the pixel is visible in it.
         """
-        features = torch.relu(self.encoder(torch.cat((image, warped, seen), dim=1)))
-        return convex_upsample(torch.tanh(self.head(features)) / 8, 0.25 * self.mask(features), 8)
+        features = super().forward(image)
+        offsets = torch.tanh(self.offset_head["conv2"](torch.relu(self.offset_head["conv1"](features))))
+        return convex_upsample(offsets / 8, 0.25 * self.mask(features), 8)

@@ -97,6 +97,17 @@ def warp_frame(frame: Frame, geometry: Geometry, crop: tuple[int, int]) -> Frame
     return np.ascontiguousarray(_placed(frame, geometry, crop))
 
 
+def without_border(frame: Frame, border: int) -> Frame:
+    """A frame without `border` pixels on each side, enlarged to its size again as `warp_frame` scales; a new array.
+
+    >>> without_border(np.arange(8, dtype=np.uint8).repeat(24).reshape(8, 8, 3), 2)[:, 0, 0].tolist()
+    [2, 2, 3, 3, 4, 4, 5, 5]
+    """
+    height, width = frame.shape[:2]
+    inner = frame[border : height - border, border : width - border]
+    return cv2.resize(inner, (width, height), interpolation=cv2.INTER_LINEAR)
+
+
 def warp_dense(flow: Flow, valid: Mask, geometry: Geometry, crop: tuple[int, int]) -> tuple[Flow, Mask]:
     """Dense flow likewise, its vectors scaled and turned with the frames. A pixel is valid where all four that it is
     interpolated from are."""

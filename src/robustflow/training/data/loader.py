@@ -37,6 +37,14 @@ class WholeFrames:
         parts = (self.image1, self.image2, self.corners, self.sizes)
         return WholeFrames(*(value.to(device, non_blocking=True) for value in parts))
 
+    def crops(self, height: int, width: int) -> tuple[Tensor, Tensor]:
+        """The crops of both frames, (B, 3, height, width)."""
+        both = torch.stack((self.image1, self.image2), dim=1)
+        corners = self.corners.long().tolist()
+        cut = [frames[..., y : y + height, x : x + width] for frames, (x, y) in zip(both, corners, strict=True)]
+        first, second = torch.stack(cut).unbind(dim=1)
+        return first, second
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -49,7 +57,7 @@ class Batch:
         names: of the pairs.
         time: from which the ground truth is denoised, 0 (clean) to 999 (noise); None if the loss does not denoise.
         noise: for that, standard normal, (B, 2, H / 8, W / 8).
-        whole, changed: see `TrainingPair`.
+        whole, plain, changed: see `TrainingPair`.
     """
 
     image1: Tensor
@@ -60,6 +68,7 @@ class Batch:
     time: int | None = None
     noise: Tensor | None = None
     whole: WholeFrames | None = None
+    plain: WholeFrames | None = None
     changed: tuple[Tensor, Tensor] | None = None
 
     def to(self, device: torch.device) -> Batch:
@@ -67,14 +76,16 @@ class Batch:
         image1, image2, flow, valid = (
             value.to(device, non_blocking=True) for value in (self.image1, self.image2, self.flow, self.valid)
         )
-        whole = None if self.whole is None else self.whole.to(device)
+        whole, plain = (None if frames is None else frames.to(device) for frames in (self.whole, self.plain))
         changed = None
         if self.changed is not None:
             changed = (
                 self.changed[0].to(device, non_blocking=True),
                 self.changed[1].to(device, non_blocking=True),
             )
-        return replace(self, image1=image1, image2=image2, flow=flow, valid=valid, whole=whole, changed=changed)
+        return replace(
+            self, image1=image1, image2=image2, flow=flow, valid=valid, whole=whole, plain=plain, changed=changed
+        )
 
 
 @dataclass(frozen=True)
@@ -188,6 +199,7 @@ def _collated(pairs: Sequence[TrainingPair]) -> Batch:
         valid,
         tuple(pair.name for pair in pairs),
         whole=_whole([pair.whole for pair in pairs if pair.whole is not None]),
+        plain=_whole([pair.plain for pair in pairs if pair.plain is not None]),
         changed=(both[0], both[1]) if both else None,
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,8 @@ from ..augmentation.augment import (
     augmented_whole,
     draw_augmentation,
 )
-from ..objectives import ArflowObjective, Objective
+from ..augmentation.geometry import without_border
+from ..objectives import ArflowObjective, BrightflowObjective, Objective
 from .find import OpenPart
 from .order import Order
 
@@ -54,8 +56,10 @@ class TrainingPair(NamedTuple):
         flow: float32 (2, H, W), pixels.
         valid: float32 (H, W), 1 where the truth is known.
         name: data set and key.
-        whole: what the crop was cut from, for objectives without labels; else None.
-        changed: the frames in other colours, for ARFlow's second pass; else None.
+        whole: what the crop was cut from, for UPFlow and BrightFlow; else None.
+        plain: the same frames in their own colours, uncorrupted and with nothing erased, for BrightFlow; else None.
+        changed: the frames of a second pass: in other colours (ARFlow), or without their border and enlarged to the
+            crop's size again (BrightFlow); else None.
     """
 
     frame1: npt.NDArray[np.float32]
@@ -64,6 +68,7 @@ class TrainingPair(NamedTuple):
     valid: npt.NDArray[np.float32]
     name: str
     whole: Whole | None = None
+    plain: Whole | None = None
     changed: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None = None
 
 
@@ -164,14 +169,10 @@ class TrainingPairs:
         flow, valid = augmented_truth(flow, valid, drawn)
         (height, width), top, left = drawn.crop, drawn.geometry.top, drawn.geometry.left
         cut = [frame[top : top + height, left : left + width] for frame in whole]
-        changed = None
-        if isinstance(self._objective, ArflowObjective):
-            if self._objective.self_supervision:
-                look = draw_look(Rng.of(self._seed, "appearance", position), self._objective.appearance)
-                changed = (_channels_first(apply_look(cut[0], look)), _channels_first(apply_look(cut[1], look)))
-            around = None
-        else:
-            around = Whole(_channels_first(whole[0]), _channels_first(whole[1]), (left, top))
+        around = None if isinstance(self._objective, ArflowObjective) else _whole(whole, (left, top))
+        plain = None
+        if isinstance(self._objective, BrightflowObjective):
+            plain = _whole(augmented_whole(frames, replace(drawn, jitters=(), rectangles=())), (left, top))
         return TrainingPair(
             _channels_first(cut[0]),
             _channels_first(cut[1]),
@@ -179,8 +180,22 @@ class TrainingPairs:
             valid.astype(np.float32),
             name,
             around,
-            changed,
+            plain,
+            self._of_second_pass(position, cut),
         )
+
+    def _of_second_pass(
+        self, position: int, crops: Sequence[Frame]
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]] | None:
+        objective = self._objective
+        if not isinstance(objective, ArflowObjective | BrightflowObjective) or not objective.self_supervision:
+            return None
+        if isinstance(objective, BrightflowObjective):
+            first, second = (without_border(crop, objective.border) for crop in crops)
+        else:
+            look = draw_look(Rng.of(self._seed, "appearance", position), objective.appearance)
+            first, second = (apply_look(crop, look) for crop in crops)
+        return _channels_first(first), _channels_first(second)
 
 
 def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Frame], Flow, Mask]:
@@ -203,6 +218,10 @@ def _read(dataset: Dataset, key: str, labelled: bool) -> tuple[tuple[Frame, Fram
     if flow.shape[:2] != first.shape[:2]:
         raise DataError(f"its flow is {flow.shape[1]}x{flow.shape[0]}, its frames {first.shape[1]}x{first.shape[0]}")
     return (first, second), flow, valid
+
+
+def _whole(frames: tuple[Frame, Frame], corner: tuple[int, int]) -> Whole:
+    return Whole(_channels_first(frames[0]), _channels_first(frames[1]), corner)
 
 
 def _channels_first(array: npt.NDArray[Any]) -> npt.NDArray[np.float32]:

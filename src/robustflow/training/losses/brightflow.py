@@ -1,15 +1,17 @@
-"""BrightFlow's loss without labels (Marsal et al., WACV 2023), written from its description: census, smoothness and
-self-supervision over the flows of every iteration."""
+"""BrightFlow's loss without labels (Marsal et al., WACV 2023): census, self-supervision, correction of brightness.
+
+Every loss is a mean over the pairs of a batch, so that no pair depends on another. Images are RGB in 0..255.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from ...models.torch.resize import resize_flow
+from .dilated_warp import inside_frame, leaves
 from .occlusion import coverage, seen_by_check
 from .photometric import Luma, census_sum, inner, robust
 from .smoothness import charbonnier
@@ -18,11 +20,10 @@ GAMMA = 0.8
 """Weight of an iteration against the next one."""
 RADIUS = 3
 ALPHA = 150.0
-"""How much an edge of the image, of values 0..1, lets the flow change."""
-FARTHEST = 100.0
-"""Pixels: what the self-supervision takes a student at most to be off by."""
+"""How much an edge of the image, of values 0..255, lets the flow change: nearly any edge lets it jump."""
 LUMA: Luma = (0.2989, 0.1140, 0.5870)
 """Of red, green and blue: green and blue are exchanged in the official code."""
+_EPS = 1e-5
 
 
 def over_iterations(losses: Sequence[Tensor]) -> Tensor:
@@ -34,29 +35,33 @@ def over_iterations(losses: Sequence[Tensor]) -> Tensor:
     return torch.stack([GAMMA ** (len(losses) - 1 - number) * loss for number, loss in enumerate(losses)]).sum()
 
 
-def masked_census(image: Tensor, warped: Tensor, seen: Tensor) -> Tensor:
-    """The robust census distance of two RGB images 0..1 (N, 3, H, W), its mean where `seen` (N, 1, H, W) is 1 and the
-    window is inside; a scalar."""
-    mask = seen * inner(seen, RADIUS)
-    return (robust(census_sum(image, warped, RADIUS, LUMA)) * mask).sum() / (mask.sum() + 1e-6)
+def masked_mean(values: Tensor, mask: Tensor) -> Tensor:
+    """The mean of `values` (N, 1, H, W) weighted by `mask` (N, 1, H, W) in each pair, and of that over the pairs."""
+    pixels = (1, 2, 3)
+    return ((values * mask).sum(pixels) / (mask.sum(pixels) + _EPS)).mean()
 
 
-def seen_of(forward: Tensor, backward: Tensor, occlusion: str) -> Tensor:
-    """How much of each pixel of frame 1 is seen in frame 2, 0..1 float (N, 1, H, W); no gradient goes through it.
+def masked_census(image: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
+    """The robust census distance of two images (N, 3, H, W), a scalar: its `masked_mean` where `visible` (N, 1, H, W)
+    is 1 and the window is inside."""
+    distance = robust(census_sum(image, warped, RADIUS, LUMA, levels=1.0))
+    return masked_mean(distance, visible * inner(visible, RADIUS))
+
+
+def visibility(forward: Tensor, backward: Tensor, corners: Tensor, sizes: Tensor, occlusion: str) -> Tensor:
+    """How much of each pixel of a crop of frame 1 is seen in the whole frame 2, 0..1 float (N, 1, H, W).
+
+    What leaves the crop counts as seen, because it is fetched from the whole frame; what leaves the frame does not. No
+    gradient goes through it.
 
     Args:
         forward, backward: (N, 2, H, W), pixels.
-        occlusion: "brox", the forward-backward check, or "wang", what the backward flow splats there.
+        corners, sizes: of the crops and the whole frames, see `dilated_warp`.
+        occlusion: "brox", the forward-backward check, or "wang", how much the backward flow splats there.
     """
     forward, backward = forward.detach(), backward.detach()
-    return coverage(backward).clamp(0, 1) if occlusion == "wang" else seen_by_check(forward, backward)
-
-
-def student_image(image: Tensor, border: int) -> Tensor:
-    """An image (N, 3, H, W) without its border, enlarged to its size again."""
-    size = (image.shape[2], image.shape[3])
-    cut = image[:, :, border : size[0] - border, border : size[1] - border]
-    return F.interpolate(cut, size, mode="bilinear", align_corners=True)
+    seen = coverage(backward).clamp(0, 1) if occlusion == "wang" else seen_by_check(forward, backward)
+    return torch.maximum(seen, leaves(forward)) * inside_frame(forward, corners, sizes)
 
 
 def self_supervised(students: Sequence[Tensor], teacher: Tensor, border: int) -> Tensor:
@@ -65,4 +70,33 @@ def self_supervised(students: Sequence[Tensor], teacher: Tensor, border: int) ->
     height, width = teacher.shape[2:]
     cut = teacher.detach()[:, :, border : height - border, border : width - border]
     wanted = resize_flow(cut, (height, width))
-    return over_iterations([charbonnier(flow - wanted).clamp(0, FARTHEST).mean() for flow in students])
+    return over_iterations([charbonnier(flow - wanted).sum(dim=1).mean() for flow in students])
+
+
+def with_offsets(whole: Tensor, offsets: Tensor, corners: Tensor) -> Tensor:
+    """Whole frames (N, 3, H', W') with offsets (N, 3, H, W) of their colours added inside their crops."""
+    height, width = offsets.shape[2:]
+    corrected = whole.clone()
+    for number, (x, y) in enumerate(corners.long().tolist()):
+        corrected[number, :, y : y + height, x : x + width] += offsets[number]
+    return corrected
+
+
+def correction_loss(target: Tensor, warped: Tensor, visible: Tensor) -> Tensor:
+    """How far corrected frames, warped to the target frames, are from these; a scalar.
+
+    The `masked_mean` of the absolute difference, summed over red, green and blue of 0..1.
+    """
+    return masked_mean((target - warped).abs().sum(dim=1, keepdim=True) / 255, visible)
+
+
+def kept_offsets(target: Tensor, warped: Tensor, corrected: Tensor, flow: Tensor) -> Tensor:
+    """1 where a source frame keeps its offsets, float (N, 1, H, W): wherever a target pixel lands that they help.
+
+    Args:
+        target: frames (N, 3, H, W).
+        warped, corrected: the source frames, warped to the target frames without and with offsets.
+        flow: from the target frames to the source frames, (N, 2, H, W).
+    """
+    without, with_them = ((target - one).abs().mean(dim=1, keepdim=True) for one in (warped, corrected))
+    return (coverage(flow, (with_them < without).float()) > 0).float()

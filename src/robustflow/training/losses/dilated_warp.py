@@ -29,12 +29,22 @@ def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) ->
     ([4.0, 5.0, 0.0], [1.0, 1.0, 0.0])
     """
     height, width = whole.shape[2:]
-    x, y = (pixel_grid(flow) + flow.float() + corners[:, :, None, None]).unbind(dim=1)
-    last = (sizes - 1)[:, :, None, None]
-    inside = ((x >= 0) & (x <= last[:, 0]) & (y >= 0) & (y <= last[:, 1]))[:, None].float()
+    x, y = _targets(flow, corners).unbind(dim=1)
+    inside = inside_frame(flow, corners, sizes)
     grid = torch.stack((2 * x / max(width - 1, 1) - 1, 2 * y / max(height - 1, 1) - 1), dim=-1)
     warped = F.grid_sample(whole.float(), grid, mode="bilinear", padding_mode="border", align_corners=True)
     return warped * inside, inside
+
+
+def inside_frame(flow: Tensor, corners: Tensor, sizes: Tensor) -> Tensor:
+    """float (N, 1, H, W): 1 where the flow of a crop points into the whole frame. Arguments as for `dilated_warp`."""
+    targets, last = _targets(flow, corners), (sizes - 1)[:, :, None, None]
+    return ((targets >= 0) & (targets <= last)).all(dim=1, keepdim=True).float()
+
+
+def _targets(flow: Tensor, corners: Tensor) -> Tensor:
+    """The pixel of the whole frame that the flow of each pixel of a crop points at, (N, 2, H, W)."""
+    return pixel_grid(flow) + flow.float() + corners[:, :, None, None]
 
 
 def leaves(flow: Tensor) -> Tensor:

@@ -31,10 +31,14 @@ def seen_by_splat(backward: Tensor, threshold: float = 0.2) -> Tensor:
     return (coverage(backward).clamp(0, 1) >= threshold).to(backward.dtype)
 
 
-def coverage(flow: Tensor) -> Tensor:
+def coverage(flow: Tensor, values: Tensor | None = None) -> Tensor:
     """How much lands on each pixel when every pixel is moved by its flow, shared bilinearly: (N, 1, H, W).
 
     A share that would land outside the frame is lost.
+
+    Args:
+        flow: (N, 2, H, W), pixels.
+        values: what each pixel carries, (N, 1, H, W); 1 by default.
 
     >>> coverage(torch.zeros(1, 2, 2, 3)).flatten().tolist()
     [1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
@@ -42,11 +46,12 @@ def coverage(flow: Tensor) -> Tensor:
     count, _, height, width = flow.shape
     x, y = (pixel_grid(flow) + flow).flatten(2).unbind(dim=1)
     left, top = x.floor(), y.floor()
+    carried = torch.ones_like(x) if values is None else values.flatten(1)
     landed = flow.new_zeros(count, height * width)
     for column in (left, left + 1):
         for row in (top, top + 1):
             inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            share = torch.where(inside, (1 - (x - column).abs()) * (1 - (y - row).abs()), 0.0)
+            share = torch.where(inside, (1 - (x - column).abs()) * (1 - (y - row).abs()), 0.0) * carried
             place = row.clamp(0, height - 1) * width + column.clamp(0, width - 1)
             landed = landed.scatter_add(1, place.long(), share)
     return landed.view(count, 1, height, width)

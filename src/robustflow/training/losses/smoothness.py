@@ -25,10 +25,11 @@ def smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) ->
 
 
 def robust_smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: bool) -> Tensor:
-    """Likewise with sqrt(d^2 + 0.001^2) of each difference d, as SMURF and BrightFlow have it, a scalar.
+    """Likewise with sqrt(d^2 + 0.001^2) of each difference d, summed over both components, as BrightFlow has it; a
+    scalar.
 
     The edges that weigh second differences are those between the outer two of their three pixels. Arguments as for
-    `smoothness`; the flow is in pixels.
+    `smoothness`; the flow is in pixels, the image in the range that alpha is for.
     """
     x, y = _steps(flow)
     if second_order:
@@ -37,7 +38,7 @@ def robust_smoothness(flow: Tensor, image: Tensor, alpha: float, second_order: b
     else:
         edges = _steps(image)
     weight_x, weight_y = ((-alpha * step.abs().mean(dim=1, keepdim=True)).exp() for step in edges)
-    along_x, along_y = (weight_x * charbonnier(x)).mean(), (weight_y * charbonnier(y)).mean()
+    along_x, along_y = (weight_x * charbonnier(x)).sum(dim=1).mean(), (weight_y * charbonnier(y)).sum(dim=1).mean()
     return (along_x + along_y) / 2
 
 

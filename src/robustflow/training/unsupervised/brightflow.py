@@ -2,32 +2,54 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from ..data.loader import Batch
-from ..losses.brightflow import ALPHA, masked_census, over_iterations, seen_of, self_supervised, student_image
-from ..losses.dilated_warp import dilated_warp, leaves
+from ..data.loader import Batch, WholeFrames
+from ..losses.brightflow import (
+    ALPHA,
+    correction_loss,
+    kept_offsets,
+    masked_census,
+    over_iterations,
+    self_supervised,
+    visibility,
+    with_offsets,
+)
+from ..losses.dilated_warp import dilated_warp
 from ..losses.smoothness import robust_smoothness
 from ..networks import TrainedNetwork
 from ..objectives import BrightflowObjective
 from ..recipe import Recipe
 from .objective import LabelFree, Moment
 
+FARTHEST = 100.0
+"""Pixels: the self-supervision's loss counts no more."""
+
+
+class _Frames(NamedTuple):
+    """Both frames of each pair, RGB 0..255: whole, and their crops."""
+
+    whole: tuple[Tensor, Tensor]
+    crops: tuple[Tensor, Tensor]
+
 
 class _Way(NamedTuple):
-    """One direction: its image and the whole other one, in -1..1, its flows by iteration, and where it is seen."""
+    """One direction: its flows by iteration, and for each how much of a pixel is visible."""
 
-    image: Tensor
-    other: Tensor
     flows: list[Tensor]
-    seen: Tensor
+    visible: list[Tensor]
 
 
 class Brightflow(LabelFree):
-    """Marsal et al., WACV 2023, from its description."""
+    """Marsal et al., WACV 2023.
+
+    The flow is that of augmented frames; photometric loss and smoothness compare plain ones, the corrector's own loss
+    augmented ones. Every term is the mean over the pairs and both directions.
+    """
 
     def __init__(self, network: TrainedNetwork, recipe: Recipe, settings: BrightflowObjective) -> None:
         super().__init__(network, recipe)
@@ -36,67 +58,78 @@ class Brightflow(LabelFree):
     def forward(self, batch: Batch, moment: Moment) -> tuple[Tensor, dict[str, Tensor]]:
         """See `LabelFree.forward`."""
         assert batch.whole is not None, "the loader gives the whole frames"
-        settings, whole = self._settings, batch.whole
-        first, second = self.images(batch.image1), self.images(batch.image2)
-        there, back = ([flow.float() for flow in flows] for flows in self.both(first, second))
-        ways = []
-        for image, other, own, opposite in (
-            (first, whole.image2, there, back),
-            (second, whole.image1, back, there),
-        ):
-            seen = seen_of(own[-1], opposite[-1], settings.occlusion)
-            seen = torch.maximum(seen, leaves(own[-1].detach()))  # what leaves the crop is fetched from the whole frame
-            ways.append(_Way(image, self.images(other), own, seen))
-        corrects = settings.corrector > 0 and moment.share >= settings.corrector_from
-        targets, corrector = zip(*(self._corrected(way, batch, moment, corrects) for way in ways), strict=True)
-        numbers = {
-            "photometric": sum(
-                self._photometric(way, target, batch) for way, target in zip(ways, targets, strict=True)
-            ),
-            "smoothness": sum(self._smoothness(way) for way in ways),
-        }
-        loss = (settings.census * numbers["photometric"] + settings.smooth * numbers["smoothness"]) / 2
-        if corrects:
-            numbers["corrector"] = (corrector[0] + corrector[1]) / 2
+        assert batch.plain is not None, "the loader gives the frames in their own colours"
+        settings, place = self._settings, batch.whole
+        augmented = _Frames((place.image1, place.image2), (batch.image1, batch.image2))
+        crops = batch.plain.crops(*batch.image1.shape[2:])
+        plain = _Frames((batch.plain.image1, batch.plain.image2), crops)
+        ways = self._ways(augmented, place)
+        sources, numbers = plain.whole, {}
+        if settings.corrector > 0 and moment.share >= settings.corrector_from:
+            numbers["corrector"] = _mean(self._correction(frame, augmented, ways, place) for frame in (0, 1))
+            if moment.share >= settings.corrected_from:
+                sources = (self._corrected(0, plain, ways, place), self._corrected(1, plain, ways, place))
+        numbers["photometric"] = settings.census * _mean(
+            _census(plain.crops[frame], sources[1 - frame], ways[frame], place) for frame in (0, 1)
+        )
+        numbers["smoothness"] = _mean(self._smoothness(plain.crops[frame], ways[frame]) for frame in (0, 1))
+        loss = numbers["photometric"] + settings.smooth * numbers["smoothness"]
+        if "corrector" in numbers:
             loss = loss + settings.corrector * numbers["corrector"]
         weight = self._self_supervision(moment)
         if weight:
-            numbers["self_supervision"] = self._students(first, second, there[-1], back[-1])
-            loss = loss + weight * numbers["self_supervision"]
-        return loss, {"flow": there[-1], **numbers}
+            numbers["self_supervision"] = self._students(batch, plain)
+            loss = loss + weight * numbers["self_supervision"].clamp(0, FARTHEST)
+        return loss, {"flow": ways[0].flows[-1], **numbers}
 
-    def _corrected(self, way: _Way, batch: Batch, moment: Moment, corrects: bool) -> tuple[Tensor, Tensor]:
-        """The image that the photometric loss compares, and the corrector's own loss: the mean absolute difference of
-        the corrected image and what the final flow finds, of values -1..1."""
-        if not corrects:
-            return way.image, way.image.new_zeros(())
+    def _ways(self, frames: _Frames, place: WholeFrames) -> tuple[_Way, _Way]:
+        there, back = self._flows(*frames.crops)
+
+        def way(own: list[Tensor], opposite: list[Tensor]) -> _Way:
+            visible = [
+                visibility(flow, other, place.corners, place.sizes, self._settings.occlusion)
+                for flow, other in zip(own, opposite, strict=True)
+            ]
+            return _Way(own, visible)
+
+        return way(there, back), way(back, there)
+
+    def _flows(self, first: Tensor, second: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+        there, back = self.both(self.images(first), self.images(second))
+        return [flow.float() for flow in there], [flow.float() for flow in back]
+
+    def _offsets(self, frame: int, frames: _Frames, ways: tuple[_Way, _Way], place: WholeFrames) -> Tensor:
+        """What the corrector adds to the crops of a frame (0 or 1), grey levels (N, 3, H, W); no gradient goes into the
+        flows."""
         assert self.network.corrector is not None
-        warped, inside = self._warped(way, way.flows[-1].detach(), batch)
-        seen = way.seen * inside
-        with self.autocast(warped):
-            offsets = self.network.corrector(way.image, warped, seen).float()
-        corrected = (way.image + offsets).clamp(-1.0, 1.0)  # 0..255
-        loss = ((corrected - warped).abs() * seen).mean() / (seen.mean() + 1e-6)
-        if moment.share < self._settings.corrected_from:
-            return way.image, loss
-        corrected = corrected.detach()
-        better = (corrected - warped).abs() < (way.image - warped).abs()
-        return torch.where(better, corrected, way.image), loss
+        flow, visible = ways[frame].flows[-1].detach(), ways[frame].visible[-1]
+        warped = _warped(frames.whole[1 - frame], flow, place)
+        images = torch.cat((self.images(frames.crops[frame]), self.images(warped), visible), dim=1)
+        with self.autocast(images):
+            offsets: Tensor = self.network.corrector(images)
+        return 255 * offsets.float()
 
-    def _photometric(self, way: _Way, target: Tensor, batch: Batch) -> Tensor:
-        losses = []
-        for flow in way.flows:
-            warped, inside = self._warped(way, flow, batch)
-            losses.append(masked_census((target + 1) / 2, (warped + 1) / 2, way.seen * inside.detach()))
-        return over_iterations(losses)
+    def _correction(self, frame: int, frames: _Frames, ways: tuple[_Way, _Way], place: WholeFrames) -> Tensor:
+        """The corrector's own loss for the offsets of a frame (0 or 1), which is warped to the other one with them."""
+        other = 1 - frame
+        offsets = self._offsets(frame, frames, ways, place) * ways[frame].visible[-1]
+        corrected = with_offsets(frames.whole[frame], offsets, place.corners)
+        warped = _warped(corrected, ways[other].flows[-1].detach(), place)
+        return correction_loss(frames.crops[other], warped, ways[other].visible[-1])
 
-    def _smoothness(self, way: _Way) -> Tensor:
-        image, second_order = (way.image + 1) / 2, self._settings.second_order
+    @torch.no_grad()
+    def _corrected(self, frame: int, frames: _Frames, ways: tuple[_Way, _Way], place: WholeFrames) -> Tensor:
+        """A whole frame (0 or 1) with the offsets of its crop where they help."""
+        other, whole, flow = 1 - frame, frames.whole[frame], ways[1 - frame].flows[-1]
+        offsets = self._offsets(frame, frames, ways, place)
+        everywhere = with_offsets(whole, offsets, place.corners).clamp(0, 255)
+        warped, corrected = _warped(whole, flow, place), _warped(everywhere, flow, place)
+        kept = kept_offsets(frames.crops[other], warped, corrected, flow) * ways[frame].visible[-1]
+        return with_offsets(whole, offsets * kept, place.corners).clamp(0, 255)
+
+    def _smoothness(self, image: Tensor, way: _Way) -> Tensor:
+        second_order = self._settings.second_order
         return over_iterations([robust_smoothness(flow, image, ALPHA, second_order) for flow in way.flows])
-
-    def _warped(self, way: _Way, flow: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
-        assert batch.whole is not None
-        return dilated_warp(way.other, flow, batch.whole.corners, batch.whole.sizes)
 
     def _self_supervision(self, moment: Moment) -> float:
         """Its weight: 0, then rising."""
@@ -104,11 +137,32 @@ class Brightflow(LabelFree):
         risen = (moment.share - begins) / max(ends - begins, 1e-9)
         return self._settings.self_supervision * min(max(risen, 0.0), 1.0)
 
-    def _students(self, first: Tensor, second: Tensor, forward: Tensor, backward: Tensor) -> Tensor:
-        border = self._settings.border
-        there, back = self.both(student_image(first, border), student_image(second, border))
-        losses = (
-            self_supervised([flow.float() for flow in there], forward, border),
-            self_supervised([flow.float() for flow in back], backward, border),
+    def _students(self, batch: Batch, plain: _Frames) -> Tensor:
+        """The loss of the flows of frames without their border; the teacher is the network on the plain crops."""
+        assert batch.changed is not None, "the loader gives the frames without their border"
+        with torch.no_grad():
+            teachers = self._flows(*plain.crops)
+        students = self._flows(*batch.changed)
+        return _mean(
+            self_supervised(student, teacher[-1], self._settings.border)
+            for student, teacher in zip(students, teachers, strict=True)
         )
-        return (losses[0] + losses[1]) / 2
+
+
+def _census(image: Tensor, source: Tensor, way: _Way, place: WholeFrames) -> Tensor:
+    """The census of crops (N, 3, H, W) against the other whole frames, fetched by the flow of each iteration."""
+    return over_iterations(
+        [
+            masked_census(image, _warped(source, flow, place), visible)
+            for flow, visible in zip(way.flows, way.visible, strict=True)
+        ]
+    )
+
+
+def _warped(source: Tensor, flow: Tensor, place: WholeFrames) -> Tensor:
+    return dilated_warp(source, flow, place.corners, place.sizes)[0]
+
+
+def _mean(both: Iterable[Tensor]) -> Tensor:
+    first, second = both
+    return (first + second) / 2

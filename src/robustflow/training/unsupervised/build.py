@@ -22,10 +22,10 @@ def build_objective(network: TrainedNetwork, recipe: Recipe) -> LabelFree:
     if isinstance(settings, ArflowObjective):
         return Arflow(network, recipe, settings)
     if isinstance(settings, BrightflowObjective):
-        if min(recipe.crop) < 4 * settings.border:
+        if min(recipe.crop) <= 2 * settings.border:
             raise UsageError(
                 f"crop {recipe.crop[0]}x{recipe.crop[1]}: the student of brightflow sees it without {settings.border} "
-                f"pixels on each side, so it needs {4 * settings.border} at least; give another --crop"
+                f"pixels on each side, so each side needs more than {2 * settings.border}; give a larger --crop"
             )
         return Brightflow(network, recipe, settings)
     assert isinstance(settings, UpflowObjective)
