@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from skimage import data
 from typer.testing import CliRunner
 
 import robustflow as rf
 from robustflow.benchmarks import load_benchmark
+from robustflow.benchmarks.base import spread
 from robustflow.benchmarks.export import export
 from robustflow.cli.main import app
 from robustflow.errors import DataError, RunError, UsageError
@@ -60,6 +65,7 @@ def test_narrowing(kitti):
     benchmark = load_benchmark("kitti-fc", kitti)
     narrow = benchmark.narrowed(["snow", "fog", "snow"], [5, 1], 2)
     assert (narrow.corruptions, narrow.severities, narrow.keys) == (("snow", "fog"), (1, 5), benchmark.keys[:2])
+    assert benchmark.narrowed(limit=9).keys == benchmark.keys
     for wrong in (
         {"corruptions": ["sno"]},
         {"severities": [0]},
@@ -69,6 +75,26 @@ def test_narrowing(kitti):
     ):
         with pytest.raises(UsageError):
             benchmark.narrowed(**wrong)
+
+
+@given(st.integers(1, 400), st.integers(1, 400))
+def test_a_limit_takes_pairs_of_the_whole_course_and_a_larger_one_only_adds(count, limit):
+    keys = [f"{number:06d}" for number in range(count)]
+    chosen = spread(keys, limit)
+    assert len(chosen) == min(count, limit)
+    assert list(chosen) == sorted(set(chosen))
+    assert set(spread(keys, limit - 1)) < set(chosen) or limit > count
+    places = [-1, *map(int, chosen), count]
+    widest = max(after - before for before, after in pairwise(places))
+    assert widest <= 2 * (count / len(chosen)) + 1  # the widest gap is at most twice the mean one
+
+
+def test_a_limit_on_a_clip_does_not_only_take_its_still_start(tmp_path):
+    for number in range(30):
+        x = max(0, 3 * (number - 13))
+        cv2.imwrite(str(tmp_path / f"{number:02d}.png"), data.astronaut()[60:156, 60 + x : 188 + x])
+    run = rf.evaluate("dis", "folder", tmp_path, tmp_path / "run", limit=3, corruptions=["contrast"], severities=[1])
+    assert run.summary.clean_flow_length == pytest.approx(2.0, abs=0.3)  # two of the three pairs move by 3 px
 
 
 @pytest.mark.parametrize(("name", "data"), [("kitti-fc", None), ("folder", None), ("demo", "somewhere")])
@@ -120,7 +146,7 @@ def test_an_export_of_common_draws_reads_back_to_the_same_rows(kitti, tmp_path):
 def test_an_export_continues_and_never_mixes(kitti, tmp_path):
     benchmark = load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1], 1)
     list(export(benchmark, tmp_path / "fc"))
-    frame = tmp_path / "fc" / "contrast_1" / "val" / "image_2" / "000000_11.png"
+    frame = tmp_path / "fc" / "contrast_1" / "val" / "image_2" / "000001_11.png"
     before = frame.read_bytes()
     frame.unlink()
     assert [step.fresh for step in export(benchmark, tmp_path / "fc")] == [False, True]

@@ -94,7 +94,7 @@ def test_several_models_one_after_the_other(robustflow):
         line = next(line for line in table.splitlines() if run.name in line and "compare" not in line)
         assert f"{run.epe_clean:.2f}" in line
         assert f"{run.cre:.2f}" in line
-    assert "robustflow compare both/dis both/farneback" in table
+    assert "robustflow compare" not in table  # one pair cannot tell
     code, _, error = robustflow("run", "-m", "dis", "-m", "dis", *few)
     assert (code, error.count("\n")) == (2, 1)
 
@@ -155,6 +155,20 @@ def test_own_frames_have_no_ground_truth(robustflow, tmp_path):
     assert code == 0
     assert "no ground truth" in out
     assert json.loads(Path("run/summary.json").read_text())["epe_clean"] is None
+
+
+def test_models_on_an_own_clip_show_the_clean_motion_and_no_column_of_dashes(robustflow, tmp_path):
+    _frames(tmp_path / "clip", [(64, 96)] * 3)
+    few = ("-d", tmp_path / "clip", "-b", "folder", "-c", "contrast", "-s", "1", "--no-examples")
+    code, out, error = robustflow("run", "-m", "dis", "-m", "farneback", "-o", "both", *few)
+    assert code == 0, error
+    alone, table = out.split("2 models")
+    assert _cells_of(table, "model") == ["RCRE", "clean flow (px)"]
+    lengths = [load_run(f"both/{name}").summary.clean_flow_length for name in ("dis", "farneback")]
+    assert [_cells_of(table, name)[1] for name in ("DIS", "Farneback")] == [f"{length:.2f}" for length in lengths]
+    assert all(f"on clean frames the flow is {length:.2f} px long on average" in alone for length in lengths)
+    assert "sequence is too few to say" in table
+    assert "robustflow compare" not in out
 
 
 def test_corrupt_writes_what_the_library_makes(robustflow, tmp_path):

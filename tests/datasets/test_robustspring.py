@@ -75,7 +75,7 @@ def test_the_benchmark_is_closed_over_what_is_unpacked(root):
     benchmark = load_benchmark("robustspring", root)
     assert benchmark.closed
     assert (benchmark.corruptions, benchmark.severities) == ((FOG, RAIN), (1,))
-    assert benchmark.narrowed(limit=3).keys == tuple(RobustSpring(root).keys()[:3])
+    assert set(benchmark.narrowed(limit=3).keys) < set(RobustSpring(root).keys())
     for wrong in ({"corruptions": ["robustspring_snow"]}, {"severities": [2]}):
         with pytest.raises(UsageError, match="corrupted beforehand"):
             benchmark.narrowed(**wrong)

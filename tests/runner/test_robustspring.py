@@ -161,7 +161,7 @@ def test_they_may_be_named_from_where_the_run_was_started(root, tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     source = RunSource.read(measured.path)
     again = load_benchmark("robustspring", source.data, options=source.data_options)
-    assert again.keys[0] in measured.manifest["samples"]
+    assert set(measured.manifest["samples"]) < set(again.keys)
 
 
 def test_a_model_of_several_frames_sees_its_neighbours_under_the_same_corruption(root, tmp_path):

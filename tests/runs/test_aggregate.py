@@ -139,7 +139,6 @@ def test_the_papers_mean_is_a_second_number_and_needs_all_its_corruptions():
     assert all(getattr(exact, metric) == getattr(exact.paper, metric) for metric in METRICS)
     assert summarize(rows_frame([clean, *paper[1:], elastic])).paper is None
     assert summarize(rows_frame([clean, *paper]), paper=PAPER_ORDER).paper is None
-    assert summarize(rows_frame([clean, *paper, elastic]), over="paper").epe == 11.5
 
 
 def test_cre_is_over_the_same_pixels_and_coverage_is_listed():
@@ -228,6 +227,13 @@ def test_without_ground_truth_rcre_is_over_all_pixels_and_the_rest_is_none():
     assert {getattr(summary, m) for m in METRICS if not m.startswith(("rcre", "coverage"))} == {None}
     assert summary.coverage == 1.0
     assert (summary.epe_clean, summary.regions) == (None, {})
+
+
+@pytest.mark.parametrize(("averaging", "length"), [("image", (2.0 + 5.0) / 2), ("pixel", (200.0 + 50.0) / 110)])
+def test_clean_flow_length_counts_clean_rows_and_predicted_pixels_alone(averaging, length):
+    rows = [row("a", n_all=100, pred_magnitude_sum=200.0), row("a", "fog", 1, pred_magnitude_sum=9000.0)]
+    rows += [row("b", n_all=10, pred_magnitude_sum=50.0), row("c", n_all=0)]
+    assert summarize(rows_frame(rows), averaging).clean_flow_length == pytest.approx(length, rel=1e-12)
 
 
 def test_a_perfect_clean_flow_has_no_crer():

@@ -86,7 +86,7 @@ def test_costs_and_average_ranks_of_runs(runs):
     ranks = {n: 1 + sum(v < crer[n] for v in crer.values()) + {"one": 4, "two": 2, "three": 2}[n] for n in crer}
     expected = {name: str(1 + sum(other < ranks[name] for other in ranks.values())) for name in crer}
     assert {name: found[name]["Avg. rank OOD"] for name in crer} == expected
-    assert found["four"]["Avg. rank other"] == "-"  # the only one of its setting
+    assert not any("Avg. rank other" in cells for cells in found.values())  # "four" is the only one of its setting
     assert {cells["Param. (M)"] for cells in found.values()} == {"1.50"}
     board = {entry.name: entry.texts for entry in whole_content(runs, published=True).entries if entry.name in found}
     assert {name: texts.get(("rank", ""), "-") for name, texts in board.items()} == {**expected, "four": "-"}

@@ -68,20 +68,13 @@ def test_the_means_are_those_of_the_old_summary(finished):
     assert {where: now.get(where) for where in kept} == kept
 
 
-def test_an_old_folder_and_record_can_be_shown_and_compared(finished):
-    for path in (finished, DATA / "finished.robustflow"):
-        shown = CliRunner().invoke(app, ["show", str(path)])
-        assert shown.exit_code == 0, shown.output
-        assert "2.64" in shown.output
-    run = rf.load_run(finished)
-    assert rf.load_run(DATA / "finished.robustflow").rows.equals(run.rows)
-    assert "DIS" in str(run.compare(run))
-
-
-def test_an_old_record_verifies_and_its_frames_are_made_again():
-    verified = CliRunner().invoke(app, ["verify", str(DATA / "finished.robustflow"), "--check-frames", "7"])
-    assert verified.exit_code == 0, verified.output
-    assert "7 of 7 rows" in verified.output
+def test_an_old_folder_is_shown_and_an_old_record_refused_by_its_version(finished):
+    shown = CliRunner().invoke(app, ["show", str(finished)])
+    assert shown.exit_code == 0, shown.output
+    assert "2.64" in shown.output
+    verified = CliRunner().invoke(app, ["verify", str(DATA / "finished.robustflow")])
+    assert verified.exit_code == 1
+    assert "summary.json is of version None, and this version of robustflow reads 3" in verified.output
 
 
 def test_an_old_run_is_not_compared_with_a_new_one_and_the_reason_is_said(finished, tmp_path):

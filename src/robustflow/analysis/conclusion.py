@@ -69,7 +69,12 @@ def _of_one(name: str, run: Run) -> str:
             f"{long_label(corruption)} ({values[corruption]:.2f} px)" for corruption in (order[0], order[-1])
         )
         moves += f", most under {plain(most)} and least under {plain(least)}"
-    return f"{moves}; {_surety(run)}."
+    return f"{moves}; on clean frames it is {_clean_length(run)} long on average; {_surety(run)}."
+
+
+def _clean_length(run: Run) -> str:
+    length = run.summary.clean_flow_length
+    return f"{length or 0.0:.2f} px"
 
 
 def _surety(run: Run) -> str:
@@ -92,9 +97,12 @@ def _of_several(runs: Mapping[str, Run]) -> str:
         if len(holders) == 1:
             least[holders[0]].append(corruption)
     total = len(values[best])
-    first, other = (f"{runs[name].summary.rcre:.2f} px" for name in (best, second))
-    if first == other and runs[best].summary.rcre == runs[second].summary.rcre:
-        head = f"{best} and {second} change equally on average (RCRE {first})"
+    first, other = (
+        f"{runs[name].summary.rcre:.2f} px where its clean flow is {_clean_length(runs[name])} long"
+        for name in (best, second)
+    )
+    if runs[best].summary.rcre == runs[second].summary.rcre:
+        head = f"{best} and {second} change equally on average (RCRE {runs[best].summary.rcre:.2f} px)"
     else:
         head = f"{best} changes least on average (RCRE {first}; {second} {other})"
     parts = [f"{name} least under {_listed(names, total)}" for name, names in least.items() if names]
@@ -116,6 +124,11 @@ def _lead(runs: Mapping[str, Run], order: Sequence[str]) -> str:
     if p < 0.05:
         return f"the lead of {best} over {second} is more than chance (p {p_text(p)}) for scenes like these"
     return f"that {best} leads {second} may be chance (p {p_text(p)}), which {_others(runs[best])} would settle"
+
+
+def enough_to_compare(run: Run) -> bool:
+    """Whether a run has independent pairs enough to say whether a difference holds for other frames."""
+    return enough_clusters(_counts(run)[1])
 
 
 def _too_few(run: Run) -> str:

@@ -47,7 +47,7 @@ class Benchmark:
         severities: Sequence[int] | None = None,
         limit: int | None = None,
     ) -> Benchmark:
-        """The same benchmark with fewer (or other) corruptions or severities, or only its first samples.
+        """The same benchmark with fewer (or other) corruptions or severities, or fewer samples (`spread`).
 
         Raises:
             UsageError: an unknown corruption, a severity outside 1 to 5, a limit below 1.
@@ -67,4 +67,24 @@ class Benchmark:
             )
         if not chosen or not levels:
             raise UsageError("nothing to run: name at least one corruption and one severity")
-        return replace(self, keys=self.keys[:limit], corruptions=chosen, severities=levels)
+        return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels)
+
+
+def spread(keys: Sequence[str], limit: int | None) -> tuple[str, ...]:
+    """`limit` keys, in their order, spread evenly over all; all if there are no more, or for None.
+
+    The first is in the middle, the next at the quarters, then the eighths, so that a larger limit adds to the keys of
+    a smaller one: a run with it continues in the same folder.
+
+    >>> [spread("abcdefgh", limit) for limit in (1, 3, 5)]
+    [('e',), ('c', 'e', 'g'), ('b', 'c', 'e', 'f', 'g')]
+    """
+    if limit is None or limit >= len(keys):
+        return tuple(keys)
+    chosen: set[int] = set()
+    number = 1
+    while len(chosen) < limit:
+        digits = f"{number:b}"
+        chosen.add(len(keys) * int(digits[::-1], 2) >> len(digits))
+        number += 1
+    return tuple(keys[place] for place in sorted(chosen))

@@ -80,7 +80,7 @@ Benchmark = Annotated[
 Severities = Annotated[
     str | None, typer.Option("--severities", "--severity", "-s", help="Comma-separated, 1 (mild) to 5 (severe).")
 ]
-Limit = Annotated[int | None, typer.Option(help="Use only the first N pairs.")]
+Limit = Annotated[int | None, typer.Option(help="Use only N pairs, spread evenly over the data.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw; the same seed gives the same bytes anywhere.")]
 Variant = Annotated[str, typer.Option(help="Variant of the corruptions: default, reference, reference-bgr or paper.")]
 CommonDraws = Annotated[

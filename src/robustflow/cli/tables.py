@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
+from ..analysis.conclusion import conclusions, enough_to_compare
 from ..analysis.doubts import doubts
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
@@ -64,24 +65,27 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
 
 
 def print_results(results: Sequence[Run]) -> None:
-    """Print one line per run, and the command that tells whether they differ."""
+    """Print one line per run, and the command that tells whether they differ, if there are pairs enough to tell."""
     console = Console(width=None if Console().is_terminal else 120, markup=False)
-    names = ("epe_clean", "epe", "cre", "crer", "rcre")
+    summaries = [result.summary for result in results]
+    headings = {"epe_clean": "clean EPE", **{name: METRIC_LABELS[name] for name in ("epe", "cre", "crer", "rcre")}}
+    if all(summary.epe_clean is None for summary in summaries):
+        headings["clean_flow_length"] = "clean flow (px)"
+    shown = [name for name in headings if any(getattr(summary, name) is not None for summary in summaries)]
     table = Table(title=f"{len(results)} models", title_justify="left")
     table.add_column("model")
-    for heading in ("clean EPE", "EPE", "CRE", "CREr", "RCRE"):
-        table.add_column(heading, justify="right")
-    for result in results:
-        table.add_row(plain(result.name), *(cell(getattr(result, name)) for name in names))
+    for name in shown:
+        table.add_column(headings[name], justify="right")
+    for result, summary in zip(results, summaries, strict=True):
+        table.add_row(plain(result.name), *(cell(getattr(summary, name)) for name in shown))
     console.print(table)
     _print_conclusions(console, results)
-    folders = " ".join(shlex.quote(str(result.path)) for result in results)
-    console.print(f"Is the difference real? robustflow compare {folders}", highlight=False, soft_wrap=True)
+    if all(map(enough_to_compare, results)):
+        folders = " ".join(shlex.quote(str(result.path)) for result in results)
+        console.print(f"Is the difference real? robustflow compare {folders}", highlight=False, soft_wrap=True)
 
 
 def _print_conclusions(console: Console, runs: Sequence[Run]) -> None:
-    from ..analysis.conclusion import conclusions
-
     for conclusion in conclusions(runs):
         console.print(conclusion, highlight=False, soft_wrap=True)
 
@@ -136,7 +140,8 @@ def _sentence(summary: Summary) -> str:
     if summary.rcre is None:
         return "nothing could be measured"
     if summary.epe_clean is None:
-        return f"RCRE {cell(summary.rcre)} px (no ground truth: EPE, CRE and CREr cannot be measured)"
+        length = f"; on clean frames the flow is {cell(summary.clean_flow_length)} px long on average"
+        return f"RCRE {cell(summary.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
     return f"clean EPE {cell(summary.epe_clean)} px, {_means(summary)}"
 
 

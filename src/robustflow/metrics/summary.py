@@ -16,9 +16,8 @@ images at once. Means over severities, then over corruptions, follow in both."""
 
 METRICS = ("epe", "cre", "crer", "rcre", "rcre_all", "fl", "px1", "px3", "px5", "wauc", "coverage")
 
-SUMMARY_VERSION = 2
-"""Incremented when a field is added or changes its meaning. Version 1, which has no version field, had no `coverage`,
-`paper` and `paper_over`, and its overall means left out corruptions that are not in the paper."""
+SUMMARY_VERSION = 3
+"""Incremented when a field is added or changes its meaning; one of another version is written again, or refused."""
 
 
 class Scores(FrozenFinite):
@@ -57,13 +56,11 @@ class CorruptionScores(Scores):
     Attributes:
         family: one of the paper's families, in which corruptions stand that exist only as files, too; None for one
             without.
-        averaged: whether it is part of the overall means.
         severities: the measured severities, ascending.
         by_severity: for each metric a list in the order of `severities`.
     """
 
     family: str | None
-    averaged: bool
     severities: list[int]
     by_severity: dict[str, list[float | None]]
 
@@ -103,6 +100,8 @@ class Summary(Scores):
         samples: number of samples.
         n_invalid: predicted pixels that are not finite, in all rows; they are excluded from all means.
         epe_clean: end-point error on the clean frames.
+        clean_flow_length: mean length of the predicted flow on the clean frames, pixels, over all pixels: what an RCRE
+            without ground truth is read against.
         clean: the metrics on the clean frames, where CRE and CREr are not defined.
         averaged_over: corruptions in the overall means.
         corruptions: in the paper's order, then the others by name.
@@ -122,6 +121,7 @@ class Summary(Scores):
     samples: int
     n_invalid: int
     epe_clean: float | None
+    clean_flow_length: float | None
     clean: Scores
     averaged_over: list[str]
     corruptions: dict[str, CorruptionScores]

@@ -104,7 +104,9 @@ def tables_of(
 
 
 def _concluded(tables: list[Table], runs: Sequence[Run]) -> list[Table]:
-    """The last table of RCRE ends with what can be concluded from runs without ground truth."""
+    """The tables without columns of dashes; the last one of RCRE ends with what can be concluded from runs without
+    ground truth."""
+    tables = [table.without_empty_columns() for table in tables]
     last = next((index for index in reversed(range(len(tables))) if tables[index].name in ("rcre", "means")), None)
     if last is not None:
         tables[last] = replace(tables[last], remarks=(*tables[last].remarks, *conclusions(runs)))

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import compress
+
+DASH = "-"
+"""The text of a cell without a number."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,24 @@ class Table:
     remarks: tuple[str, ...] = ()
     lines_are: str = "Model"
 
+    def without_empty_columns(self) -> Table:
+        """The table without the columns that have a dash in every line.
+
+        >>> lines = (Line("dis", (TableCell("-"), TableCell("2.92"))), Line("tiny", (TableCell("-"), TableCell("-"))))
+        >>> table = Table("means", "Means", (Column("CRE"), Column("RCRE")), (Section("Runs", lines),))
+        >>> [column.label for column in table.without_empty_columns().columns]
+        ['RCRE']
+        """
+        lines = [line for section in self.sections for line in section.lines]
+        filled = [any(line.cells[place].text != DASH for line in lines) for place in range(len(self.columns))]
+        sections = tuple(
+            replace(
+                section, lines=tuple(replace(line, cells=(*compress(line.cells, filled),)) for line in section.lines)
+            )
+            for section in self.sections
+        )
+        return replace(self, columns=(*compress(self.columns, filled),), sections=sections)
+
 
 def with_doubt(note: str, reason: str | None) -> str:
     """The note of a line, and why its model is never marked as best.
@@ -78,4 +100,4 @@ def number_text(value: float | None, decimals: int | None) -> str:
     >>> number_text(4.2, 2), number_text(1.23456, None), number_text(None, 2)
     ('4.20', '1.23', '-')
     """
-    return "-" if value is None else f"{value:.{2 if decimals is None else decimals}f}"
+    return DASH if value is None else f"{value:.{2 if decimals is None else decimals}f}"

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..atomic import make_folder
+from ..benchmarks.base import spread
 from ..datasets.robustspring_condition import CLEAN, DIRECTIONS, Condition
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..flowio import read_flow, write_flow
@@ -82,7 +83,7 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
     Args:
         root: of RobustSpring's frames.
         corruptions: which; the clean frames come in any case.
-        limit: use only the first so many pairs, to try it.
+        limit: use only so many pairs, spread evenly, to try it.
 
     Raises:
         UsageError: an unknown corruption, a limit below 1.
@@ -91,7 +92,7 @@ def condition_pairs(root: Path, corruptions: Sequence[str], limit: int | None = 
     if limit is not None and limit < 1:
         raise UsageError(f"limit {limit} leaves no pairs: give 1 or more")
     clean = {direction: Condition(root, CLEAN, direction) for direction in DIRECTIONS}
-    wanted = set(sorted(key for pairs in clean.values() for key in pairs.keys())[:limit])  # noqa: SIM118
+    wanted = {*spread(sorted(key for pairs in clean.values() for key in pairs.keys()), limit)}  # noqa: SIM118
     conditions = []
     for condition in dict.fromkeys((CLEAN, *corruptions)):
         for direction in DIRECTIONS:

@@ -11,18 +11,18 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import polars as pl
 
 from ..corruptions.names import family_of, ordered
-from ..corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
+from ..corruptions.registry import FAMILIES, IMAGE_PAIR
 from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
 from .family_means import grouped_by_family
-from .means import WHOLE, mean_scores, scores_by_condition
+from .means import WHOLE, clean_flow_length, mean_scores, scores_by_condition
 from .plan import Cell
 
 _NEEDS: tuple[tuple[str, str], ...] = (
@@ -40,7 +40,6 @@ def summarize(
     planned: Iterable[Cell] | None = None,
     *,
     paper: Collection[str] = IMAGE_PAIR,
-    over: Literal["all", "paper"] = "all",
 ) -> Summary:
     """The means of a run.
 
@@ -50,8 +49,6 @@ def summarize(
         planned: every (sample, corruption, severity) that should exist, clean rows as (sample, "clean", 0). By default
             every sample in the rows, clean and at every (corruption, severity) in the rows.
         paper: the corruptions that the paper averages over on the benchmark.
-        over: what the overall means are over: all corruptions in the rows, or only the paper's, as in summaries of
-            version 1.
 
     Returns:
         A `Summary`. CRE compares the same pixels of the same samples: samples with both a corrupted and a clean row,
@@ -80,9 +77,8 @@ def summarize(
         n_wanted=pl.when(pl.col("n_valid").is_null()).then(pl.col("height") * pl.col("width")).otherwise("n_truth"),
     )
     clean, by_condition = scores_by_condition(whole, WHOLE | {"rcre": ("rcre_sum", "rcre_n", 1.0)}, averaging)
-    corruptions = _corruptions(by_condition, clean, over)
-    averaged_over = [name for name, scores in corruptions.items() if scores.averaged]
-    overall = mean_scores([corruptions[name] for name in averaged_over], clean)
+    corruptions = _corruptions(by_condition, clean)
+    overall = mean_scores([*corruptions.values()], clean)
     in_paper = [name for name in corruptions if name in paper]
     families = {family: mean_scores(parts, clean) for family, parts in grouped_by_family(corruptions).items()}
     return Summary(
@@ -94,11 +90,12 @@ def summarize(
         samples=len(samples),
         n_invalid=int(rows["n_invalid"].sum()),
         epe_clean=clean.epe,
+        clean_flow_length=clean_flow_length(rows, averaging),
         clean=clean,
-        averaged_over=averaged_over,
+        averaged_over=[*corruptions],
         corruptions=corruptions,
         families=families,
-        regions=_regions(rows, averaging, over),
+        regions=_regions(rows, averaging),
         paper=mean_scores([corruptions[name] for name in in_paper], clean) if set(in_paper) == set(paper) else None,
         paper_over=in_paper if set(in_paper) == set(paper) else [],
     )
@@ -138,9 +135,7 @@ def _units(units: Iterable[Any]) -> list[MissingCells]:
     ]
 
 
-def _corruptions(
-    by_condition: dict[tuple[str, int], Scores], clean: Scores, over: Literal["all", "paper"]
-) -> dict[str, CorruptionScores]:
+def _corruptions(by_condition: dict[tuple[str, int], Scores], clean: Scores) -> dict[str, CorruptionScores]:
     by_corruption: dict[str, dict[int, Scores]] = defaultdict(dict)
     for (corruption, severity), scores in sorted(by_condition.items(), key=lambda item: item[0]):
         by_corruption[corruption][severity] = scores
@@ -148,7 +143,6 @@ def _corruptions(
         name: CorruptionScores(
             **mean_scores(list(by_corruption[name].values()), clean).model_dump(),
             family=family_of(name),
-            averaged=over == "all" or name in PAPER_ORDER,
             severities=list(by_corruption[name]),
             by_severity={m: [getattr(scores, m) for scores in by_corruption[name].values()] for m in METRICS},
         )
@@ -156,7 +150,7 @@ def _corruptions(
     }
 
 
-def _regions(rows: pl.DataFrame, averaging: Averaging, over: Literal["all", "paper"]) -> dict[str, RegionScores]:
+def _regions(rows: pl.DataFrame, averaging: Averaging) -> dict[str, RegionScores]:
     out = {}
     for region in REGIONS:
         count = f"n_{region}"
@@ -168,8 +162,7 @@ def _regions(rows: pl.DataFrame, averaging: Averaging, over: Literal["all", "pap
             "fl": (f"fl_count_{region}", count, 100.0),
         }
         clean, by_condition = scores_by_condition(rows, columns, averaging)
-        corruptions = _corruptions(by_condition, clean, over)
-        overall = mean_scores([c for c in corruptions.values() if c.averaged], clean)
+        overall = mean_scores([*_corruptions(by_condition, clean).values()], clean)
         clean_rows = rows.filter((pl.col("corruption") == CLEAN) & pl.col(count).is_not_null())
         inside, n_valid = sum(clean_rows[count].to_list()), sum(clean_rows["n_valid"].to_list())
         out[region] = RegionScores(

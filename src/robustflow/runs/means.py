@@ -69,7 +69,7 @@ def _places(rows: pl.DataFrame) -> dict[tuple[str, int], list[int]]:
 
 
 def _means(
-    values: dict[str, list[Any]], places: list[int], columns: MetricColumns, averaging: Averaging
+    values: dict[str, list[Any]], places: Sequence[int], columns: MetricColumns, averaging: Averaging
 ) -> dict[str, float | None]:
     """The mean of each metric over images; images without a pixel to measure are left out."""
     out: dict[str, float | None] = {}
@@ -82,6 +82,13 @@ def _means(
             pixels = sum(n for _, n in images)
             out[metric] = factor * math.fsum(s for s, _ in images) / pixels if pixels else None
     return out
+
+
+def clean_flow_length(rows: pl.DataFrame, averaging: Averaging) -> float | None:
+    """Mean length of the predicted flow on the clean frames, pixels, over all predicted pixels; None without any."""
+    clean = rows.filter(corruption=CLEAN).select("pred_magnitude_sum", "n_all").to_dict(as_series=False)
+    places = range(len(clean["n_all"]))
+    return _means(clean, places, {"length": ("pred_magnitude_sum", "n_all", 1.0)}, averaging)["length"]
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import polars as pl
 
@@ -75,11 +75,10 @@ class Run:
         """
         return self._kept_means() or self._means
 
-    def summarize(self, averaging: Averaging = "image", over: Literal["all", "paper"] = "all") -> Summary:
-        """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel"); `over` as for
-        `robustflow.runs.aggregate.summarize`."""
+    def summarize(self, averaging: Averaging = "image") -> Summary:
+        """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
         facts = benchmark_facts(str(self.manifest["identity"]["benchmark"]))
-        return summarize(self.rows, averaging, self.planned(), paper=facts.paper_corruptions, over=over)
+        return summarize(self.rows, averaging, self.planned(), paper=facts.paper_corruptions)
 
     @property
     def epe_clean(self) -> float | None:
@@ -136,16 +135,12 @@ class Run:
         """Requested severities that do not exist on the run's severity scale, by corruption; no mean includes them."""
         return dict(self.manifest.get("left_out", {}))
 
-    def document(self, over: Literal["all", "paper"] = "all") -> dict[str, Any]:
+    def document(self) -> dict[str, Any]:
         """What `summary.json` holds: means by the paper's averaging, the pooled ones, which run, and its setting.
-        Always computed from the rows.
-
-        `over` as for `summarize`.
-        """
-        means = self._means if over == "all" else self.summarize(over=over)
+        Always computed from the rows."""
         return {
-            **means.model_dump(),
-            "pooled": self.summarize("pixel", over).model_dump(),
+            **self._means.model_dump(),
+            "pooled": self.summarize("pixel").model_dump(),
             "run": self.manifest["identity_digest"],
             "setting": self.setting,
         }
@@ -223,6 +218,7 @@ def _lines(run: Run) -> list[str]:
             ("CRE", run.cre, " px"),
             ("CREr", run.crer, ""),
             ("RCRE", run.rcre, " px"),
+            ("clean flow", None if run.epe_clean is not None else run.summary.clean_flow_length, " px long"),
         )
         if value is not None
     ]

@@ -52,7 +52,7 @@ class Request:
         validate: a benchmark, or None.
         validate_data: its data.
         validate_corruptions: besides the clean frames.
-        validate_limit: its first pairs only.
+        validate_limit: use only so many of its pairs, spread evenly.
         corrupt: corruptions applied to training frames.
         corrupt_probability: that a pair is corrupted.
         skip_bad: see `TrainingPairs`.

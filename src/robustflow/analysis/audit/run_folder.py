@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from ...errors import RunError
+from ...metrics.summary import SUMMARY_VERSION
 from .findings import Audit, Finding, merged_audit
 from .row_rules import RULES, broken_rules
 
@@ -49,9 +50,8 @@ def audit_run(run: Run, audited: str | None = None) -> Audit:
 
 def _summary(run: Run) -> tuple[str, int, list[Finding]]:
     given = _read_summary(run.path / "summary.json")
-    made = run.document() if "version" in given else _of_first_version(run.document(over="paper"))
     count, findings = 0, []
-    for path, left, right in _leaves((), given, made):
+    for path, left, right in _leaves((), given, run.document()):
         if path == ("run",):
             continue
         count += 1
@@ -81,19 +81,12 @@ def _read_summary(path: Path) -> dict[str, Any]:
         raise RunError(f"{path} cannot be read ({error}); write it again with robustflow show {path.parent}") from error
     if not isinstance(summary, dict):
         raise RunError(f"{path} is not a summary; write it again with robustflow show {path.parent}")
+    if (version := summary.get("version")) != SUMMARY_VERSION:
+        raise RunError(
+            f"{path.name} is of version {version}, and this version of robustflow reads {SUMMARY_VERSION}; write it "
+            "again from the run's folder with robustflow show"
+        )
     return summary
-
-
-_LATER_FIELDS = ("version", "coverage", "paper", "paper_over")
-
-
-def _of_first_version(document: Any) -> Any:
-    """A summary as version 1 wrote it (see `robustflow.metrics.summary.SUMMARY_VERSION`), from one over the paper's
-    corruptions."""
-    if not isinstance(document, dict):
-        return document
-    kept = {name: _of_first_version(value) for name, value in document.items() if name not in _LATER_FIELDS}
-    return kept | {"row_schema": 1} if "row_schema" in kept else kept
 
 
 _ABSENT = object()
