@@ -2,12 +2,39 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Sequence
 from importlib import import_module
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from .errors import RobustFlowError, UsageError, unknown_name
+
+MODULES = "ROBUSTFLOW_MODULES"
+"""Environment variable that names a folder whose modules can be imported, too; child processes inherit it."""
+
+
+class FolderOfModules:
+    """The finder of modules in the folder named by `MODULES`, which Python asks last.
+
+    Nothing in that folder takes the place of an installed module, unlike in one at the end of `sys.path`, where a
+    module hides a package without `__init__.py`. Modules of the standard library are never looked for in it: some exist
+    on one platform only.
+    """
+
+    @staticmethod
+    def find_spec(name: str, path: Sequence[str] | None = None, target: ModuleType | None = None) -> ModuleSpec | None:
+        """Where a top-level module is in the folder."""
+        folder = os.environ.get(MODULES)
+        if folder is None or path is not None or name in sys.stdlib_module_names:
+            return None
+        return PathFinder.find_spec(name, [folder], target)
+
+
+sys.meta_path.append(FolderOfModules)
 
 
 def is_target(text: str) -> bool:
@@ -34,9 +61,9 @@ def import_target(target: str, kind: str, error: type[RobustFlowError] = UsageEr
     [1]
     """
     name, _, attribute = target.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path and "" not in sys.path:
-        sys.path.insert(0, here)  # a console script does not see the user's folder; `python -m` would
+    here = Path.cwd()
+    if str(here) not in sys.path and "" not in sys.path:
+        os.environ[MODULES] = str(here)
     try:
         value: Any = import_module(name)
     except (
@@ -49,9 +76,21 @@ def import_target(target: str, kind: str, error: type[RobustFlowError] = UsageEr
         ) from cause
     for part in attribute.split("."):
         if not hasattr(value, part):
+            _refuse_hidden(name, here, kind, target, error)
             raise unknown_name(f"attribute of {name}", part, [key for key in vars(value) if key[0] != "_"])
         value = getattr(value, part)
     return value
+
+
+def _refuse_hidden(name: str, here: Path, kind: str, target: str, error: type[RobustFlowError]) -> None:
+    """Raise if an installed module hides the one of the working folder that the user means."""
+    file, first = getattr(sys.modules[name], "__file__", None), name.partition(".")[0]
+    mine = next((path for path in (here / f"{first}.py", here / first) if path.exists()), None)
+    if mine is not None and (file is None or not Path(file).is_relative_to(here)):
+        raise error(
+            f"'{name}' for {kind} '{target}' is {file or 'part of Python'}, not {mine}: an installed module takes "
+            f"precedence; rename {mine.name}"
+        )
 
 
 def source_of_target(target: str) -> bytes | None:

@@ -99,11 +99,17 @@ class App:
 
 
 @contextmanager
-def running_app(folder: Path, *arguments: str) -> Iterator[App]:
-    """Start the app in `folder`, where the models of `MODELS` are importable; it is interrupted at the end."""
+def running_app(folder: Path, *arguments: str, start: tuple[str, ...] = ("-c", _MAIN)) -> Iterator[App]:
+    """Start the app in `folder`, where the models of `MODELS` are importable; it is interrupted at the end.
+
+    Args:
+        folder: the working folder.
+        arguments: of the command.
+        start: what Python is given to start it.
+    """
     (folder / "models_for_app.py").write_text(MODELS)
     process = subprocess.Popen(
-        [sys.executable, "-c", _MAIN, "app", "--no-browser", "--port", "0", *arguments],
+        [sys.executable, *start, "app", "--no-browser", "--port", "0", *arguments],
         cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

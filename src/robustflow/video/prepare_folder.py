@@ -13,6 +13,7 @@ from ..cache import cache_folder, cache_folders
 from ..digest import sha256_of_file
 from ..errors import DataError, UsageError
 from ..layout import folders
+from ..safe_path import safe_path
 from .interpolation import load_interpolator
 from .prepare import Preparation, Progress, clip_timing, prepare_clip
 from .prepared import (
@@ -125,7 +126,7 @@ def _in_processes(
     sources: Sequence[Source], output: Path, preparation: Preparation, workers: int, progress: Progress
 ) -> None:
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with safe_path(), ProcessPoolExecutor(workers, mp_context=context) as pool:
         tasks = {pool.submit(prepare_clip, s, output / s.name, preparation): s for s in sources}
         try:
             for finished, task in enumerate(as_completed(tasks), start=1):

@@ -125,10 +125,10 @@ def _fetch(folder: Path) -> None:
 
 
 def _download(folder: Path) -> Path:
-    command = [sys.executable, "-m", "pip", "--no-input", "--disable-pip-version-check", "download", "--quiet"]
+    command = [sys.executable, "-I", "-m", "pip", "--no-input", "--disable-pip-version-check", "download", "--quiet"]
     command += ["--no-deps", "--only-binary=:all:", "--retries", "1", "--dest", str(folder), WHEEL]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=_PIP_SECONDS, check=False)
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=_PIP_SECONDS, check=False)
     except subprocess.TimeoutExpired:
         raise AssetError(f"pip gave no {WHEEL} within {_PIP_SECONDS} s; {_REMEDY}") from None
     wheels = list(folder.glob("*.whl"))

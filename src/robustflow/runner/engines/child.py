@@ -15,7 +15,6 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from typing import Any
 from ... import errors
 from ...errors import RobustFlowError, RunError, UsageError
 from ...models import ModelSpec
+from ...safe_path import safe_path
 from .kept_memory import keep_freed_memory
 
 ONE_THREAD = (
@@ -52,7 +52,7 @@ class Child:
         watched, self._lifeline = context.Pipe(duplex=False)
         self._began = False
         self._process = context.Process(target=_live, args=(theirs, watched, life, arguments), daemon=True)
-        with one_thread(), _no_interrupt():
+        with one_thread(), safe_path(), _no_interrupt():
             self._process.start()
         theirs.close()
         watched.close()
@@ -159,8 +159,8 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def _no_interrupt() -> Iterator[None]:
-    """Hold back Ctrl-C until a process has started, which inherits ignoring it."""
-    resource_tracker.ensure_running()  # if it started with the first process, it would let Ctrl-C through again
+    """Hold back Ctrl-C until a process has started, which inherits ignoring it. The resource tracker has to run
+    already: its start lets Ctrl-C through again."""
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     came: list[
         int

@@ -64,6 +64,11 @@ def on_ray(
             crew.end()
 
 
+def _folders(local: bool) -> list[str]:
+    """Where actors look for modules, in addition to the node's own path."""
+    return sys.path if local else [os.path.abspath(folder) for folder in sys.path[:1]]  # of the script
+
+
 class _Crew:
     """The actors of a run, and the remaining units."""
 
@@ -138,7 +143,7 @@ class _Crew:
             raise RunError(f"{where} has no {kind} that Ray knows of; give --workers N to wait for N of them to join")
         while len(self._members) < min(wanted, self._left):
             self._members.append(Member(self._ray, self._gpu, self._timeout is not None))
-            self._members[-1].greet(variables(), os.getcwd(), sys.path if self._local else [])
+            self._members[-1].greet(variables(), os.getcwd(), _folders(self._local))
         if any(member.host for member in self._members):
             self._heard = now
         elif now - self._heard > _PATIENCE_S and not self._warned:

@@ -8,11 +8,12 @@ import shutil
 import signal
 import socket
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from ...errors import RobustFlowError, RunError, UsageError
+from ...safe_path import safe_path
 
 REACH_S = 10.0
 """Seconds within which the head of a cluster has to answer."""
@@ -68,7 +69,7 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
     folder = None if address else _new_folder()
     _show_messages(ray, False)
     try:
-        with _quiet():
+        with _quiet(), safe_path():
             if address is None:
                 _start(ray, cpus, sent_bytes, folder)
             else:
@@ -88,6 +89,7 @@ def _start(ray: Any, cpus: int | None, sent_bytes: int, folder: str | None) -> N
     try:
         ray.init(
             address="local",
+            job_config=_job(ray),
             num_cpus=cpus,
             include_dashboard=False,
             object_store_memory=_STORE_BYTES + 2 * sent_bytes,
@@ -108,7 +110,7 @@ def _join(ray: Any, address: str) -> None:
         if address == "auto":
             address = str(ray._private.services.get_ray_address_from_environment("auto", None))
         _check_answers(address, cluster)
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+        ray.init(address=address, job_config=_job(ray), log_to_driver=False, logging_level=logging.ERROR)
     except RobustFlowError:
         raise
     except ImportError as error:
@@ -119,6 +121,19 @@ def _join(ray: Any, address: str) -> None:
         raise RunError(f"{cluster} does not answer like Ray; check the address and its port") from error
     except Exception as error:
         raise RunError(f"{cluster} cannot be joined from here: {_first_sentence(error)}") from error
+
+
+class _NoFolders(list[str]):
+    """The folders that Ray puts before the standard library in its workers' path: none."""
+
+    def extend(self, folders: Iterable[str]) -> None:
+        """Leave out the working folder and the script's, which Ray has no option to leave out."""
+
+
+def _job(ray: Any) -> Any:
+    job = ray.job_config.JobConfig()
+    job._py_driver_sys_path = _NoFolders()
+    return job
 
 
 def _check_answers(address: str, cluster: str) -> None:

@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
 from ...errors import RunError
+from ...safe_path import safe_path
 from .pairs import TrainingPair, TrainingPairs, Whole
 
 
@@ -131,7 +132,9 @@ def batches(pairs: TrainingPairs, share: Share, steps: range, workers: int) -> I
         worker_init_fn=_quiet_worker,
         prefetch_factor=4 if workers else None,
     )
-    yield from loader
+    with safe_path():
+        reading = iter(loader)
+    yield from reading
 
 
 @contextmanager

@@ -1,0 +1,32 @@
+"""Processes that find no module in the working folder, which may hold anything."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
+
+SAFE_PATH = "PYTHONSAFEPATH"
+"""Environment variable of Python. Without it `python -c`, which starts the children of `multiprocessing` and its
+resource tracker, searches the working folder before the standard library."""
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Within the block, processes start without the working folder on their path.
+
+    >>> with safe_path():
+    ...     os.environ[SAFE_PATH]
+    '1'
+    """
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        resource_tracker.ensure_running()  # otherwise it starts with the first child, or later and elsewhere
+        yield
+    finally:
+        if before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = before

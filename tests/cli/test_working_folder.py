@@ -1,0 +1,162 @@
+"""The working folder may come from anyone: nothing in it is run, or changes a number or a figure, because a command was
+started there."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ..app.launch import running_app
+
+SCRIPT = "import sys\nfrom robustflow.cli.main import main\nif __name__ == '__main__':\n    sys.exit(main())\n"
+"""What an installer writes as the command `robustflow`."""
+
+
+class Place:
+    """A folder with a decoy of every module that could be imported, which leaves its name when it is run.
+
+    Args:
+        root: the parent of the working folder, `here`, and of everything else.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.here, self.marker, self.script = root / "here", root / "run", root / "bin" / "robustflow"
+        self.here.mkdir()
+        self.script.parent.mkdir()
+        self.script.write_text(SCRIPT)
+        names = {*sys.stdlib_module_names, *packages_distributions(), "sitecustomize", "usercustomize"}
+        assert {"multiprocessing", "numpy", "numba", "pip"} <= names
+        for name in names - {"robustflow"}:
+            if name.isidentifier():
+                text = f"open({str(self.marker)!r}, 'a').write({name!r} + '\\n')\nraise SystemExit('decoy')\n"
+                (self.here / f"{name}.py").write_text(text)
+
+    def command(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        """Run the command in the folder."""
+        return self.python(self.script, *arguments)
+
+    def python(self, *arguments: object) -> subprocess.CompletedProcess[str]:
+        """Run Python in the folder."""
+        begin = [sys.executable, *map(str, arguments)]
+        return subprocess.run(begin, cwd=self.here, capture_output=True, text=True, check=False)
+
+    def what_ran(self) -> list[str]:
+        """The names of the decoys that were run since the last call."""
+        names = sorted(set(self.marker.read_text().split())) if self.marker.exists() else []
+        self.marker.unlink(missing_ok=True)
+        return names
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    return Place(tmp_path_factory.mktemp("place"))
+
+
+def _finishes(place: Place, *arguments: object) -> str:
+    done = place.command(*arguments)
+    assert place.what_ran() == []
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+def _run(place: Place, output: Path, *arguments: object) -> None:
+    run = ("run", "-m", "dis", "-c", "fog", "-s", 3, "-o", output)
+    assert "clean EPE" in _finishes(place, *run, *arguments)
+
+
+def test_decoys_that_python_itself_looks_at_run(place):
+    place.python("-c", "import multiprocessing")
+    assert place.what_ran() == ["multiprocessing"]
+
+
+def test_run_and_report_in_a_folder_of_decoys_run_none(place, tmp_path):
+    _run(place, tmp_path / "run", "--engine", "processes", "--workers", 2)
+    _finishes(place, "report", tmp_path / "run")
+
+
+@pytest.mark.slow
+def test_run_in_one_process_in_a_folder_of_decoys_runs_none(place, tmp_path):
+    _run(place, tmp_path / "run", "--engine", "serial")
+
+
+@pytest.mark.ray
+@pytest.mark.slow
+def test_run_and_prepare_on_ray_in_a_folder_of_decoys_run_none(place, tmp_path):
+    pytest.importorskip("ray")
+    _run(place, tmp_path / "run", "--engine", "ray", "--workers", 2)
+    frames = _two_clips(tmp_path / "clips")
+    prepare = ("prepare", "gopro-fc", "-d", frames, "-o", tmp_path / "prepared", "--fps", 30, "--factor", 1)
+    _finishes(place, *prepare, "--engine", "ray")
+
+
+def test_corrupt_and_prepare_in_a_folder_of_decoys_run_none(place, tmp_path):
+    frames = _two_clips(tmp_path / "clips")
+    _finishes(
+        place, "corrupt", frames / "a/000.png", frames / "a/001.png", "-c", "fog", "-s", 2, "-o", tmp_path / "corrupted"
+    )
+    prepare = ("prepare", "gopro-fc", "-d", frames, "-o", tmp_path / "prepared", "--fps", 30, "--factor", 1)
+    _finishes(place, *prepare, "--workers", 2)
+
+
+def test_fetching_the_photographs_of_frost_runs_no_decoy(place, tmp_path, monkeypatch):
+    monkeypatch.setenv("PIP_NO_INDEX", "1")  # pip starts, and finds nothing
+    fetch = f"from robustflow.corruptions.weather import frost_assets as f; f._download(f.Path({str(tmp_path)!r}))"
+    done = place.python("-P", "-c", fetch)
+    assert "pip could not fetch" in done.stderr
+    assert place.what_ran() == []
+
+
+def test_the_app_in_a_folder_of_decoys_runs_none(place):
+    pytest.importorskip("uvicorn")
+    with running_app(place.here, start=(str(place.script),)) as app:
+        assert app.preview()[0] == 200
+    assert place.what_ran() == []
+
+
+@pytest.mark.torch
+def test_a_training_plan_in_a_folder_of_decoys_runs_none(place, tmp_path):
+    pytest.importorskip("torch")
+    plan = ("train", "raft", "--recipe", "chairs", "--data", tmp_path, "--init", "random", "--plan")
+    place.command(*plan)
+    assert place.what_ran() == []
+
+
+def test_a_model_and_a_corruption_of_the_working_folder_are_imported_and_no_decoy(place, tmp_path):
+    (place.here / "mine.py").write_text(
+        "import helper\nimport numpy as np\n"
+        "class Still:\n"
+        "    def predict(self, frame1, frame2):\n"
+        "        return np.zeros((*frame1.shape[:2], 2), np.float32)\n"
+        "class Darker:\n"
+        "    def draw(self, rng, severity, shape):\n"
+        "        return severity\n"
+        "    def apply(self, frame, state, index):\n"
+        "        return frame // state\n"
+    )
+    (place.here / "helper.py").write_text("")
+    run = ("run", "-m", "mine:Still", "-c", "fog,mine:Darker", "-s", 3, "-o", tmp_path / "run")
+    assert "darker" in _finishes(place, *run, "--engine", "processes", "--workers", 2)
+
+
+def test_a_module_of_the_working_folder_that_an_installed_one_hides_is_named(place):
+    (place.here / "glob.py").write_text("class Net: ...\n")
+    done = place.command("run", "-m", "glob:Net")
+    assert done.returncode != 0
+    assert "glob.py" in done.stderr
+    assert "rename" in done.stderr
+
+
+def _two_clips(folder: Path) -> Path:
+    rng = np.random.default_rng(0)
+    picture = cv2.GaussianBlur(rng.integers(0, 256, (64, 96, 3), dtype=np.uint8), (5, 5), 0)
+    for name in ("a", "b"):
+        (folder / name).mkdir(parents=True)
+        for index in range(34):
+            cv2.imwrite(str(folder / name / f"{index:03}.png"), np.roll(picture, index, axis=1))
+    return folder
