@@ -31,8 +31,8 @@ def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) ->
     height, width = whole.shape[2:]
     x, y = _targets(flow, corners).unbind(dim=1)
     inside = inside_frame(flow, corners, sizes)
-    grid = torch.stack((2 * x / max(width - 1, 1) - 1, 2 * y / max(height - 1, 1) - 1), dim=-1)
-    warped = F.grid_sample(whole.float(), grid, mode="bilinear", padding_mode="border", align_corners=True)
+    grid = torch.stack(((2 * x + 1) / width - 1, (2 * y + 1) / height - 1), dim=-1)
+    warped = F.grid_sample(whole.float(), grid, mode="bilinear", padding_mode="border", align_corners=False)
     return warped * inside, inside
 
 
@@ -43,8 +43,11 @@ def inside_frame(flow: Tensor, corners: Tensor, sizes: Tensor) -> Tensor:
 
 
 def _targets(flow: Tensor, corners: Tensor) -> Tensor:
-    """The pixel of the whole frame that the flow of each pixel of a crop points at, (N, 2, H, W)."""
-    return pixel_grid(flow) + flow.float() + corners[:, :, None, None]
+    """The pixel of the whole frame that the flow of each pixel of a crop points at, (N, 2, H, W).
+
+    Rounded once, since a pixel and its corner are whole numbers: at the pixels of the frame the gradient jumps.
+    """
+    return (pixel_grid(flow) + corners[:, :, None, None]) + flow.float()
 
 
 def leaves(flow: Tensor) -> Tensor:
