@@ -29,7 +29,7 @@ def rows_of(
             "n_invalid": 0,
             "n_all": PIXELS,
             "n_valid": PIXELS,
-            "pred_magnitude_sum": 1.0,
+            "pred_magnitude_sum": 50.0 * PIXELS,
             "magnitude_sum": 50.0 * PIXELS,
             "fl_count": 0,
             "px1_count": 0,

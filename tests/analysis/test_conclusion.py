@@ -42,7 +42,7 @@ def frames(tmp_path_factory) -> Path:
 def runs(frames, tmp_path_factory) -> list[Result]:
     """Two real models and a blind one over the same frames."""
     folder = tmp_path_factory.mktemp("runs")
-    models = {"dis": "dis", "farneback": "farneback", "blind": ConstantFlow(1, 1)}
+    models = {"dis": "dis", "dis_rgb": "dis_rgb", "blind": ConstantFlow(1, 1)}
     return [evaluate(model, "folder", frames, folder / name, **OPTIONS) for name, model in models.items()]
 
 
@@ -81,12 +81,12 @@ def test_one_run_says_what_changes_its_flow_most_and_least(runs):
 
 
 def test_several_runs_say_which_changes_least_under_what(runs):
-    dis, farneback, _ = runs
-    (said,) = conclusions([dis, farneback])
-    first = min((dis, farneback), key=lambda run: run.summary.rcre)
+    dis, rgb, _ = runs
+    (said,) = conclusions([dis, rgb])
+    first = min((dis, rgb), key=lambda run: run.summary.rcre)
     assert f"{first.name} changes least on average (RCRE {first.summary.rcre:.2f} px where its clean flow is" in said
     for name in ("contrast", "gaussian_noise"):
-        least = min((dis, farneback), key=lambda run: run.summary.corruptions[name].rcre)
+        least = min((dis, rgb), key=lambda run: run.summary.corruptions[name].rcre)
         part = next(part for part in said.split("; ") if part.startswith(f"{least.name} least under"))
         assert "every corruption" in part or name.replace("_", " ").capitalize() in part
 
@@ -108,7 +108,7 @@ def test_enough_scenes_give_an_interval_and_a_verdict(runs):
     assert "95 % interval" in said
     assert "more pairs of other scenes" in said
     (said,) = conclusions([calm, shaky])
-    assert "the lead of DIS over Farneback is more than chance (p < 0.001)" in said
+    assert "the lead of DIS over DIS-RGB is more than chance (p < 0.001)" in said
     (said,) = conclusions([_scenes(runs[0], 1.0, 40), _scenes(runs[1], 1.0, 40)])
     assert "is more than chance" not in said
 

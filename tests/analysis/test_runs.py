@@ -18,6 +18,8 @@ from robustflow.images.io import write_image
 from robustflow.report.assemble import ALL_TABLES, figures_of, results_of, tables_of
 from robustflow.report.render import FORMATS, render
 from robustflow.report.site.content import whole_content
+from robustflow.report.site.entries import default_order
+from robustflow.report.site.figures import page_figures
 from robustflow.runs.shards import list_shards, write_shard
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ZeroFlow
@@ -115,11 +117,7 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     """The lowest errors under corruption, of a model that is no better than zero flow on clean frames."""
 
     def made(name, rows):
-        run = _with_rows(runs[0], rows, tmp_path / name)
-        run.manifest["selection"] = runs[0].manifest["selection"]
-        run.manifest["identity"]["model"] = {"name": name}
-        run.__dict__["provenance"] = {"setting": "OOD", "trained_on": [], "basis": "declared", "note": ""}
-        return run
+        return _made(runs[0], name, rows, tmp_path)
 
     rows = runs[0].rows
     low = rows.with_columns(epe_sum=pl.col("epe_sum") / 100, clean_epe_sum=pl.col("clean_epe_sum") / 100)
@@ -128,7 +126,7 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     useless = made("Useless", low.with_columns(magnitude_sum=pl.lit(0.0)))
     best = _marked([useless, *others])
     assert best["Useless"][0] == 0
-    assert "not marked as best: its clean EPE of 0.03 px is not below the 0.00 px of zero flow" in best["Useless"][1]
+    assert "not ranked: its clean EPE of 0.03 px is not below half of the 0.00 px of zero flow" in best["Useless"][1]
     assert best["Good"][0] > 0
     content = whole_content([useless, *others], published=False)
     assert set(sound_results(content.results, content.doubted)["model"]) == {"Good", "Bad"}
@@ -136,6 +134,48 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     assert not entries["Useless"].best
     assert ("epe", "average") in entries["Good"].best
     assert "zero flow" in entries["Useless"].doubt
+
+
+def _made(base, name, rows, tmp_path):
+    run = _with_rows(base, rows, tmp_path / name)
+    run.manifest["selection"] = base.manifest["selection"]
+    run.manifest["identity"]["model"] = {"name": name}
+    run.__dict__["provenance"] = {"setting": "OOD", "trained_on": [], "basis": "declared", "note": ""}
+    return run
+
+
+def test_doubted_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_them(runs, tmp_path):
+    """Five models of different accuracy, and a nearly blind one whose errors would bend every line through them."""
+    rows = runs[0].rows
+
+    def scaled(clean, ratio):
+        factor = pl.when(pl.col("corruption") == "clean").then(clean).otherwise(clean * ratio)
+        return rows.with_columns(epe_sum=pl.col("epe_sum") * factor, clean_epe_sum=pl.col("clean_epe_sum") * clean)
+
+    models = {"A": (1.0, 1.0), "B": (1.2, 0.9), "C": (1.5, 1.3), "D": (2.0, 1.1), "E": (3.0, 1.2)}
+    sound = [_made(runs[0], name, scaled(*factors), tmp_path) for name, factors in models.items()]
+    useless = _made(runs[0], "Useless", scaled(9.0, 0.8), tmp_path)
+
+    def numbers(name, of):
+        (table,) = tables_of(of, published=False, wanted=[name])
+        lines = {line.label: [cell.text for cell in line.cells] for each in table.sections for line in each.lines}
+        return table.remarks, {label: cells for label, cells in lines.items() if label != "Useless"}
+
+    for name in ("effective", "uncoupled", "observations"):
+        (remarks, lines), (alone, lines_alone) = numbers(name, [*sound, useless]), numbers(name, sound)
+        assert lines == lines_alone
+        assert remarks[:-1] == alone
+        assert remarks[-1].startswith("Left out of trends and correlations: Useless, because its clean EPE of 23.7")
+    assert "Over 5 models" in numbers("uncoupled", [*sound, useless])[0][1]
+
+    figures = figures_of([*sound, useless], published=False)
+    for name in ("effective_trend_0", "relations_0", "clean_against_cre_0"):
+        assert {mark.model for marks in figures[name].marks.values() for mark in marks} == set(models), name
+    content = whole_content([*sound, useless], published=False)
+    trend = next(one for one in page_figures(content) if one.title == "Effective robustness")
+    assert {label for label, _ in trend.lines} == set(models)
+    assert "Not drawn, because not ranked: Useless." in trend.frames
+    assert [entry.name for entry in sorted(content.entries, key=default_order)][-1] == "Useless"
 
 
 def _marked(runs):

@@ -9,7 +9,7 @@ from ..benchmarks import benchmark_facts
 from ..errors import RunError
 from ..metrics.rows import CLEAN
 from ..text import counted, plain
-from .doubts import doubts
+from .doubts import doubted_runs
 from .labels import long_label
 from .results import AVERAGE
 from .run_names import run_names
@@ -38,18 +38,26 @@ def without_truth(run: Run) -> bool:
 def conclusions(runs: Sequence[Run]) -> list[str]:
     """One conclusion for each set of frames that runs measured without ground truth: which corruption changes the flow
     most, or which model changes least under which; how strong the evidence is; and what would settle it."""
+    doubted = doubted_runs(runs)
     groups: dict[str, dict[str, Run]] = {}
+    against: dict[str, dict[str, str]] = {}
     for run, name in zip(runs, run_names(runs), strict=True):
         if without_truth(run):
-            groups.setdefault(sample_set(run), {})[plain(name)] = run
-    return [conclusion(group) for group in groups.values()]
+            frames = sample_set(run)
+            groups.setdefault(frames, {})[plain(name)] = run
+            against.setdefault(frames, {})[plain(name)] = doubted.get((frames, name), "")
+    return [conclusion(group, against[frames]) for frames, group in groups.items()]
 
 
-def conclusion(runs: Mapping[str, Run]) -> str:
-    """The conclusion of runs, by name, over the same frames without ground truth."""
-    against = {name: " and ".join(doubts(run)) for name, run in runs.items()}
+def conclusion(runs: Mapping[str, Run], against: Mapping[str, str]) -> str:
+    """The conclusion of runs, by name, over the same frames without ground truth.
+
+    Args:
+        runs: by name.
+        against: by name, why a run is not ranked (`doubts.doubted_runs`); "" if there is no reason.
+    """
     sound = {name: run for name, run in runs.items() if not against[name]}
-    reasons = [f"{name}, because {reason}" for name, reason in against.items() if reason]
+    reasons = [f"{name}, because {against[name]}" for name in runs if against[name]]
     sentences = []
     if len(sound) == 1:
         sentences.append(_of_one(*next(iter(sound.items()))))

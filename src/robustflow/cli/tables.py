@@ -10,9 +10,10 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.table import Table
 
-from ..analysis.conclusion import conclusions, enough_to_compare
+from ..analysis.conclusion import conclusions, enough_to_compare, without_truth
 from ..analysis.doubts import doubts
 from ..analysis.labels import METRIC_LABELS
+from ..analysis.scores import run_names
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..errors import unknown_name
 from ..metrics.summary import METRICS, Scores, Summary, has_gaps
@@ -79,6 +80,10 @@ def print_results(results: Sequence[Run]) -> None:
     for result, summary in zip(results, summaries, strict=True):
         table.add_row(plain(result.name), *(cell(getattr(summary, name)) for name in shown))
     console.print(table)
+    for name, run in zip(run_names(results), results, strict=True):
+        if (reasons := doubts(run)) and not without_truth(run):
+            sentence = f"Not ranked: {name}, because {' and '.join(reasons)}."
+            console.print(plain(sentence, None), highlight=False, soft_wrap=True)
     _print_conclusions(console, results)
     if all(map(enough_to_compare, results)):
         folders = " ".join(shlex.quote(str(result.path)) for result in results)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 import polars as pl
 from scipy.special import stdtrit
 
+from ..analysis.doubts import missed_motion
 from ..errors import UsageError
 from ..metrics.rows import CLEAN
 from ..runs.run import Run
@@ -19,10 +20,6 @@ from .arms import ALL, PLAIN, TESTED, members
 _FEWEST = 10
 """Independent pairs below which there is no interval."""
 _LEVEL = 0.95
-_SUMS = ("epe_sum", "magnitude_sum")
-"""Of a network's flow, and of zero flow."""
-GUARD = 0.5
-"""Of zero flow's error, which every network's clean error must be below."""
 
 Array = npt.NDArray[np.float64]
 Runs = Mapping[tuple[str, str, int], Run]
@@ -107,10 +104,8 @@ def unguarded(runs: Runs, dataset: str) -> list[str]:
     for (arm, of, seed), run in runs.items():
         if of != dataset:
             continue
-        clean = run.rows.filter(pl.col("corruption") == CLEAN)
-        error, zero = (clean[column].to_numpy().sum() / clean["n_valid"].to_numpy().sum() for column in _SUMS)
-        if not error < GUARD * zero:
-            reasons.append(f"{arm}, seed {seed}: clean EPE {error:.2f}, zero flow's {zero:.2f}")
+        if (missed := missed_motion(run.rows)) is not None:
+            reasons.append(f"{arm}, seed {seed}: clean EPE {missed[0]:.2f}, zero flow's {missed[1]:.2f}")
     return reasons
 
 

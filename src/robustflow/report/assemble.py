@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -85,14 +85,14 @@ def tables_of(
     }
     makers |= {
         "means": lambda: [means_table(_some(runs, "means"), seed=seed)],
-        "uncoupled": lambda: [uncoupled_table(_some(runs, "uncoupled"))],
-        "effective": lambda: _by_sample_set(about, effective_table),
+        "uncoupled": lambda: [_without(uncoupled_table(_some(runs, "uncoupled"), doubted), doubted)],
+        "effective": lambda: _by_sample_set(sound, effective_table, doubted),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
-        "observations": lambda: _by_sample_set(sound, all_observations),
+        "observations": lambda: _by_sample_set(sound, all_observations, doubted),
     }
     if wanted is not None:
         return _concluded([table for name in wanted for table in makers[name]()], runs)
-    makers["observations"] = lambda: _by_sample_set(sound, computable_observations)
+    makers["observations"] = lambda: _by_sample_set(sound, computable_observations, doubted)
     tables: list[Table] = []
     for name in ALL_TABLES:
         try:
@@ -115,12 +115,12 @@ def _concluded(tables: list[Table], runs: Sequence[Run]) -> list[Table]:
 
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     """Every figure that can be made from the runs, and from the published results if requested. Runs on the same frames
-    are drawn together."""
+    are drawn together; doubted ones only where each run has a curve."""
     from .figures import all_figures, displacement_figure
     from .figures.canvas import SERIES
 
     rows = {name: run.rows for name, run in zip(run_names(runs), runs, strict=True)}
-    figures = all_figures(results_of(runs, published), rows)
+    figures = all_figures(sound_results(results_of(runs, published), doubted_runs(runs)), rows)
     moved = displacements_of(runs)
     if 0 < len(moved) <= len(SERIES):
         figures["displacement"] = displacement_figure(moved)
@@ -133,9 +133,11 @@ def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
     return runs
 
 
-def _by_sample_set(results: pl.DataFrame, make: Callable[[pl.DataFrame], Table]) -> list[Table]:
-    """One table per set of comparable results that has enough models, with a title that names the set; raises an error
-    if none has."""
+def _by_sample_set(
+    results: pl.DataFrame, make: Callable[[pl.DataFrame], Table], doubted: Mapping[tuple[str, str], str]
+) -> list[Table]:
+    """One table per set of comparable results that has enough models, with a title that names the set and the doubted
+    runs that are not among the results; raises an error if none has."""
     tables: list[Table] = []
     reason = UsageError("there are no results")
     for frames in dict.fromkeys(results["sample_set"]):
@@ -146,10 +148,20 @@ def _by_sample_set(results: pl.DataFrame, make: Callable[[pl.DataFrame], Table])
             reason = error
         else:
             name = f"{table.name}-{len(tables) + 1}" if tables else table.name
-            tables.append(replace(table, name=name, title=f"{table.title}: {_whose(frames, part)}"))
+            title = f"{table.title}: {_whose(frames, part)}"
+            of_frames = {key: reason for key, reason in doubted.items() if key[0] == frames}
+            tables.append(_without(replace(table, name=name, title=title), of_frames))
     if not tables:
         raise reason
     return tables
+
+
+def _without(table: Table, doubted: Mapping[tuple[str, str], str]) -> Table:
+    """A table of statements about models in general, with a remark that names the runs they leave out."""
+    if not doubted:
+        return table
+    reasons = "; ".join(f"{plain(name)}, because {reason}" for (_, name), reason in doubted.items())
+    return replace(table, remarks=(*table.remarks, f"Left out of trends and correlations: {reasons}."))
 
 
 def _whose(frames: str, part: pl.DataFrame) -> str:

@@ -86,12 +86,12 @@ class Table:
 
 
 def with_doubt(note: str, reason: str | None) -> str:
-    """The note of a line, and why its model is never marked as best.
+    """The note of a line, and why its model is not ranked.
 
     >>> with_doubt("3 pairs", "its weights are random")
-    '3 pairs; not marked as best: its weights are random'
+    '3 pairs; not ranked: its weights are random'
     """
-    return "; ".join(part for part in (note, reason and f"not marked as best: {reason}") if part)
+    return "; ".join(part for part in (note, reason and f"not ranked: {reason}") if part)
 
 
 def number_text(value: float | None, decimals: int | None) -> str:

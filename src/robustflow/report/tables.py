@@ -45,7 +45,7 @@ def build_table(
         results: columns of `results.RESULT_SCHEMA`: published, of runs, or both after one another.
         costs: published ones by model, for "cost".
         run_costs: of runs by (sample set, name), for "cost"; runs that are not in it are listed without.
-        doubted: by (sample set, name) of a run, why its model is never marked as best; a footnote says so.
+        doubted: by (sample set, name) of a run, why its model is not ranked; a footnote says so.
         coverage: by (sample set, name) of a run, the share of the pixels that its model predicted, if it left out any;
             shown in a separate column.
 

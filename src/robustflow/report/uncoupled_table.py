@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from ..analysis.results import AVERAGE
@@ -32,8 +32,13 @@ _REMARK = (
 )
 
 
-def uncoupled_table(runs: Sequence[Run]) -> Table:
-    """`uncoupled` of runs; with five models or more on the same frames also how CRE and log ratio follow the accuracy.
+def uncoupled_table(runs: Sequence[Run], doubted: Mapping[tuple[str, str], str]) -> Table:
+    """`uncoupled` of runs; with five sound models or more on the same frames also how CRE and log ratio follow the
+    accuracy.
+
+    Args:
+        runs: at least one.
+        doubted: by (sample set, name), why a run is in no correlation.
 
     Raises:
         UsageError: no run has ground truth.
@@ -45,9 +50,9 @@ def uncoupled_table(runs: Sequence[Run]) -> Table:
         if measured.overall.log_ratio is None and measured.overall.median_cre is None:
             continue
         lines.append(Line(name, tuple(map(TableCell, _texts(run, measured))), note_of(run)))
-        clean, cre, ratio = run.epe_clean, run.cre, measured.overall.log_ratio
-        if clean is not None and cre is not None and ratio is not None:
-            same_frames.setdefault(sample_set(run), []).append((clean, cre, ratio))
+        frames, clean, cre, ratio = sample_set(run), run.epe_clean, run.cre, measured.overall.log_ratio
+        if clean is not None and cre is not None and ratio is not None and (frames, name) not in doubted:
+            same_frames.setdefault(frames, []).append((clean, cre, ratio))
     if not lines:
         raise UsageError("the table 'uncoupled' needs ground truth, which none of these runs has")
     couplings = (coupling(*map(list, zip(*models, strict=True))) for models in same_frames.values())

@@ -43,7 +43,7 @@ class Content:
         group_titles: sample set -> heading.
         alone: whether the page is about its runs, and the paper's results are only shown for comparison: then there are
             no figures, observations and audit of the latter.
-        doubted: (sample set, name) of a run -> why its model is never marked as best.
+        doubted: (sample set, name) of a run -> why its model is not ranked.
         of_paper: whether the runs' averages are over the paper's corruptions only, for comparison with the published
             ones.
     """

@@ -78,6 +78,7 @@ def _entry(entry: LeaderboardEntry, place: dict[NumberKey, int], title: str) -> 
         "frames": plain(entry.sample_set, 200),
         "note": entry.note,
         "remark": _remark(entry, title),
+        "doubted": bool(entry.doubt),
         "values": values,
         "best": sorted(place[key] for key in entry.best),
         "derived": sorted(place[key] for key in entry.derived),
@@ -87,8 +88,8 @@ def _entry(entry: LeaderboardEntry, place: dict[NumberKey, int], title: str) -> 
 
 
 def _remark(entry: LeaderboardEntry, title: str) -> str:
-    """Below the name: how it differs, unless the heading says so, and why it is never marked as best."""
-    doubt = f"not marked as best: {plain(entry.doubt, 160)}" if entry.doubt else ""
+    """Below the name: how it differs, unless the heading says so, and why it is not ranked."""
+    doubt = f"not ranked: {plain(entry.doubt, 300)}" if entry.doubt else ""
     return "; ".join(part for part in (plain(entry.note, 80) if entry.note not in title else "", doubt) if part)
 
 

@@ -47,7 +47,7 @@ class LeaderboardEntry:
         derived: keys of numbers that the paper does not print and that are computed from its others.
         best: keys whose printed number is the smallest among the models of its setting and sample set.
         intervals: 95 % confidence intervals, if any.
-        doubt: why its model is never marked as best; "" for a sound one.
+        doubt: why its model is not ranked; "" for a sound one.
     """
 
     benchmark: str
@@ -164,7 +164,7 @@ def _mark_best(entries: list[LeaderboardEntry], doubted: Mapping[tuple[str, str]
         entry.best |= best
 
 
-def default_order(entry: LeaderboardEntry) -> tuple[bool, float, str]:
-    """By `START`, then by name."""
+def default_order(entry: LeaderboardEntry) -> tuple[bool, bool, float, str]:
+    """By `START`, then by name; doubted models, which have no rank, last."""
     value = next((entry.numbers[key] for key in START if key in entry.numbers), None)
-    return value is None, value or 0.0, entry.model
+    return bool(entry.doubt), value is None, value or 0.0, entry.model

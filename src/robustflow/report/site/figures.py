@@ -8,6 +8,7 @@ from itertools import islice
 from markupsafe import Markup
 
 from ...analysis.displacements import displacements_of
+from ...analysis.doubts import sound_results
 from ...errors import UsageError
 from ...text import plain
 from ..figures import displacement_figure, figures_by_sample_set, severity_curves
@@ -71,14 +72,18 @@ def page_figures(content: Content) -> list[PageFigure]:
     """Figures of each sample set that the page is about, the severity curves of its runs and how far pixels move in
     their frames, eight per figure."""
     drawn: list[tuple[str, str, MarkedFigure]] = []
-    for frames, figures in figures_by_sample_set(content.focus).items():
+    for frames, figures in figures_by_sample_set(sound_results(content.focus, content.doubted)).items():
         drawn += [(frames, name, figure) for name, figure in figures.items() if _compares(name, figure)]
-    notes = {}
+    notes: dict[tuple[str, str], str] = {}
+    for frames, _ in content.doubted:
+        names = [plain(name) for of, name in content.doubted if of == frames]
+        not_drawn = f"Not drawn, because not ranked: {', '.join(names)}. "
+        notes |= {(frames, name): not_drawn for of, name, _ in drawn if of == frames}
     for frames in dict.fromkeys(frames for frames, _ in content.runs):
         runs = _best_runs(frames, content)
         count = sum(of == frames for of, _ in content.runs)
         if count > len(runs):
-            notes[frames] = f"The {len(runs)} of {count} runs with the lowest error are drawn. "
+            notes[frames, "severity_curves"] = f"The {len(runs)} of {count} runs with the lowest error are drawn. "
         try:
             curves = severity_curves({name: content.runs[frames, name].rows for name in runs})
         except UsageError:
@@ -91,7 +96,7 @@ def page_figures(content: Content) -> list[PageFigure]:
     made = []
     for index, (of, name, drawing) in enumerate(drawn):
         one = _page_figure(f"figure-{index}", of, name, drawing, content)
-        made.append(replace(one, frames=one.frames + notes.get(of, "")) if name == "severity_curves" else one)
+        made.append(replace(one, frames=one.frames + notes.get((of, name), "")))
     return made
 
 

@@ -41,9 +41,9 @@ def headline(content: Content) -> list[str]:
             best = _best_of_settings(entries)
             published += [f"on {benchmark_words(benchmark)} {' and '.join(best)}"] if best else []
         elif own := _own_without_truth(entries, content):
-            sentences.append(conclusion(own))
+            sentences.append(conclusion(own, {entry.model: entry.doubt for entry in entries}))
         elif len(entries) == 1:
-            sentences += _alone(entries[0]) + _not_ranked(entries, content, "No sign of robustness")
+            sentences += _alone(entries[0]) + _not_ranked(entries, "No sign of robustness")
         else:
             sentences += _of_own(entries, content)
     if published and not content.alone:
@@ -106,8 +106,8 @@ def _alone(entry: LeaderboardEntry) -> list[str]:
 
 def _of_own(entries: list[LeaderboardEntry], content: Content) -> list[str]:
     """The lowest CRE together with the accuracy, among the models without doubts."""
-    left_out = _not_ranked(entries, content, "Not ranked")
-    sound = [entry for entry in entries if not _doubts(entry, content)]
+    left_out = _not_ranked(entries, "Not ranked")
+    sound = [entry for entry in entries if not entry.doubt]
     ranked = _ranked(sound)
     if ranked is None:
         return [sentence for entry in sound for sentence in _alone(entry)] + left_out
@@ -134,15 +134,9 @@ def _shown(entry: LeaderboardEntry, key: NumberKey) -> str:
     return f"{entry.texts[key]} px" + (f"; clean EPE {clean} px" if clean else "")
 
 
-def _doubts(entry: LeaderboardEntry, content: Content) -> list[str]:
-    reason = content.doubted.get((entry.sample_set, entry.name))
-    return [reason] if reason else []
-
-
-def _not_ranked(entries: Sequence[LeaderboardEntry], content: Content, start: str) -> list[str]:
+def _not_ranked(entries: Sequence[LeaderboardEntry], start: str) -> list[str]:
     """Which models are not called robust, and why."""
-    against = {entry.model: " and ".join(_doubts(entry, content)) for entry in entries}
-    reasons = [f"{model}, because {reason}" for model, reason in against.items() if reason]
+    reasons = [f"{entry.model}, because {entry.doubt}" for entry in entries if entry.doubt]
     return [f"{start}: {'; '.join(reasons)}."] if reasons else []
 
 

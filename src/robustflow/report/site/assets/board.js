@@ -15,7 +15,7 @@ function lineOf(entry, columns, head) {
   const link = make("a", { href: `#model=${entry.page}` }, entry.name || "(no name)");
   const name = make("th", { scope: "row" }, link, entry.remark ? make("small", {}, entry.remark) : null);
   const cells = columns.map((key, index) => cellOf(entry, key, head[index + 2].hidden));
-  const attributes = { "data-setting": entry.setting, "data-page": entry.page };
+  const attributes = { "data-setting": entry.setting, "data-page": entry.page, "data-doubted": entry.doubted ?? false };
   return make("tr", attributes, name, make("td", {}, settingChip(entry.setting)), ...cells);
 }
 
@@ -68,7 +68,8 @@ function cellKey(line, index, text) {
   return Number.isNaN(number) ? null : number;
 }
 
-// Within its group only: lines of different groups were measured on different frames. What is missing comes last.
+// Within its group only: lines of different groups were measured on different frames. What is missing comes last, and
+// after it models that are doubted, whose numbers are not ranked.
 function sortLines(board) {
   const { sort, down } = board;
   const text = board.head[sort].dataset.kind === "text";
@@ -80,6 +81,8 @@ function sortLines(board) {
   for (const { body, lines } of board.bodies) {
     const keys = new Map(lines.map((line) => [line, cellKey(line, sort, text)]));
     lines.sort((a, b) => {
+      const [s, t] = [a, b].map((line) => Number("doubted" in line.dataset));
+      if (s !== t && !text) return s - t;
       const [x, y] = [keys.get(a), keys.get(b)];
       if (x === null || y === null) return (x === null) - (y === null);
       return sign * (text ? x.localeCompare(y) : x - y);
