@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
+from robustflow.metrics.rows import CLEAN
+from tests.made_rows import rows_frame
 
 PIXELS = 1000
 SETTINGS = (("fog", 1), ("fog", 3), ("snow", 2))
@@ -51,7 +52,7 @@ def rows_of(
                     "rcre_all_sum": PIXELS * float(moved),
                 }
             )
-    return pl.DataFrame([dict.fromkeys(ROW_SCHEMA) | record for record in records], schema=ROW_SCHEMA)
+    return rows_frame(records)
 
 
 @dataclass(frozen=True)

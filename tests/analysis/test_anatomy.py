@@ -6,19 +6,19 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.anatomy import by_family, by_region, by_severity
-from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
+from robustflow.metrics.rows import CLEAN
 from robustflow.runs.aggregate import summarize
+from tests.made_rows import rows_frame
 
 _PIXELS = 1000
 
 
 def _row(corruption: str, severity: int, epe: float, fl: float, edge_epe: float | None = None) -> dict:
-    row = dict.fromkeys(ROW_SCHEMA) | {
+    row = {
         "sample": "a",
         "group": "a",
         "corruption": corruption,
         "severity": severity,
-        "frames_digest": "",
         "height": 1,
         "width": _PIXELS,
         "n_invalid": 0,
@@ -41,7 +41,7 @@ def _row(corruption: str, severity: int, epe: float, fl: float, edge_epe: float 
 
 
 def _summary(*rows: dict):
-    return summarize(pl.DataFrame(list(rows), schema=ROW_SCHEMA))
+    return summarize(rows_frame(rows))
 
 
 def test_families_share_the_error():
@@ -84,7 +84,7 @@ def test_regions():
 
 
 def test_without_ground_truth_nothing_is_made_up():
-    rows = pl.DataFrame([_row(CLEAN, 0, 2, 5), _row("fog", 1, 8, 10)], schema=ROW_SCHEMA)
+    rows = rows_frame([_row(CLEAN, 0, 2, 5), _row("fog", 1, 8, 10)])
     blind = rows.with_columns(
         pl.lit(None, rows.schema[c]).alias(c) for c in ("n_valid", "epe_sum", "rcre_sum", "fl_count")
     )

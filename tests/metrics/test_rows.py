@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 
 from robustflow.errors import DataError
 from robustflow.metrics.regions import Regions
-from robustflow.metrics.rows import CLEAN, LATER_COLUMNS, ROW_SCHEMA, complete_rows, measure, rows_frame
+from robustflow.metrics.rows import ROW_SCHEMA, measure, rows_frame
 from robustflow.sample import Sample
 
 from . import naive
 from .strategies import cases
 
 LABELS = ("sample", "group", "corruption", "severity", "frames_digest", "height", "width")
+DIGEST = "truth_digest"
 
 
 @given(cases(finite=False))
@@ -28,7 +29,7 @@ def test_every_column_equals_the_naive_loop(case):
     assert [row[name] for name in LABELS] == ["s", "s", "fog", 2, "ab", *sample.shape]
     expected = naive.row(pred, clean, sample.flow, sample.valid, sample.occluded)
     for name in ROW_SCHEMA:
-        if name in LABELS:
+        if name in (*LABELS, DIGEST):
             continue
         if name not in expected:
             assert sample.occluded is None
@@ -85,23 +86,29 @@ def test_invalid_pixels_are_counted_and_leave_the_sums_finite():
     assert (lost["n_invalid"], lost["n_valid"], lost["n_all"], lost["epe_sum"]) == (20, 0, 0, 0.0)
 
 
-def test_rows_of_version_1_are_completed_where_the_others_decide_it():
-    """The clean error over a row's own pixels is known from the clean row only where both are over all of them."""
+def test_truth_digest_names_the_known_vectors_and_nothing_else():
     rng = np.random.default_rng(8)
     frame = np.zeros((6, 7, 3), np.uint8)
-    truth, clean, pred = rng.normal(0, 20, (3, 6, 7, 2)).astype(np.float32)
-    sample = Sample("a", (frame, frame), truth, np.ones((6, 7), np.bool_))
-    rows = [measure(clean, clean, sample, Regions.of(sample), corruption=CLEAN, severity=0)]
-    rows.append(measure(pred, clean, sample, Regions.of(sample), corruption="fog", severity=1))
-    pred[2, 3] = np.nan
-    rows.append(measure(pred, clean, sample, Regions.of(sample), corruption="fog", severity=2))
-    today = rows_frame(rows)
-    completed = complete_rows(today.drop(LATER_COLUMNS))
-    assert completed.columns == list(ROW_SCHEMA)
-    assert complete_rows(today).equals(today)
-    assert completed[:2].equals(today[:2])
-    assert completed["n_truth"].to_list() == [42] * 3
-    assert completed["clean_epe_sum"].to_list() == [*today["clean_epe_sum"][:2], None]
+    truth, pred = rng.normal(0, 20, (2, 6, 7, 2)).astype(np.float32)
+    valid = rng.random((6, 7)) < 0.7
+
+    def digest(flow, known, occluded=None, prediction=pred):
+        sample = Sample("a", (frame, frame), flow, known, occluded)
+        return measure(prediction, prediction, sample, Regions.of(sample))["truth_digest"]
+
+    elsewhere, fewer, turned = np.where(valid[..., None], truth, 0), valid.copy(), np.asfortranarray(truth)
+    fewer[np.unravel_index(valid.argmax(), valid.shape)] = False
+    same = [
+        digest(elsewhere, valid),
+        digest(turned, valid),
+        digest(truth, valid, ~valid),
+        digest(truth, valid, None, 2 * pred),
+    ]
+    assert set(same) == {digest(truth, valid)}
+    other = [digest(1.5 * truth, valid), digest(truth, fewer), digest(truth, ~valid), digest(-truth, valid)]
+    assert len({*same, *other}) == 5
+    without = Sample("a", (frame, frame))
+    assert measure(pred, pred, without, None)["truth_digest"] is None
 
 
 def test_memory_layout_changes_no_bit():

@@ -10,21 +10,20 @@ from hypothesis import strategies as st
 
 from robustflow.corruptions.registry import FAMILIES, IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import RunError, UsageError
-from robustflow.metrics.rows import LATER_COLUMNS, ROW_SCHEMA, rows_frame
 from robustflow.metrics.summary import METRICS
 from robustflow.runs.aggregate import summarize
+from tests.made_rows import rows_frame
 
 COUNTS = ("fl_count", "px1_count", "px3_count", "px5_count")
 
 
 def row(sample, corruption="clean", severity=0, n=10, epe=0.0, rcre=0.0, **columns):
     """A row of mean errors `epe` and `rcre` over `n` valid pixels, of twice as many."""
-    filled = dict.fromkeys(ROW_SCHEMA) | {
+    filled = {
         "sample": sample,
         "group": sample,
         "corruption": corruption,
         "severity": severity,
-        "frames_digest": "",
         "height": 2,
         "width": n,
         "n_invalid": 0,
@@ -150,17 +149,6 @@ def test_cre_is_over_the_same_pixels_and_coverage_is_listed():
     assert (summary.clean.coverage, summary.coverage, summary.table("coverage")["1"].item()) == (1.0, 0.4, 0.4)
 
 
-def test_rows_of_before_the_clean_sum_have_a_cre_where_it_follows():
-    clean, fog = row("a", epe=7.0), row("a", "fog", 1, epe=9.0)
-    partial = row("a", "snow", 1, n=4, epe=2.0) | {"width": 10, "n_invalid": 12}
-    old = rows_frame([clean, fog]).drop(list(LATER_COLUMNS))
-    summary = summarize(old)
-    assert (summary.cre, summary.coverage) == (2.0, 1.0)
-    summary = summarize(rows_frame([clean, fog, partial]).drop(list(LATER_COLUMNS)))
-    assert (summary.cre, summary.corruptions["fog"].cre, summary.rcre) == (None, None, 0.0)
-    assert summary.corruptions["snow"].coverage == 0.4
-
-
 def test_order_is_the_papers_then_by_name():
     names = ["zoom", "snow", "fog", "elastic_transform", "gaussian_noise", "contrast"]
     rows = [row("a", epe=1.0)] + [row("a", name, 1) for name in names]
@@ -190,7 +178,9 @@ def test_what_is_missing_is_listed_and_cre_compares_the_same_images():
 
 
 def test_a_missing_clean_row_is_listed():
-    summary = summarize(rows_frame([row("a", epe=1.0), row("a", "fog", 1, epe=3.0), row("b", "fog", 1, epe=9.0)]))
+    summary = summarize(
+        rows_frame([row("a", epe=1.0), row("a", "fog", 1, epe=3.0), row("b", "fog", 1, epe=9.0, clean_epe_sum=10.0)])
+    )
     assert [(unit.corruption, unit.samples) for unit in summary.missing] == [("clean", ["b"])]
     assert summary.cre == 2.0
 

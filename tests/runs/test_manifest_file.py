@@ -95,6 +95,12 @@ def test_no_json_is_refused_and_kept(text, whole, tmp_path):
     refused(*damaged(whole, tmp_path, text), r"manifest\.json (is damaged|was written with)")
 
 
+def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
+    manifest = json.loads((whole / "manifest.json").read_text())
+    edited = _with(manifest["identity"]["rows"] - 1, "identity", "rows")(manifest)
+    refused(*damaged(whole, tmp_path, json.dumps(edited)), r"was written with version 2 of the rows, but .* reads 3")
+
+
 def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path):
     """Before, the run went on and wrote its own identity over the edited one."""
     manifest = json.loads((whole / "manifest.json").read_text())

@@ -6,9 +6,9 @@ import pytest
 from pydantic import ValidationError
 
 from robustflow.errors import UsageError
-from robustflow.metrics.rows import rows_frame
 from robustflow.metrics.summary import METRICS, Scores, Summary
 from robustflow.runs.aggregate import summarize
+from tests.made_rows import rows_frame
 
 from .test_aggregate import TWO_IMAGES, row
 

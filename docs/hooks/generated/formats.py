@@ -21,8 +21,8 @@ _COLUMNS = {
     "group": "What samples that are not independent share (a video); the key itself otherwise.",
     "corruption": "Its name, or `clean`.",
     "severity": "1 to 5; 0 of the clean row.",
-    "frames_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the two frames that the model was given; BLAKE2b in runs "
-    "of version 1 of the rows.",
+    "frames_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the two frames that the model was given.",
+    "truth_digest": "Hash (BLAKE3, 16 bytes, hexadecimal) of the ground truth: where it is known, and its vectors.",
     "height": "Of the frames, pixels.",
     "width": "Of the frames, pixels.",
     "n_invalid": "Pixels whose own prediction is not finite.",
@@ -63,8 +63,7 @@ def _rows() -> str:
         meaning = "Pixels of `n_valid` in the region." if whole == "n" else _COLUMNS[whole]
         if region and whole != "n":
             meaning = meaning.replace("`n_valid`", f"`n_{region}`")
-        since = 2 if name in rows.LATER_COLUMNS else 1
-        listed.append((f"`{name}`", dtype.__name__, region and f"`{region}`", since, meaning))
+        listed.append((f"`{name}`", dtype.__name__, region and f"`{region}`", meaning))
     return "\n\n".join(
         [
             "# Rows",
@@ -72,7 +71,7 @@ def _rows() -> str:
             f"Schema version {rows.ROW_SCHEMA_VERSION}.",
             doc.partition("\n\n")[2],
             "## Columns",
-            table(("column", "type", "region", "since version", "meaning"), listed),
+            table(("column", "type", "region", "meaning"), listed),
             "No two rows of a run share " + ", ".join(f"`{name}`" for name in rows.ROW_KEY) + ".",
             "## Regions",
             _attributes_or_text(regions),

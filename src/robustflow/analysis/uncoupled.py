@@ -16,7 +16,7 @@ import polars as pl
 
 from ..corruptions.names import ordered
 from ..errors import unknown_name
-from ..metrics.rows import CLEAN, complete_rows
+from ..metrics.rows import CLEAN
 from .rank_correlation import partial_spearman, spearman
 from .results import AVERAGE
 
@@ -167,11 +167,9 @@ def coupling(clean: Sequence[float], cre: Sequence[float], log_ratio: Sequence[f
 
 def _images(rows: pl.DataFrame) -> pl.DataFrame:
     """One line for each corrupted row with ground truth: EPE, clean EPE over the same pixels, Fl of both, motion."""
-    counted = complete_rows(rows).filter(pl.col("n_valid") > 0)
+    counted = rows.filter(pl.col("n_valid") > 0)
     clean = counted.filter(pl.col("corruption") == CLEAN).select("sample", _fl="fl_count", _n="n_valid")
     counted = counted.filter(pl.col("corruption") != CLEAN).join(clean, on="sample", maintain_order="left")
-    if counted["clean_epe_sum"].null_count():
-        counted = counted.clear()  # Rows that lack the clean error over their pixels.
     n = pl.col("n_valid")
     return counted.select(
         "sample",

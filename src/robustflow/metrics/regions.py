@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import types
 
+from ..digest import quick_digest_of_bytes
 from ..errors import DataError, unknown_name
-from ..sample import Mask, Sample
+from ..sample import Flow, Mask, Sample
 from .edges import edge_distance, motion_edges
 from .epe import Errors, magnitude_map
 
@@ -44,12 +45,14 @@ class Regions:
         valid: bool (H, W), where the ground truth is known.
         magnitude: float64 (H, W), length of the ground truth in pixels (NaN-free inside `valid`).
         labels: uint8 (H, W), 0..17 inside `valid` and 255 outside.
+        truth_digest: 32 hexadecimal digits that name the ground truth: where it is known, and its vectors there.
     """
 
     names: tuple[str, ...]
     valid: Mask
     magnitude: Errors
     labels: npt.NDArray[np.uint8]
+    truth_digest: str
 
     @classmethod
     def of(cls, sample: Sample) -> Regions | None:
@@ -79,13 +82,19 @@ class Regions:
             label[np.asarray(sample.occluded, np.bool_)] += 9
         label[~valid] = OUTSIDE
         names = REGIONS if sample.occluded is not None else REGIONS[2:]
-        return cls(names, valid, magnitude, label)
+        return cls(names, valid, magnitude, label, _truth_digest(sample.flow, valid))
 
     def mask(self, name: str) -> Mask:
         """The pixels of one region: bool (H, W), a part of `valid`."""
         if name not in self.names:
             raise unknown_name("region of this sample", name, self.names)
         return np.isin(self.labels, MEMBERS[name])
+
+
+def _truth_digest(flow: Flow, valid: Mask) -> str:
+    """The hash of a ground truth, whatever is stored where it is unknown."""
+    known = np.ascontiguousarray(flow[valid], "<f4")
+    return quick_digest_of_bytes(str(valid.shape).encode(), np.packbits(valid).data, known.tobytes())
 
 
 def _bin(values: Errors, bounds: tuple[float, float]) -> npt.NDArray[np.uint8]:

@@ -12,6 +12,7 @@ prediction are finite (all of them, for a sound model).
   truth.
 - `n_truth` = pixels with valid ground truth, predicted or not; `n_valid / n_truth` is the coverage. Null without
   ground truth.
+- `clean_epe_sum` = the clean flow's error over the pixels that `epe_sum` is over.
 - `n_<r>` = those of `n_valid` in region r; the denominator of that region's sums. Null where the sample has
   no such region (no ground truth, no occlusion map); 0 where the region is empty.
 - `n_all` = usable pixels; the denominator of `rcre_all_sum` and `pred_magnitude_sum`.
@@ -32,15 +33,9 @@ from .epe import flow_array
 from .regions import REGIONS, Regions
 from .row_sums import row_sums
 
-ROW_SCHEMA_VERSION = 2
-"""Incremented when a column is added, dropped, or changes its meaning. Version 1 lacked `LATER_COLUMNS`."""
-
-ROW_MEANING_VERSION = 2
-"""Incremented when a column changes its meaning, so that rows from before and after cannot be in one run; part of a
-run's identity. In version 1 `frames_digest` was another hash of the same bytes."""
-
-READABLE_MEANINGS = (1, ROW_MEANING_VERSION)
-"""Versions whose rows this one reads, shows and recomputes."""
+ROW_SCHEMA_VERSION = 3
+"""Incremented when a column is added, dropped, or changes its meaning; part of a run's identity. Rows of other versions
+are not read."""
 
 CLEAN = "clean"
 """The corruption name of the row of a sample's clean frames, with severity 0."""
@@ -54,14 +49,17 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "corruption": pl.String,
     "severity": pl.Int64,
     "frames_digest": pl.String,
+    "truth_digest": pl.String,
     "height": pl.Int64,
     "width": pl.Int64,
     "n_invalid": pl.Int64,
     "n_all": pl.Int64,
     "rcre_all_sum": pl.Float64,
     "pred_magnitude_sum": pl.Float64,
+    "n_truth": pl.Int64,
     "n_valid": pl.Int64,
     "epe_sum": pl.Float64,
+    "clean_epe_sum": pl.Float64,
     "rcre_sum": pl.Float64,
     "magnitude_sum": pl.Float64,
     "fl_count": pl.Int64,
@@ -75,24 +73,12 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     for column, dtype in (
         ("n", pl.Int64),
         ("epe_sum", pl.Float64),
+        ("clean_epe_sum", pl.Float64),
         ("rcre_sum", pl.Float64),
         ("fl_count", pl.Int64),
     )
 }
 """Columns of the rows and their types, in order. Sums are in pixels (`wauc_sum`: 1 per perfect pixel)."""
-
-LATER_COLUMNS: dict[str, type[pl.DataType]] = {
-    "n_truth": pl.Int64,
-    "clean_epe_sum": pl.Float64,
-    **{f"clean_epe_sum_{region}": pl.Float64 for region in REGIONS},
-}
-"""Columns that rows of version 1 lack: pixels with ground truth, and the sums of the clean flow's error over the pixels
-that the row's own error is summed over. `complete_rows` computes them if they follow from the others."""
-
-FIRST_SCHEMA = dict(ROW_SCHEMA)
-"""The columns of version 1."""
-
-ROW_SCHEMA |= LATER_COLUMNS
 
 _WITHOUT_TRUTH = ("n_invalid", "n_all", "rcre_all_sum", "pred_magnitude_sum")
 """The sums of a sample that has no ground truth."""
@@ -116,7 +102,8 @@ def measure(
         sample: the sample, with its ground truth if there is any.
         regions: `Regions.of(sample)`, computed once per sample and passed to all its rows.
         corruption, severity, frames_digest: copied into the row; the digest is the hex BLAKE3 of the two
-            frames that the model was given, the pair of the clip for a multi-frame model.
+            frames that the model was given, the pair of the clip for a multi-frame model. That of the ground truth
+            comes from the regions.
 
     Returns:
         A dict with exactly the columns of `ROW_SCHEMA`; None if the sample has no ground truth or region.
@@ -153,47 +140,10 @@ def measure(
     if regions is None:
         return row | {name: sums.whole[name] for name in _WITHOUT_TRUTH}
     row |= sums.whole
-    row["n_truth"] = int(np.count_nonzero(regions.valid))
+    row |= {"truth_digest": regions.truth_digest, "n_truth": int(np.count_nonzero(regions.valid))}
     for name in regions.names:
         row |= {f"{column}_{name}": value for column, value in sums.region(name).items()}
     return row
-
-
-def complete_rows(rows: pl.DataFrame) -> pl.DataFrame:
-    """Rows of any version with the columns of `ROW_SCHEMA`; what rows of version 1 lack is computed from their other
-    columns.
-
-    If a row counts as many pixels as its sample's clean row, they are the same pixels, so the clean error's sum over
-    them is the clean row's. If it counts fewer (a model that left out pixels), version 1 did not store it: null.
-
-    Args:
-        rows: of a whole run, the columns of version 1 or more.
-    """
-    absent = [name for name in LATER_COLUMNS if name not in rows.columns]
-    if absent:
-        rows = rows.with_columns(pl.lit(None, LATER_COLUMNS[name]).alias(name) for name in absent)
-    counts = {"clean_epe_sum": "n_valid", **{f"clean_epe_sum_{region}": f"n_{region}" for region in REGIONS}}
-    lacking = [pl.col(count).is_not_null() & pl.col(name).is_null() for name, count in counts.items()]
-    lacking.append(pl.col("n_valid").is_not_null() & pl.col("n_truth").is_null())
-    if not rows.select(pl.any_horizontal(lacking).any()).item():
-        return rows.select(list(ROW_SCHEMA))
-    whole = pl.col("n_all") == pl.col("height") * pl.col("width")
-    clean = rows.filter(pl.col("corruption") == CLEAN).unique("sample", keep="first")
-    clean = clean.select(
-        "sample",
-        *(pl.col(count).alias(f"_{count}") for count in counts.values()),
-        *(pl.col(name.removeprefix("clean_")).alias(f"_{name}") for name in counts),
-    )
-    joined = rows.join(clean, on="sample", how="left", maintain_order="left")
-    truth = pl.col("n_valid").filter(whole).first().over("sample")
-    completed = joined.with_columns(
-        pl.coalesce("n_truth", truth).alias("n_truth"),
-        *(
-            pl.coalesce(name, pl.when(pl.col(count) == pl.col(f"_{count}")).then(f"_{name}")).alias(name)
-            for name, count in counts.items()
-        ),
-    )
-    return completed.select(list(ROW_SCHEMA))
 
 
 def rows_frame(rows: Iterable[dict[str, Any]]) -> pl.DataFrame:

@@ -11,7 +11,7 @@ import polars as pl
 from ..atomic import make_folder, write_bytes
 from ..corruptions.api import STREAM_VERSION
 from ..errors import DataError
-from ..metrics.rows import READABLE_MEANINGS, ROW_KEY, ROW_SCHEMA
+from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION
 from ..runs.costs import PROFILE, parse_cost
 from ..runs.identity import identity_digest
 from ..runs.plan import IDENTITY_VERSION
@@ -91,13 +91,11 @@ class Reader:
         self.raw_manifest = read_json(data, "manifest.json")
         self.plan = validated(Manifest, data, "manifest.json")
         identity, digest = self.plan.identity, self.plan.identity_digest
-        if (identity.version, identity.streams) != (IDENTITY_VERSION, STREAM_VERSION) or (
-            identity.rows not in READABLE_MEANINGS
-        ):
+        versions = (identity.version, identity.streams, identity.rows)
+        if versions != (IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION):
             raise DataError(
-                f"manifest.json is of versions {(identity.version, identity.streams, identity.rows)} (identity, "
-                f"streams, rows), this version reads {(IDENTITY_VERSION, STREAM_VERSION, READABLE_MEANINGS)}; use the "
-                "version that packed it"
+                f"manifest.json is of versions {versions} (identity, streams, rows), this version reads "
+                f"{(IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION)}; use the version that packed it"
             )
         made = identity_digest(self.raw_manifest["identity"])
         if not made == digest == self.facts.run:
@@ -128,8 +126,11 @@ class Reader:
                 check_text(text, f"rows.csv, {column}")
                 if not 0 < len(text) <= 500:
                     raise DataError(f"rows.csv: a {column} of {len(text)} characters; 1 to 500 are expected")
-        if not frame["frames_digest"].str.contains("^[0-9a-f]{32}$").all():
-            raise DataError("rows.csv: a frames_digest that is not 32 hexadecimal digits")
+        for column in ("frames_digest", "truth_digest"):
+            if not frame[column].drop_nulls().str.contains("^[0-9a-f]{32}$").all():
+                raise DataError(f"rows.csv: a {column} that is not 32 hexadecimal digits")
+        if not frame["truth_digest"].is_null().equals(frame["n_valid"].is_null()):
+            raise DataError("rows.csv: a truth_digest without pixels of ground truth, or pixels without one")
         for column, kind in ROW_SCHEMA.items():
             if kind is pl.Int64 and not frame[column].drop_nulls().is_between(0, _LARGEST_INT).all():
                 raise DataError(f"rows.csv: a '{column}' below 0 or too large to be a count")

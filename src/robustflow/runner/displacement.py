@@ -16,7 +16,7 @@ from ..models.base import AnyModel, FlowLookup, FlowModel, place, predict_checke
 from ..runs.displacement_file import GROUND_TRUTH, read_displacement, write_displacement
 from ..runs.run import Run
 from ..sample import Flow, Mask, Sample
-from .frames_digest import are_frames_of
+from .frames_digest import frames_digest
 
 EDGES: tuple[float, ...] = (*(float(edge) for edge in range(0, 101, 2)), float("inf"))
 """Amplitudes in pixels; the last bin is everything from 100 on."""
@@ -116,7 +116,7 @@ def _flows(
 ) -> Iterator[tuple[Flow, Mask]]:
     for number, key in enumerate(benchmark.keys, start=1):
         sample = benchmark.dataset.load(key)
-        if key in digests and not are_frames_of(digests[key], sample.frames[:2]):
+        if key in digests and frames_digest(sample.frames[:2]) != digests[key]:
             raise RunError(
                 f"{benchmark.name}, sample '{key}': these are not the frames of the run; give the run's --data"
             )

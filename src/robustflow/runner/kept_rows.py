@@ -13,14 +13,12 @@ from ..metrics.rows import CLEAN
 from ..runs.store import RunFolder
 
 _FRAMES = ("frames_digest", "height", "width")
-_TRUTH = ("n_valid", "magnitude_sum")
-"""Columns that depend only on the ground truth, if every pixel's prediction is finite."""
 _PREDICTION = ("pred_magnitude_sum", "epe_sum", "n_invalid")
 """Columns that would differ for another model's flow; the first also without ground truth."""
 _TOLERANCE = 1e-3
 """Relative tolerance: more than a GPU's arithmetic differs from one run to the next, less than a change of a model."""
 
-KEPT = ("sample", "corruption", "severity", "n_all", *_FRAMES, *_TRUTH, *_PREDICTION)
+KEPT = ("sample", "corruption", "severity", *_FRAMES, "truth_digest", *_PREDICTION)
 """The columns that are compared."""
 
 
@@ -49,8 +47,7 @@ def check_same_data(before: dict[str, Any], now: dict[str, Any]) -> None:
     """
     if any(before[column] != now[column] for column in _FRAMES):
         raise _other_data(before["sample"], "frames")
-    counted = all(row["n_all"] == row["height"] * row["width"] for row in (before, now))
-    if counted and any(before[column] != now[column] for column in _TRUTH):
+    if before["truth_digest"] != now["truth_digest"]:
         raise _other_data(before["sample"], "ground truth")
 
 

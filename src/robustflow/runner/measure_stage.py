@@ -36,7 +36,6 @@ class MeasureStage:
         seconds: Seconds,
     ) -> None:
         self._allow_invalid = options.allow_invalid
-        self._rows_version = options.rows_version
         self._clean_path = clean_path
         self._kept = kept
         self._seconds = seconds
@@ -95,7 +94,7 @@ class MeasureStage:
     def digest(self, frames: tuple[Any, ...]) -> str:
         """The digest of a cell's pair."""
         with spent(self._seconds, "measure"):
-            return frames_digest(frames[:2], self._rows_version)
+            return frames_digest(frames[:2])
 
     def _check(self, loaded: Loaded, clean: Flow) -> None:
         before = self._kept.get(loaded.sample.key)

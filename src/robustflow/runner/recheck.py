@@ -88,7 +88,9 @@ def recheck(
                 problems.append(f"{where}: other frames")
             elif row["group"] not in (made["group"], row["sample"]):  # older rows of KITTI lack the drive
                 problems.append(f"{where}: another group")
-            elif row["n_all"] == row["height"] * row["width"] and any(made[c] != row[c] for c in _TRUTH):
+            elif made["truth_digest"] != row["truth_digest"] or (
+                row["n_all"] == row["height"] * row["width"] and any(made[c] != row[c] for c in _TRUTH)
+            ):
                 problems.append(f"{where}: another ground truth")
             elif model is not None and (gap := _gap(made, row)) > TOLERANCE_PX:
                 problems.append(f"{where}: this model's error differs by {gap:.3g} px")

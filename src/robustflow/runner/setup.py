@@ -20,7 +20,6 @@ from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
 from ..errors import RobustFlowError, RunError, UsageError
-from ..metrics.rows import READABLE_MEANINGS
 from ..models import ModelSpec
 from ..models.base import AnyModel
 from ..models.provenance import training_of
@@ -189,10 +188,8 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
                 f"the run's corruption '{plain(name)}' is your own or an installed package's, and unknown here: name "
                 "it with --own-corruption MODULE:ATTRIBUTE, or install its package"
             )
-    if identity["rows"] not in READABLE_MEANINGS:
-        raise RunError(f"the run's rows are of version {identity['rows']!r}, unknown here; use the version that ran it")
     common_draws = bool(identity.get("common_draws", False))
-    options = _options(
+    return _options(
         identity["seed"],
         identity["variant"],
         scale,
@@ -202,7 +199,6 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
         common_draws,
         recorded_textures(identity),
     )
-    return replace(options, rows_version=identity["rows"])
 
 
 def _options(

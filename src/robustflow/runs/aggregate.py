@@ -19,16 +19,17 @@ from ..corruptions.names import family_of, ordered
 from ..corruptions.registry import FAMILIES, IMAGE_PAIR
 from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
-from ..metrics.rows import CLEAN, FIRST_SCHEMA, ROW_KEY, complete_rows
+from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
 from .family_means import grouped_by_family
 from .means import WHOLE, clean_flow_length, mean_scores, scores_by_condition
 from .plan import Cell
 
+_REGION_SUMS = ("epe_sum", "clean_epe_sum", "rcre_sum", "fl_count")
 _NEEDS: tuple[tuple[str, str], ...] = (
-    *((count, total) for total, count, _ in WHOLE.values() if count in FIRST_SCHEMA),
-    ("n_valid", "rcre_sum"),
-    *((f"n_{region}", f"{total}_{region}") for region in REGIONS for total in ("epe_sum", "rcre_sum", "fl_count")),
+    *((count, total) for total, count, _ in WHOLE.values() if count in ROW_SCHEMA),
+    *(("n_valid", name) for name in ("rcre_sum", "clean_epe_sum", "n_truth")),
+    *((f"n_{region}", f"{total}_{region}") for region in REGIONS for total in _REGION_SUMS),
     *((f"n_{region}", "n_valid") for region in REGIONS),
 )
 """(column of a count, column that has a value wherever pixels were counted)."""
@@ -61,7 +62,7 @@ def summarize(
     """
     if averaging not in get_args(Averaging):
         raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
-    rows = complete_rows(_checked(rows))
+    rows = _checked(rows)
     cells = list(rows.select(ROW_KEY).iter_rows())
     samples = {sample for sample, _, _ in cells}
     conditions = {(corruption, severity) for _, corruption, severity in cells} | {(CLEAN, 0)}
@@ -103,7 +104,7 @@ def summarize(
 
 def _checked(rows: pl.DataFrame) -> pl.DataFrame:
     """The rows in the order of their keys; raises a RunError if they are not the rows of one run."""
-    absent = [name for name in FIRST_SCHEMA if name not in rows.columns]
+    absent = [name for name in ROW_SCHEMA if name not in rows.columns]
     if absent:
         raise RunError(f"rows lack the column '{absent[0]}': they are of another schema; run the benchmark again")
     rows = rows.sort(ROW_KEY)

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import RunError, first_misfit
+from ..metrics.rows import ROW_SCHEMA_VERSION
 from ..text import plain
 
 MANIFEST_SCHEMA = 1
@@ -31,6 +32,7 @@ class _IdentityFields(_Shape):
     seed: int
     variant: str
     allow_invalid: bool
+    rows: int
 
 
 class _SelectionFields(_Shape):
@@ -71,10 +73,7 @@ def read_manifest(path: Path) -> dict[str, Any] | None:
         raise _damaged(path, " ".join(str(error).split())) from error
     schema = manifest.get("schema") if isinstance(manifest, dict) else None
     if schema is not None and (schema != MANIFEST_SCHEMA or isinstance(schema, bool)):
-        raise RunError(
-            f"{path} was written with run schema {plain(str(schema))}, but this version reads {MANIFEST_SCHEMA}; "
-            "choose another folder with --output, or use the version that wrote it"
-        )
+        raise _other_version(path, f"run schema {plain(str(schema))}", MANIFEST_SCHEMA)
     if not isinstance(manifest, dict) or schema is None:
         raise _damaged(path, "it is not the manifest of a run")
     if _too_deep(manifest):
@@ -83,7 +82,16 @@ def read_manifest(path: Path) -> dict[str, Any] | None:
         _ManifestFields.model_validate(manifest)
     except ValidationError as error:
         raise _damaged(path, plain(first_misfit(error), 200)) from error
+    if (rows := manifest["identity"]["rows"]) != ROW_SCHEMA_VERSION:
+        raise _other_version(path, f"version {rows} of the rows", ROW_SCHEMA_VERSION)
     return manifest
+
+
+def _other_version(path: Path, what: str, here: int) -> RunError:
+    return RunError(
+        f"{path} was written with {what}, but this version reads {here}; choose another folder "
+        "with --output, or use the version that wrote it"
+    )
 
 
 def _damaged(path: Path, why: str) -> RunError:

@@ -30,10 +30,7 @@ MetricColumns = dict[str, tuple[str, str, float]]
 def scores_by_condition(
     rows: pl.DataFrame, columns: MetricColumns, averaging: Averaging
 ) -> tuple[Scores, dict[tuple[str, int], Scores]]:
-    """Scores on the clean frames, and at each (corruption, severity).
-
-    CRE is None throughout if the rows, of an earlier version, lack the clean error over their pixels.
-    """
+    """Scores on the clean frames, and at each (corruption, severity)."""
     total, count, _ = columns["epe"]
     before = f"clean_{total}"
     values = {name: rows[name].to_list() for triple in columns.values() for name in triple[:2]}
@@ -46,15 +43,12 @@ def scores_by_condition(
         condition: [place for place in mine if values[count][place] and samples[place] in with_clean]
         for condition, mine in places.items()
     }
-    comparable = all(values[before][place] is not None for mine in both.values() for place in mine)
     paired = {"epe": columns["epe"], "before": (before, count, 1.0)}
     by_condition = {}
     for condition, mine in places.items():
         scores = Scores(**_means(values, mine, columns, averaging))
-        moved = None
-        if comparable:
-            means = _means(values, both[condition], paired, averaging)
-            moved = cre(means["epe"], means["before"])
+        means = _means(values, both[condition], paired, averaging)
+        moved = cre(means["epe"], means["before"])
         by_condition[condition] = scores.model_copy(update={"cre": moved, "crer": crer(moved, clean.epe)})
     return clean, by_condition
 

@@ -14,7 +14,7 @@ from ..corruptions.scale import calibration_digest
 from ..corruptions.stack import levels_of
 from ..corruptions.textures import PHOTOGRAPHS, Textures, textures_record
 from ..datasets import DATASETS
-from ..metrics.rows import CLEAN, ROW_MEANING_VERSION
+from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
 from .identity import identity_digest
 
@@ -57,8 +57,6 @@ class RunOptions:
     """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
     textures: Textures = PHOTOGRAPHS
     """The textures of frost: the paper's photographs, or generated ones, which need no network."""
-    rows_version: int = ROW_MEANING_VERSION
-    """What columns mean: that of the run whose rows are made again."""
     pictures: Path | None = None
     """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
 
@@ -133,7 +131,7 @@ class Plan:
                 "variant": self.options.variant,
                 "allow_invalid": self.options.allow_invalid,
                 "streams": STREAM_VERSION,
-                "rows": self.options.rows_version,
+                "rows": ROW_SCHEMA_VERSION,
             }
         )
 

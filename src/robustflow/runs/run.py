@@ -15,7 +15,6 @@ from ..benchmarks import benchmark_facts
 from ..benchmarks.setting import manifest_provenance
 from ..datasets.kitti_drives import with_groups
 from ..errors import RobustFlowError, RunError
-from ..metrics.rows import complete_rows
 from ..metrics.summary import Averaging, Summary
 from ..models.catalog import methods
 from ..text import counted, plain
@@ -56,7 +55,7 @@ class Run:
         _ = (
             self.rows_digest
         )  # before the rows are read: rows that arrive in between must not pass for those of the digest
-        return with_groups(complete_rows(self._folder.rows()), str(self.manifest["identity"]["dataset"]))
+        return with_groups(self._folder.rows(), str(self.manifest["identity"]["dataset"]))
 
     @cached_property
     def rows_digest(self) -> str:

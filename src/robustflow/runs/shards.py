@@ -21,7 +21,7 @@ import polars as pl
 from ..atomic import write_bytes
 from ..digest import digest_of_bytes, digest_of_value
 from ..errors import RunError
-from ..metrics.rows import LATER_COLUMNS, ROW_KEY, ROW_SCHEMA, rows_frame
+from ..metrics.rows import ROW_KEY, ROW_SCHEMA, rows_frame
 from .plan import Cell
 
 PACK = "pack"
@@ -83,9 +83,6 @@ def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame
     except (Exception, pl.exceptions.PanicException) as error:  # the latter is not an Exception
         raise _damaged(path, type(error).__name__) from error
     wanted = ROW_SCHEMA if columns is None else {name: ROW_SCHEMA[name] for name in columns}
-    older = [name for name in wanted if name in LATER_COLUMNS and name not in rows.columns]
-    if older:
-        rows = rows.with_columns(pl.lit(None, wanted[name]).alias(name) for name in older).select(list(wanted))
     if rows.schema != pl.Schema(wanted):
         raise RunError(f"{path} has other columns than this version writes; choose another folder with --output")
     return rows

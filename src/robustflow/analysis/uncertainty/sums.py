@@ -9,7 +9,7 @@ import polars as pl
 
 from ...corruptions.names import ordered
 from ...errors import UsageError, unknown_name
-from ...metrics.rows import CLEAN, complete_rows
+from ...metrics.rows import CLEAN
 from ..results import AVERAGE
 from .estimates import Array
 from .statistic import Mean, Statistic, Term
@@ -118,7 +118,6 @@ def image_errors(rows: pl.DataFrame) -> pl.DataFrame:
     """One line per row of a run: sample, group, corruption, severity, frames_digest, and the image's mean epe, cre and
     rcre in pixels, null where nothing could be measured. Both errors of CRE are over the same pixels; RCRE is over all
     pixels where there is no ground truth."""
-    rows = complete_rows(rows)
     without_truth = pl.col("n_valid").is_null()
     images = rows.select(
         "sample",
