@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 from itertools import pairwise
 
 import cv2
@@ -13,12 +15,17 @@ from skimage import data
 from typer.testing import CliRunner
 
 import robustflow as rf
+from robustflow.analysis.scores import note_of, sample_set
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.base import spread
 from robustflow.benchmarks.export import export
 from robustflow.cli.main import app
+from robustflow.datasets.split import kitti_split
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.models import ModelSpec
+from robustflow.records.pack import pack
+from robustflow.report.assemble import tables_of
+from robustflow.report.render import render
 from robustflow.runs.plan import Plan, RunOptions
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
@@ -54,6 +61,106 @@ def test_kitti_fc_has_twenty_corruptions_and_all_of_few_pairs(kitti):
     benchmark = load_benchmark("kitti-fc", kitti)
     assert len(benchmark.corruptions) == 20
     assert benchmark.keys == ("000000", "000001", "000002")
+
+
+@pytest.fixture
+def only_noc(kitti, tmp_path):
+    """The same pairs with `flow_noc/` alone."""
+    root = tmp_path / "noc"
+    for folder in ("image_2", "flow_noc"):
+        shutil.copytree(kitti / "training" / folder, root / "training" / folder)
+    return root
+
+
+def test_kitti_fc_without_flow_occ_is_refused(only_noc, tmp_path):
+    with pytest.raises(
+        DataError, match=r"training: no flow_occ/, .*unpack data_scene_flow\.zip.*--benchmark kitti2015"
+    ):
+        load_benchmark("kitti-fc", only_noc)
+    (tmp_path / "released" / "clean").mkdir(parents=True)
+    (only_noc / "training").rename(tmp_path / "released" / "clean" / "val")
+    with pytest.raises(DataError, match=r"val: no flow_occ/, "):
+        load_benchmark("kitti-fc", tmp_path / "released")
+
+
+def test_non_occluded_ground_truth_is_named_wherever_a_result_is(kitti, only_noc, tmp_path):
+    few = {"corruptions": ["contrast"], "severities": [1]}
+    noc = rf.evaluate("dis", "kitti2015", only_noc, tmp_path / "noc_run", **few)
+    occ = rf.evaluate("dis", "kitti2015", kitti, tmp_path / "occ_run", **few)
+    words = "non-occluded ground truth"
+    assert noc.manifest["identity"]["protocol"] == {"ground_truth": "non-occluded"}
+    assert occ.manifest["identity"]["protocol"] == {}
+    assert sample_set(noc) != sample_set(occ)
+    assert words in note_of(noc)
+    pages = {run: (run.path / "report.html").read_text() for run in (noc, occ)}
+    shown = {run: CliRunner().invoke(app, ["show", str(run.path)]).output for run in (noc, occ)}
+    tables = {run: render(tables_of([run], published=False, wanted=["epe"])[0], "latex") for run in (noc, occ)}
+    packed = {run: pack(run, tmp_path / f"{run.path.name}.robustflow") for run in (noc, occ)}
+    verified = {run: CliRunner().invoke(app, ["verify", str(path)]).output for run, path in packed.items()}
+    for said in (pages, shown, tables, verified, {noc: str(noc), occ: str(occ)}):
+        assert words in said[noc]
+        assert words not in said[occ]
+
+
+def test_real_non_occluded_ground_truth_is_refused_or_named(shared, tmp_path):
+    for name, folder in (("kitti2015", "kitti2015_noc_only"), ("kitti2012", "kitti2012_colour_noc_only")):
+        with pytest.warns(UserWarning, match="no flow_occ/, so errors are measured on non-occluded ground truth"):
+            assert load_benchmark(name, shared(f"data/{folder}")).protocol == {"ground_truth": "non-occluded"}
+        assert load_benchmark(name, shared(f"data/{name}")).protocol == {}
+    with pytest.raises(DataError, match="no flow_occ/"):
+        load_benchmark("kitti-fc", shared("data/kitti2015_noc_only"))
+
+
+def _named_like_kitti(root, keys):
+    """Empty files of the names of KITTI 2015's, which is all that opening it looks at."""
+    for folder, frames in (("image_2", ("10", "11")), ("flow_occ", ("10",))):
+        (root / "training" / folder).mkdir(parents=True)
+        for key in keys:
+            for frame in frames:
+                (root / "training" / folder / f"{key}_{frame}.png").touch()
+    return root
+
+
+ALL = [f"{number:06d}" for number in range(200)]
+THE_80 = list(kitti_split(ALL).evaluation)
+OTHERS = [key for key in ALL if key not in THE_80]
+
+
+def test_whole_kitti_fc_is_opened_without_a_word(tmp_path, recwarn):
+    assert load_benchmark("kitti-fc", _named_like_kitti(tmp_path, ALL)).keys == tuple(THE_80)
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize(
+    ("keys", "says"),
+    [
+        (
+            THE_80[3:],
+            rf"3 of KITTI-FC's 80 pairs are not in this folder \({', '.join(THE_80[:3])}\); the number is not",
+        ),
+        (
+            OTHERS[:2] + THE_80[:1],
+            rf"79 of KITTI-FC's 80 pairs are not in this folder \({', '.join(THE_80[1:21])} and 59 more\), "
+            "and 2 of the 3 evaluated are not KITTI-FC's; the number is not KITTI-FC's",
+        ),
+        (
+            [key for key in ALL if key != OTHERS[0]],
+            "119 of the 199 evaluated are not KITTI-FC's; the number is not KITTI-FC's: unpack all 200",
+        ),
+    ],
+)
+def test_a_part_of_kitti_fc_says_what_is_missing(tmp_path, recwarn, keys, says):
+    assert load_benchmark("kitti-fc", _named_like_kitti(tmp_path, keys)).keys == tuple(sorted(keys))
+    (warning,) = recwarn.list
+    assert re.search(says, str(warning.message))
+
+
+def test_a_part_of_the_released_kitti_fc_says_how_much_is_missing(kitti, tmp_path):
+    list(export(load_benchmark("kitti-fc", kitti).narrowed(["contrast"], [1]), tmp_path))
+    with pytest.warns(
+        UserWarning, match=r"77 of KITTI-FC's 80 pairs are not in .*clean.val; the number is not KITTI-FC's"
+    ):
+        load_benchmark("kitti-fc", tmp_path)
 
 
 def test_a_split_file_chooses(kitti, tmp_path):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import polars as pl
 
 from ..benchmarks import benchmark_facts
+from ..benchmarks.facts import truth_remark
 from ..corruptions.textures import KEY as TEXTURES
 from ..digest import digest_of_bytes
 from ..metrics.summary import Scores, has_gaps
@@ -143,6 +144,7 @@ def note_of(run: Run, beside_published: bool = False) -> str:
         remarks.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
     if "severity_scale" in identity:
         remarks.append("calibrated severities" + ("" if apart else ", not the paper's"))
+    remarks.append(truth_remark(identity.get("protocol") or {}))
     if not run.summary.complete:
         remarks.append("not complete")
     return "; ".join(part for part in remarks if part)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from ..datasets import PreCorrupted, dataset_facts, load_dataset
 from ..datasets.split import selected
 from ..errors import DataError, UsageError
 from .base import Benchmark
-from .facts import facts_of_dataset
+from .facts import NON_OCCLUDED, facts_of_dataset, truth_remark
 
 
 def from_dataset(name: str, data: Path | None, split: Path | None, options: dict[str, Any]) -> Benchmark:
@@ -28,6 +29,13 @@ def from_dataset(name: str, data: Path | None, split: Path | None, options: dict
     keys = selected(split, dataset.keys(), name) if split else dataset.keys()
     deciding = {key: str(value) for key, value in sorted(options.items()) if key not in facts.folder_options}
     protocol: dict[str, Any] = {"options": deciding} if deciding else {}
+    if getattr(dataset, "non_occluded", False):
+        protocol |= NON_OCCLUDED
+        warnings.warn(
+            f"{data}: no flow_occ/, so errors are measured on {truth_remark(protocol)} (flow_noc/), which is not "
+            f"{facts.title}'s and easier; unpack flow_occ/ there for the usual one",
+            stacklevel=4,
+        )
     about = facts_of_dataset(facts)
     if not isinstance(dataset, PreCorrupted):
         return Benchmark(name, dataset, tuple(keys), IMAGE_PAIR, protocol=protocol, facts=about)

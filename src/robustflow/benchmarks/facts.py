@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 from pydantic import Field
 
 from ..corruptions import IMAGE_PAIR
@@ -41,6 +44,19 @@ class BenchmarkFacts(Frozen):
     paper_pairs: int | None = Field(default=None, ge=1)
     training_set: str = Field(default="", max_length=80)
     same_domain: tuple[str, ...] = ()
+
+
+NON_OCCLUDED: dict[str, Any] = {"ground_truth": "non-occluded"}
+"""In the protocol of a run whose ground truth lacks the pixels that are hidden in frame 2."""
+
+
+def truth_remark(protocol: Mapping[str, Any]) -> str:
+    """What a reader has to know about the ground truth of a run; "" if it is its data set's usual one.
+
+    >>> truth_remark(NON_OCCLUDED), truth_remark({})
+    ('non-occluded ground truth', '')
+    """
+    return "non-occluded ground truth" if NON_OCCLUDED.items() <= protocol.items() else ""
 
 
 NEUTRAL = BenchmarkFacts(title="own benchmark")

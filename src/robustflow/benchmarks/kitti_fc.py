@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..corruptions import IMAGE_PAIR
-from ..datasets import load_dataset
-from ..errors import UsageError
+from ..errors import DataError, UsageError
 from .base import Benchmark
 from .facts import BenchmarkFacts
+
+if TYPE_CHECKING:
+    from ..datasets.kitti import KittiPairs
 
 
 class KittiFC:
@@ -33,6 +38,7 @@ class KittiFC:
     @staticmethod
     def open(data: Path | None, split: Path | None) -> Benchmark:
         """See `Definition.open`."""
+        from ..datasets.kitti import Kitti2015
         from ..datasets.kitti_fc_released import KittiFCReleased
         from ..datasets.split import kitti_split, selected
         from .released import released
@@ -41,8 +47,51 @@ class KittiFC:
             raise UsageError("kitti-fc needs the KITTI-2015 folder: give --data PATH (the folder that holds training/)")
         if (data / "clean").is_dir():
             files = KittiFCReleased(data)
+            _check_truth(files)
             keys = selected(split, files.keys(), files.name) if split else files.keys()
+            if split is None and len(keys) < _PAIRS:
+                _warn(f"{_PAIRS - len(keys)} of KITTI-FC's {_PAIRS} pairs are not in {files.folder}", "")
             return released("kitti-fc", files, keys, KittiFC.facts)
-        dataset = load_dataset("kitti2015", data)
-        keys = selected(split, dataset.keys(), dataset.name) if split else kitti_split(dataset.keys()).evaluation
+        dataset = Kitti2015(data)
+        _check_truth(dataset)
+        if split is None:
+            keys = kitti_split(dataset.keys()).evaluation
+            _check_pairs(keys)
+        else:
+            keys = selected(split, dataset.keys(), dataset.name)
         return Benchmark("kitti-fc", dataset, tuple(keys), IMAGE_PAIR, facts=KittiFC.facts)
+
+
+_PAIRS = 80
+_MOST_NAMED = 20
+
+
+def _check_truth(dataset: KittiPairs) -> None:
+    """Raise unless the ground truth is that of all pixels, on which KITTI-FC is measured."""
+    if dataset.non_occluded:
+        raise DataError(
+            f"{dataset.folder}: no flow_occ/, on which KITTI-FC is measured: unpack data_scene_flow.zip, or measure "
+            "on flow_noc/ with --benchmark kitti2015, which says so"
+        )
+
+
+def _check_pairs(keys: Sequence[str]) -> None:
+    """Warn unless these are the pairs of KITTI-FC."""
+    from ..datasets.split import KITTI_KEYS, kitti_split
+
+    wanted = kitti_split(KITTI_KEYS).evaluation
+    missing = [key for key in wanted if key not in set(keys)]
+    others = len(set(keys) - set(wanted))
+    remarks = []
+    if missing:
+        more = f" and {len(missing) - _MOST_NAMED} more" if len(missing) > _MOST_NAMED else ""
+        named = ", ".join(missing[:_MOST_NAMED])
+        remarks.append(f"{len(missing)} of KITTI-FC's {_PAIRS} pairs are not in this folder ({named}{more})")
+    if others:
+        remarks.append(f"{others} of the {len(keys)} evaluated {'is' if others == 1 else 'are'} not KITTI-FC's")
+    if remarks:
+        _warn(", and ".join(remarks), ": unpack all 200 pairs for it")
+
+
+def _warn(what: str, remedy: str) -> None:
+    warnings.warn(f"{what}; the number is not KITTI-FC's{remedy}", stacklevel=4)

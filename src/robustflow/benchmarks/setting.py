@@ -15,12 +15,11 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from ..datasets.kitti_drives import drives, related
-from ..datasets.split import KITTI_SPLITS, kitti_split
+from ..datasets.split import KITTI_KEYS, KITTI_SPLITS, kitti_split
 from ..models.provenance import KNOWLEDGE, RANDOM, Setting, Training, training_of
 from .registry import benchmark_facts
 
 _KITTI = "kitti2015"
-_PAIRS = [f"{number:06d}" for number in range(200)]
 _RAW = "kitti-raw"
 _RELEASED = "released"
 _PAIRS_NOTE = "pairs: "
@@ -98,9 +97,9 @@ def _judge(
     if facts.training_set in training.sets:
         return "LEAKED", []
     if keys is None and facts.training_set == _KITTI:
-        keys = kitti_split(_PAIRS).evaluation if facts.published else _PAIRS
+        keys = kitti_split(KITTI_KEYS).evaluation if facts.published else KITTI_KEYS
     parts = [name.partition(":")[2] for name in training.sets if name.startswith(f"{facts.training_set}:")]
-    related_sets = {*facts.same_domain, *(f"{name}:train" for name in facts.same_domain)} & {*training.sets}
+    related_sets = {name for name in training.sets if name.partition(":")[0] in facts.same_domain}
     notes = [_raw_note(facts.training_set, keys)] if _RAW in related_sets and keys is not None else []
     settings: set[Setting] = {"ID"} if parts or related_sets else {"OOD"}
     if facts.training_set == _KITTI and keys is not None:
@@ -120,9 +119,9 @@ def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -
         return "undeclared", f"whether K:{part} holds evaluated pairs is unknown; {own}"
     if part == _RELEASED:
         return "ID", ""
-    if not {*keys} <= {*_PAIRS}:
+    if not {*keys} <= {*KITTI_KEYS}:
         return "undeclared", f"whether K:{part} holds evaluated pairs is unknown; they are not named as in KITTI"
-    trained = KITTI_SPLITS[part](_PAIRS).training
+    trained = KITTI_SPLITS[part](KITTI_KEYS).training
     seen = {*keys} & {*trained}
     if seen:
         return "LEAKED", f"{len(seen)} of the {len(keys)} evaluated are among the training pairs of K:{part}"

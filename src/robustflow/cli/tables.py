@@ -15,8 +15,9 @@ from ..analysis.doubts import doubts
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.scores import run_names
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
+from ..benchmarks.facts import truth_remark
 from ..errors import unknown_name
-from ..metrics.summary import METRICS, Scores, Summary, has_gaps
+from ..metrics.summary import METRICS, Scores, has_gaps
 from ..report import table as report_table
 from ..report.render.terminal import render as render_terminal
 from ..runs.plan import left_out_sentence
@@ -32,10 +33,10 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
     # Names and folders may contain what rich would read as markup.
     console = Console(width=None if Console().is_terminal else 120, markup=False)
     if metric == "all":
-        console.print(_overview(f"{plain(result.name)} ({result.setting})", summary))
+        console.print(_overview(result))
     else:
         console.print(_by_severity(result, metric))
-    console.print(_sentence(summary), highlight=False, soft_wrap=True)
+    console.print(_sentence(result), highlight=False, soft_wrap=True)
     if metric in UNCOUPLED:
         overall = getattr(uncoupled(result.rows).overall, metric)
         console.print(f"{metric} {cell(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
@@ -80,6 +81,8 @@ def print_results(results: Sequence[Run]) -> None:
     for result, summary in zip(results, summaries, strict=True):
         table.add_row(plain(result.name), *(cell(getattr(summary, name)) for name in shown))
     console.print(table)
+    for remark in {truth_remark(result.manifest["identity"]["protocol"]) for result in results} - {""}:
+        console.print(f"Errors are on {remark}.")
     for name, run in zip(run_names(results), results, strict=True):
         if (reasons := doubts(run)) and not without_truth(run):
             sentence = f"Not ranked: {name}, because {' and '.join(reasons)}."
@@ -102,8 +105,9 @@ def for_stdout(table: report_table.Table) -> str:
     return render_terminal(table, shutil.get_terminal_size().columns, colour=True)
 
 
-def _overview(name: str, summary: Summary) -> Table:
-    table = Table(title=f"{name}, {counted(summary.samples, 'pair')}", title_justify="left")
+def _overview(result: Run) -> Table:
+    summary = result.summary
+    table = Table(title=f"{_whose(result)}, {counted(summary.samples, 'pair')}", title_justify="left")
     table.add_column("corruption")
     shown = [
         m
@@ -133,7 +137,7 @@ def _overview(name: str, summary: Summary) -> Table:
 
 def _by_severity(result: Run, metric: str) -> Table:
     frame = uncoupled(result.rows).table(metric) if metric in UNCOUPLED else result.table(metric)
-    table = Table(title=f"{plain(result.name)} ({result.setting}), {metric}", title_justify="left")
+    table = Table(title=f"{_whose(result)}, {metric}", title_justify="left")
     for column in frame.columns:
         table.add_column(column, justify="left" if column in ("corruption", "family") else "right")
     for row in frame.iter_rows():
@@ -141,13 +145,19 @@ def _by_severity(result: Run, metric: str) -> Table:
     return table
 
 
-def _sentence(summary: Summary) -> str:
+def _whose(result: Run) -> str:
+    return f"{plain(result.name)} ({result.setting})"
+
+
+def _sentence(result: Run) -> str:
+    summary = result.summary
     if summary.rcre is None:
         return "nothing could be measured"
     if summary.epe_clean is None:
         length = f"; on clean frames the flow is {cell(summary.clean_flow_length)} px long on average"
         return f"RCRE {cell(summary.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
-    return f"clean EPE {cell(summary.epe_clean)} px, {_means(summary)}"
+    truth = truth_remark(result.manifest["identity"]["protocol"])
+    return f"clean EPE {cell(summary.epe_clean)} px, {_means(summary)}{f'; {truth}' if truth else ''}"
 
 
 def _means(scores: Scores) -> str:

@@ -5,7 +5,8 @@
     training/flow_noc/000010_10.png                   non-occluded pixels only
 
 `flow_occ` is the ground truth, and a pixel with flow in it but none in `flow_noc` is occluded. A folder that holds only
-`flow_noc` is read with that as ground truth and without occlusion maps; the two are never mixed within a run. If a map
+`flow_noc` is read with that as ground truth and without occlusion maps, and says so (`non_occluded`): errors on visible
+pixels are smaller. The two are never mixed within a run, and KITTI-FC is not measured without `flow_occ`. If a map
 of `flow_noc` is missing for one of `flow_occ`, the pair has no occlusion map. (In 2015 both maps hold the same vectors.
 In 2012 they differ by up to a few pixels, as they were filled in separately.)
 
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +30,16 @@ from .facts import DatasetFacts
 from .kitti_drives import drive_groups
 from .pairs import Pair, PairDataset, Truth
 
+_OCC, _NOC = "flow_occ", "flow_noc"
+
 
 class KittiPairs(PairDataset):
     """Ground truth in KITTI's form: `Pair.flow` is occ or noc, `Pair.occlusion` the noc map of an occ map."""
+
+    def __init__(self, pairs: Mapping[str, Pair], where: Path) -> None:
+        super().__init__(pairs, where)
+        self.folder = where
+        self.non_occluded = any(pair.flow is not None and pair.flow.parent.name == _NOC for pair in pairs.values())
 
     def truth(self, pair: Pair) -> Truth | None:
         """Flow from occ; the pixels that noc leaves out are occluded."""
@@ -131,7 +139,7 @@ def kitti_pairs(folder: Path, images: str, dataset: str) -> dict[str, Pair]:
     Raises:
         DataError: no ground truth folder, or a file of a pair is missing.
     """
-    occ, noc = (folder / kind if (folder / kind).is_dir() else None for kind in ("flow_occ", "flow_noc"))
+    occ, noc = (folder / kind if (folder / kind).is_dir() else None for kind in (_OCC, _NOC))
     truth = occ or noc
     if truth is None:
         raise DataError(

@@ -44,7 +44,8 @@ class KittiFCReleased(KittiPairs, ReleasedPairs):
         marker = f"clean/{split}/image_2"
         self.root = locate("KITTI-FC", root, [marker], expected=f"{marker}/ and <corruption>_<severity>/{split}/")
         self._split = split
-        super().__init__(kitti_pairs(self.root / "clean" / split, "image_2", self.name), self.root)
+        clean = self.root / "clean" / split
+        super().__init__(kitti_pairs(clean, "image_2", self.name), clean)
 
     def place(self, key: str) -> Path:
         """See `ReleasedPairs.place`."""

@@ -58,6 +58,8 @@ class PairDataset(Samples):
 
     name: str
     has_flow: bool = True
+    non_occluded: bool = False
+    """Whether the ground truth lacks the pixels that are hidden in frame 2, against the data set's own rule."""
 
     def __init__(self, pairs: Mapping[str, Pair], where: Path) -> None:
         if not pairs:

@@ -26,7 +26,9 @@ KITTI_SPLIT_SEED = 0
 DRIVE_DISJOINT = "drive-disjoint"
 """The value of `--split` for `drive_disjoint_split`."""
 
-_PAIRS = 200
+KITTI_KEYS = tuple(f"{number:06d}" for number in range(200))
+"""The keys of all pairs of KITTI 2015."""
+
 _EVALUATED = 80
 
 
@@ -47,7 +49,7 @@ def kitti_split(keys: Sequence[str], seed: int = KITTI_SPLIT_SEED) -> Split:
     >>> kitti_split(keys[:3]).evaluation
     ['000000', '000001', '000002']
     """
-    if len(keys) < _PAIRS:
+    if len(keys) < len(KITTI_KEYS):
         return Split(list(keys), [])
     ranked = sorted(keys, key=lambda key: (key_of("kitti-split", seed, key), key))
     chosen = set(ranked[:_EVALUATED])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from ..benchmarks.facts import truth_remark
 from ..text import counted, plain
 from ..validated import Frozen
 
@@ -17,6 +18,7 @@ class Subject(Frozen):
 
     Attributes:
         model, benchmark: their names, safe to print.
+        truth: what is special about the ground truth; "" if nothing is.
         pairs, corruptions, severities: how many were measured.
         setting: OOD, ID, LEAKED, ... as it follows from the training sets.
         epe_clean, epe, cre, rcre: pixels; crer: a ratio; None without ground truth.
@@ -24,6 +26,7 @@ class Subject(Frozen):
 
     model: str
     benchmark: str
+    truth: str = ""
     pairs: int
     corruptions: int
     severities: int
@@ -44,6 +47,7 @@ class Subject(Frozen):
         """
         named = {"clean EPE": self.epe_clean, "EPE": self.epe, "CRE": self.cre, "CREr": self.crer, "RCRE": self.rcre}
         scores = ", ".join(f"{name} {value:.2f}" for name, value in named.items() if value is not None)
+        on = f"{self.benchmark}, {self.truth}" if self.truth else self.benchmark
         extent = " x ".join(
             (
                 counted(self.pairs, "pair", "pairs"),
@@ -51,7 +55,7 @@ class Subject(Frozen):
                 counted(self.severities, "severity", "severities"),
             )
         )
-        return f"{self.model} on {self.benchmark} ({self.setting}), {extent}: {scores or 'nothing could be measured'}"
+        return f"{self.model} on {on} ({self.setting}), {extent}: {scores or 'nothing could be measured'}"
 
 
 def subject_of(run: Run, plan: Manifest) -> Subject:
@@ -60,6 +64,7 @@ def subject_of(run: Run, plan: Manifest) -> Subject:
     return Subject(
         model=plain(run.name),
         benchmark=plain(plan.identity.benchmark),
+        truth=truth_remark(plan.identity.protocol),
         pairs=summary.samples,
         corruptions=len(plan.selection.corruptions),
         severities=len(plan.selection.severities),

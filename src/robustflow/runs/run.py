@@ -12,6 +12,7 @@ import polars as pl
 
 from ..atomic import write_json
 from ..benchmarks import benchmark_facts
+from ..benchmarks.facts import truth_remark
 from ..benchmarks.setting import manifest_provenance
 from ..datasets.kitti_drives import with_groups
 from ..errors import RobustFlowError, RunError
@@ -208,7 +209,9 @@ def _lines(run: Run) -> list[str]:
     """Which run, its means, and what is missing."""
     title = benchmark_facts(str(run.manifest["identity"]["benchmark"])).title
     samples = len(run.manifest["samples"])
-    head = f"{plain(run.name)} ({plain(run.setting)}) on {plain(title)}, {counted(samples, 'pair')}"
+    truth = truth_remark(run.manifest["identity"]["protocol"])
+    on = ", ".join(filter(None, (plain(title), counted(samples, "pair"), truth)))
+    head = f"{plain(run.name)} ({plain(run.setting)}) on {on}"
     means = [
         f"{name} {value:.4g}{unit}"
         for name, value, unit in (
