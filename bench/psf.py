@@ -1,6 +1,6 @@
 """Time, memory and error of psf_blur's tiles, beside 16-pixel tiles written plainly, in one run.
 
-    python bench/psf.py [--severity 5] [--threads 2] [--rounds 5] [--plain]
+    python bench/psf.py [--severity 5] [--rounds 5] [--plain]
 
 Per image size: milliseconds to prepare the kernels (the first image), per image afterwards (best of the rounds), peak
 extra memory, and the error against exact kernels at 300 pixels. `--plain` adds the method of the reference code as its
@@ -97,7 +97,6 @@ def main() -> None:
     """Parse, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--severity", type=int, default=5)
-    parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--plain", action="store_true", help="also time 16-pixel tiles written plainly")
     options = parser.parse_args()
@@ -108,19 +107,19 @@ def main() -> None:
         engine.CACHE = KernelCache(engine.CACHE.limit)
         with PeakMemory() as memory:
             start = time.perf_counter()
-            got = blur(frame, field, options.threads)
+            got = blur(frame, field)
             first = time.perf_counter() - start
             rounds, cpu = [], []
             for _ in range(options.rounds):
                 start, used = time.perf_counter(), time.process_time()
-                blur(frame, field, options.threads)
+                blur(frame, field)
                 rounds.append(time.perf_counter() - start)
                 cpu.append(time.process_time() - used)
         rng = np.random.default_rng(0)
         points = zip(rng.integers(0, width, 300), rng.integers(0, height, 300), strict=True)
         errors = np.array([got[y, x] - exact(frame, field.stack, int(x), int(y)) for x, y in points])
         print(
-            f"{height}x{width}, {options.threads} threads: {min(rounds) * 1e3:.0f} ms per image "
+            f"{height}x{width}: {min(rounds) * 1e3:.0f} ms per image "
             f"({min(cpu) * 1e3:.0f} ms of processor time), first {first * 1e3:.0f} ms, "
             f"{memory.extra:.0f} MB extra, error {np.sqrt((errors**2).mean()):.3f} rms {np.abs(errors).max():.2f} max"
         )

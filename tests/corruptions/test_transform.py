@@ -54,7 +54,7 @@ def test_shape_and_dtype_stay_and_the_input_is_not_touched(name, form):
 def test_it_is_the_corruption_of_that_name_and_severity():
     """Against the corruption itself, with the stream that the module's docstring names."""
     image, corruption = picture(), load_corruption("fog")
-    stream = Rng.of("robustflow transform", 1, 7, "key", "a").spawn("draw")
+    stream = Rng.of("robustflow transform", 7, "key", "a").spawn("draw")
     expected = corruption.apply(image, corruption.draw(stream, 2, image.shape[:2]), 0)
     np.testing.assert_array_equal(CorruptionTransform(["fog"], [2], seed=7)(image, key="a"), expected)
 

@@ -1,4 +1,4 @@
-"""The tiled blur against exact kernels per pixel, and what must hold of any blur."""
+"""The blur against plain float64 references, and what must hold of any blur."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.psf import blur as engine
-from robustflow.psf.blur import KernelCache, blur
+from robustflow.psf.blur import KernelCache, Kernels, blur
 from robustflow.psf.psf_field import PsfField
 from robustflow.psf.shipped import shipped_field
 
-from .naive_blur import blurred_pixel, kernel_at
+from .naive_blur import blended_blur, blurred_pixel, kernel_at
 
 
 def textured(height: int, width: int, seed: int = 0) -> np.ndarray:
@@ -48,11 +48,44 @@ def test_error_against_exact_kernels_is_below_rounding(severity):
     assert np.abs(error).max() <= 3.0
 
 
+def picture(kind: str, height: int, width: int) -> np.ndarray:
+    """A picture of a kind that is hard in one way."""
+    rng, (y, x) = np.random.default_rng(height), np.mgrid[:height, :width]
+    kinds = {
+        "noise": rng.integers(0, 256, (height, width, 3)),
+        "black and white": 255 * rng.integers(0, 2, (height, width, 3)),
+        "board": np.repeat(((x + y) % 2 * 255)[..., None], 3, axis=2),
+        "ramp": np.repeat((x * 255 // max(width - 1, 1))[..., None], 3, axis=2),
+        "white": np.full((height, width, 3), 255),
+    }
+    return kinds[kind].astype(np.uint8)
+
+
+@pytest.mark.parametrize("kind", ["noise", "black and white", "board", "ramp", "white"])
+@pytest.mark.parametrize(("shape", "severity"), [((70, 111), 1), ((111, 64), 3), ((131, 90), 5)])
+def test_blur_of_any_picture_equals_the_float64_reference(kind, shape, severity):
+    """Single precision costs at most 2e-4 grey levels, a thousandth of what the nodes' distance does."""
+    frame, field = picture(kind, *shape), shipped_field(severity)
+    assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 90), (61, 2), (33, 64), (150, 31)])
+def test_blur_of_any_shape_equals_the_float64_reference(shape):
+    frame, field = picture("noise", *shape), shipped_field(4)
+    assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
+
+
+def test_kernels_with_negative_values_equal_the_float64_reference():
+    stack = np.random.default_rng(0).normal(1.0, 0.8, (64, 3, 61, 61))
+    field, frame = PsfField(stack + stack[..., ::-1]), picture("noise", 60, 91)  # lenses are symmetric
+    assert np.abs(blur(frame, field) - blended_blur(frame, field.stack)).max() < 2e-4
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(1, 150), st.integers(1, 150), st.integers(0, 255))
 def test_a_flat_image_stays_flat(height, width, grey):
     frame = np.full((height, width, 3), grey, np.uint8)
-    assert np.abs(blur(frame, shipped_field(5)) - grey).max() < 1e-9
+    assert np.abs(blur(frame, shipped_field(5)) - grey).max() < 1e-4
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (17, 400), (375, 1242), (33, 64)])
@@ -61,8 +94,8 @@ def test_every_size_keeps_its_shape_and_range(shape):
     got = blur(frame, shipped_field(3))
     assert got.shape == (*shape, 3)
     assert np.isfinite(got).all()
-    assert got.min() > frame.min() - 1e-6
-    assert got.max() < frame.max() + 1e-6
+    assert got.min() > frame.min() - 1e-4
+    assert got.max() < frame.max() + 1e-4
 
 
 @pytest.mark.parametrize("corner", [(20, 25), (20, 575), (380, 25), (380, 575)])
@@ -99,8 +132,8 @@ def test_a_psf_displaced_outwards_moves_light_outwards():
 def test_mirrored_images_blur_to_mirrored_images():
     frame, field = textured(97, 143), shipped_field(4)
     straight = blur(frame, field)
-    assert np.abs(blur(frame[:, ::-1], field)[:, ::-1] - straight).max() < 1e-9
-    assert np.abs(blur(frame[::-1], field)[::-1] - straight).max() < 1e-9
+    assert np.abs(blur(frame[:, ::-1], field)[:, ::-1] - straight).max() < 2e-4
+    assert np.abs(blur(frame[::-1], field)[::-1] - straight).max() < 2e-4
 
 
 def test_no_edge_shows_where_tiles_meet():
@@ -111,28 +144,30 @@ def test_no_edge_shows_where_tiles_meet():
     assert np.abs(np.diff(got, 2, axis=0)).max() < 0.05
 
 
-def test_threads_and_the_cache_do_not_change_a_bit(monkeypatch):
+def test_blur_without_cache_is_bit_identical(monkeypatch):
     frame, field = textured(150, 222), shipped_field(2)
     monkeypatch.setattr(engine, "CACHE", KernelCache(limit=2**28))
-    first = blur(frame, field, threads=1)
+    first = blur(frame, field)
     assert engine.CACHE.nbytes > 0
-    assert (blur(frame, field, threads=1) == first).all()
-    assert (blur(frame, field, threads=3) == first).all()
+    assert (blur(frame, field) == first).all()
     monkeypatch.setattr(engine, "CACHE", KernelCache(limit=0))
-    assert (blur(frame, field, threads=2) == first).all()
+    assert (blur(frame, field) == first).all()
     assert engine.CACHE.nbytes == 0
 
 
-def test_the_cache_forgets_the_least_recently_used_and_keeps_its_bound():
+def test_cache_over_its_limit_drops_the_least_recently_used():
+    def kernels(count: int):
+        return lambda: Kernels(np.zeros(count, np.float32), *[None] * 6)
+
     cache = KernelCache(limit=100)
     for name in "abc":
-        cache.put((name, 1, 1), np.zeros(6, np.complex64))
-        cache.get(("a", 1, 1))
-    assert cache.get(("a", 1, 1)) is not None
-    assert cache.get(("b", 1, 1)) is None
+        cache.get((name, 1, 1), kernels(12))
+        kept = cache.get(("a", 1, 1), kernels(12))
     assert cache.nbytes <= 100
-    cache.put(("big", 1, 1), np.zeros(14, np.complex64))
-    assert cache.get(("big", 1, 1)) is None
+    assert cache.get(("a", 1, 1), kernels(1)) is kept
+    assert cache.get(("b", 1, 1), kernels(1)).spectra.size == 1
+    assert cache.get(("large", 1, 1), kernels(30)).spectra.size == 30
+    assert cache.nbytes <= 100
 
 
 @pytest.mark.parametrize("severity", [1, 2, 3, 4, 5])

@@ -19,9 +19,11 @@ from .registry import CORRUPTIONS
 from .scale import calibrated_severities
 from .stack import Stack, is_stack, parse_stack, with_targets_adopted
 
-STREAM_VERSION = 1
-"""Part of every stream's name: incremented when a corruption's bytes change, so that old and new results never mix."""
+STREAM_VERSION = 2
+"""Part of every run's identity: incremented when any corruption's bytes change, so that results never mix."""
 
+_STREAMS = ("robustflow", 1)
+"""The first parts of every random stream's name: incremented to draw all corruptions differently."""
 
 _PACKAGE = __name__.rpartition(".")[0] + "."
 
@@ -91,7 +93,7 @@ def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
 def stream_for(corruption: Corruption, severity: int, seed: int, key: str, common_draws: bool = False) -> Rng:
     """The random stream of (benchmark seed, corruption, severity, sample key); with `common_draws` one for all five
     severities, which then differ only in strength."""
-    return Rng.of("robustflow", STREAM_VERSION, seed, corruption.name, 0 if common_draws else severity, key)
+    return Rng.of(*_STREAMS, seed, corruption.name, 0 if common_draws else severity, key)
 
 
 @overload

@@ -1,12 +1,6 @@
-"""Blur an image with a PSF that varies over it: tiles blended by triangular windows, convolved by FFT.
+"""Blur an image with a PSF that varies over it: columns of nodes, blended by triangular windows.
 
-The transforms are in float64 on purpose: FFT libraries differ between machines by a few units of the last place, which
-in float32 would round about one sample in ten thousand the other way, in float64 fewer than one in 10^11. It costs 1.7
-times the transforms' time. Only the kernels' spectra are kept in single precision, which rounds them alike everywhere
-and lets the five lenses of one image size share the cache.
-
-Patches of neighbouring nodes overlap, so the transforms are taken apart: along the rows once for a whole column of
-nodes, along the columns for each node, and back along the rows for the windowed sum of the column's nodes.
+The arithmetic is in `strip.py`. docs/optics.md has its error against exact kernels and its time.
 """
 
 from __future__ import annotations
@@ -14,163 +8,184 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from typing import Generic, Protocol, TypeVar
+from collections.abc import Callable
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
-import scipy.fft
 
 from ..sample import Frame
 from .psf_field import PsfField
-from .threads import allowed_threads
+from .strip import BLOCK, CHUNK, UNROLL, convolve_rows, transform, transform_length, twiddles
 from .tiles import SUPPORT, Axis, grid_of, kernels_at
 
-REACH = SUPPORT // 2
+GREY = 128.0
+"""Subtracted from the pixels: sums of smaller numbers lose less."""
+
+_REACH = SUPPORT // 2
 
 
-class Sized(Protocol):
-    """Anything that says how much memory it takes."""
+class Kernels(NamedTuple):
+    """The kernels of a field for an image size.
 
-    @property
-    def nbytes(self) -> int:
-        """Bytes."""
+    Attributes:
+        spectra: float32 (columns of nodes, rows of nodes, 3, T / 2 + 1, L, 2), as `convolve_rows` takes them, divided
+            by T.
+        firsts, weights: of the rows of nodes, for chunks of rows from `top` on, as `convolve_rows` takes them.
+        top: the first row of the image at which a node below the centre has a weight.
+        reach_x, reach_y: the largest lags at which a kernel is not zero.
+        length: T, of the transforms along x, pixels.
+    """
+
+    spectra: npt.NDArray[np.float32]
+    firsts: npt.NDArray[np.int64]
+    weights: npt.NDArray[np.float32]
+    top: int
+    reach_x: int
+    reach_y: int
+    length: int
 
 
-CachedKernel = TypeVar("CachedKernel", bound=Sized)
-
-
-class KernelCache(Generic[CachedKernel]):
-    """What was computed from kernels, by (field, image size); the least recently used go, to keep within a limit."""
+class KernelCache:
+    """Kernels by (field, height, width); the least recently used are dropped to stay within a limit in bytes."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
-        self._entries: OrderedDict[tuple[str, int, int], CachedKernel] = OrderedDict()
-        self._nbytes = 0
+        self._entries: OrderedDict[tuple[str, int, int], Kernels] = OrderedDict()
         self._lock = threading.Lock()
 
-    def get(self, key: tuple[str, int, int]) -> CachedKernel | None:
-        """What is kept under a key, or None."""
+    def get(self, key: tuple[str, int, int], compute: Callable[[], Kernels]) -> Kernels:
+        """Return the kernels of a key, computed if they are not held."""
         with self._lock:
-            if key in self._entries:
-                self._entries.move_to_end(key)
-            return self._entries.get(key)
-
-    def put(self, key: tuple[str, int, int], entry: CachedKernel) -> None:
-        """Keep something, unless it alone exceeds the limit."""
-        if entry.nbytes > self.limit:
-            return
+            kernels = self._entries.pop(key, None)
+        kernels = compute() if kernels is None else kernels
         with self._lock:
-            before = self._entries.pop(key, None)
-            self._entries[key] = entry
-            self._nbytes += entry.nbytes - (before.nbytes if before is not None else 0)
-            while self._nbytes > self.limit:
-                self._nbytes -= self._entries.popitem(last=False)[1].nbytes
+            self._entries[key] = kernels
+            while self.nbytes > self.limit:
+                self._entries.popitem(last=False)
+        return kernels
 
     @property
     def nbytes(self) -> int:
         """Bytes held."""
-        with self._lock:
-            return self._nbytes
+        return sum(kernels.spectra.nbytes for kernels in self._entries.values())
 
 
-CACHE: KernelCache[npt.NDArray[np.complex64]] = KernelCache(limit=192 * 2**20)
+CACHE = KernelCache(limit=320 * 2**20)
 
 
-def _spectra(field: PsfField, rows: Axis, columns: Axis, transform: int, column: int) -> npt.NDArray[np.complex64]:
-    """Spectra of the kernels of a column of nodes, (rows of nodes, 3, N, N / 2 + 1)."""
-    dy = rows.offsets
-    kernels = np.empty((dy.size, 3, SUPPORT, SUPPORT))
-    corner = math.hypot(rows.length, columns.length) / 2.0
-    kernels_at(field.stack, np.full(dy.size, columns.offsets[column]), dy, corner, kernels)
-    return np.asarray(scipy.fft.rfft2(kernels, (transform, transform)), np.complex64)
-
-
-def reflected(length: int, margin: int) -> npt.NDArray[np.intp]:
-    """Indices that extend an axis by `margin` on both sides, mirrored about its end pixels (reflect-101)."""
-    period = max(2 * (length - 1), 1)
-    place = np.abs(np.arange(-margin, length + margin)) % period
-    return np.minimum(place, period - place) if length > 1 else np.zeros_like(place)
-
-
-def blur(frame: Frame, field: PsfField, threads: int | None = None) -> npt.NDArray[np.float64]:
+def blur(frame: Frame, field: PsfField) -> npt.NDArray[np.float32]:
     """Convolve an image with the PSF of each of its points.
 
     The image's centre takes field 0, its corners field 1, whatever its size; beyond its edges it is continued by
-    reflection (reflect-101). Kernels add up to one, so that a flat image stays flat.
+    reflection (reflect-101). Kernels add up to one, so a flat image stays flat to within 1e-4 grey levels.
 
     Args:
         frame: RGB uint8 (H, W, 3), any size.
         field: the PSFs.
-        threads: how many threads; None for one, or as many as `blur_threads` allows. The result does not depend on it.
 
     Returns:
-        float64 (H, W, 3) in grey levels, not rounded.
+        float32 (H, W, 3) in grey levels, not rounded; the same bits on every machine.
+
+    >>> from robustflow.psf.shipped import shipped_field
+    >>> grey = blur(np.full((20, 30, 3), 77, np.uint8), shipped_field(1))
+    >>> bool(abs(grey - 77).max() < 1e-4)
+    True
     """
     height, width = frame.shape[:2]
-    pitch, transform = grid_of(height, width)
-    window = 2 * pitch
+    kernels = CACHE.get((field.digest, height, width), lambda: _kernels(field, height, width))
+    columns = Axis.of(width, grid_of(height, width))
+    window = columns.windows.shape[1]
+    margin = columns.starts[-1] - kernels.reach_x + kernels.length - width
+    pixels = _continued(frame, margin, kernels.reach_y)
+    weights = columns.windows.astype(np.float32)[..., None]
+    total = np.zeros((3, pixels.shape[1], height), np.float32)
+    for column, start in enumerate(columns.starts):
+        inside = slice(start + margin, start + margin + window)
+        left = inside.start - kernels.reach_x
+        strip = _blur_strip(pixels[:, left:], pixels[:, ::-1][:, left:], kernels, column, height)
+        strip = strip[:, :, :window] * weights[column]
+        total[:, inside] += strip[0]
+        total[:, ::-1][:, inside] += strip[1]
+    return np.asarray(total[:, margin : margin + width].transpose(2, 1, 0) + np.float32(GREY))
+
+
+def _blur_strip(
+    plain: npt.NDArray[np.float32], mirrored: npt.NDArray[np.float32], kernels: Kernels, column: int, height: int
+) -> npt.NDArray[np.float32]:
+    """Blur what the kernels of one column of nodes reach, in an image and in its mirror image.
+
+    They are the real and the imaginary part of one complex image, which is transformed along x, convolved along y with
+    kernels that change from row to row, and transformed back.
+
+    Args:
+        plain, mirrored: float32 (3, X, Y), from where the transform begins.
+        kernels: of the field.
+        column: the column of nodes.
+        height: rows of the image.
+
+    Returns:
+        float32 (2, 3, T - 2 reach, H).
+    """
+    length, rows = kernels.length, height + 2 * kernels.reach_y
+    work = np.empty((3, plain.shape[2] // BLOCK, length, 2, BLOCK), np.float32)
+    for part, image in enumerate((plain, mirrored)):
+        work[..., part, :] = image[:, :length].reshape(3, length, -1, BLOCK).transpose(0, 2, 1, 3)
+    transform(work, twiddles(length))
+    blurred = np.empty((3, -(-height // BLOCK), length, 2, BLOCK), np.float32)
+    convolve_rows(kernels.spectra[column], work, (rows, height), kernels.firsts, kernels.weights, kernels.top, blurred)
+    transform(blurred, twiddles(length))  # with real and imaginary parts exchanged: the inverse
+    inside = blurred[:, :, 2 * kernels.reach_x :, ::-1].transpose(3, 0, 2, 1, 4)
+    return inside.reshape(*inside.shape[:3], -1)[..., :height]
+
+
+def _continued(frame: Frame, margin_x: int, margin_y: int) -> npt.NDArray[np.float32]:
+    """Continue an image by reflection, to a multiple of BLOCK rows; column by column, less `GREY`, (3, X, Y)."""
+    spare_rows = -(frame.shape[0] + 2 * margin_y) % BLOCK
+    margins = (margin_y, margin_y + spare_rows, margin_x, margin_x)
+    continued = cv2.copyMakeBorder(frame, *margins, cv2.BORDER_REFLECT_101).transpose(2, 1, 0)
+    return continued.astype(np.float32, order="C") - np.float32(GREY)
+
+
+def _kernels(field: PsfField, height: int, width: int) -> Kernels:
+    """The kernels of all nodes, their outer rows and columns that are zero everywhere left out."""
+    pitch = grid_of(height, width)
     rows, columns = Axis.of(height, pitch), Axis.of(width, pitch)
-    margin_y, margin_x = (axis.starts[-1] + transform - REACH - axis.length for axis in (rows, columns))
-    planes = np.ascontiguousarray(frame.transpose(2, 0, 1))
-    padded = planes[:, reflected(height, margin_y)][:, :, reflected(width, margin_x)]
-    mirrored = np.stack([padded, padded[..., ::-1]])
-
-    key = (field.digest, height, width)
-    cached = CACHE.get(key)
-    nodes = len(rows.starts), len(columns.starts)
-    size = nodes[0] * nodes[1] * 3 * transform * (transform // 2 + 1) * 8
-    fill = None
-    if cached is None and size <= CACHE.limit:
-        fill = np.empty((nodes[1], nodes[0], 3, transform, transform // 2 + 1), np.complex64)
-
-    def strip(column: int) -> npt.NDArray[np.float64]:
-        """The windowed contribution of a column of nodes to the image and its left-right mirror image."""
-        if cached is not None:
-            spectra = cached[column]
-        else:
-            spectra = _spectra(field, rows, columns, transform, column)
-            if fill is not None:
-                fill[column] = spectra
-        left = columns.starts[column] + margin_x - REACH
-        along_rows = scipy.fft.rfft(mirrored[..., left : left + transform].astype(np.float64), overwrite_x=True)
-        sums = np.zeros_like(along_rows)
-        patches = np.empty((2, 3, transform, transform // 2 + 1), np.complex128)
-        for row, kernels in enumerate(spectra):
-            top = rows.starts[row] + margin_y
-            kernels = kernels.astype(np.complex128)
-            weights = rows.windows[row][:, None]
-            for upright in (slice(None), slice(None, None, -1)):
-                patches[...] = along_rows[..., upright, :][..., top - REACH : top - REACH + transform, :]
-                transformed = scipy.fft.fft(patches, axis=-2, overwrite_x=True)
-                transformed *= kernels
-                back = scipy.fft.ifft(transformed, axis=-2, overwrite_x=True)[..., 2 * REACH :, :].view(np.float64)
-                back *= weights
-                sums.view(np.float64)[..., upright, :][..., top : top + window, :] += back
-        inside = sums[..., margin_y : margin_y + height, :]
-        blurred = scipy.fft.irfft(inside, transform, overwrite_x=True)[..., 2 * REACH :]
-        blurred *= columns.windows[column]
-        return np.asarray(blurred, np.float64)
-
-    total = np.zeros((3, height, padded.shape[2]))
-    for column, (plain, mirror) in enumerate(results_in_order(strip, nodes[1], threads or allowed_threads())):
-        left = columns.starts[column] + margin_x
-        total[..., left : left + window] += plain
-        total[..., ::-1][..., left : left + window] += mirror
-    if fill is not None:
-        CACHE.put(key, fill)
-    return total[..., margin_x : margin_x + width].transpose(1, 2, 0)
+    nodes, corner = rows.offsets.size, math.sqrt(height * height + width * width) / 2.0
+    kernels = np.empty((columns.offsets.size, nodes, 3, SUPPORT, SUPPORT), np.float32)
+    of_column = np.empty(kernels.shape[1:])
+    for column, dx in enumerate(columns.offsets):
+        kernels_at(field.stack, np.full(nodes, dx), rows.offsets, corner, of_column)
+        kernels[column] = of_column
+    lags = np.abs(np.arange(-_REACH, _REACH + 1))
+    y, x = (int(lags[kernels.any(axis=(0, 1, 2, axis))].max()) for axis in (4, 3))
+    kernels = kernels[..., _REACH - y : _REACH + y + 1, _REACH - x : _REACH + x + 1][..., ::-1, :]
+    length = transform_length(2 * pitch + 2 * x)
+    padded_lags = -(-kernels.shape[3] // UNROLL) * UNROLL
+    spectra = np.zeros((*kernels.shape[:3], length // 2 + 1, padded_lags, 2), np.float32)
+    work = np.zeros((nodes, 3, length, 2, BLOCK), np.float32)
+    for column in range(columns.offsets.size):
+        work[:] = 0
+        work[:, :, : 2 * x + 1, 0, : 2 * y + 1] = kernels[column].swapaxes(2, 3) / np.float32(length)
+        transform(work, twiddles(length))
+        spectra[column, ..., : 2 * y + 1, :] = work[:, :, : length // 2 + 1, :, : 2 * y + 1].swapaxes(3, 4)
+    top = max(rows.starts[0], 0)
+    firsts, weights = _blending(rows, top, height)
+    return Kernels(spectra, firsts, weights, top, x, y, length)
 
 
-def results_in_order(work, count: int, threads: int) -> Iterator[npt.NDArray[np.float64]]:  # type: ignore[no-untyped-def]
-    """Results of work(0) .. work(count - 1) in order, at most `threads` + 1 of them alive."""
-    if threads == 1:
-        yield from (work(number) for number in range(count))
-        return
-    with ThreadPoolExecutor(threads) as pool:
-        waiting = [pool.submit(work, number) for number in range(min(threads, count))]
-        for number in range(count):
-            yield waiting.pop(0).result()
-            if number + threads < count:
-                waiting.append(pool.submit(work, number + threads))
+def _blending(rows: Axis, top: int, height: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+    """The first node with a weight in each chunk of rows from `top` on, and the weights from that node on."""
+    nodes, window = rows.windows.shape
+    by_row = np.zeros((nodes, height + CHUNK), np.float32)
+    for node, start in enumerate(rows.starts):
+        inside = slice(max(start, 0), min(start + window, height))
+        by_row[node, inside] = rows.windows[node, inside.start - start : inside.stop - start]
+    chunks = [by_row[:, begin : begin + CHUNK] for begin in range(top, height, CHUNK)]
+    used = [np.flatnonzero(chunk.any(axis=1)) for chunk in chunks]
+    groups = max(-(-(nodes_[-1] - nodes_[0] + 1) // 4) for nodes_ in used)
+    weights = np.zeros((len(chunks), 4 * groups, CHUNK), np.float32)
+    for number, (chunk, nodes_) in enumerate(zip(chunks, used, strict=True)):
+        weights[number, : nodes_[-1] - nodes_[0] + 1] = chunk[nodes_[0] : nodes_[-1] + 1]
+    return np.array([nodes_[0] for nodes_ in used]), weights

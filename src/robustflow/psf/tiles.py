@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,22 +20,22 @@ from numba import njit
 SUPPORT = 61
 """Side of a kernel, pixels."""
 
-GRIDS = ((34, 128), (30, 120), (24, 108), (18, 96), (12, 84))
-"""Largest distance between nodes, and the FFT size that windows of twice it and a kernel then fill, in pixels."""
+PITCHES = (34, 30, 24, 18, 12)
+"""Largest distances between nodes, pixels."""
 
 FINENESS = 27.0
 """How many distances between nodes the image's half diagonal holds at least; the interpolation's error falls with
 its square and its time rises with it. Measured in docs/optics.md."""
 
 
-def grid_of(height: int, width: int) -> tuple[int, int]:
-    """The entry of `GRIDS` for an image.
+def grid_of(height: int, width: int) -> int:
+    """Return the entry of `PITCHES` for an image.
 
     >>> grid_of(375, 1242), grid_of(2160, 4096)
-    ((24, 108), (34, 128))
+    (24, 34)
     """
-    wanted = math.hypot(height, width) / 2.0 / FINENESS
-    return next((grid for grid in GRIDS if grid[0] <= wanted), GRIDS[-1])
+    wanted = math.sqrt(height * height + width * width) / 2.0 / FINENESS
+    return next((pitch for pitch in PITCHES if pitch <= wanted), PITCHES[-1])
 
 
 @dataclass(frozen=True)
@@ -70,26 +70,6 @@ class Axis:
         starts = tuple(math.floor(place - pitch) + 1 for place in places)
         pixels = np.array(starts)[:, None] + np.arange(2 * largest_pitch)
         return cls(length, pitch, offsets, starts, np.maximum(1.0 - np.abs(pixels - places[:, None]) / pitch, 0.0))
-
-    @cached_property
-    def nodes_at_pixels(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """The two nodes with the greatest weight at each pixel, (length, 2), and their weights; no other has one.
-
-        A node on the near side is the mirror image of that on the far side, and called `~node`.
-
-        >>> nodes, weights = Axis.of(375, 34).nodes_at_pixels
-        >>> nodes[187].tolist(), weights[187].tolist()
-        ([0, -1], [0.5, 0.5])
-        """
-        count = len(self.starts)
-        of_far = np.zeros((count, self.length))
-        for node, (start, window) in enumerate(zip(self.starts, self.windows, strict=True)):
-            inside = slice(max(start, 0), start + window.size)
-            of_far[node, inside] = window[inside.start - start :][: of_far[node, inside].size]
-        weights = np.concatenate([of_far, of_far[:, ::-1]])
-        names = np.concatenate([np.arange(count), ~np.arange(count)])
-        first = np.ascontiguousarray(np.argsort(-weights, axis=0, kind="stable")[:2].T)
-        return names[first], np.ascontiguousarray(np.take_along_axis(weights.T, first, axis=1))
 
 
 @njit(cache=True, error_model="numpy")

@@ -13,7 +13,6 @@ from ...errors import UsageError
 from ...psf.blur import blur
 from ...psf.psf_field import PsfField
 from ...psf.reference_stack import reference_field
-from ...psf.rounded_blur import rounded_blur
 from ...psf.shipped import shipped_field
 from ...random.rng import Rng
 from ...sample import Frame
@@ -21,6 +20,9 @@ from ..base import Corruption
 
 PSF_DIR = "ROBUSTFLOW_PSF_DIR"
 """Environment variable that names the folder of the reference's stacks, for all instances made without `psf_dir`."""
+
+_WHOLE = np.float32(1e-3)
+"""Grey levels by which a value may lie below a whole number that `blur` meant: ten times its rounding errors."""
 
 
 class PsfBlur(Corruption):
@@ -79,11 +81,10 @@ class PsfBlur(Corruption):
 
     def apply(self, frame: Frame, state: float, index: int) -> Frame:
         """Blur one frame."""
-        if self.variant != "reference":
-            return rounded_blur(frame, self.field(state))
         blurred = blur(frame, self.field(state))
-        np.floor(blurred + 1e-6, out=blurred)  # a whole number must not fall by the FFT's last bit
-        return np.clip(blurred, 0.0, 255.0).astype(np.uint8)
+        if self.variant == "reference":
+            np.floor(blurred + _WHOLE, out=blurred)
+        return np.clip(np.rint(blurred), 0.0, 255.0).astype(np.uint8)
 
 
 @lru_cache(maxsize=5)

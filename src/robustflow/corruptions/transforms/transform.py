@@ -24,7 +24,7 @@ from ...errors import DataError, UsageError
 from ...random.rng import Rng
 from ...sample import Frame
 from ...severity import SEVERITIES, check_severity
-from ..api import STREAM_VERSION, load_corruption
+from ..api import load_corruption
 from ..base import Corruption
 from ..registry import CLIP, IMAGE_PAIR
 from ..stack import is_stack, levels_of, parse_stack
@@ -126,10 +126,10 @@ class CorruptionTransform:
 
     def _stream(self, key: str | int | None) -> Rng:
         if key is not None:
-            return Rng.of("robustflow transform", STREAM_VERSION, self.seed, "key", key)
+            return Rng.of("robustflow transform", self.seed, "key", key)
         with self._lock:
             self._calls += 1
-            return Rng.of("robustflow transform", STREAM_VERSION, self.seed, *_process(), self._calls)
+            return Rng.of("robustflow transform", self.seed, *_process(), self._calls)
 
     def _corrupt(self, frames: list[Image], rng: Rng) -> list[Image]:
         if rng.uniform() >= self.probability:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from ...psf.threads import blur_threads
 from ...runs.plan import Unit
 from ...threads import one_opencv_thread
 from .base import Engine, FinishedUnit, Job, take_seconds
@@ -13,7 +12,7 @@ from .base import Engine, FinishedUnit, Job, take_seconds
 def serial(job: Job, units: Iterable[Unit]) -> Iterator[FinishedUnit]:
     """Compute the units one after the other."""
     worker = job.worker()
-    with one_opencv_thread(), blur_threads():
+    with one_opencv_thread():
         for unit in units:
             rows = worker.run(unit)
             yield FinishedUnit(unit, rows, take_seconds(worker))
