@@ -71,10 +71,9 @@ def test_add_your_model_with_torch(reader):
         assert manifest["provenance"]["trained_on"] == ["flyingchairs", "flyingthings3d"]
         assert manifest["identity"]["model"]["input"]["scale"] == 2 / 255
         assert manifest["identity"]["model"]["layout"] == "pair"
-    onnx, exported = (rf.Result(folder) for folder in reader.runs[1:])
-    assert [run.manifest["identity"]["model"]["input"]["scale"] for run in (onnx, exported)] == [2 / 255] * 2
-    assert onnx.epe_clean == pytest.approx(exported.epe_clean, abs=1e-4)
-    assert onnx.crer == pytest.approx(exported.crer, abs=1e-4)
+    (onnx,) = (rf.Result(folder) for folder in reader.runs[1:])
+    assert onnx.manifest["identity"]["model"]["input"]["scale"] == 2 / 255
+    assert onnx.summary.complete
 
 
 def test_add_your_corruption(reader):

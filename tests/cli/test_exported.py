@@ -11,7 +11,7 @@ pytest.importorskip("onnxruntime", reason="needs the onnx extra")
 
 import robustflow as rf
 
-from ..models.exported import onnx_graphs as graphs
+from ..models import onnx_graphs as graphs
 
 
 def test_an_onnx_file_as_model_or_as_checkpoint(robustflow, tmp_path):

@@ -29,7 +29,6 @@ finally:
         (("-m", "arflow"), "model 'arflow' needs its checkpoint: get pwclite_ar.tar"),
         (("-m", "samflow_b", "--checkpoint", "no.pth"), "model 'samflow_b': no file no.pth"),
         (("-m", "missing.onnx"), "missing.onnx: no such checkpoint"),
-        (("-m", "missing.pt2"), "missing.pt2: no such checkpoint"),
     ],
 )
 def test_what_is_missing_is_reported_at_once(arguments, says, tmp_path):

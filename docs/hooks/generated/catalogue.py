@@ -19,7 +19,7 @@ def files() -> dict[str, str]:
         "Everything that can be named on the command line; `robustflow list` prints the same, with what is installed "
         "here. The corruptions have [pages of their own](../corruptions/index.md).",
         "## Models",
-        "Besides these: `module.path:Attribute` of your own, an exported network (`.onnx`, `.pt2`), a folder of flow "
+        "Besides these: `module.path:Attribute` of your own, an exported network (`.onnx`), a folder of flow "
         "files, and any other model of ptlflow as `ptlflow:NAME`.",
         _methods(),
         "### Checkpoints",

@@ -14,7 +14,6 @@ _MODEL_LINE = "{:14s} {:13s} {!s:5s} {:13s} {:12s} {:13s} {:16s} {}"
 _OF_FILES = {
     "precomputed": ("a folder of flow files", ""),
     "onnx": ("an .onnx file", "onnx"),
-    "torch_export": ("a .pt2 file of torch.export", "torch"),
 }
 """Models that can hold any method: what they are read from, and the extra they need, named like the module it
 installs."""
@@ -91,7 +90,7 @@ def _models() -> list[str]:
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, including the pair; needs data with clips.",
         "Hardly any of the published weights state a licence.",
-        "Your own: module.path:Attribute, an exported network (.onnx, .pt2) or a folder of flow files.",
+        "Your own: module.path:Attribute, an exported network (.onnx) or a folder of flow files.",
     ]
 
 

@@ -13,7 +13,7 @@ _MODEL = typer.Option(
     "--model",
     "-m",
     autocompletion=complete.models,
-    help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx, .pt2), or a folder of "
+    help="A name (robustflow list models), module.path:Attribute, an exported network (.onnx), or a folder of "
     "flow files.",
 )
 ModelName = Annotated[str, _MODEL]

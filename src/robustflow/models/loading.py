@@ -31,7 +31,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
     Args:
         name: a registered name (`robustflow list models`), `ptlflow:NAME` for any model of that library,
             `module.path:Attribute` (an object with `predict`, a PyTorch module, a class or factory that makes one, or
-            a function of two frames), an exported network (a .onnx or .pt2 file), or a folder of flow files.
+            a function of two frames), an exported network (a .onnx file), or a folder of flow files.
         options: passed to the model's constructor (`preset="fast"` for `dis`). Every model also takes
             `tile="HEIGHTxWIDTH"`, to predict in tiles (see `tiling.TiledModel`).
 
@@ -47,7 +47,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
     if not registered and (name == "torchscript" or Path(name).suffix.lower() in TORCHSCRIPT):
         raise UsageError(
             f"model '{name}': TorchScript is not read, because reading such a file can run what its author put there; "
-            "export the network with torch.export.save (.pt2) or to ONNX"
+            "export the network to ONNX, or give the module: package.module:Class"
         )
     if exported is not None:
         if "checkpoint" in options:

@@ -25,13 +25,12 @@ for _name in ("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamf
     MODELS.add(_name, f"robustflow.models.ptlflow.clips:{_name}")
 MODELS.add("raft_large", "robustflow.models.torch.torchvision:raft_large")
 MODELS.add("raft_small", "robustflow.models.torch.torchvision:raft_small")
-MODELS.add("onnx", "robustflow.models.exported.onnx:OnnxModel")
-MODELS.add("torch_export", "robustflow.models.exported.pt2:torch_export")
+MODELS.add("onnx", "robustflow.models.onnx:OnnxModel")
 
 PTLFLOW = "ptlflow:"
 """Prefix of the names of ptlflow's models."""
 
-EXPORTED = {".onnx": "onnx", ".pt2": "torch_export"}
+EXPORTED = {".onnx": "onnx"}
 """Extensions of files that are a model by themselves, and the model that reads them."""
 
 TORCHSCRIPT = (".ts", ".torchscript")

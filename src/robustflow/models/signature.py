@@ -1,6 +1,6 @@
 """The inputs and outputs of a network: how a pair is passed in, at what size, and how the flow is returned.
 
-Shared by ONNX files, torch.export files and a user's own modules. Importable without the torch extra.
+Shared by ONNX files and a user's own modules. Importable without the torch extra.
 """
 
 from __future__ import annotations

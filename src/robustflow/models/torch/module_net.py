@@ -1,8 +1,8 @@
-"""Any PyTorch module or exported program behind the call of the project's own networks."""
+"""Any PyTorch module behind the call of the project's own networks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import torch
@@ -21,12 +21,11 @@ class ModuleNet(nn.Module):
     """Gives a module its images the way it takes them and finds the flow in what it returns.
 
     Args:
-        module: the network, or the program of an exported file; its mode is left as it is.
+        module: the network; its mode is left as it is.
         call: calls it with its list of inputs.
         layout: how the pair goes in, one of `MODULE_LAYOUTS`.
         output: position or key of the flow among several outputs; None for the last.
         batched: it takes several pairs at once; else each goes through by itself.
-        dtypes: of its inputs; None for float32.
     """
 
     def __init__(
@@ -36,7 +35,6 @@ class ModuleNet(nn.Module):
         layout: str,
         output: Any,
         batched: bool,
-        dtypes: Sequence[torch.dtype] | None = None,
     ) -> None:
         super().__init__()
         self.module = module
@@ -44,10 +42,9 @@ class ModuleNet(nn.Module):
         self.layout = layout
         self.output = output
         self.batched = batched
-        self.dtypes = dtypes
 
     def train(self, mode: bool = True) -> ModuleNet:
-        """Leave the module in its mode: an exported program refuses to be asked."""
+        """Leave the module in the mode that its owner chose."""
         self.training = mode
         return self
 
@@ -91,8 +88,6 @@ class ModuleNet(nn.Module):
             inputs = [torch.cat([image1, image2], dim=1)]
         else:
             inputs = [torch.stack([image1, image2], dim=1)]
-        if self.dtypes is not None:
-            inputs = [value.to(dtype) for value, dtype in zip(inputs, self.dtypes, strict=True)]
         return [{"images": inputs[0]}] if self.layout == "images" else inputs
 
     def _flow(self, image1: Tensor, image2: Tensor) -> Tensor:

@@ -6,21 +6,22 @@ folder only.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ...errors import ModelError, UsageError, first_line, unknown_name
-from ...sample import Flow, Frame
-from ..extras import require
-from ..input_convention import InputConvention, named_convention
-from ..model_file import damaged, opened, require_file
-from ..option_checks import check_count
-from ..pairs import predict_by_size
-from ..signature import (
+from ..digest import sha256_of_file
+from ..errors import ModelError, UsageError, first_line, unknown_name
+from ..sample import Flow, Frame
+from .extras import require
+from .input_convention import InputConvention, named_convention
+from .model_file import damaged, opened, require_file
+from .option_checks import check_count
+from .pairs import predict_by_size
+from .signature import (
     Dim,
     batch_and_size,
     chosen_inputs,
@@ -29,7 +30,6 @@ from ..signature import (
     infer_layout,
     refuse_lost_frame,
 )
-from .onnx_file import external_files, parsed, read_inputs
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(double)": np.float64}
 _CUDA = "CUDAExecutionProvider"
@@ -84,8 +84,8 @@ class OnnxModel:
         for library in ("onnxruntime", "onnx"):
             require(library, "onnx", "onnx")
         with opened(path, sha256) as (file, digest):
-            model = parsed(path, file.read())
-        beside = external_files(path, model)
+            model = _parse(path, file.read())
+        beside = _external_files(path, model)
         self._session = _session(path, self.device, threads)
         nodes = self._session.get_inputs()
         self._inputs = [nodes[i] for i in chosen_inputs([(node.name, _shape(node.shape)) for node in nodes], inputs)]
@@ -94,7 +94,7 @@ class OnnxModel:
         self._layout = infer_layout(shapes, layout)
         self._batched, size = batch_and_size(shapes)
         self.convention = named_convention(order=order, scaling=scaling, multiple=multiple, size=size)
-        refuse_lost_frame([node.name for node in self._inputs], read_inputs(model))
+        refuse_lost_frame([node.name for node in self._inputs], _read_names(model))
         self._dtypes = [_dtype(node) for node in self._inputs]
         self._settings = {
             "name": f"onnx:{path.stem}",
@@ -237,3 +237,80 @@ def _dtype(node: Any) -> Any:
     if node.type not in _DTYPES:
         raise ModelError(f"the network's input {node.name} is {node.type}; expected one of {', '.join(_DTYPES)}")
     return _DTYPES[node.type]
+
+
+def _parse(path: Path, content: bytes) -> Any:
+    """The message that an ONNX file is.
+
+    Raises:
+        ModelError: no ONNX network.
+    """
+    import onnx
+
+    try:
+        model = onnx.load_from_string(content)
+    except Exception as error:  # protobuf's own, and whatever a hostile file makes it raise
+        raise damaged(path, error) from None
+    if not model.graph.node:
+        raise ModelError(f"{path}: not an ONNX network (it has no operators); export it with torch.onnx.export")
+    return model
+
+
+def _read_names(model: Any) -> set[str]:
+    """What the operators of a network read, those of branches included, and outputs."""
+    import onnx
+
+    return {name for node in _messages(model, onnx.NodeProto) for name in node.input} | {
+        entry.name for entry in model.graph.output
+    }
+
+
+def _external_files(path: Path, model: Any) -> dict[str, str]:
+    """The SHA-256 of every file of weights that an ONNX file names, by its name there.
+
+    Args:
+        path: of the ONNX file.
+        model: from `parsed`.
+
+    Raises:
+        ModelError: it names a file that is missing or outside its own folder.
+    """
+    import onnx
+
+    names = {
+        entry.value
+        for tensor in _messages(model, onnx.TensorProto)
+        if tensor.data_location == onnx.TensorProto.EXTERNAL
+        for entry in tensor.external_data
+        if entry.key == "location"
+    }
+    return {name: _weights_sha256(path, name) for name in sorted(names)}
+
+
+def _messages(message: Any, kind: type) -> Iterator[Any]:
+    """Every message of a kind in another, however deep: tensors of initializers and attributes, nodes of branches."""
+    if isinstance(message, kind):
+        yield message
+    for field, value in message.ListFields():
+        if field.message_type is not None:
+            for part in value if field.is_repeated else (value,):
+                yield from _messages(part, kind)
+
+
+def _weights_sha256(path: Path, name: str) -> str:
+    folder = path.resolve().parent
+    file = (folder / name).resolve()
+    if not name or not file.is_relative_to(folder):
+        raise ModelError(
+            f"{path}: refused: it takes weights from '{name[:200]}', outside its own folder; get the genuine file, or "
+            "save it again with its weights beside it"
+        )
+    if file.exists() and not file.is_file():  # a pipe would never end, a device never answer
+        raise ModelError(f"{path}: refused: its weights '{name[:200]}' are not a regular file; get the genuine file")
+    try:
+        return sha256_of_file(file)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ModelError(
+            f"{path}: its weights '{name[:200]}' cannot be read ({reason}); put that file beside it"
+        ) from None

@@ -1,1 +1,0 @@
-"""Exported networks as flow models: ONNX and torch.export."""
