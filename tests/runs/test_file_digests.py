@@ -1,15 +1,26 @@
-"""A changed byte of a file is noticed where its format cannot tell, and runs without digests go on."""
+"""A changed byte of a file is noticed where its format cannot tell: between two calls, during one, and since the list
+of digests was written; what is no file is never opened."""
 
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
+import threading
 
 import pytest
 from PIL import Image
 from skimage import data
+from typer.testing import CliRunner
 
 import robustflow as rf
-from robustflow.errors import RunError
+from robustflow.benchmarks import load_benchmark
+from robustflow.benchmarks.export import export
+from robustflow.cli.main import app
+from robustflow.errors import DataError, RobustFlowError, RunError
+from robustflow.images.io import image_size, read_image, stored_size
+from robustflow.runs.file_digests import DIGEST_LIST, file_digests
 from robustflow.testing import ZeroFlow
 
 CHOSEN = {"corruptions": ["contrast"], "severities": [1]}
@@ -47,3 +58,123 @@ def test_a_run_of_before_continues(frames, tmp_path):
     path.write_text(json.dumps(manifest))
     result = rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
     assert set(result.manifest["file_digests"]) == {"0"}
+
+
+class _Changes(ZeroFlow):
+    """A model during whose third prediction something changes a file."""
+
+    def __init__(self, path, change):
+        super().__init__()
+        self.calls, self.path, self.change = 0, path, change
+
+    def predict(self, frame1, frame2):
+        self.calls += 1
+        if self.calls == 3:
+            self.change(self.path)
+        return super().predict(frame1, frame2)
+
+    def identity(self):
+        return {"name": "still"}
+
+
+@pytest.fixture
+def three(frames):
+    """Three frames, so two pairs: 0 and 1."""
+    Image.fromarray(data.astronaut()[5:69, :96]).save(frames / "2.bmp")
+    return frames
+
+
+def test_a_file_that_changes_during_a_run_is_noticed_at_its_end(three, tmp_path):
+    before = (three / "2.bmp").read_bytes()
+    with pytest.raises(
+        DataError, match=r"2\.bmp changed while the run read it.* sample '1' .* run the same command again"
+    ):
+        rf.evaluate(_Changes(three / "2.bmp", flip), "folder", three, tmp_path / "run", **CHOSEN)
+    left = rf.load_run(tmp_path / "run")
+    assert set(left.rows["sample"]) == set(left.manifest["samples"]) == set(left.manifest["file_digests"]) == {"0"}
+    assert left.manifest["finished"] is None
+    (three / "2.bmp").write_bytes(before)
+    again = rf.evaluate(_Changes(three, print), "folder", three, tmp_path / "run", **CHOSEN)
+    fresh = rf.evaluate(_Changes(three, print), "folder", three, tmp_path / "fresh", **CHOSEN)
+    assert again.rows.equals(fresh.rows)
+    assert again.manifest["file_digests"] == fresh.manifest["file_digests"]
+
+
+def test_a_file_that_is_written_again_with_the_same_bytes_is_no_change(three, tmp_path):
+    model = _Changes(three / "2.bmp", lambda path: path.write_bytes(path.read_bytes()))
+    assert rf.evaluate(model, "folder", three, tmp_path / "run", **CHOSEN).manifest["finished"] is not None
+
+
+def _digests(*arguments):
+    return CliRunner().invoke(app, ["prepare", "digests", *map(str, arguments)])
+
+
+def test_a_run_compares_its_files_with_the_list_beside_the_data(frames, tmp_path):
+    shutil.copy(frames / "0.bmp", frames / "with blank \u00fc.bmp.txt")
+    assert _digests("--data", frames).exit_code == 0
+    if b2sum := shutil.which("b2sum"):
+        subprocess.run([b2sum, "--check", "--quiet", DIGEST_LIST], cwd=frames, check=True)
+    rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
+    flip(frames / "1.bmp")
+    with pytest.raises(
+        DataError, match=r"1\.bmp is not the file that digests\.b2sum in .* lists \(1 of 2 files differ\)"
+    ):
+        rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "elsewhere", **CHOSEN)
+    checked = _digests("--data", frames)
+    assert isinstance(checked.exception, DataError)
+    assert "1.bmp has changed" in str(checked.exception)
+    assert _digests("--data", frames, "--overwrite").exit_code == 0
+    rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "elsewhere", **CHOSEN)
+
+
+def test_a_second_call_checks_the_whole_data_set(frames):
+    assert "2 files" in _digests("--data", frames).output
+    before = (frames / DIGEST_LIST).read_bytes()
+    assert "2 files are those that" in _digests("--data", frames).output
+    (frames / "0.bmp").unlink()
+    gone = _digests("--data", frames)
+    assert isinstance(gone.exception, DataError)
+    assert "0.bmp is missing" in str(gone.exception)
+    assert (frames / DIGEST_LIST).read_bytes() == before
+
+
+def test_files_that_no_list_names_are_said_and_a_damaged_list_is_refused(three, tmp_path):
+    assert _digests("--data", three).exit_code == 0
+    (three / DIGEST_LIST).write_text("".join((three / DIGEST_LIST).read_text().splitlines(keepends=True)[:-1]))
+    with pytest.warns(UserWarning, match=r"does not list 1 file that the run reads \(2\.bmp"):
+        rf.evaluate(ZeroFlow(), "folder", three, tmp_path / "run", **CHOSEN)
+    with open(three / DIGEST_LIST, "a") as file:
+        file.write("nonsense\n")
+    with pytest.raises(DataError, match=r"digests\.b2sum: line 3 is not a digest and a name"):
+        rf.evaluate(ZeroFlow(), "folder", three, tmp_path / "run", **CHOSEN)
+
+
+def test_corrupted_frames_that_come_with_the_data_are_compared_too(shared, tmp_path):
+    benchmark = load_benchmark("kitti-fc", shared("data/kitti2015")).narrowed(["contrast"], [1], 1)
+    list(export(benchmark, tmp_path / "fc"))
+    assert _digests("--data", tmp_path / "fc").exit_code == 0
+    (frame, _) = sorted((tmp_path / "fc" / "contrast_1").rglob("*.png"))
+    flip(frame)
+    with pytest.raises(DataError, match="is not the file that"):
+        rf.evaluate(ZeroFlow(), "kitti-fc", tmp_path / "fc", tmp_path / "run")
+
+
+@pytest.fixture
+def pipe(tmp_path):
+    """A named pipe that looks like a frame; something writes to it and closes it, so that reading it ends."""
+    path = tmp_path / "frame_0002.png"
+    os.mkfifo(path)
+    threading.Thread(target=path.write_bytes, args=(b"",), daemon=True).start()
+    return path
+
+
+@pytest.mark.parametrize("read", [lambda path: file_digests({"a": [path]}), image_size, stored_size, read_image])
+def test_a_pipe_among_the_data_is_refused_unopened(pipe, read):
+    with pytest.raises(RobustFlowError, match=r"frame_0002\.png: not a file"):
+        read(pipe)
+
+
+def test_a_device_among_the_data_is_refused(tmp_path):
+    (tmp_path / "endless.flo").symlink_to("/dev/zero")
+    with pytest.raises(RunError, match=r"endless\.flo: not a file"):
+        file_digests({"a": [tmp_path / "endless.flo"]})

@@ -1,4 +1,4 @@
-"""`robustflow prepare`: make a benchmark's data from recordings."""
+"""`robustflow prepare`: make a benchmark's data from recordings, or the list of digests of a data set."""
 
 from fractions import Fraction
 from functools import partial
@@ -13,7 +13,9 @@ from ..text import counted
 if TYPE_CHECKING:
     from ..video.prepare_folder import PrepareAll
 
-prepare = typer.Typer(help="Make a benchmark's data from recordings.", no_args_is_help=True)
+prepare = typer.Typer(
+    help="Make a benchmark's data from recordings, or the list of digests of a data set.", no_args_is_help=True
+)
 
 
 @prepare.callback()
@@ -89,6 +91,54 @@ def gopro_fc(
     pairs = sum(len(clip.pairs) for clip in clips)
     made = f"{counted(len(clips), 'clip')}, {counted(pairs, 'pair')}"
     typer.echo(f"{output}: {made}; now: robustflow run --benchmark gopro-fc --data {output}")
+
+
+@prepare.command("digests")
+def digests(
+    data: Annotated[Path, typer.Option("--data", "-d", help="Folder of the data set.")],
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Write the list again, if files were changed.")
+    ] = False,
+) -> None:
+    """Write the digests of a data set's files into it, or compare them if that was done before.
+
+    The list, digests.b2sum, belongs in the folder and is copied with it: run compares every file that it reads with it,
+    since many formats (.flo, PPM, BMP) cannot tell a changed byte. b2sum --check digests.b2sum does the same.
+
+    \b
+    Example:
+      robustflow prepare digests --data ~/kitti
+    """
+    from rich.console import Console
+    from rich.progress import track
+
+    from ..errors import DataError
+    from ..layout import user_path
+    from ..runs.file_digests import DIGEST_LIST, digests_in, read_list, write_list
+
+    folder = user_path(data)
+    if not folder.is_dir():
+        raise DataError(f"{folder}: no such folder; give the folder of the data set")
+    before = read_list(folder) if not overwrite and (folder / DIGEST_LIST).exists() else None
+    console = Console(stderr=True)
+    each = track(digests_in(folder), "reading", console=console, disable=not console.is_terminal, transient=True)
+    found = dict(each)
+    if not found:
+        raise DataError(f"{folder}: no files in it; give the folder of the data set")
+    if before is None:
+        path = write_list(folder, found)
+        typer.echo(f"{path}: {counted(len(found), 'file')}; run compares the files that it reads with it")
+        return
+    differing = [name for name, digest in before.items() if found.get(name) != digest]
+    if differing:
+        state = "has changed" if differing[0] in found else "is missing"
+        raise DataError(
+            f"{folder / differing[0]} {state} ({len(differing)} of {counted(len(before), 'listed file')} differ); copy "
+            "the data again, or give --overwrite if the change is meant"
+        )
+    typer.echo(f"{counted(len(before), 'file')} are those that {folder / DIGEST_LIST} lists")
+    if added := len(found) - len(before):
+        typer.echo(f"{counted(added, 'file')} are not in it; --overwrite adds them")
 
 
 def _on_ray(engine: str, workers: int | None, address: str | None) -> "PrepareAll | None":

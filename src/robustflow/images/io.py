@@ -75,6 +75,7 @@ def image_size(path: str | Path) -> tuple[int, int]:
         DataError: no such file, or not a picture.
     """
     path = Path(path)
+    _check_file(path)
     try:
         with Image.open(path, formats=_FORMATS) as image:
             width, height = image.size
@@ -91,6 +92,7 @@ def stored_size(path: str | Path) -> tuple[int, int]:
         DataError: no such file, not a picture, or a claim that Pillow takes for an attack.
     """
     path = Path(path)
+    _check_file(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the caller decides what is too large
@@ -164,9 +166,15 @@ def png_address(image: Frame, widest: int) -> str:
     return "data:image/png;base64," + base64.b64encode(png_bytes(shrunk(image, widest))).decode()
 
 
-def _contents(path: Path) -> bytes:
+def _check_file(path: Path) -> None:
+    """Raise unless a path is a file: opening a pipe would never return."""
     if not path.is_file():
-        raise DataError(f"{path}: no such picture; check the path")
+        why = "not a file (a pipe, a device or a folder)" if path.exists() else "no such picture; check the path"
+        raise DataError(f"{path}: {why}")
+
+
+def _contents(path: Path) -> bytes:
+    _check_file(path)
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from ..datasets.base import FromClips
+from ..errors import DataError
 from ..metrics.rows import CLEAN
-from ..runs.manifest import now, open_manifest
+from ..runs.manifest import changed_files, now, open_manifest
 from ..runs.plan import unfinished_samples
 from ..runs.store import RunFolder
 from .engines.base import Engine, Job
@@ -30,7 +34,8 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
 
     Raises:
         RunError: the folder holds another run.
-        DataError, ModelError: see each class; finished work is kept.
+        DataError, ModelError: see each class; finished work is kept. A DataError at the end also where a file changed
+            meanwhile; the rows of its samples are removed.
     """
     plan, named = setup.plan, setup.model
     job = Job(setup.dataset, named.spec or named.model, plan.options, folder.path, batch_size, named.model)
@@ -60,6 +65,8 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
         if done.place is not None:
             places[done.place] = places.get(done.place, 0) + 1
         progress.advance(done)
+    if changed := changed_files(plan, manifest, left):
+        _drop_changed(folder, manifest, changed)
     folder.pack()
     if not units and before is not None and before["finished"] is not None:
         since = {name: before[name] for name in ("finished", "seconds", "environment")}
@@ -69,3 +76,17 @@ def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progr
     if isinstance(job.dataset, FromClips):
         manifest["clips"] = job.dataset.clip_records()
     folder.write_manifest({**manifest, "seconds": seconds, "finished": now(), **({"places": places} if places else {})})
+
+
+def _drop_changed(folder: RunFolder, manifest: dict[str, Any], changed: Mapping[str, Path]) -> None:
+    """Remove the rows of samples whose files changed while they were read, of which nobody can say which bytes they are
+    from; then raise."""
+    folder.drop_samples(changed)
+    kept = {name: {k: v for k, v in manifest[name].items() if k not in changed} for name in ("samples", "file_digests")}
+    folder.write_manifest({**manifest, **kept})
+    key, path = next(iter(changed.items()))
+    more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
+    raise DataError(
+        f"{path} changed while the run read it, so the rows of sample '{key}'{more} were removed; run the same command "
+        "again when nothing writes to the data"
+    )

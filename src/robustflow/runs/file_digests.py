@@ -1,19 +1,33 @@
 """A digest of every file that a run's samples are read from, so that a later change of a single byte is noticed.
 
-Many formats (BMP, PPM, uncompressed TIFF, .flo) cannot detect a changed byte themselves.
+Many formats (BMP, PPM, uncompressed TIFF, .flo) cannot detect a changed byte themselves, and JPEG and WebP hardly.
+
+A data set may have a list of its files' digests in its folder, `digests.b2sum`, which `robustflow prepare digests`
+writes and `b2sum --check` reads as well. A run compares every file that it reads with the nearest list above it, so
+a copied data set is checked where it is used, at no further cost.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+import os
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ..errors import RunError
+from ..atomic import write_bytes
+from ..errors import DataError, RunError
+from ..text import counted, plain
+
+DIGEST_LIST = "digests.b2sum"
+"""Name of the list of digests in a data set's folder."""
 
 _THREADS = 4
 """Hashing releases the interpreter's lock, and disks serve several requests at a time faster than one by one."""
+_LARGEST_LIST = 2**30
+_LINE = re.compile(r"([0-9a-f]{16})  ([^\\\n]+)")
 
 
 def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
@@ -23,7 +37,7 @@ def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
         files: the files of each sample.
 
     Raises:
-        RunError: one cannot be read.
+        RunError: one cannot be read, or is no file.
 
     >>> from tempfile import mkdtemp
     >>> path = Path(mkdtemp()) / "a.flo"
@@ -32,13 +46,136 @@ def file_digests(files: Mapping[str, Iterable[Path]]) -> dict[str, list[str]]:
     {'a': ['197022cced1f7f35']}
     """
     listed = {key: list(paths) for key, paths in files.items()}
-    once = list(dict.fromkeys(path for paths in listed.values() for path in paths))
-    with ThreadPoolExecutor(_THREADS) as pool:
-        digests = dict(zip(once, pool.map(_digest, once), strict=True))
+    digests = dict(_digests(path for paths in listed.values() for path in paths))
     return {key: [digests[path] for path in paths] for key, paths in listed.items()}
 
 
+def check_listed(files: Mapping[Path, str | None]) -> None:
+    """Compare files with the digests in the nearest `DIGEST_LIST` above each; files without a list pass.
+
+    Args:
+        files: the digest of each file; None for one that has not been read yet, and is read only if it is listed.
+
+    Raises:
+        DataError: a file is not the listed one, or a list is damaged.
+        RunError: a file cannot be read.
+    """
+    nearest: dict[Path, Path | None] = {}
+    lists: dict[Path, dict[str, str]] = {}
+    wanted: dict[Path, str] = {}
+    unlisted: dict[Path, list[Path]] = {}
+    for path in files:
+        folder = _nearest_list(path.absolute().parent, nearest)
+        if folder is None:
+            continue
+        if folder not in lists:
+            lists[folder] = read_list(folder)
+        digest = lists[folder].get(path.absolute().relative_to(folder).as_posix())
+        if digest is None:
+            unlisted.setdefault(folder, []).append(path)
+        else:
+            wanted[path] = digest
+    known = {path: digest for path, digest in files.items() if digest is not None}
+    known |= dict(_digests(path for path in wanted if path not in known))
+    differing = [path for path, digest in wanted.items() if known[path] != digest]
+    if differing:
+        folder = nearest[differing[0].absolute().parent]
+        raise DataError(
+            f"{differing[0]} is not the file that {DIGEST_LIST} in {folder} lists ({len(differing)} of "
+            f"{counted(len(wanted), 'file')} differ); copy the data again, or, if the change is meant, write the list "
+            f"again with robustflow prepare digests --data {folder} --overwrite"
+        )
+    for folder, paths in unlisted.items():
+        warnings.warn(
+            f"{folder / DIGEST_LIST} does not list {counted(len(paths), 'file')} that the run reads ({paths[0].name}, "
+            f"...), so nothing is known of them; write it again with robustflow prepare digests --data {folder} "
+            "--overwrite",
+            stacklevel=2,
+        )
+
+
+def is_under_a_list(folder: Path) -> bool:
+    """Whether a folder, or one above it, has a `DIGEST_LIST`."""
+    return _nearest_list(folder.absolute(), {}) is not None
+
+
+def digests_in(folder: Path) -> Iterator[tuple[str, str]]:
+    """Name, relative to `folder`, and digest of every file in it and below it, by name; hidden ones and the list itself
+    are left out.
+
+    Raises:
+        RunError: a file cannot be read.
+        DataError: a file's name has a line break or a backslash.
+    """
+    names = {path: path.relative_to(folder).as_posix() for path in sorted(_files_below(folder, set()))}
+    for name in names.values():
+        if "\n" in name or "\\" in name:
+            raise DataError(f"{folder}: the name {plain(name)} has a line break or a backslash; rename the file")
+    return ((names[path], digest) for path, digest in _digests(names))
+
+
+def write_list(folder: Path, digests: Mapping[str, str]) -> Path:
+    """Write the `DIGEST_LIST` of a folder, and return its path."""
+    text = "".join(f"{digest}  {name}\n" for name, digest in sorted(digests.items()))
+    write_bytes(folder / DIGEST_LIST, text.encode(errors="surrogateescape"))
+    return folder / DIGEST_LIST
+
+
+def read_list(folder: Path) -> dict[str, str]:
+    """The digests in the `DIGEST_LIST` of a folder, by the files' names.
+
+    Raises:
+        DataError: it cannot be read, or is no such list.
+    """
+    path = folder / DIGEST_LIST
+    try:
+        if path.stat().st_size > _LARGEST_LIST:
+            raise DataError(f"{path}: larger than {_LARGEST_LIST >> 20} MiB, which no list of digests is; delete it")
+        lines = path.read_bytes().decode(errors="surrogateescape").removesuffix("\n").split("\n")
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); check its permissions") from error
+    matches = [_LINE.fullmatch(line) for line in lines]
+    if None in matches:
+        raise DataError(
+            f"{path}: line {matches.index(None) + 1} is not a digest and a name; write the list again with robustflow "
+            f"prepare digests --data {folder} --overwrite"
+        )
+    return {match[2]: match[1] for match in matches if match}
+
+
+def _nearest_list(folder: Path, known: dict[Path, Path | None]) -> Path | None:
+    """The nearest folder, this one or one above it, with a `DIGEST_LIST`; `known` remembers what was looked up."""
+    if folder not in known:
+        above = folder.parent
+        here = (folder / DIGEST_LIST).is_file()
+        known[folder] = folder if here else None if above == folder else _nearest_list(above, known)
+    return known[folder]
+
+
+def _files_below(folder: Path, passed: set[str]) -> Iterator[Path]:
+    """The files that a list covers; a folder that is reached twice by links is passed once."""
+    if (real := os.path.realpath(folder)) in passed:
+        return
+    passed.add(real)
+    for path in folder.iterdir():
+        if path.name.startswith(".") or path.name == DIGEST_LIST:
+            continue
+        if path.is_dir():
+            yield from _files_below(path, passed)
+        elif path.is_file():
+            yield path
+
+
+def _digests(paths: Iterable[Path]) -> Iterator[tuple[Path, str]]:
+    """Each file with its digest; a file is read once."""
+    once = list(dict.fromkeys(paths))
+    with ThreadPoolExecutor(_THREADS) as pool:
+        yield from zip(once, pool.map(_digest, once), strict=True)
+
+
 def _digest(path: Path) -> str:
+    if not path.is_file():
+        raise RunError(f"{path}: not a file (a pipe, a device or a folder), or gone; remove it or restore the file")
     try:
         with open(path, "rb") as file:
             return hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=8)).hexdigest()

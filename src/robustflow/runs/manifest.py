@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ..benchmarks.setting import manifest_provenance
-from ..datasets.base import Clips
+from ..datasets.base import Clips, FromClips, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..errors import RunError
 from .environment import environment
-from .file_digests import file_digests
+from .file_digests import check_listed, file_digests, is_under_a_list
 from .identity import describe_difference, identity_digest
 from .plan import Plan
 from .store import RunFolder
@@ -42,6 +42,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     files = {key: _files(plan, key) for key in plan.benchmark.keys}
     samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
     digests = file_digests(files)
+    _compare_with_list(plan, files, digests)
     before, before_digests = old.get("samples", {}), old.get("file_digests", {})  # older manifests have no digests
     changed = sorted(
         key
@@ -80,6 +81,32 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
         "seconds": old.get("seconds", {}),
         "environment": environment(),
     }
+
+
+def _compare_with_list(plan: Plan, files: dict[str, list[Path]], digests: dict[str, list[str]]) -> None:
+    """Compare what a run reads with the list of digests beside its data, if there is one: also frames that come
+    corrupted."""
+    known: dict[Path, str | None] = {}
+    for key, paths in files.items():
+        known |= zip(paths, digests[key], strict=True)
+    if not any(map(is_under_a_list, {path.parent for path in known})):
+        return
+    dataset = plan.benchmark.dataset
+    if isinstance(dataset, PreCorrupted) and not isinstance(dataset, FromClips):
+        for unit in plan.units():
+            if dataset.has_corrupted(unit.corruption):
+                for cell in unit.cells:
+                    known = dict.fromkeys(dataset.corrupted_files(*cell)) | known
+    check_listed(known)
+
+
+def changed_files(plan: Plan, manifest: dict[str, Any], keys: Iterable[str]) -> dict[str, Path]:
+    """For each of these samples that now has other files than when the manifest was made, the first such file."""
+    files = {key: _files(plan, key) for key in keys}
+    before, now = manifest["file_digests"], file_digests(files)
+    each = {key: zip(files[key], before[key], now[key], strict=True) for key in files}
+    changed = {key: [path for path, then, today in of_key if then != today] for key, of_key in each.items()}
+    return {key: paths[0] for key, paths in changed.items() if paths}
 
 
 def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[str, Any]:

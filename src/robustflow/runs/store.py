@@ -25,7 +25,17 @@ from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY, rows_frame
 from .manifest_file import MANIFEST_SCHEMA, read_manifest
 from .plan import Cell, Unit
-from .shards import PACK, cells_of, list_shards, merge_shards, read_shards, shard_name, shards_digest, write_shard
+from .shards import (
+    PACK,
+    cells_of,
+    list_shards,
+    merge_shards,
+    read_shard,
+    read_shards,
+    shard_name,
+    shards_digest,
+    write_shard,
+)
 
 _MANY_SHARDS = 64
 """Number of small shards that are merged into one."""
@@ -112,6 +122,18 @@ class RunFolder:
             merge_shards(mine, name)
         self.clean_path(key).unlink(missing_ok=True)
         self.pack(_MANY_SHARDS)
+
+    def drop_samples(self, keys: Collection[str]) -> None:
+        """Remove the rows and clean flows of some samples."""
+        for path in list_shards(self.rows_folder):
+            rows = read_shard(path)
+            left = rows.filter(~pl.col("sample").is_in(list(keys)))
+            if left.height < rows.height:
+                if left.height:
+                    write_shard(self.rows_folder, shard_name(path), left)
+                path.unlink()
+        for key in keys:
+            self.clean_path(key).unlink(missing_ok=True)
 
     def pack(self, at_least: int = 2) -> None:
         """Merge small shards of finished samples into one, if there are `at_least` so many."""
