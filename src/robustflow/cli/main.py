@@ -35,29 +35,16 @@ from .show import show
 from .train import train
 from .verify import verify
 
-_COMMANDS: dict[str, Callable[..., None]] = {
-    "run": run,
-    "predict": predict,
-    "show": show,
-    "examples": examples,
-    "train": train,
-    "profile": profile,
-    "report": report,
-    "reproduce": reproduce,
-    "compare": compare,
-    "leaderboard": leaderboard,
-    "audit": audit,
-    "pack": pack,
-    "verify": verify,
-    "list": list_things,
-    "corrupt": corrupt,
-    "export": export,
-    "gallery": gallery,
-    "app": local_app,
-    "displacement": displacement,
-    "calibrate": calibrate,
+_PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
+    "Measure": {"run": run, "predict": predict, "show": show, "profile": profile},
+    "Look": {"report": report, "gallery": gallery, "examples": examples},
+    "Compare and share": {"compare": compare, "leaderboard": leaderboard, "pack": pack, "verify": verify},
+    "Train": {"train": train, "experiment": experiment},
+    "The paper": {"reproduce": reproduce, "audit": audit, "displacement": displacement},
+    "Make": {"corrupt": corrupt, "export": export, "calibrate": calibrate, "prepare": prepare, "optics": optics},
+    "More": {"app": local_app, "list": list_things},
 }
-_GROUPS: dict[str, typer.Typer] = {"prepare": prepare, "optics": optics, "experiment": experiment}
+"""Commands under the headings of `--help`; groups of commands follow the others of a heading, as Typer lists them."""
 
 
 def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
@@ -75,13 +62,15 @@ def command_line(arguments: Sequence[str] | None = None) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_options)
-    for name, command in _COMMANDS.items():
-        app.command(name)(command if arguments is None or name in arguments else _listed(command.__doc__))
-    for name, group in _GROUPS.items():
-        if arguments is None or name in arguments:
-            app.add_typer(group, name=name)
-        else:
-            app.command(name)(_listed(group.info.help))
+    for panel, commands in _PANELS.items():
+        for name, command in commands.items():
+            wanted = arguments is None or name in arguments
+            if isinstance(command, typer.Typer) and wanted:
+                app.add_typer(command, name=name, rich_help_panel=panel)
+            elif isinstance(command, typer.Typer):
+                app.command(name, rich_help_panel=panel)(_listed(command.info.help))
+            else:
+                app.command(name, rich_help_panel=panel)(command if wanted else _listed(command.__doc__))
     return app
 
 

@@ -9,6 +9,9 @@ import typer
 from ..errors import UsageError
 from . import complete
 
+WHAT, DATA, HOW, OUTPUT = "What to measure", "On what", "How", "Output"
+"""Headings of options in `--help`; the most common options have none and come first."""
+
 _MODEL = typer.Option(
     "--model",
     "-m",
@@ -21,7 +24,13 @@ ModelNames = Annotated[list[str], _MODEL]
 """Repeatable; the models run one after the other."""
 ModelOptions = Annotated[
     list[str] | None,
-    typer.Option("--option", "-O", metavar="KEY=VALUE", help="An option of the model, e.g. preset=fast. Repeatable."),
+    typer.Option(
+        "--option",
+        "-O",
+        metavar="KEY=VALUE",
+        help="An option of the model, e.g. preset=fast. Repeatable.",
+        rich_help_panel=WHAT,
+    ),
 ]
 Checkpoint = Annotated[
     str | None,
@@ -33,7 +42,13 @@ Checkpoint = Annotated[
 Device = Annotated[
     str | None, typer.Option(help="auto, cpu, cuda (every GPU), cuda:0 or cuda:0,cuda:1; for models with this option.")
 ]
-Precision = Annotated[str | None, typer.Option(help="fp32 or bf16, for models with this option.")]
+Precision = Annotated[
+    str | None,
+    typer.Option(
+        help="fp32 or bf16, for models with this option.",
+        rich_help_panel=HOW,
+    ),
+]
 Data = Annotated[Path | None, typer.Option("--data", "-d", help="Folder of the data set (or a video, for 'folder').")]
 DataOptions = Annotated[
     list[str] | None,
@@ -42,12 +57,14 @@ DataOptions = Annotated[
         "-D",
         metavar="KEY=VALUE",
         help="An option of the data set: render_pass=final. Repeatable.",
+        rich_help_panel=DATA,
     ),
 ]
 Split = Annotated[
     Path | None,
     typer.Option(
-        help="File naming the pairs to use instead of the built-in split, one per line; or drive-disjoint (KITTI 2015)."
+        help="A file that names the pairs to use, one per line; or drive-disjoint (KITTI 2015).",
+        rich_help_panel=DATA,
     ),
 ]
 OwnCorruptions = Annotated[
@@ -66,6 +83,7 @@ Corruptions = Annotated[
         "-c",
         autocompletion=complete.corruptions,
         help="Comma-separated names, stacks (fog+snow), or module.path:Attribute of your own; all by default.",
+        rich_help_panel=WHAT,
     ),
 ]
 Benchmark = Annotated[
@@ -78,20 +96,46 @@ Benchmark = Annotated[
     ),
 ]
 Severities = Annotated[
-    str | None, typer.Option("--severities", "--severity", "-s", help="Comma-separated, 1 (mild) to 5 (severe).")
+    str | None,
+    typer.Option(
+        "--severities", "--severity", "-s", help="Comma-separated, 1 (mild) to 5 (severe).", rich_help_panel=WHAT
+    ),
 ]
-Limit = Annotated[int | None, typer.Option(help="Use only N pairs, spread evenly over the data.")]
-Seed = Annotated[int, typer.Option(help="Seed of every random draw; the same seed gives the same bytes anywhere.")]
-Variant = Annotated[str, typer.Option(help="Variant of the corruptions: default, reference, reference-bgr or paper.")]
+Limit = Annotated[
+    int | None,
+    typer.Option(
+        help="Use only N pairs, spread evenly over the data.",
+        rich_help_panel=DATA,
+    ),
+]
+Seed = Annotated[
+    int,
+    typer.Option(
+        help="Seed of every random draw; the same seed gives the same bytes anywhere.",
+        rich_help_panel=WHAT,
+    ),
+]
+Variant = Annotated[
+    str,
+    typer.Option(
+        help="Variant of the corruptions: default, reference, reference-bgr or paper.",
+        rich_help_panel=WHAT,
+    ),
+]
 CommonDraws = Annotated[
     bool,
-    typer.Option("--common-draws", help="Use one random draw for all five severities of a pair, instead of one each."),
+    typer.Option(
+        "--common-draws",
+        help="Use one random draw for all five severities of a pair, instead of one each.",
+        rich_help_panel=WHAT,
+    ),
 ]
 PsfDir = Annotated[
     Path | None,
     typer.Option(
         "--psf-dir",
         help="Folder with the reference code's PSF stacks (.pth) for psf_blur, instead of the project's own lenses.",
+        rich_help_panel=WHAT,
     ),
 ]
 SeverityScale = Annotated[
@@ -99,6 +143,7 @@ SeverityScale = Annotated[
     typer.Option(
         "--severity-scale",
         help="paper, or calibrated: the same mean SSIM for every corruption (see robustflow calibrate).",
+        rich_help_panel=WHAT,
     ),
 ]
 

@@ -8,6 +8,9 @@ import typer
 
 from ..errors import UsageError
 from .options import (
+    HOW,
+    OUTPUT,
+    WHAT,
     Benchmark,
     Checkpoint,
     CommonDraws,
@@ -37,19 +40,8 @@ def run(
     model: ModelNames,
     benchmark: Benchmark = "demo",
     data: Data = None,
-    data_option: DataOptions = None,
     checkpoint: Checkpoint = None,
     device: Device = None,
-    precision: Precision = None,
-    trained_on: Annotated[
-        str | None, typer.Option("--trained-on", help="Training sets of the model, e.g. C+T (robustflow list models).")
-    ] = None,
-    name: Annotated[str | None, typer.Option("--name", help="Name of the model in tables and figures.")] = None,
-    option: ModelOptions = None,
-    corruptions: Corruptions = None,
-    severities: Severities = None,
-    limit: Limit = None,
-    split: Split = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -58,17 +50,39 @@ def run(
             help="The run's folder, or for several runs the folder that holds theirs; in runs/ by default.",
         ),
     ] = None,
+    option: ModelOptions = None,
+    trained_on: Annotated[
+        str | None,
+        typer.Option(
+            "--trained-on", help="Training sets of the model, e.g. C+T (robustflow list models).", rich_help_panel=WHAT
+        ),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            "--name",
+            help="Name of the model in tables and figures.",
+            rich_help_panel=WHAT,
+        ),
+    ] = None,
+    corruptions: Corruptions = None,
+    severities: Severities = None,
+    severity_scale: SeverityScale = "paper",
+    variant: Variant = "default",
+    common_draws: CommonDraws = False,
+    psf_dir: PsfDir = None,
     seed: Seed = 0,
     seeds: Annotated[
         int,
         typer.Option(
-            "--seeds", help="Number of runs, with this seed and the following ones, a folder each; see compare."
+            "--seeds",
+            help="Number of runs, with this seed and the following ones, a folder each; see compare.",
+            rich_help_panel=WHAT,
         ),
     ] = 1,
-    variant: Variant = "default",
-    severity_scale: SeverityScale = "paper",
-    common_draws: CommonDraws = False,
-    psf_dir: PsfDir = None,
+    data_option: DataOptions = None,
+    limit: Limit = None,
+    split: Split = None,
     workers: Annotated[
         int | None,
         typer.Option(
@@ -77,27 +91,52 @@ def run(
             help="Processes; for a model on GPUs those that feed it. By default one per processor, at most 8, to feed "
             "and for models that use one thread (dis, tiny, farneback); 1 for other models on the processor; with Ray "
             "one per GPU or CPU of the cluster.",
+            rich_help_panel=HOW,
         ),
     ] = None,
     batch_size: Annotated[
         int,
-        typer.Option("--batch-size", help="Corrupted pairs of one sample to predict in one call, for models that can."),
+        typer.Option(
+            "--batch-size",
+            help="Corrupted pairs of one sample to predict in one call, for models that can.",
+            rich_help_panel=HOW,
+        ),
     ] = 1,
+    precision: Precision = None,
     engine: Annotated[
-        str | None, typer.Option(help="serial, processes or ray; by --device and --workers by default.")
+        str | None,
+        typer.Option(
+            help="serial, processes or ray; by --device and --workers by default.",
+            rich_help_panel=HOW,
+        ),
     ] = None,
     address: Annotated[
         str | None,
         typer.Option(
-            help="Address of the Ray cluster: auto, host:port or ray://host:port; by default one on this machine."
+            help="Address of the Ray cluster: auto, host:port or ray://host:port; by default one on this machine.",
+            rich_help_panel=HOW,
         ),
     ] = None,
-    timeout: Annotated[float | None, typer.Option(help="Seconds a single prediction may take.")] = None,
+    timeout: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds a single prediction may take.",
+            rich_help_panel=HOW,
+        ),
+    ] = None,
     allow_invalid: Annotated[
-        bool, typer.Option("--allow-invalid", help="Exclude and count NaN or infinite predictions instead of failing.")
+        bool,
+        typer.Option(
+            "--allow-invalid",
+            help="Exclude and count NaN or infinite predictions instead of failing.",
+            rich_help_panel=HOW,
+        ),
     ] = False,
     examples: Annotated[
-        bool, typer.Option("--examples/--no-examples", help="Draw the worst and the median sample at the end.")
+        bool,
+        typer.Option(
+            "--examples/--no-examples", help="Draw the worst and the median sample at the end.", rich_help_panel=OUTPUT
+        ),
     ] = True,
 ) -> None:
     """Measure how robust a model is, or several models one after another.
