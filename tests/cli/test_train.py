@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 from importlib.util import find_spec
 
 import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
 
+from robustflow.cli.main import app
 from robustflow.datasets import dataset_facts
 from robustflow.errors import UsageError
+from robustflow.models import extras
 from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe
 
@@ -35,7 +40,7 @@ def test_the_plan_counts_what_is_there(shared):
     pairs = len(list(shared("data/kitti2015/training/flow_occ").glob("*.png")))
     title = dataset_facts("kitti2015").title
     assert f"found    {title}: {pairs} pairs x 1, 100.0 % of an epoch; sparse augmentation" in text
-    assert f"{pairs} pairs an epoch; 7 updates are {7 * 6 / pairs:.2f} epochs" in text
+    assert f"{pairs} pairs an epoch; 6 updates are {6 * 6 / pairs:.2f} epochs" in text
 
 
 def test_a_data_set_by_its_name_and_an_unknown_one(tmp_path):
@@ -87,3 +92,31 @@ def test_an_unknown_recipe_and_no_data_are_one_line():
 def test_a_part_without_a_recipe_is_a_usage_error():
     with pytest.raises(UsageError, match="unknown method with a recipe 'dis'"):
         load_recipe("dis", "ood")
+
+
+def test_a_pass_of_sintel_that_is_missing_is_named_without_an_option_that_train_lacks(tmp_path):
+    for name in ("albedo", "flow"):
+        (tmp_path / "sintel/training" / name / "alley_1").mkdir(parents=True)
+    text = plan_text(load_recipe("raft", "ood"), [tmp_path])
+    assert "no pass 'clean'; found: albedo" in text
+    accepted = {name for parameter in get_command(app).commands["train"].params for name in parameter.opts}
+    assert {word for word in text.split() if word.startswith("-")} <= accepted
+
+
+def test_training_without_its_library_speaks_of_training(monkeypatch):
+    monkeypatch.setattr(extras, "find_spec", lambda library: None)
+    error = CliRunner().invoke(app, ["train", "raft", "--recipe", "ood", "--plan"]).exception
+    assert str(error).startswith("training needs PyTorch, which is not installed: pip install 'robustflow[torch]'")
+
+
+@pytest.mark.torch
+def test_the_command_after_training_repeats_the_options_of_the_model(monkeypatch, tmp_path):
+    pytest.importorskip("torch", reason="needs the torch extra")
+    from robustflow.training import session
+
+    monkeypatch.setattr(session, "run_training", lambda request, stop: request.output / "last.pth")
+    given = ["-O", "scaling=minus_one_one", "-O", "order=bgr", "-O", "note=two words"]
+    arguments = ["train", "my.nets:Net", "--like", "tiny", "--recipe", "shapes", *given, "-o", str(tmp_path)]
+    done = CliRunner().invoke(app, arguments)
+    command = shlex.split(done.stdout.partition("measure it with: ")[2])
+    assert command == ["robustflow", "run", "--model", "my.nets:Net", *given, "--checkpoint", f"{tmp_path}/last.pth"]

@@ -39,7 +39,7 @@ def three_steps(method: str, precision: str, folder: Path, data: Path) -> Reques
         'parts = [{data = "kitti2015", times = 4, augmentation = "sparse", log2_scale = [-0.2, 0.4], flip = false}]'
     )
     small = recipe.changed(
-        steps=(STEPS - recipe.one_more) * recipe.accumulate,
+        steps=STEPS * recipe.accumulate,
         batch=2,
         crop=(128, 192),
         iterations=2,

@@ -87,6 +87,13 @@ def test_updates_are_counted_as_the_originals_do():
     assert load_recipe("samflow_b", "ood").updates == 120_000  # of two steps each
 
 
+@pytest.mark.parametrize("method", trained_methods())
+def test_steps_that_the_user_gives_are_as_many_updates_as_they_say(method):
+    for stage in recipes_of(method).values():
+        assert stage.changed(steps=2 * stage.accumulate).updates == 2
+        assert stage.changed(crop=(64, 96)).updates == stage.updates
+
+
 @pytest.mark.parametrize("size", ["t", "b", "h"])
 @pytest.mark.parametrize(("stage", "updates"), [("ood", 120_000), ("id", 25_000)])
 def test_samflow_updates_have_six_pairs_as_the_paper_says_in_both_stages(size, stage, updates):

@@ -44,7 +44,7 @@ def robust_training(
     """
     from ..models.extras import require
 
-    require("torch", "torch", "tiny")
+    require("torch", "torch", "training")
     from ..atomic import write_bytes
     from ..experiments.findings import findings
     from ..experiments.robust_training import TrainingExperiment, evaluation_sets, run_experiment

@@ -1,5 +1,6 @@
 """`robustflow train`: train a network by a recipe."""
 
+import shlex
 import signal
 from pathlib import Path
 from typing import Annotated, Any
@@ -98,7 +99,7 @@ def train(
     from ..models.extras import require
     from ..size import parse_size
 
-    require("torch", "torch", "train")
+    require("torch", "torch", "training")
     from ..training.recipe import load_recipe
 
     original = load_recipe(like or method, recipe)
@@ -151,7 +152,9 @@ def train(
         kept = f"robustflow: stopped; {checkpoint} is kept. Give the same command with --resume to continue."
         typer.echo(kept, err=True)
         raise typer.Exit(130)
-    typer.echo(f"trained; measure it with: robustflow run --model {chosen.method} --checkpoint {checkpoint}")
+    options = [word for text in option or [] for word in ("-O", text)]
+    measure = ["robustflow", "run", "--model", chosen.method, *options, "--checkpoint", str(checkpoint)]
+    typer.echo(f"trained; measure it with: {shlex.join(measure)}")
 
 
 class Interrupted:

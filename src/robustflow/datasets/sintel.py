@@ -51,7 +51,7 @@ class Sintel(PairDataset):
         if render_pass not in passes:
             available = ", ".join(passes) or "none"
             raise DataError(
-                f"{folder}: no pass '{render_pass}'; found: {available}; choose one with -D render_pass=PASS"
+                f"{folder}: no pass '{render_pass}'; found: {available} (option render_pass of the data set)"
             )
         scenes = {path.name for kind in (render_pass, "flow") for path in folders(folder / kind)}
         pairs: dict[str, Pair] = {}

@@ -39,8 +39,8 @@ def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, s
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, source, strict=False)
     if method.source in SOURCES:
-        require(method.source, method.extra, name)
+        require(method.source, method.extra, f"model '{name}'")
     else:
-        require("torch", "torch", name)
+        require("torch", "torch", f"model '{name}'")
     if checkpoint is None:
         raise needs_checkpoint(name, names, source)

@@ -82,7 +82,7 @@ class OnnxModel:
         path = Path(checkpoint).expanduser()
         require_file(path)
         for library in ("onnxruntime", "onnx"):
-            require(library, "onnx", "onnx")
+            require(library, "onnx", "model 'onnx'")
         with opened(path, sha256) as (file, digest):
             model = _parse(path, file.read())
         beside = _external_files(path, model)

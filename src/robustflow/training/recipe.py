@@ -145,10 +145,15 @@ class Recipe(Frozen):
     def changed(self, **changes: Any) -> Recipe:
         """This recipe with other values, checked again; those that are None are left as they are.
 
+        With other `steps` there is no update more than stated: that belongs to the original's number.
+
         Raises:
             UsageError: an invalid value.
         """
-        return _validated({**self.model_dump(), **{key: value for key, value in changes.items() if value is not None}})
+        given = {key: value for key, value in changes.items() if value is not None}
+        if "steps" in given:
+            given.setdefault("one_more", False)
+        return _validated({**self.model_dump(), **given})
 
 
 def load_recipe(method: str, stage: str) -> Recipe:

@@ -105,7 +105,7 @@ def ptlflow_network(
     """A network of ptlflow as `wrap` makes it callable; arguments and errors as of `ptlflow_model`."""
     names = published_names(architecture)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
-    require("ptlflow", "ptlflow", name)
+    require("ptlflow", "ptlflow", f"model '{name}'")
     if checkpoint is None and names:
         raise needs_checkpoint(name, names, _SOURCE)  # checked first: the library takes seconds to import
     with _silence():

@@ -69,7 +69,7 @@ def network_model(
     if checkpoint == RANDOM and sha256 is not None:
         raise UsageError("random weights have no file: leave out sha256, or give a checkpoint")
     refuse_missing_file(name, checkpoint, published or {}, source)
-    require("torch", "torch", name)
+    require("torch", "torch", f"model '{name}'")
     settings = dict(settings or {})
     if checkpoint == RANDOM:
         from .model import NetworkModel

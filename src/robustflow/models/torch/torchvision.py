@@ -41,7 +41,7 @@ def _raft(
     check_count("iterations", iterations)
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
-    require("torchvision", "torch", name)
+    require("torchvision", "torch", f"model '{name}'")
     if checkpoint is None and names:
         raise needs_checkpoint(name, names, _SOURCE)  # checked first: the library takes seconds to import
     from torchvision import __version__ as version
