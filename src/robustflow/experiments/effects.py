@@ -9,17 +9,17 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 import polars as pl
-from scipy.special import stdtrit
 
-from ..analysis.doubts import missed_motion
 from ..errors import UsageError
 from ..metrics.rows import CLEAN
 from ..runs.run import Run
-from .arms import ALL, PLAIN, TESTED, members
+from .arms import LEFT_OUT, PLAIN, TRAINED, measured, members
+from .interval import interval
 
-_FEWEST = 10
-"""Independent pairs below which there is no interval."""
-_LEVEL = 0.95
+_SUMS = ("epe_sum", "magnitude_sum")
+"""Of a network's flow, and of zero flow."""
+GUARD = 0.5
+"""Of zero flow's error, which every network's clean error must be below."""
 
 Array = npt.NDArray[np.float64]
 Runs = Mapping[tuple[str, str, int], Run]
@@ -31,40 +31,17 @@ class Effect:
 
     Attributes:
         difference: mean over seeds and pairs.
-        low, high: ends of its 95 % interval; None with too few pairs or seeds.
+        low, high: ends of its 95 % interval for other pairs and seeds; None with too few of either.
+        p: two-sided, for no difference; not corrected.
         plain, value: means of both.
     """
 
     difference: float
     low: float | None
     high: float | None
+    p: float | None
     plain: float
     value: float
-
-
-def paired_effect(plain: Array, arm: Array) -> Effect:
-    """The mean of `arm` - `plain`, values of (seeds, pairs), with an interval for other pairs and other seeds.
-
-    The variance is that over pairs (of the means over seeds) and that over seeds (of the means over pairs), added: what
-    is left over of either counts twice, so the interval is rather too wide. Student's t with the degrees of freedom of
-    Satterthwaite (1946).
-
-    >>> effect = paired_effect(np.zeros((3, 20)), np.ones((3, 20)) + np.arange(20) / 100)
-    >>> round(effect.difference, 3), effect.low < effect.difference < effect.high
-    (1.095, True)
-    """
-    difference = arm - plain
-    mean = float(difference.mean())
-    seeds, pairs = difference.shape
-    low = high = None
-    if pairs >= _FEWEST and seeds >= 2:
-        parts = [(difference.mean(axis=0).var(ddof=1) / pairs, pairs - 1)]
-        parts.append((difference.mean(axis=1).var(ddof=1) / seeds, seeds - 1))
-        variance = sum(part for part, _ in parts)
-        freedom = variance**2 / sum(part**2 / degrees for part, degrees in parts) if variance > 0 else math.inf
-        reach = float(stdtrit(min(freedom, 1e6), 0.5 + _LEVEL / 2)) * math.sqrt(variance)
-        low, high = mean - reach, mean + reach
-    return Effect(mean, low, high, float(plain.mean()), float(arm.mean()))
 
 
 def effects(runs: Runs, dataset: str, seeds: int) -> pl.DataFrame:
@@ -89,13 +66,13 @@ def effects(runs: Runs, dataset: str, seeds: int) -> pl.DataFrame:
             about = {"data": dataset, "arm": name, "under": under, "seen": _seen(name, under)}
             for quantity in quantities:
                 before, after = (np.stack([one[under][quantity] for one in scores[which]]) for which in (PLAIN, name))
-                effect = paired_effect(before, after)
+                effect = _effect(before, after)
                 lines.append({**about, "quantity": quantity, **asdict(effect)})
             if under != CLEAN:
                 ratios = [_relative(scores[which], under) for which in (PLAIN, name)]
-                effect = Effect(ratios[1] - ratios[0], None, None, *ratios)
+                effect = Effect(ratios[1] - ratios[0], None, None, None, *ratios)
                 lines.append({**about, "quantity": "crer", **asdict(effect)})
-    return pl.DataFrame(lines, schema_overrides={"low": pl.Float64, "high": pl.Float64, "seen": pl.Boolean})
+    return pl.DataFrame(lines, schema_overrides=dict.fromkeys(("low", "high", "p"), pl.Float64) | {"seen": pl.Boolean})
 
 
 def unguarded(runs: Runs, dataset: str) -> list[str]:
@@ -104,9 +81,17 @@ def unguarded(runs: Runs, dataset: str) -> list[str]:
     for (arm, of, seed), run in runs.items():
         if of != dataset:
             continue
-        if (missed := missed_motion(run.rows)) is not None:
-            reasons.append(f"{arm}, seed {seed}: clean EPE {missed[0]:.2f}, zero flow's {missed[1]:.2f}")
+        clean = run.rows.filter(pl.col("corruption") == CLEAN)
+        error, zero = (clean[column].to_numpy().sum() / clean["n_valid"].to_numpy().sum() for column in _SUMS)
+        if not error < GUARD * zero:
+            reasons.append(f"{arm}, seed {seed}: clean EPE {error:.2f}, zero flow's {zero:.2f}")
     return reasons
+
+
+def _effect(plain: Array, arm: Array) -> Effect:
+    of_mean = interval(arm - plain)
+    low, high, p = of_mean or (None, None, None)
+    return Effect(float((arm - plain).mean()), low, high, p, float(plain.mean()), float(arm.mean()))
 
 
 def _relative(scores: list[dict[str, dict[str, Array]]], under: str) -> float:
@@ -117,8 +102,8 @@ def _relative(scores: list[dict[str, dict[str, Array]]], under: str) -> float:
 def _seen(arm: str, under: str) -> bool | None:
     if under == CLEAN:
         return None
-    family = under if under in TESTED else next(name for name in TESTED if under in members(name))
-    return arm == ALL or arm != f"no_{family}"
+    family = under if under in TRAINED else next(name for name in TRAINED if under in members(name))
+    return arm != f"no_{family}"
 
 
 def _scores(run: Run) -> dict[str, dict[str, Array]]:
@@ -129,13 +114,15 @@ def _scores(run: Run) -> dict[str, dict[str, Array]]:
     pairs = sorted(set(rows["sample"]))
     clean = _by_pair(rows.filter(pl.col("corruption") == CLEAN), "epe", pairs)
     scores: dict[str, dict[str, Array]] = {CLEAN: {"epe_clean": clean}}
-    for family in TESTED:
-        for under, names in ((family, members(family)), *((name, [name]) for name in members(family))):
-            part = rows.filter(pl.col("corruption").is_in(names))
-            if set(part["corruption"]) != set(names):
-                raise UsageError(f"{run.path}: without {', '.join(names)}; measure all corruptions")
-            epe = _by_pair(part, "epe", pairs)
-            scores[under] = {"epe": epe, "cre": epe - clean, "rcre": _by_pair(part, "rcre", pairs)}
+    for under, names in {
+        **{family: members(family) for family in LEFT_OUT},
+        **{name: [name] for name in measured()},
+    }.items():
+        part = rows.filter(pl.col("corruption").is_in(names))
+        if set(part["corruption"]) != set(names):
+            raise UsageError(f"{run.path}: without {', '.join(names)}; measure all corruptions of the experiment")
+        epe = _by_pair(part, "epe", pairs)
+        scores[under] = {"epe": epe, "cre": epe - clean, "rcre": _by_pair(part, "rcre", pairs)}
     return scores
 
 

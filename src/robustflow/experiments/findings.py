@@ -7,12 +7,12 @@ from typing import Any
 
 import polars as pl
 
-from ..analysis.doubts import ACCURATE_BELOW
 from ..datasets import dataset_facts
 from ..metrics.rows import CLEAN
 from ..text import counted
-from .arms import ALL, TESTED
-from .effects import Runs, effects, unguarded
+from .arms import ALL
+from .arms import LEFT_OUT as TESTED
+from .effects import GUARD, Runs, effects, unguarded
 
 _COLUMNS = ("epe", "cre", "rcre")
 
@@ -35,7 +35,7 @@ def findings(runs: Runs, seeds: int) -> tuple[str, pl.DataFrame]:
         if failing:
             parts.append(
                 f"{head}\n\nNothing is compared here: {len(failing)} of the networks miss the guard (clean EPE below "
-                f"{ACCURATE_BELOW:g} x zero flow's): {'; '.join(failing[:3])}{'; ...' * (len(failing) > 3)}."
+                f"{GUARD:g} x zero flow's): {'; '.join(failing[:3])}{'; ...' * (len(failing) > 3)}."
             )
             continue
         parts.append(f"{head}\n\n{_families(table)}\n\n{_sentences(table)}")

@@ -1,30 +1,37 @@
 """Does training with corruptions make flow robust, also against corruptions not used in training?
 
-From one set of weights, training of `tiny` is continued with each arm's corruptions, once for each seed, and every
-result is measured on held-out flying shapes and on real pairs. A complete training or run is not repeated.
+`tiny` is trained with each arm's corruptions from several random starts, one for each seed and the same for all arms,
+and every network is measured as soon as it is trained, on held-out flying shapes and on real pairs. A complete training
+or run is not repeated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from filelock import FileLock, Timeout
+
 from ..api import evaluate
 from ..atomic import make_folder
-from ..corruptions import IMAGE_PAIR
 from ..datasets import dataset_facts, load_dataset
 from ..errors import RunError, UsageError
 from ..models import ModelSpec
-from ..models.model_file import opened
 from ..runs.run import Run
 from ..training.checkpoint import LAST, read_progress
 from ..training.recipe import Recipe, load_recipe
 from ..training.session import Request, run_training
-from .arms import Arm, arms
+from .arms import Arm, arms, measured
+from .effects import Runs
 
-METHOD, STAGE = "tiny", "robust"
+METHOD, STAGE = "tiny", "arms"
 SHAPES = "shapes"
+_SAVE_EVERY = 20
+"""Updates that a kill can cost."""
+_POLL_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -48,18 +55,16 @@ class TrainingExperiment:
 
     Attributes:
         output: folder of everything it writes.
-        start: weights that every arm starts from: a file of `train tiny`.
         evaluation_sets: to measure every network on.
-        seeds: how many, from 0: of order, augmentation and corruption of the training.
+        seeds: how many, from 0: of the initial weights, and of order, augmentation and corruption of the training.
         steps: of each training; None for the recipe's.
         severities: those to measure.
         loaders: processes that prepare batches in advance.
     """
 
     output: Path
-    start: str
     evaluation_sets: tuple[EvaluationSet, ...]
-    seeds: int = 3
+    seeds: int = 6
     steps: int | None = None
     severities: tuple[int, ...] = (3,)
     loaders: int = 1
@@ -87,8 +92,11 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
 
 def run_experiment(
     experiment: TrainingExperiment, say: Callable[[str], None], stop: Callable[[], bool] = lambda: False
-) -> dict[tuple[str, str, int], Run] | None:
-    """Train and measure what is still missing.
+) -> Runs | None:
+    """Train and measure what is still missing, all arms of a seed before the next seed.
+
+    Several processes can share a folder: each takes the next network that no other works on, and at the end waits for
+    the others.
 
     Args:
         experiment: what to train and measure.
@@ -99,25 +107,57 @@ def run_experiment(
         Runs by (arm, data set, seed); None if it was stopped.
 
     Raises:
-        RunError: the folder holds trainings from another start or with other steps.
+        RunError: the folder holds trainings with other steps.
         UsageError, DataError, ModelError, RunError: see `run_training` and `evaluate`.
     """
-    make_folder(experiment.output)
     runs: dict[tuple[str, str, int], Run] = {}
     todo = [(seed, arm) for seed in range(experiment.seeds) for arm in arms()]
-    for number, (seed, arm) in enumerate(todo, 1):
-        say(f"{number} of {len(todo)}: seed {seed}, {arm.name}")
-        checkpoint = _trained(experiment, arm, seed, stop)
-        if checkpoint is None:
-            return None
-        for evaluation_set in experiment.evaluation_sets:
-            runs[arm.name, evaluation_set.dataset, seed] = _measured(experiment, arm, seed, checkpoint, evaluation_set)
+    total = len(todo)
+    while todo:
+        waiting = []
+        for seed, arm in todo:
+            with _claimed(experiment, arm, seed) as claimed:
+                if not claimed:
+                    waiting.append((seed, arm))
+                    continue
+                say(f"{1 + seed * len(arms()) + arms().index(arm)} of {total}: seed {seed}, {arm.name}")
+                checkpoint = _trained(experiment, arm, seed, stop)
+                if checkpoint is None:
+                    return None
+                for one in experiment.evaluation_sets:
+                    runs[arm.name, one.dataset, seed] = _measured(experiment, arm, seed, checkpoint, one)
+            if stop():
+                return None
+        if waiting:
+            time.sleep(_POLL_S)
+        todo = waiting
     return runs
+
+
+@contextmanager
+def _claimed(experiment: TrainingExperiment, arm: Arm, seed: int) -> Iterator[bool]:
+    """Whether this process is the only one that works on a network, until the block ends."""
+    folder = _folder(experiment, arm, seed)
+    make_folder(folder)
+    lock = FileLock(folder / ".lock", fallback_to_soft=False)  # released by the system when a process is killed
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        lock.release()
+
+
+def _folder(experiment: TrainingExperiment, arm: Arm, seed: int) -> Path:
+    return experiment.output / "trainings" / f"seed-{seed}" / arm.name
 
 
 def _trained(experiment: TrainingExperiment, arm: Arm, seed: int, stop: Callable[[], bool]) -> Path | None:
     """The weights of an arm; None if its training was stopped."""
-    folder = experiment.output / "trainings" / f"seed-{seed}" / arm.name
+    folder = _folder(experiment, arm, seed)
     done = folder / "complete"
     recipe = load_recipe(METHOD, STAGE).changed(steps=experiment.steps)
     if (folder / LAST).exists():
@@ -128,12 +168,11 @@ def _trained(experiment: TrainingExperiment, arm: Arm, seed: int, stop: Callable
         recipe=recipe,
         data=[],
         output=folder,
-        start=experiment.start,
-        start_trained_on="FS",
         resume=(folder / LAST).exists(),
         seed=seed,
         device="auto",
         loaders=experiment.loaders,
+        save_every=_SAVE_EVERY,
         corrupt=arm.corruptions,
     )
     checkpoint = run_training(request, stop)
@@ -144,15 +183,11 @@ def _trained(experiment: TrainingExperiment, arm: Arm, seed: int, stop: Callable
 
 
 def _check_same(experiment: TrainingExperiment, recipe: Recipe, checkpoint: Path) -> None:
-    with opened(Path(experiment.start)) as (_, start):
-        asked = {"--init": start, "--steps": recipe.digest()}
     _, about = read_progress(checkpoint)
-    held = {"--init": about.identity.get("start"), "--steps": about.identity.get("recipe")}
-    differing = " and ".join(option for option in asked if asked[option] != held[option])
-    if differing:
+    if about.identity.get("recipe") != recipe.digest():
         raise RunError(
-            f"{experiment.output} holds an experiment with another {differing}; give what it was begun with, or "
-            "another --output"
+            f"{experiment.output} holds an experiment with different --steps; give those it was started with, or a "
+            "different --output"
         )
 
 
@@ -164,8 +199,9 @@ def _measured(
         evaluation_set.dataset,
         evaluation_set.data,
         experiment.output / "runs" / evaluation_set.dataset / f"seed-{seed}" / arm.name,
-        corruptions=IMAGE_PAIR,
+        corruptions=measured(),
         severities=experiment.severities,
         data_options=dict(evaluation_set.options) or None,
         name=f"{METHOD} {arm.name} {seed}",
+        engine="serial",
     )
