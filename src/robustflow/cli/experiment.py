@@ -21,7 +21,7 @@ def robust_training(
     steps: Annotated[int | None, typer.Option(min=1, help="Steps of each training, instead of the recipe's.")] = None,
     severities: Annotated[str, typer.Option(help="Severities to measure, e.g. 1,3,5.")] = "3",
     shapes: Annotated[int, typer.Option(min=1, help="Held-out pairs of flying shapes.")] = 150,
-    size: Annotated[str, typer.Option(help="Their size, HEIGHTxWIDTH.")] = "128x160",
+    size: Annotated[str, typer.Option(help="Their size, HEIGHTxWIDTH.")] = "160x224",
     loaders: Annotated[int, typer.Option(help="Processes that prepare batches in advance.")] = 1,
 ) -> None:
     """Does training with corruptions help against corruptions not used in training? Leaves out noise, then weather.

@@ -3,9 +3,10 @@
 Two hypotheses, one for each family left out: training with all other families changes the error that the family adds
 (CRE, mean over the family's corruptions, severity 3) against training without corruptions. Both are tested two-sided on
 held-out flying shapes, over pairs and seeds, with Holm's correction for two tests at the 5 % level. RCRE is secondary;
-everything else (EPE, CREr, clean EPE, single corruptions, the arm trained with all) is description. If any network's
-clean error is not below half of zero flow's, nothing is compared. Trainings that did not finish are left out by whole
-seeds, never by result.
+everything else (EPE, CREr, clean EPE, single corruptions, the arm trained with all) is description.
+
+A seed is left out whole, with all of its arms, in two cases only: one of its networks has not been trained, or one of
+them has a clean error that is not below half of zero flow's (it has not learned to match).
 """
 
 from __future__ import annotations

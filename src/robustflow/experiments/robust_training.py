@@ -32,6 +32,8 @@ SHAPES = "shapes"
 _SAVE_EVERY = 20
 """Updates that a kill can cost."""
 _POLL_S = 5.0
+_BATCH = 8
+"""Pairs of frames predicted together."""
 
 
 @dataclass(frozen=True)
@@ -204,4 +206,5 @@ def _measured(
         data_options=dict(evaluation_set.options) or None,
         name=f"{METHOD} {arm.name} {seed}",
         engine="serial",
+        batch_size=_BATCH,
     )
