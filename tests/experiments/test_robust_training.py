@@ -14,36 +14,27 @@ _SMALL = ["--steps", "2", "--shapes", "2", "--size", "64x96", "--seeds", "1", "-
 @pytest.mark.slow
 @pytest.mark.torch
 @pytest.mark.training
-def test_from_start_to_findings_and_once_more(tmp_path):
+def test_the_experiment_runs_from_random_starts_to_findings_and_repeats_nothing(tmp_path):
     pytest.importorskip("torch", reason="needs the torch extra")
+    from robustflow.experiments.arms import arms
+    from robustflow.experiments.robust_training import TrainingExperiment, claimed
+    from robustflow.training.checkpoint import read_progress
+
     run = CliRunner().invoke
-    start = ["train", "tiny", "--recipe", "shapes", "--steps", "2", "--loaders", "0", "-o", str(tmp_path / "start")]
-    assert run(app, start).exit_code == 0
-    command = ["experiment", "robust-training", "--init", str(tmp_path / "start/last.pth"), "-o", str(tmp_path / "out")]
+    command = ["experiment", "robust-training", "-o", str(tmp_path / "out")]
     first = run(app, command + _SMALL)
     assert first.exit_code == 0, first.output
     # After two updates the network is no better than zero flow, and nothing may be concluded.
     assert "Nothing is compared here" in (tmp_path / "out/findings.md").read_text()
-    weights = (tmp_path / "out/trainings/seed-0/all/last.pth").read_bytes()
-    effects = (tmp_path / "out/effects.csv").read_bytes()
+    folders = {arm: tmp_path / f"out/trainings/seed-0/{arm}" for arm in ("plain", "all", "no_noise", "no_weather")}
+    starts = {read_progress(folder / "last.pth")[1].identity["start"] for folder in folders.values()}
+    assert len(starts) == 1
+    weights = {arm: (folder / "last.pth").read_bytes() for arm, folder in folders.items()}
     assert run(app, command + _SMALL).exit_code == 0
-    assert (tmp_path / "out/trainings/seed-0/all/last.pth").read_bytes() == weights
-    assert (tmp_path / "out/effects.csv").read_bytes() == effects
+    assert {arm: (folder / "last.pth").read_bytes() for arm, folder in folders.items()} == weights
     longer = run(app, [*command, *_SMALL, "--steps", "3"])
     assert isinstance(longer.exception, RunError)
-    assert "holds an experiment with another --steps" in str(longer.exception)
-    start[-1] = str(tmp_path / "other")
-    assert run(app, [*start, "--seed", "1"]).exit_code == 0
-    command[3] = str(tmp_path / "other/last.pth")
-    other = run(app, command + _SMALL)
-    assert "holds an experiment with another --init" in str(other.exception)
-
-
-def test_without_weights_to_begin_with(tmp_path):
-    pytest.importorskip("torch", reason="needs the torch extra")
-    from robustflow.errors import UsageError
-
-    with pytest.raises(UsageError, match="no such file"):
-        CliRunner().invoke(
-            app, ["experiment", "robust-training", "--init", str(tmp_path / "no.pth")], catch_exceptions=False
-        )
+    assert "holds an experiment with different --steps" in str(longer.exception)
+    experiment = TrainingExperiment(tmp_path / "out", ())
+    with claimed(experiment, arms()[0], 0) as mine, claimed(experiment, arms()[0], 0) as others:
+        assert (mine, others) == (True, False)

@@ -26,9 +26,9 @@ def robust_training(
 ) -> None:
     """Does training with corruptions help against corruptions not used in training? Leaves out noise, then weather.
 
-    Trains `tiny` from several random starts without corruptions, with all of them, and with all families but noise or
-    weather, and measures every network on unseen pairs. Ctrl-C stops it; the same command continues. Given in several
-    terminals, they share the work.
+    Trains `tiny` from several random starts, continues each without corruptions, with all of them, and with all but
+    noise or weather, and measures every network on unseen pairs. Ctrl-C stops it; the same command continues. Given in
+    several terminals, they share the work.
 
     \b
     Examples:
@@ -56,7 +56,7 @@ def robust_training(
     if runs is None:
         typer.echo(f"robustflow: stopped; {experiment.output} is kept. Give the same command to continue.", err=True)
         raise typer.Exit(130)
-    text, table = findings(runs, seeds)
+    text, table = findings(runs)
     write_bytes(experiment.output / "effects.csv", table.write_csv().encode())
     write_bytes(experiment.output / "findings.md", text.encode())
     typer.echo(text)

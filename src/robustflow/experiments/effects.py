@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -13,13 +13,13 @@ import polars as pl
 from ..errors import UsageError
 from ..metrics.rows import CLEAN
 from ..runs.run import Run
-from .arms import LEFT_OUT, PLAIN, TRAINED, measured, members
+from .arms import LEFT_OUT, PLAIN, TRAINED, arms, measured, members
 from .interval import interval
 
 _SUMS = ("epe_sum", "magnitude_sum")
 """Of a network's flow, and of zero flow."""
 GUARD = 0.5
-"""Of zero flow's error, which every network's clean error must be below."""
+"""Of zero flow's error, which the clean error of a network must be below for its seed to be compared."""
 
 Array = npt.NDArray[np.float64]
 Runs = Mapping[tuple[str, str, int], Run]
@@ -31,12 +31,14 @@ class Effect:
 
     Attributes:
         difference: mean over seeds and pairs.
-        low, high: ends of its 95 % interval for other pairs and seeds; None with too few of either.
+        error: standard error; None, as the next three, with too few pairs or seeds.
+        low, high: ends of its 95 % interval for other pairs and seeds.
         p: two-sided, for no difference; not corrected.
         plain, value: means of both.
     """
 
     difference: float
+    error: float | None
     low: float | None
     high: float | None
     p: float | None
@@ -44,21 +46,21 @@ class Effect:
     value: float
 
 
-def effects(runs: Runs, dataset: str, seeds: int) -> pl.DataFrame:
+def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
     """Every effect on a data set.
 
     Args:
         runs: by (arm, data set, seed).
         dataset: one of them.
-        seeds: how many.
+        seeds: those compared, see `left_out`.
 
     Returns:
         A row for each arm, what it is measured under (a family, a corruption, "clean"), whether the arm was trained
         with it (null for "clean"), and quantity, with the fields of `Effect`. CREr is a ratio of means over pairs and
         seeds, because a pair whose clean error is next to nothing would outweigh all others; it has no interval.
     """
-    names = list(dict.fromkeys(arm for arm, of, _ in runs if of == dataset))
-    scores = {name: [_scores(runs[name, dataset, seed]) for seed in range(seeds)] for name in names}
+    names = [arm.name for arm in arms()]
+    scores = {name: [_scores(runs[name, dataset, seed]) for seed in seeds] for name in names}
     plain = scores[PLAIN]
     lines = []
     for name in (name for name in names if name != PLAIN):
@@ -70,28 +72,37 @@ def effects(runs: Runs, dataset: str, seeds: int) -> pl.DataFrame:
                 lines.append({**about, "quantity": quantity, **asdict(effect)})
             if under != CLEAN:
                 ratios = [_relative(scores[which], under) for which in (PLAIN, name)]
-                effect = Effect(ratios[1] - ratios[0], None, None, None, *ratios)
+                effect = Effect(ratios[1] - ratios[0], None, None, None, None, *ratios)
                 lines.append({**about, "quantity": "crer", **asdict(effect)})
-    return pl.DataFrame(lines, schema_overrides=dict.fromkeys(("low", "high", "p"), pl.Float64) | {"seen": pl.Boolean})
+    return pl.DataFrame(
+        lines, schema_overrides=dict.fromkeys(("error", "low", "high", "p"), pl.Float64) | {"seen": pl.Boolean}
+    )
 
 
-def unguarded(runs: Runs, dataset: str) -> list[str]:
-    """Why networks cannot be compared on a data set: those whose clean error is not below half of zero flow's there."""
-    reasons = []
-    for (arm, of, seed), run in runs.items():
-        if of != dataset:
-            continue
-        clean = run.rows.filter(pl.col("corruption") == CLEAN)
-        error, zero = (clean[column].to_numpy().sum() / clean["n_valid"].to_numpy().sum() for column in _SUMS)
-        if not error < GUARD * zero:
-            reasons.append(f"{arm}, seed {seed}: clean EPE {error:.2f}, zero flow's {zero:.2f}")
+def left_out(runs: Runs, dataset: str) -> dict[int, str]:
+    """The seeds that are not compared on a data set, and why: a network is missing, or its clean error is not below
+    half of zero flow's."""
+    reasons = {}
+    for seed in sorted({seed for _, of, seed in runs if of == dataset}):
+        for arm in arms():
+            run = runs.get((arm.name, dataset, seed))
+            reason = "not measured" if run is None else _unguarded(run)
+            if reason is not None:
+                reasons[seed] = f"{arm.name}: {reason}"
+                break
     return reasons
+
+
+def _unguarded(run: Run) -> str | None:
+    clean = run.rows.filter(pl.col("corruption") == CLEAN)
+    error, zero = (clean[column].to_numpy().sum() / clean["n_valid"].to_numpy().sum() for column in _SUMS)
+    return None if error < GUARD * zero else f"clean EPE {error:.2f} px, zero flow's {zero:.2f} px"
 
 
 def _effect(plain: Array, arm: Array) -> Effect:
     of_mean = interval(arm - plain)
-    low, high, p = of_mean or (None, None, None)
-    return Effect(float((arm - plain).mean()), low, high, p, float(plain.mean()), float(arm.mean()))
+    error, low, high, p = of_mean or (None, None, None, None)
+    return Effect(float((arm - plain).mean()), error, low, high, p, float(plain.mean()), float(arm.mean()))
 
 
 def _relative(scores: list[dict[str, dict[str, Array]]], under: str) -> float:

@@ -1,4 +1,4 @@
-"""The experiment in words and tables, as Markdown; nothing is claimed that its intervals do not carry."""
+"""The experiment in words and tables, as Markdown; nothing is claimed that its intervals do not support."""
 
 from __future__ import annotations
 
@@ -6,47 +6,83 @@ from collections.abc import Sequence
 from typing import Any
 
 import polars as pl
+from scipy.special import ndtri
 
+from ..analysis.uncertainty.holm import holm
 from ..datasets import dataset_facts
 from ..metrics.rows import CLEAN
 from ..text import counted
-from .arms import ALL
-from .arms import LEFT_OUT as TESTED
-from .effects import GUARD, Runs, effects, unguarded
+from .arms import ALL, LEFT_OUT
+from .effects import Runs, effects, left_out
+from .hypotheses import DATASET, LEVEL, PRIMARY, SECONDARY, Hypothesis
+from .interval import FEWEST_PAIRS, FEWEST_SEEDS
 
-_COLUMNS = ("epe", "cre", "rcre")
+_POWER = 0.8
 
 
-def findings(runs: Runs, seeds: int) -> tuple[str, pl.DataFrame]:
+def findings(runs: Runs) -> tuple[str, pl.DataFrame]:
     """The page, and every effect as a table (see `effects`).
 
     Args:
-        runs: by (arm, data set, seed).
-        seeds: how many.
+        runs: by (arm, data set, seed); a seed with an arm missing is left out.
     """
     parts, tables = [], []
     for dataset in dict.fromkeys(of for _, of, _ in runs):
-        title = dataset_facts(dataset).title
         pairs = len(set(next(run for (_, of, _), run in runs.items() if of == dataset).rows["sample"]))
-        head = f"## {title}: {counted(pairs, 'pair')}, {counted(seeds, 'seed')}"
-        failing = unguarded(runs, dataset)
+        excluded = left_out(runs, dataset)
+        seeds = sorted({seed for _, of, seed in runs if of == dataset} - excluded.keys())
+        parts.append(f"## {dataset_facts(dataset).title}: {counted(pairs, 'pair')}, {counted(len(seeds), 'seed')}")
+        parts += [f"Seed {seed} is left out ({reason})." for seed, reason in excluded.items()]
+        if not seeds:
+            parts.append("Nothing is compared here.")
+            continue
         table = effects(runs, dataset, seeds)
         tables.append(table)
-        if failing:
-            parts.append(
-                f"{head}\n\nNothing is compared here: {len(failing)} of the networks miss the guard (clean EPE below "
-                f"{GUARD:g} x zero flow's): {'; '.join(failing[:3])}{'; ...' * (len(failing) > 3)}."
-            )
-            continue
-        parts.append(f"{head}\n\n{_families(table)}\n\n{_sentences(table)}")
-    return "\n\n".join(parts) + "\n", pl.concat(tables)
+        if dataset == DATASET:
+            parts += [_hypotheses(table, PRIMARY), _hypotheses(table, SECONDARY)]
+        parts += [_families(table), _clean(table)]
+    return "\n\n".join(parts) + "\n", pl.concat(tables) if tables else pl.DataFrame()
+
+
+def _hypotheses(table: pl.DataFrame, hypotheses: Sequence[Hypothesis]) -> str:
+    """A sentence for each, with Holm's correction over these."""
+    tested = [_one(table, each.arm, each.family, each.quantity) for each in hypotheses]
+    if any(effect["p"] is None for effect in tested):
+        few = f"With fewer than {FEWEST_SEEDS} seeds or {FEWEST_PAIRS} pairs there is no test"
+        values = (f"{_named(each)} {_change(effect)} px" for each, effect in zip(hypotheses, tested, strict=True))
+        return f"{few}: {'; '.join(values)}."
+    adjusted = holm([effect["p"] for effect in tested])
+    lines = []
+    for each, effect, p in zip(hypotheses, tested, adjusted, strict=True):
+        verdict = "no change can be told from zero"
+        if p < LEVEL:
+            verdict = "it falls" if effect["difference"] < 0 else "it grows"
+        lines.append(
+            f"- {_named(each)} {_change(effect)} px, difference {_difference(effect)}, p = {p:.3f} after Holm's "
+            f"correction for {len(hypotheses)}: {verdict}. A change of {_detectable(effect):.2f} px would be found "
+            f"with a probability of {100 * _POWER:.0f} %."
+        )
+    return "\n".join(lines)
+
+
+def _named(hypothesis: Hypothesis) -> str:
+    return f"{hypothesis.quantity.upper()} under {hypothesis.family}, which was left out of training:"
+
+
+def _change(effect: dict[str, Any]) -> str:
+    return f"{effect['plain']:.2f} to {effect['value']:.2f}"
+
+
+def _detectable(effect: dict[str, Any]) -> float:
+    """The difference that two tests at half the level find with the power, if the standard error stays."""
+    return float((ndtri(1 - LEVEL / 4) + ndtri(_POWER)) * effect["error"])
 
 
 def _families(table: pl.DataFrame) -> str:
     names = [*("EPE plain", "EPE", "difference"), *("CRE plain", "CRE", "difference"), "CREr plain", "CREr"]
     names += ["RCRE plain", "RCRE", "difference"]
     lines = [f"| under | | {' | '.join(names)} |", "|---|---|" + "---:|" * len(names)]
-    for family in TESTED:
+    for family in LEFT_OUT:
         for arm, word in ((f"no_{family}", "not trained with it"), (ALL, "trained with all")):
             cells = [family, word]
             for quantity in ("epe", "cre", "crer", "rcre"):
@@ -58,33 +94,11 @@ def _families(table: pl.DataFrame) -> str:
     return "\n".join(lines)
 
 
-def _sentences(table: pl.DataFrame) -> str:
+def _clean(table: pl.DataFrame) -> str:
     arms = table["arm"].unique(maintain_order=True)
-    clean = [_one(table, arm, CLEAN, "epe_clean") for arm in arms]
-    changes = [100 * (effect["value"] / effect["plain"] - 1) for effect in clean]
-    texts = [
-        f"Clean EPE changes by {min(changes):+.1f} to {max(changes):+.1f} % against training on without corruptions "
-        f"({clean[0]['plain']:.2f} px); {_settled(clean)}."
-    ]
-    for word, chosen in (("left out", False), ("trained with", True)):
-        for quantity in _COLUMNS:
-            effects = [_one(table, f"no_{family}" if not chosen else ALL, family, quantity) for family in TESTED]
-            lower = sum(effect["difference"] < 0 for effect in effects)
-            before, after = (sum(effect[which] for effect in effects) / len(effects) for which in ("plain", "value"))
-            texts.append(
-                f"Under families {word}, {quantity.upper()} is lower in {lower} of {len(effects)} (mean {before:.2f} "
-                f"to {after:.2f} px, {100 * (after / before - 1):+.0f} %); {_settled(effects)}."
-            )
-    return "\n".join(f"- {text}" for text in texts)
-
-
-def _settled(effects: Sequence[dict[str, Any]]) -> str:
-    """How many intervals lie on which side of 0."""
-    known = [effect for effect in effects if effect["low"] is not None]
-    if not known:
-        return "too few pairs for intervals, so nothing follows from it for other pairs"
-    below, above = (sum(test(effect) for effect in known) for test in (lambda e: e["high"] < 0, lambda e: e["low"] > 0))
-    return f"of {len(known)} intervals {below} lie below 0 and {above} above it"
+    effects = {arm: _one(table, arm, CLEAN, "epe_clean") for arm in arms}
+    changes = (f"{arm} {effect['value']:.2f} ({_difference(effect)})" for arm, effect in effects.items())
+    return f"Clean EPE, px: plain {next(iter(effects.values()))['plain']:.2f}; {'; '.join(changes)}."
 
 
 def _difference(effect: dict[str, Any]) -> str:

@@ -2,43 +2,49 @@
 
 from __future__ import annotations
 
+import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import stdtr, stdtrit
 
 Array = npt.NDArray[np.float64]
 
-FEWEST_PAIRS, FEWEST_SEEDS = 10, 4
+FEWEST_PAIRS, FEWEST_SEEDS = 10, 3
 """Below which there is neither interval nor p-value."""
 _LEVEL = 0.95
 _RESAMPLES = 4000
 
 
 class Interval(NamedTuple):
-    """95 % interval of a mean, and the two-sided p-value for a mean of 0."""
+    """Standard error of a mean, its 95 % interval, and the two-sided p-value for a mean of 0."""
 
+    error: float
     low: float
     high: float
     p: float
 
 
-def interval(differences: Array) -> Interval | None:
+def interval(differences: Array, resamples: int = _RESAMPLES) -> Interval | None:
     """The interval of the mean, for other seeds and other pairs.
 
     A bootstrap-t (Efron and Tibshirani 1993, ch. 12): seeds and pairs are both resampled, as in Owen (2007), and each
-    resample's mean is divided by its own standard error, so that skewed pairs and few seeds widen the interval where
-    they should.
+    resample's mean is divided by its own standard error, so skewed pairs move the interval's ends apart as they should.
+    A handful of seeds has too few distinct resamples for that, so neither end is nearer to the mean than Student's t
+    puts it, with the degrees of freedom of Satterthwaite (1946). The p-value is the larger of the two likewise.
 
     Args:
         differences: (seeds, pairs).
+        resamples: of the bootstrap.
 
     Returns:
         None with fewer than `FEWEST_PAIRS` pairs or `FEWEST_SEEDS` seeds.
 
     >>> values = np.random.default_rng(0).normal(1.0, 0.5, (6, 50))
-    >>> found = interval(values)
-    >>> found.low < 1.0 < found.high, found.p < 0.01
+    >>> result = interval(values)
+    >>> result.low < 1.0 < result.high, result.p < 0.01
     (True, True)
     >>> interval(values[:, :5]) is None
     True
@@ -46,30 +52,42 @@ def interval(differences: Array) -> Interval | None:
     seeds, pairs = differences.shape
     if seeds < FEWEST_SEEDS or pairs < FEWEST_PAIRS:
         return None
-    mean = float(differences.mean())
-    ones = np.ones((1, seeds)), np.ones((1, pairs))
-    error = float(_standard_errors(differences, *ones)[1][0])
+    mean, of_seeds, of_pairs = (
+        float(part[0]) for part in _variances(differences, np.ones((1, seeds)), np.ones((1, pairs)))
+    )
+    error = math.sqrt(of_seeds + of_pairs)
     if error == 0:
-        return Interval(mean, mean, 1.0 if mean == 0 else 0.0)
-    rng = np.random.default_rng(0)
-    of_seeds = rng.multinomial(seeds, np.full(seeds, 1 / seeds), _RESAMPLES).astype(float)
-    of_pairs = rng.multinomial(pairs, np.full(pairs, 1 / pairs), _RESAMPLES).astype(float)
-    means, errors = _standard_errors(differences, of_seeds, of_pairs)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = (means - mean) / errors
-    ratios = ratios[np.isfinite(ratios)]
+        return Interval(0.0, mean, mean, float(mean == 0))
+    freedom = error**4 / (of_seeds**2 / (seeds - 1) + of_pairs**2 / (pairs - 1))
+    ratios = _bootstrapped(differences, mean, resamples)
     low, high = np.quantile(ratios, [(1 + _LEVEL) / 2, (1 - _LEVEL) / 2])
-    own = mean / error
-    beyond = min((ratios >= own).sum(), (ratios <= own).sum())
-    return Interval(mean - low * error, mean - high * error, min(1.0, 2 * (beyond + 1) / (len(ratios) + 1)))
+    reach = float(stdtrit(freedom, (1 + _LEVEL) / 2))
+    beyond = min((ratios >= mean / error).sum(), (ratios <= mean / error).sum())
+    p = max(2 * (beyond + 1) / (len(ratios) + 1), 2 * stdtr(freedom, -abs(mean / error)))
+    ends = mean - max(float(low), reach) * error, mean - min(float(high), -reach) * error
+    return Interval(error, *ends, min(1.0, float(p)))
 
 
-def _standard_errors(differences: Array, of_seeds: Array, of_pairs: Array) -> tuple[Array, Array]:
-    """Weighted means and their standard errors, for weights of (resamples, seeds) and (resamples, pairs)."""
+def _bootstrapped(differences: Array, mean: float, resamples: int) -> Array:
+    """Errors of resampled means over their standard errors."""
+    means, of_seeds, of_pairs = _variances(differences, *(_weights(count, resamples) for count in differences.shape))
+    errors = np.sqrt(of_seeds + of_pairs)
+    return (means - mean)[errors > 0] / errors[errors > 0]
+
+
+@cache
+def _weights(count: int, resamples: int) -> Array:
+    """How often each of `count` is drawn in each resample: (resamples, count)."""
+    return np.random.default_rng(count).multinomial(count, np.full(count, 1 / count), resamples).astype(float)
+
+
+def _variances(differences: Array, seed_weights: Array, pair_weights: Array) -> tuple[Array, Array, Array]:
+    """Weighted means, and their variances over seeds and over pairs, for weights of (resamples, seeds) and (resamples,
+    pairs)."""
     seeds, pairs = differences.shape
-    by_seed = of_pairs @ differences.T / pairs
-    by_pair = of_seeds @ differences / seeds
-    means = (of_seeds * by_seed).sum(axis=1) / seeds
-    over_seeds = (of_seeds * (by_seed - means[:, None]) ** 2).sum(axis=1) / (seeds - 1) / seeds
-    over_pairs = (of_pairs * (by_pair - means[:, None]) ** 2).sum(axis=1) / (pairs - 1) / pairs
-    return means, np.sqrt(over_seeds + over_pairs)
+    by_seed = pair_weights @ differences.T / pairs
+    by_pair = seed_weights @ differences / seeds
+    means = (seed_weights * by_seed).sum(axis=1) / seeds
+    over_seeds = (seed_weights * (by_seed - means[:, None]) ** 2).sum(axis=1) / (seeds - 1) / seeds
+    over_pairs = (pair_weights * (by_pair - means[:, None]) ** 2).sum(axis=1) / (pairs - 1) / pairs
+    return means, over_seeds, over_pairs

@@ -1,8 +1,8 @@
 """Does training with corruptions make flow robust, also against corruptions not used in training?
 
-`tiny` is trained with each arm's corruptions from several random starts, one for each seed and the same for all arms,
-and every network is measured as soon as it is trained, on held-out flying shapes and on real pairs. A complete training
-or run is not repeated.
+For each seed `tiny` is trained from random weights, without corruptions, until it can match; from there each arm
+continues with its corruptions. Every network is measured as soon as it is trained, on held-out flying shapes and on
+real pairs. A complete training or run is not repeated.
 """
 
 from __future__ import annotations
@@ -26,9 +26,14 @@ from ..training.recipe import Recipe, load_recipe
 from ..training.session import Request, run_training
 from .arms import Arm, arms, measured
 from .effects import Runs
+from .hypotheses import DATASET
 
-METHOD, STAGE = "tiny", "arms"
-SHAPES = "shapes"
+METHOD, START, STAGE = "tiny", "small", "small_robust"
+"""The network, and the recipes of its training from random weights and of the arms'."""
+_COMPLETE = "complete"
+"""File in the folder of a training that has made all of its updates."""
+_SEED_OF_ARMS = 1000
+"""Added to a seed for the arms, so that their draws are not those of the first training again."""
 _SAVE_EVERY = 20
 """Updates that a kill can cost."""
 _POLL_S = 5.0
@@ -59,7 +64,7 @@ class TrainingExperiment:
         output: folder of everything it writes.
         evaluation_sets: to measure every network on.
         seeds: how many, from 0: of the initial weights, and of order, augmentation and corruption of the training.
-        steps: of each training; None for the recipe's.
+        steps: of each training; None for the recipes'.
         severities: those to measure.
         loaders: processes that prepare batches in advance.
     """
@@ -71,6 +76,10 @@ class TrainingExperiment:
     severities: tuple[int, ...] = (3,)
     loaders: int = 1
 
+    def training(self, seed: int, name: str) -> Path:
+        """The folder of a training: "start", or that of an arm."""
+        return self.output / "trainings" / f"seed-{seed}" / name
+
 
 def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[EvaluationSet, ...]:
     """Held-out flying shapes, and each NAME=FOLDER.
@@ -79,7 +88,7 @@ def evaluation_sets(data: Sequence[str], shapes: int, size: str) -> tuple[Evalua
         UsageError: not NAME=FOLDER, a name that no data set has, or one without ground truth.
         DataError: another layout.
     """
-    sets = [EvaluationSet(SHAPES, options=(("pairs", shapes), ("size", size), ("split", "test")))]
+    sets = [EvaluationSet(DATASET, options=(("pairs", shapes), ("size", size), ("split", "test")))]
     for entry in data:
         name, equals, folder = entry.partition("=")
         if not equals:
@@ -118,18 +127,19 @@ def run_experiment(
     while todo:
         waiting = []
         for seed, arm in todo:
-            with _claimed(experiment, arm, seed) as claimed:
-                if not claimed:
+            if stop():
+                return None
+            start = _started(experiment, seed, say, stop)
+            with claimed(experiment.training(seed, arm.name)) as mine:
+                if start is None or not mine:
                     waiting.append((seed, arm))
                     continue
                 say(f"{1 + seed * len(arms()) + arms().index(arm)} of {total}: seed {seed}, {arm.name}")
-                checkpoint = _trained(experiment, arm, seed, stop)
+                checkpoint = _trained(experiment, seed, arm, start, stop)
                 if checkpoint is None:
                     return None
                 for one in experiment.evaluation_sets:
                     runs[arm.name, one.dataset, seed] = _measured(experiment, arm, seed, checkpoint, one)
-            if stop():
-                return None
         if waiting:
             time.sleep(_POLL_S)
         todo = waiting
@@ -137,9 +147,8 @@ def run_experiment(
 
 
 @contextmanager
-def _claimed(experiment: TrainingExperiment, arm: Arm, seed: int) -> Iterator[bool]:
-    """Whether this process is the only one that works on a network, until the block ends."""
-    folder = _folder(experiment, arm, seed)
+def claimed(folder: Path) -> Iterator[bool]:
+    """Whether this process is the only one that works in a folder, until the block ends."""
     make_folder(folder)
     lock = FileLock(folder / ".lock", fallback_to_soft=False)  # released by the system when a process is killed
     try:
@@ -153,34 +162,48 @@ def _claimed(experiment: TrainingExperiment, arm: Arm, seed: int) -> Iterator[bo
         lock.release()
 
 
-def _folder(experiment: TrainingExperiment, arm: Arm, seed: int) -> Path:
-    return experiment.output / "trainings" / f"seed-{seed}" / arm.name
+def _started(
+    experiment: TrainingExperiment, seed: int, say: Callable[[str], None], stop: Callable[[], bool]
+) -> Path | None:
+    """The weights that the arms of a seed start from; None while another process trains them, or if it was stopped."""
+    folder = experiment.training(seed, "start")
+    if (folder / _COMPLETE).exists():
+        return _trained(experiment, seed, None, None, stop)
+    with claimed(folder) as mine:
+        if not mine:
+            return None
+        say(f"seed {seed}: from random weights")
+        return _trained(experiment, seed, None, None, stop)
 
 
-def _trained(experiment: TrainingExperiment, arm: Arm, seed: int, stop: Callable[[], bool]) -> Path | None:
-    """The weights of an arm; None if its training was stopped."""
-    folder = _folder(experiment, arm, seed)
-    done = folder / "complete"
-    recipe = load_recipe(METHOD, STAGE).changed(steps=experiment.steps)
-    if (folder / LAST).exists():
+def _trained(
+    experiment: TrainingExperiment, seed: int, arm: Arm | None, start: Path | None, stop: Callable[[], bool]
+) -> Path | None:
+    """The weights of an arm, or without one those that the arms start from; None if the training was stopped."""
+    folder = experiment.training(seed, "start" if arm is None else arm.name)
+    recipe = load_recipe(METHOD, START if arm is None else STAGE).changed(steps=experiment.steps)
+    resume = (folder / LAST).exists()
+    if resume:
         _check_same(experiment, recipe, folder / LAST)
-    if done.exists():
+    if (folder / _COMPLETE).exists():
         return folder / LAST
     request = Request(
         recipe=recipe,
         data=[],
         output=folder,
-        resume=(folder / LAST).exists(),
-        seed=seed,
+        start=None if start is None else str(start),
+        start_trained_on=None if start is None else "FS",
+        resume=resume,
+        seed=seed if arm is None else seed + _SEED_OF_ARMS,
         device="auto",
         loaders=experiment.loaders,
         save_every=_SAVE_EVERY,
-        corrupt=arm.corruptions,
+        corrupt=[] if arm is None else arm.corruptions,
     )
     checkpoint = run_training(request, stop)
     if stop():
         return None
-    done.touch()
+    (folder / _COMPLETE).touch()
     return checkpoint
 
 
