@@ -10,16 +10,12 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
+from ..analysis.doubts import missed_motion
 from ..errors import UsageError
 from ..metrics.rows import CLEAN
 from ..runs.run import Run
 from .arms import LEFT_OUT, PLAIN, TRAINED, arms, measured, members
 from .interval import interval
-
-_SUMS = ("epe_sum", "magnitude_sum")
-"""Of a network's flow, and of zero flow."""
-GUARD = 0.5
-"""Of zero flow's error, which the clean error of a network must be below for its seed to be compared."""
 
 Array = npt.NDArray[np.float64]
 Runs = Mapping[tuple[str, str, int], Run]
@@ -94,9 +90,8 @@ def left_out(runs: Runs, dataset: str) -> dict[int, str]:
 
 
 def _unguarded(run: Run) -> str | None:
-    clean = run.rows.filter(pl.col("corruption") == CLEAN)
-    error, zero = (clean[column].to_numpy().sum() / clean["n_valid"].to_numpy().sum() for column in _SUMS)
-    return None if error < GUARD * zero else f"clean EPE {error:.2f} px, zero flow's {zero:.2f} px"
+    missed = missed_motion(run.rows)
+    return None if missed is None else f"clean EPE {missed[0]:.2f} px, zero flow's {missed[1]:.2f} px"
 
 
 def _effect(plain: Array, arm: Array) -> Effect:

@@ -125,14 +125,12 @@ def run_experiment(
     todo = [(seed, arm) for seed in range(experiment.seeds) for arm in arms()]
     total = len(todo)
     while todo:
-        waiting = []
         for seed, arm in todo:
             if stop():
                 return None
             start = _started(experiment, seed, say, stop)
             with claimed(experiment.training(seed, arm.name)) as mine:
                 if start is None or not mine:
-                    waiting.append((seed, arm))
                     continue
                 say(f"{1 + seed * len(arms()) + arms().index(arm)} of {total}: seed {seed}, {arm.name}")
                 checkpoint = _trained(experiment, seed, arm, start, stop)
@@ -140,9 +138,10 @@ def run_experiment(
                     return None
                 for one in experiment.evaluation_sets:
                     runs[arm.name, one.dataset, seed] = _measured(experiment, arm, seed, checkpoint, one)
-        if waiting:
+            todo.remove((seed, arm))
+            break  # the next one is the first that is missing, which may be free by now
+        else:
             time.sleep(_POLL_S)
-        todo = waiting
     return runs
 
 
