@@ -14,7 +14,10 @@ from robustflow.errors import ModelError, UsageError
 from robustflow.models.tiny.shipped import SHIPPED, shipped_weights
 from robustflow.testing import check_model
 
+from ...guide_blocks import DOCS
 from ...shared_data import shared_folder
+
+PAGE = DOCS / "tiny.md"
 
 
 def error(flow, sample):
@@ -104,3 +107,17 @@ def test_numpy_and_pytorch_agree(name, size):
     assert difference.mean() < 1e-5
     assert np.percentile(difference, 99.9) < 1e-4
     assert difference.max() < 5e-4
+
+
+@pytest.mark.torch
+def test_numpy_and_pytorch_agree_on_long_motion_as_closely_as_the_docs_say():
+    pytest.importorskip("torch", reason="needs the torch extra")
+    stated = re.search(
+        r"agree\s+within (\S+) px at 99\.9 % of\s+the\s+pixels and (\S+) px at the worst", PAGE.read_text()
+    )
+    assert stated is not None
+    sample = load_dataset("kitti2012", shared_folder("data", "kitti2012"))["000151"]  # the worst of 15 pairs
+    flows = [load_model("tiny", runtime=runtime).predict(*sample.frames) for runtime in ("numpy", "torch")]
+    difference = np.abs(flows[0] - flows[1])
+    assert np.percentile(difference, 99.9) < float(stated[1])
+    assert difference.max() < float(stated[2])

@@ -1,7 +1,7 @@
 """`tiny` and its variants: the project's own small network with the weights shipped in the package.
 
-With the torch extra PyTorch computes, otherwise NumPy. The flows agree within 1e-4 px at 99.9 % of pixels and within
-5e-4 px at all of them, which is the accuracy of single precision, and a run's identity states which one was used.
+With the torch extra PyTorch computes, otherwise NumPy. Both are single precision, whose rounding the network amplifies:
+on real pairs the flows differ by up to some 3e-3 px (docs/tiny.md), and a run's identity states which one was used.
 """
 
 from __future__ import annotations
