@@ -1,4 +1,4 @@
-"""Interval and p-value of a mean difference for other pairs and other seeds, by a bootstrap over both."""
+"""MeanInterval and p-value of a mean difference for other pairs and other seeds, by a bootstrap over both."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LEVEL = 0.95
 _RESAMPLES = 4000
 
 
-class Interval(NamedTuple):
+class MeanInterval(NamedTuple):
     """Standard error of a mean, its 95 % interval, and the two-sided p-value for a mean of 0."""
 
     error: float
@@ -27,7 +27,7 @@ class Interval(NamedTuple):
     p: float
 
 
-def interval(differences: Array, resamples: int = _RESAMPLES) -> Interval | None:
+def interval(differences: Array, resamples: int = _RESAMPLES) -> MeanInterval | None:
     """The interval of the mean, for other seeds and other pairs.
 
     A bootstrap-t (Efron and Tibshirani 1993, ch. 12): seeds and pairs are both resampled, as in Owen (2007), and each
@@ -57,7 +57,7 @@ def interval(differences: Array, resamples: int = _RESAMPLES) -> Interval | None
     )
     error = math.sqrt(of_seeds + of_pairs)
     if error == 0:
-        return Interval(0.0, mean, mean, float(mean == 0))
+        return MeanInterval(0.0, mean, mean, float(mean == 0))
     freedom = error**4 / (of_seeds**2 / (seeds - 1) + of_pairs**2 / (pairs - 1))
     ratios = _bootstrapped(differences, mean, resamples)
     low, high = np.quantile(ratios, [(1 + _LEVEL) / 2, (1 - _LEVEL) / 2])
@@ -65,7 +65,7 @@ def interval(differences: Array, resamples: int = _RESAMPLES) -> Interval | None
     beyond = min((ratios >= mean / error).sum(), (ratios <= mean / error).sum())
     p = max(2 * (beyond + 1) / (len(ratios) + 1), 2 * stdtr(freedom, -abs(mean / error)))
     ends = mean - max(float(low), reach) * error, mean - min(float(high), -reach) * error
-    return Interval(error, *ends, min(1.0, float(p)))
+    return MeanInterval(error, *ends, min(1.0, float(p)))
 
 
 def _bootstrapped(differences: Array, mean: float, resamples: int) -> Array:
