@@ -24,7 +24,7 @@ import numpy as np
 
 from robustflow import load_model
 from robustflow.datasets import load_dataset
-from robustflow.metrics.epe import mean_epe
+from robustflow.metrics import epe
 from robustflow.models.dis.operating_point import OPERATING_POINTS
 from robustflow.sample import Flow, Frame, Sample
 
@@ -82,7 +82,7 @@ def measured(predict: Predict, sample: Sample, rounds: int) -> tuple[float, floa
         start = time.perf_counter()
         predict(*sample.frames[:2])
         times.append(1e3 * (time.perf_counter() - start))
-    error = mean_epe(flow, sample.flow, sample.valid)
+    error = epe(flow, sample.flow, sample.valid)
     return float("nan") if error is None else error, float(np.median(times))
 
 

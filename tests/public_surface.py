@@ -6,29 +6,41 @@ python -m tests.public_surface > tests/public_surface.txt    writes what there i
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from types import ModuleType
 from typing import Any
 
 import typer
 
 import robustflow
+import robustflow.metrics
 import robustflow.testing
 from robustflow.cli.main import app
 from robustflow.errors import ModelError
 
+_METRICS = ("epe", "fl_all", "rcre")
+"""Those of `robustflow.metrics` that are for a user's arrays."""
+
 
 def surface() -> list[str]:
     """One line for each name."""
-    lines = [*_python(robustflow), *_python(robustflow.testing)]
+    homes = (
+        (robustflow, robustflow.__all__),
+        (robustflow.testing, robustflow.testing.__all__),
+        (robustflow.metrics, _METRICS),
+    )
+    lines = [line for module, names in homes for line in _python(module, names)]
     return sorted([*lines, *_commands(typer.main.get_command(app), "robustflow")])
 
 
-def _python(module: object) -> Iterator[str]:
-    home = module.__name__  # type: ignore[attr-defined]
-    for name in module.__all__:  # type: ignore[attr-defined]
+def _python(module: ModuleType, names: Iterable[str]) -> Iterator[str]:
+    home = module.__name__
+    for name in names:
         try:
             thing = getattr(module, name)
         except ModelError:  # it needs an extra that is not installed
+            continue
+        if inspect.ismodule(thing):
             continue
         yield f"{home}.{name}{_parameters(thing)}"
         if inspect.isclass(thing):

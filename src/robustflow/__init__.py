@@ -12,19 +12,27 @@ from typing import TYPE_CHECKING, Any
 from .version import VERSION
 
 if TYPE_CHECKING:
+    from . import corruptions, datasets, metrics, models, testing
     from .api import Result, evaluate, load_run
-    from .corruptions import corrupt, corrupt_clip
+    from .benchmarks import Benchmark
+    from .corruptions import Corruption, corrupt, corrupt_clip, list_corruptions
     from .datasets import load_dataset
     from .errors import RobustFlowError
     from .flowio import read_flow, write_flow
-    from .models import load_model
+    from .models import list_models, load_model
     from .models.torch.user_model import TorchModel
     from .report.comparison import Comparison, compare
     from .sample import Sample
 
 __version__ = VERSION
 
+_MODULES = ("corruptions", "datasets", "metrics", "models", "testing")
+
 _HOMES = {
+    "Benchmark": "benchmarks",
+    "Corruption": "corruptions",
+    "list_corruptions": "corruptions",
+    "list_models": "models",
     "Comparison": "report.comparison",
     "compare": "report.comparison",
     "load_run": "api",
@@ -42,7 +50,9 @@ _HOMES = {
 }
 
 __all__ = [
+    "Benchmark",
     "Comparison",
+    "Corruption",
     "Result",
     "RobustFlowError",
     "Sample",
@@ -50,11 +60,18 @@ __all__ = [
     "compare",
     "corrupt",
     "corrupt_clip",
+    "corruptions",
+    "datasets",
     "evaluate",
+    "list_corruptions",
+    "list_models",
     "load_dataset",
     "load_model",
     "load_run",
+    "metrics",
+    "models",
     "read_flow",
+    "testing",
     "write_flow",
 ]
 
@@ -66,6 +83,8 @@ def __dir__() -> list[str]:
 
 def __getattr__(name: str) -> Any:
     """Import a public name on first use: `import robustflow` stays fast."""
+    if name in _MODULES:
+        return import_module(f".{name}", __name__)
     if name not in _HOMES:
         raise AttributeError(f"module 'robustflow' has no attribute '{name}'")
     if name == "TorchModel":

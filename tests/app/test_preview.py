@@ -14,8 +14,8 @@ from PIL import Image
 
 import robustflow as rf
 from robustflow.corruptions import load_corruption
-from robustflow.metrics import mean_epe, rcre
-from robustflow.metrics.epe import epe_map, magnitude_map
+from robustflow.metrics import epe, rcre
+from robustflow.metrics.error_maps import epe_map, magnitude_map
 
 from .launch import running_app
 
@@ -29,7 +29,7 @@ def _direct(frames, truth, corruption, severity, seed, key, model="dis"):
     flow = flow_of(*rf.corrupt(*frames, corruption, severity, seed=seed, key=key))
     if truth is None:
         return {"epe": None, "epe_clean": None, "cre": None, "crer": None, "rcre": rcre(flow, clean), "fl": None}
-    before, after = mean_epe(clean, *truth), mean_epe(flow, *truth)
+    before, after = epe(clean, *truth), epe(flow, *truth)
     errors, lengths = epe_map(flow, truth[0])[truth[1]], magnitude_map(truth[0])[truth[1]]
     return {
         "epe": after,

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
-from robustflow.metrics import mean_epe, rcre
+from robustflow.metrics import epe, rcre
 
 from ..app.launch import App, running_app
 
@@ -87,7 +87,7 @@ def test_the_demo_pair_under_fog_has_the_librarys_numbers(opened, app):
     model = rf.load_model("dis")
     clean = model.predict(*sample.frames)
     flow = model.predict(*rf.corrupt(*sample.frames, "fog", severity=3, key=sample.key))
-    before, after = (mean_epe(each, sample.flow, sample.valid) for each in (clean, flow))
+    before, after = (epe(each, sample.flow, sample.valid) for each in (clean, flow))
     assert _number(page, "epe_clean") == pytest.approx(before)
     assert _number(page, "epe") == pytest.approx(after)
     assert _number(page, "cre") == pytest.approx(after - before)

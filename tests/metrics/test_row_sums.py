@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 from robustflow.errors import DataError
-from robustflow.metrics.epe import epe_map, error_sum, magnitude_map
+from robustflow.metrics.error_maps import epe_map, error_sum, magnitude_map
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.row_sums import row_sums
 from robustflow.sample import Sample

@@ -18,7 +18,7 @@ from ..images.error_colours import error_colours
 from ..images.flow_colours import flow_colours, flow_radius
 from ..images.io import png_address
 from ..images.sparse import thickened
-from ..metrics.epe import epe_map
+from ..metrics.error_maps import epe_map
 from ..metrics.regions import Regions
 from ..metrics.robustness import crer
 from ..metrics.rows import measure

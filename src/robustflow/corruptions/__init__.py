@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..severity import SEVERITIES
-from .api import corrupt, corrupt_clip, corruption_name, load_corruption
+from .api import corrupt, corrupt_clip, corruption_name, list_corruptions, load_corruption
 from .base import Corruption
 from .registry import CLIP, CORRUPTIONS, FAMILIES, IMAGE_PAIR, PAPER_ORDER
 
@@ -18,5 +18,6 @@ __all__ = [
     "corrupt",
     "corrupt_clip",
     "corruption_name",
+    "list_corruptions",
     "load_corruption",
 ]

@@ -76,6 +76,15 @@ def load_corruption(
     return kind(variant, calibrated_severities(name))
 
 
+def list_corruptions() -> list[str]:
+    """Return the names that `load_corruption` knows, in the paper's order, those of installed packages last.
+
+    >>> list_corruptions()[:3]
+    ['jpeg_compression', 'pixelate', 'contrast']
+    """
+    return list(CORRUPTIONS.names())
+
+
 def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
     """The name under which a corruption is run and reported; a user's own corruption is known by it afterwards.
 

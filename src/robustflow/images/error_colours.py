@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import LogNorm
 
-from ..metrics.epe import Errors
+from ..metrics.error_maps import Errors
 from ..sample import Frame
 
 LOWEST, HIGHEST = 0.1, 100.0

@@ -1,8 +1,9 @@
 """Metrics: from flows to sums, and from sums to rows; `robustflow.runs.aggregate` computes means from rows."""
 
-from .epe import epe_map, mean_epe
+from .error_maps import epe_map
+from .of_arrays import epe, fl_all, rcre
 from .regions import REGIONS, Regions
-from .robustness import cre, crer, rcre
+from .robustness import cre, crer
 from .rows import CLEAN, ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION, measure, rows_frame
 from .summary import METRICS, Averaging, CorruptionScores, RegionScores, Scores, Summary
 
@@ -21,8 +22,9 @@ __all__ = [
     "Summary",
     "cre",
     "crer",
+    "epe",
     "epe_map",
-    "mean_epe",
+    "fl_all",
     "measure",
     "rcre",
     "rows_frame",

@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ..compile_late import njit_late
 from ..sample import Flow, Mask
-from .epe import ERRORS_TYPE, FLOW_TYPE, MASK_TYPE, Errors, dense, flow_array, magnitude_map
+from .error_maps import ERRORS_TYPE, FLOW_TYPE, MASK_TYPE, Errors, dense, flow_array, magnitude_map
 
 EDGE_PIXELS = 1.0
 EDGE_SHARE = 0.05

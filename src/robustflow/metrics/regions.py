@@ -20,7 +20,7 @@ from ..digest import quick_digest_of_bytes
 from ..errors import DataError, unknown_name
 from ..sample import Flow, Mask, Sample
 from .edges import edge_distance, motion_edges
-from .epe import Errors, magnitude_map
+from .error_maps import Errors, magnitude_map
 
 REGIONS = ("noc", "occ", "s0_10", "s10_40", "s40", "d0_10", "d10_60", "d60")
 MAGNITUDE_BOUNDS = (10.0, 40.0)

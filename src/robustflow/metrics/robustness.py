@@ -4,7 +4,7 @@ CRE and CREr are computed from mean errors, whatever they are means over (an ima
 
     CRE_{c,s} = EPE_{c,s} - EPE_clean            absolute robustness, pixels
     CREr      = CRE / EPE_clean                  relative robustness, no unit
-    RCRE_{c,s} = |f_{c,s} - f_clean|             needs no ground truth, pixels
+    RCRE_{c,s} = |f_{c,s} - f_clean|             needs no ground truth, pixels (`of_arrays.rcre`)
 
 so CRE may be negative (a corruption that helps), and RCRE >= |CRE| over the same pixels.
 """
@@ -12,9 +12,6 @@ so CRE may be negative (a corruption that helps), and RCRE >= |CRE| over the sam
 from __future__ import annotations
 
 import math
-
-from ..sample import Flow, Mask
-from .epe import epe_map, error_sum
 
 
 def cre(epe: float | None, epe_clean: float | None) -> float | None:
@@ -36,21 +33,3 @@ def crer(cre: float | None, epe_clean: float | None) -> float | None:
         return None
     ratio = cre / epe_clean
     return ratio if math.isfinite(ratio) else None
-
-
-def rcre(flow: Flow, clean_flow: Flow, valid: Mask | None = None) -> float | None:
-    """Relative Corruption Robustness Error in pixels: mean |flow - clean_flow| of one image.
-
-    Args:
-        flow, clean_flow: float32 (H, W, 2), the model's flow on the corrupted and on the clean frames.
-        valid: bool (H, W), the pixels to average over; all of them by default. The benchmarks pass the pixels with
-            ground truth if there are any, as the reference code does.
-
-    Returns:
-        None if no pixel is left. Pixels where either flow is not finite are not counted.
-
-    >>> import numpy as np
-    >>> rcre(np.full((2, 2, 2), [3, 4], np.float32), np.zeros((2, 2, 2), np.float32))
-    5.0
-    """
-    return error_sum(epe_map(flow, clean_flow), valid).mean

@@ -15,7 +15,7 @@ from numba import types
 
 from ..compile_late import njit_late
 from ..sample import Flow
-from .epe import ERRORS_TYPE, FLOW_TYPE, dense, flow_array, flow_pair
+from .error_maps import ERRORS_TYPE, FLOW_TYPE, dense, flow_array, flow_pair
 from .outliers import WAUC_UNIT, is_fl_outlier, wauc_points
 from .regions import LABELS, LABELS_TYPE, MEMBERS, OUTSIDE, Regions
 

@@ -29,7 +29,7 @@ import polars as pl
 
 from ..errors import DataError
 from ..sample import Flow, Sample
-from .epe import flow_array
+from .error_maps import flow_array
 from .regions import REGIONS, Regions
 from .row_sums import row_sums
 

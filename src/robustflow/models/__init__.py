@@ -4,8 +4,18 @@ from __future__ import annotations
 
 from .base import ClipModel, FlowLookup, FlowModel
 from .construct import FunctionModel
-from .loading import ModelSpec, load_model
+from .loading import ModelSpec, list_models, load_model
 from .registry import MODELS
 from .window import Window
 
-__all__ = ["MODELS", "ClipModel", "FlowLookup", "FlowModel", "FunctionModel", "ModelSpec", "Window", "load_model"]
+__all__ = [
+    "MODELS",
+    "ClipModel",
+    "FlowLookup",
+    "FlowModel",
+    "FunctionModel",
+    "ModelSpec",
+    "Window",
+    "list_models",
+    "load_model",
+]

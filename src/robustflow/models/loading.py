@@ -25,6 +25,15 @@ TORCH_OPTIONS = (
 """Options of `TorchModel` that the command line accepts for a `module:factory` of a plain PyTorch module."""
 
 
+def list_models() -> list[str]:
+    """Return the registered names that `load_model` knows, those of installed packages included; `ptlflow:NAME` is not.
+
+    >>> "dis" in list_models()
+    True
+    """
+    return list(MODELS.names())
+
+
 def load_model(name: str, **options: Any) -> AnyModel:
     """Load a model.
 

@@ -20,7 +20,7 @@ from PIL import Image
 from ..images.error_colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours
 from ..images.flow_colours import flow_colours, flow_radius
 from ..images.sparse import thickened
-from ..metrics.epe import epe_map
+from ..metrics.error_maps import epe_map
 from ..sample import Flow, Frame, Sample
 from ..text import name_text
 

@@ -16,7 +16,7 @@ from skimage import data
 from robustflow import load_model
 from robustflow.datasets import load_dataset
 from robustflow.errors import ModelError, UsageError
-from robustflow.metrics.epe import mean_epe
+from robustflow.metrics import epe
 from robustflow.models.dis.operating_point import OPERATING_POINTS
 
 SHIFTS = [(0.5, -0.25), (3.3, 2.7), (-7.5, 4.4), (12.4, -9.8), (-19.6, 3.2)]
@@ -203,7 +203,7 @@ def test_on_real_pairs_the_error_is_below_opencvs_at_the_same_operating_point(sh
         for sample in map(samples.load, samples.keys()):
             grey = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in sample.frames]
             flow = load_model("dis_rgb", operating_point=number).predict(*sample.frames)
-            ours.append(mean_epe(flow, sample.flow, sample.valid))
+            ours.append(epe(flow, sample.flow, sample.valid))
             flow = opencv_at(OPERATING_POINTS[number], grey[0].shape).calc(*grey, None)
-            theirs.append(mean_epe(flow, sample.flow, sample.valid))
+            theirs.append(epe(flow, sample.flow, sample.valid))
     assert np.mean(ours) < np.mean(theirs)

@@ -14,7 +14,7 @@ from ...images.error_colours import error_colours
 from ...images.flow_colours import flow_colours, flow_radius
 from ...images.io import shrunk
 from ...images.sparse import thickened
-from ...metrics.epe import epe_map
+from ...metrics.error_maps import epe_map
 from ...sample import Flow, Frame, Sample
 
 _COLUMN_IN = 2.0

@@ -1,4 +1,4 @@
-"""End-point error: the Euclidean distance between two flow fields, and its sums.
+"""Maps of end-point errors, the Euclidean distance between two flow fields, and their sums.
 
 The pattern of every metric here: a pure function makes *sums* of one image, a mean is sum / count, and averages over
 images are made later from the sums (`aggregate`). All arithmetic is float64 on the float32 flows; a sum adds the pixels
@@ -89,19 +89,6 @@ def error_sum(errors: Errors, mask: Mask | None = None) -> ErrorSum:
     inside = np.ones(errors.shape, np.bool_) if mask is None else mask
     n, total = _masked_sum(*dense(errors, inside))
     return ErrorSum(int(n), float(total))
-
-
-def mean_epe(flow: Flow, ground_truth: Flow, valid: Mask | None = None) -> float | None:
-    """Mean end-point error in pixels over the valid pixels of one image; None if there are none.
-
-    Pixels with a non-finite flow are left out of both the sum and the count: look for them with `np.isfinite`, as the
-    runner does, before trusting the number.
-
-    >>> import numpy as np
-    >>> mean_epe(np.full((2, 2, 2), 3, np.float32), np.full((2, 2, 2), [0, -1], np.float32))
-    5.0
-    """
-    return error_sum(epe_map(flow, ground_truth), valid).mean
 
 
 def flow_array(flow: Flow) -> Flow:

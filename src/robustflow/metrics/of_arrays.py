@@ -1,0 +1,91 @@
+"""EPE, Fl-all and RCRE of plain arrays, one image at a time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import DataError
+from ..sample import Flow, Mask
+from .error_maps import epe_map, error_sum, magnitude_map
+from .outliers import FL_PIXELS, FL_SHARE
+
+
+def epe(flow: Any, truth: Any, valid: Any = None) -> float | None:
+    """Return the mean end-point error of one image, in pixels.
+
+    Args:
+        flow, truth: predicted and true flow, pixels, (H, W, 2) arrays or tensors of any floating dtype.
+        valid: (H, W) mask of the pixels to average over, bool or numbers of which 0 is False; all pixels by default.
+
+    Returns:
+        None if no pixel is left. Pixels where either flow is not finite are left out of both sum and count: look for
+        them with `np.isfinite` before trusting the number, as `evaluate` does.
+
+    Raises:
+        DataError: a wrong dtype or shape, or shapes that differ.
+
+    >>> import numpy as np
+    >>> epe(np.full((2, 2, 2), 3.0), np.full((2, 2, 2), [0.0, -1.0]))
+    5.0
+    """
+    errors = epe_map(_flow(flow), _flow(truth))
+    return error_sum(errors, _mask(valid, errors)).mean
+
+
+def fl_all(flow: Any, truth: Any, valid: Any = None) -> float | None:
+    """Return the share of outliers of one image in percent: error > 3 px and > 5 % of the true flow's length.
+
+    Arguments, result without pixels, and errors are those of `epe`; the definition is that of KITTI 2015.
+
+    >>> import numpy as np
+    >>> truth = np.zeros((1, 4, 2))
+    >>> fl_all(truth + [[[0, 0], [0, 3], [3, 4], [6, 8]]], truth)
+    50.0
+    """
+    true = _flow(truth)
+    errors = epe_map(_flow(flow), true)
+    outliers = (errors > FL_PIXELS) & (errors > FL_SHARE * magnitude_map(true))
+    share = error_sum(np.where(np.isnan(errors), np.nan, outliers), _mask(valid, errors)).mean
+    return None if share is None else 100.0 * share
+
+
+def rcre(flow: Any, clean_flow: Any, valid: Any = None) -> float | None:
+    """Return the Relative Corruption Robustness Error of one image, in pixels: the mean of |flow - clean_flow|.
+
+    Args:
+        flow, clean_flow: a model's flow on the corrupted and on the clean frames, as for `epe`.
+        valid: as for `epe`. The benchmarks pass the pixels with ground truth where there are any, as the reference
+            code does.
+
+    >>> import numpy as np
+    >>> rcre(np.full((2, 2, 2), [3.0, 4.0]), np.zeros((2, 2, 2)))
+    5.0
+    """
+    return epe(flow, clean_flow, valid)
+
+
+def _numpy(array: Any) -> npt.NDArray[Any]:
+    """An array, or a tensor of any device."""
+    return np.asarray(array.detach().cpu() if hasattr(array, "detach") else array)
+
+
+def _flow(array: Any) -> Flow:
+    values = _numpy(array)
+    if not np.issubdtype(values.dtype, np.floating) or values.ndim != 3 or values.shape[2] != 2:
+        raise DataError(
+            f"a flow must be a floating-point array of shape (H, W, 2), not {values.dtype} {values.shape}; "
+            "a tensor (2, H, W) becomes one by permute(1, 2, 0)"
+        )
+    return values.astype(np.float32)
+
+
+def _mask(valid: Any, errors: npt.NDArray[np.float64]) -> Mask | None:
+    if valid is None:
+        return None
+    mask = _numpy(valid) != 0
+    if mask.shape != errors.shape:
+        raise DataError(f"the mask has the shape {mask.shape}, the flow {errors.shape}; both must be (H, W)")
+    return mask

@@ -1,0 +1,65 @@
+"""Metrics of plain arrays: against plain loops, whatever the library, dtype and mask they come in."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+import robustflow as rf
+from robustflow.errors import DataError
+
+from . import naive
+from .strategies import cases
+
+
+@given(cases(finite=False))
+def test_epe_and_fl_all_of_any_arrays_equal_plain_loops(case):
+    flow, _, sample = case
+    pixels = [p for p in naive.pixels(flow) if sample.valid[p]]
+    errors = {p: naive.distance(flow[p], sample.flow[p]) for p in pixels}
+    known = {p: error for p, error in errors.items() if error is not None}
+    if not known:
+        assert rf.metrics.epe(flow, sample.flow, sample.valid) is None
+        assert rf.metrics.fl_all(flow, sample.flow, sample.valid) is None
+        return
+    mean = math.fsum(known.values()) / len(known)
+    assert rf.metrics.epe(flow, sample.flow, sample.valid) == pytest.approx(mean, rel=1e-12)
+    outliers = sum(naive.is_fl(error, sample.flow[p]) for p, error in known.items())
+    assert rf.metrics.fl_all(flow, sample.flow, sample.valid) == pytest.approx(100 * outliers / len(known))
+
+
+def test_doubles_strides_and_numeric_masks_give_the_same_numbers():
+    rng = np.random.default_rng(0)
+    flow, truth = (rng.normal(0, 20, (7, 9, 2)).astype(np.float32) for _ in range(2))
+    valid = rng.random((7, 9)) < 0.6
+    wanted = rf.metrics.epe(flow, truth, valid), rf.metrics.fl_all(flow, truth, valid)
+    for convert in (np.float64, np.asfortranarray, lambda array: np.repeat(array, 2, axis=1)[:, ::2]):
+        for mask in (valid.astype(np.uint8) * 255, valid.astype(float)):
+            got = rf.metrics.epe(convert(flow), convert(truth), mask), rf.metrics.fl_all(convert(flow), truth, mask)
+            assert got == wanted
+
+
+@pytest.mark.torch
+def test_tensors_with_gradients_give_the_same_numbers():
+    torch = pytest.importorskip("torch", reason="needs the torch extra")
+    rng = np.random.default_rng(1)
+    flow, truth = (rng.normal(0, 20, (7, 9, 2)).astype(np.float32) for _ in range(2))
+    tensors = torch.tensor(flow, requires_grad=True), torch.tensor(truth)
+    valid = torch.tensor(rng.random((7, 9)) < 0.6)
+    assert rf.metrics.epe(*tensors, valid) == rf.metrics.epe(flow, truth, valid.numpy())
+    assert rf.metrics.rcre(*tensors) == rf.metrics.rcre(flow, truth)
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((2, 3, 4)), np.zeros((3, 4, 2), int), np.zeros((1, 3, 4, 2)), [1.0]])
+def test_what_is_no_flow_is_one_error_that_says_how_to_convert(wrong):
+    with pytest.raises(DataError, match=r"floating-point array of shape \(H, W, 2\).*permute"):
+        rf.metrics.epe(wrong, np.zeros((3, 4, 2)))
+
+
+def test_masks_of_another_size_are_refused():
+    flow = np.zeros((3, 4, 2), np.float32)
+    with pytest.raises(DataError, match=r"mask has the shape \(4, 3\)"):
+        rf.metrics.epe(flow, flow, np.ones((4, 3), bool))
