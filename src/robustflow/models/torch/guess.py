@@ -1,4 +1,5 @@
-"""The input that an undeclared network expects, determined by trying the common conventions on shifted textures."""
+"""The input that a network expects, tried on shifted textures: an undeclared convention is determined, a declared one
+is checked."""
 
 from __future__ import annotations
 
@@ -12,12 +13,13 @@ import torch
 from torch import Tensor, nn
 
 from ...errors import ModelError
+from ...sample import Flow
 from ..input_convention import ORDERS, SCALINGS, named_convention
 from ..signature import flow_layout
-from .fit import fitted_images
+from .fit import fitted_images, unfitted_flow
 from .module_net import MODULE_LAYOUTS, ModuleNet, chosen_output, outputs_of
 from .reproducible import reproducible
-from .shifted import SHIFTS, ShiftedPair, shifted_pair
+from .shifted import SHIFTS, Reading, ShiftedPair, reading_of, shifted_pair
 
 LAST_OUTPUT = -1
 _FIRST_ROUND = 2
@@ -25,8 +27,16 @@ _FIRST_ROUND = 2
 _FAR = 2.0
 _CLEAR = 0.9
 """The best is clearly better if its error is below this fraction of the next one's, and it is better on every pair."""
+_WRONG = 0.5
+"""A declared convention is wrong if another one is better on every pair and its error is below this fraction."""
+_SURE = 0.05
+"""A declared convention is right, without comparing it, if its error is below this fraction of that of zero flow."""
+_WELL = 0.1
+"""A declared convention is worth a warning if its error is above this fraction of that of zero flow."""
 _SEES = 0.5
 """A network measures motion at all if its error is below this fraction of that of zero flow."""
+_ZERO = float(np.mean([np.hypot(*shift) for shift in SHIFTS]))
+_MOST_NAMED = 4
 
 
 @dataclass(frozen=True)
@@ -56,76 +66,168 @@ class Declared:
         >>> Declared("0-1", "rgb", "pair", -1).describe()
         'scaling=0-1, order=rgb, layout=pair, output=-1'
         """
+        return ", ".join(f"{key}={value}" for key, value in self._given().items())
+
+    def line(self) -> str:
+        """The line of code, and the options of the command line, that declare it.
+
+        >>> Declared("0-1", "rgb", output=-1).line()
+        "robustflow.TorchModel(net, scaling='0-1', order='rgb') or -O scaling=0-1 -O order=rgb"
+        """
+        given = {key: value for key, value in self._given().items() if (key, value) != ("output", LAST_OUTPUT)}
+        code = ", ".join(f"{key}={value!r}" for key, value in given.items())
+        return f"robustflow.TorchModel(net, {code}) or {' '.join(f'-O {key}={value}' for key, value in given.items())}"
+
+    def _given(self) -> dict[str, str | int]:
         fields = {"scaling": self.scaling, "order": self.order, "layout": self.layout, "output": self.output}
-        return ", ".join(f"{key}={value}" for key, value in fields.items() if value is not None)
+        return {key: value for key, value in fields.items() if value is not None}
 
 
 @dataclass
 class _TriedConvention:
     way: Declared
     errors: list[float]
+    vectors: list[tuple[float, float]]
 
     @property
     def mean(self) -> float:
         return float(np.mean(self.errors))
 
-    def clearly_beats(self, other: _TriedConvention) -> bool:
-        every = all(mine < theirs for mine, theirs in zip(self.errors, other.errors, strict=True))
-        return every and self.mean <= _CLEAR * other.mean
+    @property
+    def sees(self) -> bool:
+        return self.mean <= _SEES * _ZERO
+
+    @property
+    def reading(self) -> Reading:
+        return reading_of(self.vectors)
+
+    def clearly_beats(self, other: _TriedConvention, factor: float = _CLEAR) -> bool:
+        every = all(mine < theirs for mine, theirs in zip(self.errors, other.errors, strict=False))
+        return every and self.mean <= factor * float(np.mean(other.errors[: len(self.errors)]))
 
 
 def complete(
-    module: nn.Module, call: Callable[[list[Any]], Any], declared: Declared, device: torch.device, threads: int = 1
+    module: nn.Module,
+    call: Callable[[list[Any]], Any],
+    declared: Declared,
+    multiple: int,
+    device: torch.device,
+    threads: int = 1,
 ) -> tuple[Declared, str]:
-    """The declared convention, completed by what works best for the network.
+    """The declared convention, checked, and completed by what works best for the network.
 
     Args:
         module: in evaluation mode, on `device`.
         call: calls it with its list of inputs.
         declared: what the user declared.
+        multiple: of height and width that it needs.
         device: where it is run.
         threads: of the CPU.
 
     Returns:
-        The complete convention; and the evidence in words, "" if everything was declared or only one convention works.
+        The complete convention; and a sentence for a warning, "" if there is nothing to say.
 
     Raises:
-        ModelError: no convention works, or none is clearly best.
+        ModelError: no convention works, none is clearly best, or the declared one is wrong.
     """
     with torch.inference_mode(), reproducible(threads):
-        trial = _Trial(module, call, device)
+        trial = _Trial(module, call, device, multiple)
         layouts = trial.working_layouts(declared)
         if declared.complete:
-            return replace(declared, layout=layouts[0]), ""
+            return _checked(trial, replace(declared, layout=layouts[0]))
         ways = product(
             SCALINGS if declared.scaling is None else [declared.scaling],
             ORDERS if declared.order is None else [declared.order],
             layouts,
         )
         ranked = trial.rank([Declared(*way, declared.output) for way in ways])
-    best, zero = ranked[0], float(np.mean([np.hypot(*shift) for shift in SHIFTS]))
-    if best.mean > _SEES * zero:
+    best = ranked[0]
+    if not best.sees:
+        _refuse_misread(next((one for one in ranked if one.reading.misread), best))
         raise ModelError(
             f"cannot tell what input this network expects: on shifted textures the best of {len(ranked)} conventions "
-            f"is off by {best.mean:.2g} px, and zero flow by {zero:.2g} px, as for networks without trained weights; "
-            f"{_ASK}"
+            f"is off by {best.mean:.2g} px, and zero flow by {_ZERO:.2g} px, as for networks without trained weights; "
+            f"declare it, for example with {Declared('0-1', 'rgb').line()}"
         )
     rival = next((other for other in ranked[1:] if not best.clearly_beats(other)), None)
     if rival is not None:
         raise ModelError(
-            f"cannot tell what input this network expects: on shifted textures {best.way.describe()} "
-            f"({best.mean:.3g} px) is not clearly better than {rival.way.describe()} ({rival.mean:.3g} px); {_ASK}"
+            "cannot tell what input this network expects, because several conventions fit shifted textures about "
+            f"equally well; best first: {_named(ranked)}; declare the one it was trained with, the first with "
+            f"{best.way.line()}"
         )
     following = f", the next best by {ranked[1].mean:.2g} px" if len(ranked) > 1 else ""
-    return best.way, f"on shifted textures it is off by {best.mean:.2g} px{following}"
+    return best.way, (
+        f"it does not declare what input it expects; using {best.way.describe()}, because on shifted textures it is "
+        f"off by {best.mean:.2g} px{following}. Declare it to be sure: {best.way.line()}"
+    )
 
 
-_ASK = "declare it: robustflow.TorchModel(net, scaling='0-1', order='rgb'), or -O scaling=0-1 -O order=rgb"
+def _checked(trial: _Trial, declared: Declared) -> tuple[Declared, str]:
+    """A convention of which only the output may be open, and what speaks against it."""
+    try:
+        outputs = trial.outputs(declared)
+    except ModelError as error:
+        return declared, f"could not be checked on shifted textures: {error}"
+    named = [one for one in outputs if one.way.output == declared.output]
+    mine = named[0] if named else trial.preferred(outputs)[0]
+    remark = ""
+    if declared.output is None and mine is not outputs[-1]:
+        declared = mine.way
+        remark = (
+            f"output {mine.way.output} is used, because on shifted textures it is off by {mine.mean:.2g} px and the "
+            f"last by {outputs[-1].mean:.2g} px. Declare it to be sure: {mine.way.line()}"
+        )
+    if mine.mean <= _SURE * _ZERO:
+        return declared, remark
+    _refuse_misread(mine)
+    ways = [replace(declared, scaling=scaling, order=order) for scaling, order in product(SCALINGS, ORDERS)]
+    others = [*outputs, *trial.rank([way for way in ways if way != declared], better_than=mine)]
+    others = sorted((one for one in others if one.sees), key=lambda one: one.mean)
+    better = [one for one in others if one.clearly_beats(mine, _WRONG)]
+    if better:
+        says = (
+            f"on shifted textures the declared {mine.way.describe()} is off by {mine.mean:.2g} px, and zero flow by "
+            f"{_ZERO:.2g} px; better, best first: {_named(better, mine)}; declare the one it was trained with, the "
+            f"first with {better[0].way.line()}"
+        )
+        if not mine.sees:
+            raise ModelError(says)
+        return declared, says
+    if mine.mean > _WELL * _ZERO:
+        like = mine.reading.describe() if mine.reading.explains else "as networks without trained weights are"
+        return declared, (
+            f"on shifted textures it is off by {mine.mean:.2g} px with {mine.way.describe()}, where zero flow is off "
+            f"by {_ZERO:.2g} px{like and f' ({like})'}, and no other convention or output is better: check the "
+            "weights, and that it returns its finest flow, (u right, v down) in pixels from frame 1 to frame 2"
+        )
+    return declared, remark
+
+
+def _refuse_misread(one: _TriedConvention) -> None:
+    if not one.sees and one.reading.misread:
+        raise ModelError(
+            f"this network measures the motion of shifted textures with {one.way.describe()}, but what it returns is "
+            f"not (u right, v down) in pixels from frame 1 to frame 2: {one.reading.describe()}; return that flow from "
+            "the module, or wrap it in one that does"
+        )
+
+
+def _named(ranked: Sequence[_TriedConvention], beside: _TriedConvention | None = None) -> str:
+    """The best conventions with their errors; layout and output only if they differ, among them or from `beside`."""
+    fitting = [one for one in ranked if one.mean <= max(_FAR * ranked[0].mean, _SURE * _ZERO)] or ranked[:1]
+    apart = [*fitting, *([beside] if beside else [])]
+    same = {field: None for field in ("layout", "output") if len({getattr(one.way, field) for one in apart}) == 1}
+    shown = [f"{replace(one.way, **same).describe()} ({one.mean:.2g} px)" for one in fitting[:_MOST_NAMED]]
+    more = len(fitting) - len(shown)
+    return "; ".join(shown) + (f" and {more} more" if more else "")
 
 
 class _Trial:
-    def __init__(self, module: nn.Module, call: Callable[[list[Any]], Any], device: torch.device) -> None:
-        self._module, self._call, self._device = module, call, device
+    def __init__(
+        self, module: nn.Module, call: Callable[[list[Any]], Any], device: torch.device, multiple: int
+    ) -> None:
+        self._module, self._call, self._device, self._multiple = module, call, device, multiple
         self._pairs: list[ShiftedPair] = [shifted_pair(i) for i in range(len(SHIFTS))]
 
     def working_layouts(self, declared: Declared) -> list[str]:
@@ -136,7 +238,7 @@ class _Trial:
         for layout in MODULE_LAYOUTS:
             way = Declared(declared.scaling or "0-1", declared.order or "rgb", layout, declared.output)
             try:
-                self._errors(way, self._pairs[0])
+                self._flows(way, self._pairs[0])
                 working.append(layout)
             except ModelError as error:
                 failures.append(f"{layout}: {error}")
@@ -144,21 +246,36 @@ class _Trial:
             raise ModelError(f"the network accepts a pair in none of the common ways ({failures[0]}); wrap it in one")
         return working
 
-    def rank(self, ways: Sequence[Declared]) -> list[_TriedConvention]:
-        """Those not dropped after the first pairs, with their errors on every pair, the best first."""
+    def rank(self, ways: Sequence[Declared], better_than: _TriedConvention | None = None) -> list[_TriedConvention]:
+        """Those not dropped after the first pairs, with their errors on every pair, the best first.
+
+        Args:
+            ways: conventions; those far behind the best are dropped.
+            better_than: those that do not seem much better than this one are dropped, too.
+        """
         candidates: dict[Declared, _TriedConvention] = {}
         for number, pair in enumerate(self._pairs):
             if number == _FIRST_ROUND and candidates:
                 limit = _FAR * min(one.mean for one in candidates.values()) + 0.01
-                kept = {(way.scaling, way.order, way.layout) for way, one in candidates.items() if one.mean <= limit}
+                kept = {
+                    (way.scaling, way.order, way.layout)
+                    for way, one in candidates.items()
+                    if one.mean <= limit and (better_than is None or one.clearly_beats(better_than, _WRONG))
+                }
                 ways = [way for way in ways if (way.scaling, way.order, way.layout) in kept]
             for way in ways:
-                for completed, error in self._errors(way, pair).items():
-                    candidates.setdefault(completed, _TriedConvention(completed, [])).errors.append(error)
+                self._try(way, pair, candidates)
         whole = [one for one in candidates.values() if len(one.errors) == len(self._pairs)]
-        return sorted(self._last_unless_clear(whole), key=lambda one: one.mean)
+        return sorted(self.preferred(whole), key=lambda one: one.mean)
 
-    def _last_unless_clear(self, candidates: list[_TriedConvention]) -> list[_TriedConvention]:
+    def outputs(self, declared: Declared) -> list[_TriedConvention]:
+        """Every output of a convention that is a flow; the declared one, if there is one, first."""
+        candidates: dict[Declared, _TriedConvention] = {}
+        for pair in self._pairs:
+            self._try(declared, pair, candidates, every=True)
+        return list(candidates.values())
+
+    def preferred(self, candidates: list[_TriedConvention]) -> list[_TriedConvention]:
         """One of the outputs under a convention: the last, unless another is clearly better."""
         chosen: dict[tuple[Any, ...], _TriedConvention] = {}
         for one in candidates:
@@ -168,21 +285,32 @@ class _Trial:
                 chosen[key] = one
         return list(chosen.values())
 
-    def _errors(self, way: Declared, pair: ShiftedPair) -> dict[Declared, float]:
-        """The error of every output that is a flow."""
+    def _try(
+        self, way: Declared, pair: ShiftedPair, candidates: dict[Declared, _TriedConvention], every: bool = False
+    ) -> None:
+        for completed, flow in self._flows(way, pair, every).items():
+            one = candidates.setdefault(completed, _TriedConvention(completed, [], []))
+            one.errors.append(pair.error(flow))
+            one.vectors.append(pair.vector(flow))
+
+    def _flows(self, way: Declared, pair: ShiftedPair, every: bool = False) -> dict[Declared, Flow]:
+        """The declared output, or (`every`, or if none is declared) each that is a flow, float32 (H, W, 2)."""
         net = ModuleNet(self._module, self._call, way.layout or "pair", None, batched=True)
-        convention = named_convention(order=way.order or "rgb", scaling=way.scaling or "0-1", multiple=1)
+        convention = named_convention(order=way.order or "rgb", scaling=way.scaling or "0-1", multiple=self._multiple)
         images = [fitted_images([frame], convention, self._device) for frame in pair[:2]]
         returned = net.returned(*images)
-        errors: dict[Declared, float] = {}
-        for output in [way.output] if way.output is not None else _outputs(returned):
-            flow = _as_flow(returned, output, pair.frame1.shape[:2])
+        flows: dict[Declared, Flow] = {}
+        declared = [] if way.output is None else [way.output]
+        for output in dict.fromkeys([*declared, *(_outputs(returned) if every or not declared else [])]):
+            flow = _as_flow(returned, output, images[0].shape[2:])
             if flow is not None:
-                errors[replace(way, output=output)] = pair.error(flow)
-        if not errors:
+                height, width = pair.frame1.shape[:2]
+                fitted = unfitted_flow(flow, convention, height, width)[0].permute(1, 2, 0)
+                flows[replace(way, output=output)] = fitted.float().cpu().numpy()
+        if not flows:
             what = ", ".join(outputs_of(returned)) or type(returned).__name__
             raise ModelError(f"none of the outputs ({what[:200]}) is a flow (N, 2, H, W) at the frames' resolution")
-        return errors
+        return flows
 
 
 def _outputs(returned: Any) -> list[str | int]:
@@ -191,13 +319,13 @@ def _outputs(returned: Any) -> list[str | int]:
     return [0, LAST_OUTPUT] if isinstance(returned, list | tuple) and len(returned) > 1 else [LAST_OUTPUT]
 
 
-def _as_flow(returned: Any, output: str | int, size: tuple[int, ...]) -> Any:
-    """Float32 (H, W, 2), or None for what is not a flow of this size."""
+def _as_flow(returned: Any, output: str | int, size: Sequence[int]) -> Tensor | None:
+    """(1, 2, H, W), or None for what is not a flow of this size."""
     try:
-        flow: Tensor = chosen_output(returned, output)
+        flow = chosen_output(returned, output)
         if flow.ndim == 5 and flow.shape[1] == 1:
             flow = flow[:, 0]
         channels_last = flow_layout(flow.shape, 1, size[0], size[1]) == "nhwc"
     except ModelError:
         return None
-    return (flow[0] if channels_last else flow[0].permute(1, 2, 0)).float().cpu().numpy()
+    return flow.permute(0, 3, 1, 2) if channels_last else flow

@@ -34,10 +34,10 @@ MULTIPLE = 8
 class TorchModel(NetworkModel):
     """A PyTorch module as a flow model. Satisfies `FlowModel`.
 
-    State the input that the network was trained on; what is left out is looked up (torchvision, ptlflow), or determined
-    by trying the common conventions on shifted textures. A convention is used only if it is clearly best, and a warning
-    says which; for a network without trained weights nothing can be determined, so it must be declared. The convention
-    used is part of `identity`, and so of a run's manifest.
+    State the input that the network was trained on: it is checked on shifted textures. What is left out is looked up
+    (torchvision, ptlflow), or determined by trying the common conventions on these textures. A convention is used only
+    if it is clearly best, and a warning says which; for a network without trained weights nothing can be determined, so
+    it must be declared. The convention used is part of `identity`, and so of a run's manifest.
 
     Args:
         net: the module. A copy of it is put into evaluation mode and run; training of the original can continue.
@@ -57,7 +57,8 @@ class TorchModel(NetworkModel):
 
     Raises:
         UsageError: not a module, or an invalid option.
-        ModelError: no convention is clearly best, the module fails, or a checkpoint that does not fit.
+        ModelError: no convention is clearly best, the textures contradict the declared one, the module fails, or a
+            checkpoint that does not fit.
 
     >>> class Net(nn.Module):
     ...     def forward(self, image1, image2):
@@ -110,22 +111,18 @@ class TorchModel(NetworkModel):
         def call(inputs: list[Any]) -> Any:
             return module(*inputs)
 
-        evidence = ""
-        if not (declared.complete and declared.layout):
-            declared, evidence = complete(module, call, declared, find_device(device), threads)
-        if evidence:
-            warnings.warn(
-                f"{type(net).__name__} did not declare what input it expects; using {declared.describe()}, because "
-                f"{evidence}. Declare it with robustflow.TorchModel to be sure",
-                stacklevel=2,
-            )
+        multiple = known_multiple if multiple is None else multiple
+        if library is None or declared != known:  # what a library's networks expect needs no trial
+            declared, remark = complete(module, call, declared, multiple, find_device(device), threads)
+            if remark:
+                warnings.warn(f"{type(net).__name__}: {remark}", stacklevel=2)
         self.declared = declared
         self.trained_on = trained_on
         """Its training sets, by their letters in the literature; None if they are not declared."""
         convention = named_convention(
             order=declared.order or "rgb",
             scaling=declared.scaling or "0-1",
-            multiple=known_multiple if multiple is None else multiple,
+            multiple=multiple,
         )
         settings = {
             "object": kind,
