@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from ..models.torch.fit import fitted_values, unfitted_flow
 from ..models.torch.model import NetworkModel
 from ..models.torch.module_net import ModuleNet
 from ..models.torch.network import weights_seeded
+from ..models.torch.user_model import ConventionWarning
 from .corrector import Corrector
 from .data.loader import Batch
 from .losses.own import checked_loss
@@ -187,8 +189,10 @@ def load_network(
         given["iterations"] = recipe.iterations
     if not (own and str(start) == RANDOM):  # a module of the user's own has the weights that it was made with
         given["checkpoint"] = str(start)
-    with torch.random.fork_rng(devices=[]), weights_seeded(seed):
+    with torch.random.fork_rng(devices=[]), weights_seeded(seed), warnings.catch_warnings():
         torch.default_generator.manual_seed(seed)  # of a module of the user's own
+        if str(start) == RANDOM:  # which measures nothing yet
+            warnings.simplefilter("ignore", ConventionWarning)
         model = load_model(recipe.method, **given)
     while isinstance(model, TiledModel):
         model = model.model

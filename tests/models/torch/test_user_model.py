@@ -17,11 +17,15 @@ from robustflow.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.construct import as_model
 from robustflow.models.torch.shifted import SHIFTS, shifted_pair
+from robustflow.models.torch.user_model import ConventionWarning
 
 from .matcher import trained_matcher
 from .small_net import one_line
 
-pytestmark = [pytest.mark.torch, pytest.mark.filterwarnings("ignore:.*shifted textures")]
+pytestmark = [
+    pytest.mark.torch,
+    pytest.mark.filterwarnings("ignore::robustflow.models.torch.user_model.ConventionWarning"),
+]
 SOURCE = """
 import torch
 
@@ -150,7 +154,9 @@ def test_a_network_of_torchvision_needs_no_declaration():
 
 def test_the_order_of_a_trained_network_is_found_and_reported():
     net = trained_matcher()
-    with pytest.warns(UserWarning, match=r"Matcher: it does not declare .* using scaling=-1-1, order=bgr, layout=pair"):
+    with pytest.warns(
+        ConventionWarning, match=r"Matcher: it does not declare .* using scaling=-1-1, order=bgr, layout=pair"
+    ):
         model = rf.TorchModel(net, scaling="-1-1", device="cpu")
     assert model.identity()["input"]["order"] == "bgr"
     pair = shifted_pair(1000)
@@ -159,7 +165,7 @@ def test_the_order_of_a_trained_network_is_found_and_reported():
 
 @pytest.mark.slow
 def test_the_whole_convention_of_a_trained_network_is_found():
-    with pytest.warns(UserWarning, match="using scaling=-1-1, order=bgr, layout=pair, output=-1"):
+    with pytest.warns(ConventionWarning, match="using scaling=-1-1, order=bgr, layout=pair, output=-1"):
         model = rf.TorchModel(trained_matcher(), device="cpu")
     assert (model.declared.scaling, model.declared.order) == ("-1-1", "bgr")
 
@@ -315,12 +321,12 @@ def test_declaration_that_the_shifted_textures_contradict_is_refused(made, optio
 
 @pytest.mark.parametrize(("made", "options", "says"), _versions(WARNED))
 def test_declaration_that_fits_shifted_textures_badly_is_warned_about(made, options, says):
-    with pytest.warns(UserWarning, match=f"Version: .*{says}"):
+    with pytest.warns(ConventionWarning, match=f"Version: .*{says}"):
         rf.TorchModel(Version(**made), **{"scaling": "-1-1", "order": "rgb", "device": "cpu", **options})
 
 
 def test_finest_output_is_used_where_none_is_declared():
-    with pytest.warns(UserWarning, match="output fine is used"):
+    with pytest.warns(ConventionWarning, match="output fine is used"):
         model = rf.TorchModel(
             Version(lambda flows: {"fine": flows[-1], "coarse": flows[0]}), scaling="-1-1", order="rgb", device="cpu"
         )
@@ -354,7 +360,7 @@ def test_network_that_fails_on_the_textures_is_warned_about_and_kept():
                 raise ValueError("64x96 only")
             return image1[:, :2]
 
-    with pytest.warns(UserWarning, match=r"could not be checked on shifted textures: .*64x96 only"):
+    with pytest.warns(ConventionWarning, match=r"could not be checked on shifted textures: .*64x96 only"):
         model = declared(Fixed(), layout="pair")
     assert model.predict(*frames(64, 96)).shape == (64, 96, 2)
 

@@ -31,6 +31,10 @@ _KNOWN = {
 MULTIPLE = 8
 
 
+class ConventionWarning(UserWarning):
+    """What shifted textures say against the input or output that a network declares, or which one was determined."""
+
+
 class TorchModel(NetworkModel):
     """A PyTorch module as a flow model. Satisfies `FlowModel`.
 
@@ -115,7 +119,7 @@ class TorchModel(NetworkModel):
         if library is None or declared != known:  # what a library's networks expect needs no trial
             declared, remark = complete(module, call, declared, multiple, find_device(device), threads)
             if remark:
-                warnings.warn(f"{type(net).__name__}: {remark}", stacklevel=2)
+                warnings.warn(f"{type(net).__name__}: {remark}", ConventionWarning, stacklevel=2)
         self.declared = declared
         self.trained_on = trained_on
         """Its training sets, by their letters in the literature; None if they are not declared."""
