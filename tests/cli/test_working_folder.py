@@ -3,6 +3,8 @@ started there."""
 
 from __future__ import annotations
 
+import os
+import re
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
@@ -11,6 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
+from robustflow import compiled
+from robustflow.errors import UsageError
 
 from ..app.launch import running_app
 
@@ -150,6 +155,78 @@ def test_a_module_of_the_working_folder_that_an_installed_one_hides_is_named(pla
     assert done.returncode != 0
     assert "glob.py" in done.stderr
     assert "rename" in done.stderr
+
+
+def test_numba_reads_no_settings_from_the_working_folder(tmp_path):
+    pytest.importorskip("yaml")
+    stranger = tmp_path / "stranger"
+    (tmp_path / ".numba_config.yaml").write_text(f"cache_dir: {stranger}\ndisable_jit: 1\n")
+    script = (
+        "from robustflow.compiled import njit\nimport numba\n"
+        "from robustflow.random.rng import Rng\nRng.of('a').uniforms(3)\n"
+        "print(repr(numba.config.CACHE_DIR), numba.config.DISABLE_JIT)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("'' 0\n", "")
+    assert not stranger.exists()
+
+
+def test_compiled_code_is_not_read_where_everybody_could_replace_it(tmp_path):
+    (tmp_path / "numba").mkdir()
+    (tmp_path / "numba").chmod(0o777)
+    first = _two_clips(tmp_path / "clips") / "a" / "000.png"
+    start = [sys.executable, "-c", "from robustflow.cli.main import main; main()"]
+    done = subprocess.run(
+        [*start, "corrupt", str(first), str(first), "-c", "gaussian_noise", "-o", str(tmp_path / "out")],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "numba")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert re.fullmatch(r"robustflow: others can write to \S+/numba, .* in NUMBA_CACHE_DIR\n", done.stderr)
+
+
+@pytest.mark.parametrize("mode", [0o755, 0o1777])
+def test_compiled_code_is_read_where_only_this_user_can_replace_it(tmp_path, mode):
+    (tmp_path / "numba").mkdir()
+    (tmp_path / "numba").chmod(mode)
+    (tmp_path / "numba" / "mine").mkdir(0o755)
+    compiled._check_folder.__wrapped__(tmp_path / "numba" / "mine")
+
+
+def test_a_group_of_several_users_may_not_write_compiled_code(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiled, "_is_private", lambda group: group == os.getegid())
+    compiled._check_folder.__wrapped__(tmp_path)
+    (tmp_path / "shared").mkdir(mode=0o770)
+    (tmp_path / "shared").chmod(0o770)
+    compiled._check_folder.__wrapped__(tmp_path / "shared")
+    monkeypatch.setattr(compiled, "_is_private", lambda group: False)
+    compiled._check_folder.__wrapped__(tmp_path / "shared")  # nobody else comes as far as this
+    for parent in (tmp_path, *tmp_path.parents[:2]):
+        parent.chmod(0o711)
+    with pytest.raises(UsageError, match="others can write"):
+        compiled._check_folder.__wrapped__(tmp_path / "shared")
+
+
+@pytest.mark.parametrize("content", [b"axes.facecolor: red\nfont.size: 31\nlines.linewidth: 9\n", b"\xff\xfe broken"])
+def test_matplotlibrc_of_the_working_folder_changes_no_figure(tmp_path, content):
+    script = (
+        "import sys\nfrom hashlib import sha256\nfrom robustflow.cli.main import main\n"
+        "sys.argv = ['robustflow', '--version']\ntry:\n    main()\nexcept SystemExit:\n    pass\n"
+        "from robustflow.analysis.published.tables import published_results\n"
+        "from robustflow.report.figures import clean_against_cre, figure_bytes\n"
+        "figure = clean_against_cre(published_results().filter(benchmark='kitti-fc'))\n"
+        "print(sha256(figure_bytes(figure, 'svg')).hexdigest())\n"
+    )
+
+    def draw() -> tuple[str, str]:
+        done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+        return done.stdout, done.stderr
+
+    without = draw()
+    (tmp_path / "matplotlibrc").write_bytes(content)
+    assert draw() == without
 
 
 def _two_clips(folder: Path) -> Path:

@@ -10,6 +10,7 @@ import typer
 
 from .. import __version__
 from ..errors import RobustFlowError, plain_warning
+from ..figure_style import ignore_local_settings
 from ..safe_path import SAFE_PATH
 from .app import app as local_app
 from .audit import audit
@@ -101,6 +102,7 @@ app = command_line()
 def main() -> None:
     """Run the command line; a known error becomes one line on stderr and its exit code, a warning becomes one line."""
     warnings.formatwarning = plain_warning
+    ignore_local_settings()
     os.environ[SAFE_PATH] = "1"  # for every process that a library starts
     debug = "--debug" in sys.argv[1:]
     arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..figure_style import default_style
 from ..psf.psf_field import FIELDS, SIZE, PsfField
 from .glass import AIR
 from .goals import goal_of
@@ -26,6 +27,7 @@ COLOURS = ("tab:red", "tab:green", "tab:blue")
 _FIELD_POINTS = (0.0, 0.35, 0.7, 1.0)
 
 
+@default_style()
 def lens_figure(lens: Lens, field: PsfField) -> Figure:
     """One page about a lens: section with rays, spots, modulation transfer, PSFs."""
     figure = Figure(figsize=(11.0, 8.5), layout="constrained")
@@ -45,6 +47,7 @@ def lens_figure(lens: Lens, field: PsfField) -> Figure:
     return figure
 
 
+@default_style()
 def contact_sheet(fields: Sequence[tuple[str, PsfField]]) -> Figure:
     """PSFs of several lenses, one row each, from the image centre (left) to its corner (right)."""
     figure = Figure(figsize=(8.8, 1.12 * len(fields) + 0.3), layout="constrained")
@@ -55,6 +58,7 @@ def contact_sheet(fields: Sequence[tuple[str, PsfField]]) -> Figure:
     return figure
 
 
+@default_style()
 def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
     """Blur over the field, per severity and colour: our PSFs as lines, what was measured on the reference's as points.
 
@@ -86,6 +90,7 @@ def profile_figure(fields: Sequence[tuple[int, PsfField]]) -> Figure:
     return figure
 
 
+@default_style()
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure in the format of its suffix (.png, .pdf, .svg), without a date: content decides the bytes."""
     dated = {".png": "Creation Time", ".svg": "Date"}.get(path.suffix, "CreationDate")

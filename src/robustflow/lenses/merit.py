@@ -16,8 +16,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..compiled import njit
 from .trace import Array, propagate
 
 FIELDS = np.array([0.0, 0.2, 0.4, 0.6, 0.8, 1.0])

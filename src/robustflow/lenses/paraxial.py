@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from numba import njit
-
+from ..compiled import njit
 from .prescription import Lens
 
 DESIGN_WAVELENGTH = 0.55

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ..compiled import njit
 from ..errors import DataError
 from ..psf.psf_field import FIELDS, SHAPE, PsfField
 from .merit import AIM_TOLERANCE, WINDOW_RADIUS, aim, landing

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ..compiled import njit
 from .merit import AIM_TOLERANCE, GRID_X, GRID_Y, MECHANICAL_WEIGHT, aim, blur_statistics, landing
 from .paraxial import first_order
 from .prescription import PIXEL

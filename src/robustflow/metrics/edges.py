@@ -15,10 +15,9 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit, types
 from scipy.ndimage import distance_transform_edt
 
-from ..compile_late import njit_late
+from ..compiled import njit, njit_late, types
 from ..sample import Flow, Mask
 from .error_maps import ERRORS_TYPE, FLOW_TYPE, MASK_TYPE, Errors, dense, flow_array, magnitude_map
 

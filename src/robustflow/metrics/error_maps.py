@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import types
 
-from ..compile_late import njit_late
+from ..compiled import njit_late, types
 from ..errors import DataError
 from ..sample import Flow, Mask
 

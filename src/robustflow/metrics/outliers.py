@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import njit
+from ..compiled import njit
 
 FL_PIXELS = 3.0
 FL_SHARE = 0.05

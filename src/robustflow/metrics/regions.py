@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numba import types
 
+from ..compiled import types
 from ..digest import quick_digest_of_bytes
 from ..errors import DataError, unknown_name
 from ..sample import Flow, Mask, Sample

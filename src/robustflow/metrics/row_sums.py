@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import types
 
-from ..compile_late import njit_late
+from ..compiled import njit_late, types
 from ..sample import Flow
 from .error_maps import ERRORS_TYPE, FLOW_TYPE, dense, flow_array, flow_pair
 from .outliers import WAUC_UNIT, is_fl_outlier, wauc_points

@@ -11,7 +11,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from ..compiled import njit
 
 _LN2 = 0.6931471805599453
 

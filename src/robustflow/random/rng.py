@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, uint64
 
+from ..compiled import njit, uint64
 from .normal import normals_from_bits
 
 _MASK = (1 << 64) - 1

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from PIL import Image
 
+from ..figure_style import default_style
 from ..images.error_colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours
 from ..images.flow_colours import flow_colours, flow_radius
 from ..images.sparse import thickened
@@ -54,6 +55,7 @@ class Panel:
     numbers: str
 
 
+@default_style()
 def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
     """A panel as a file, the same bytes for the same panel.
 

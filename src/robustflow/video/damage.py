@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ..compiled import njit
 from ..errors import UsageError
 from .codec import Packet
 

@@ -13,8 +13,8 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ..compiled import njit
 from ..errors import UsageError
 from ..sample import Frame
 from ..threads import one_opencv_thread

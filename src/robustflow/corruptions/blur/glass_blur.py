@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ...compiled import njit
 from ...random.rng import Rng, hash64
 from ...sample import Frame
 from ..base import Corruption

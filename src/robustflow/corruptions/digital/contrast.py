@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ...compiled import njit
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ...compiled import njit
 from ...images.contiguous import contiguous
 from ...random.rng import Rng
 from ...sample import Frame

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from ...compiled import njit
 
 _STRAIGHT, _DIAGONAL, _KNIGHT = 10_000, 14_000, 21_969
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ...compiled import njit
 from ...images.contiguous import contiguous
 from ...sample import Frame
 from .borders import mirrored

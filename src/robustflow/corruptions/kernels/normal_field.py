@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ...compiled import njit
 from ...random.normal import normals_from_bits
 from ...random.rng import Rng, hash64
 

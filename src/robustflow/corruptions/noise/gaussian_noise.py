@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ...compiled import njit
 from ...random.rng import fill_bits
 from ...sample import Frame
 from ..kernels.alias import alias_table, height_bits, normal_cdf

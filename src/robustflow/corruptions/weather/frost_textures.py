@@ -10,8 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ...compiled import njit
 from ...errors import AssetError
 from ...sample import Frame
 from ..textures import GENERATED, PHOTOGRAPHS, Textures

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ...compiled import njit
 from ...images.contiguous import contiguous
 from ...random.rng import Rng
 from ...sample import Frame

@@ -16,7 +16,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from ...compiled import njit
 
 MOTION = 24
 """Numbers of a motion."""

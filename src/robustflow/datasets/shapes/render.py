@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ...compiled import njit
 from ...sample import Flow, Frame, Mask
 from .motion import backward, forward
 from .outline import depth

@@ -14,8 +14,8 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ...compiled import njit
 from ...errors import UsageError
 from ...images.io import IMAGE_SUFFIXES, read_image
 from ...layout import user_path

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from ...compiled import njit
 from ...sample import Flow
 from .patches import grid, in_search_area, search_area
 from .pyramid import Image

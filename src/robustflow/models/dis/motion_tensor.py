@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ...compiled import njit
 from ...sample import Flow
 from .pyramid import Image, slopes
 from .spline import coefficients, mirrored_once, spline_weights

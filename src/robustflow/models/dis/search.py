@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from ...compiled import njit
 from ...sample import Flow
 from .patches import from_coarser, grid, in_search_area, search_area
 from .pyramid import Image, slopes

@@ -7,9 +7,9 @@ pixels. At an eighth of the size that pull is up to 0.4 px of the full frame wit
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import spline_filter1d
 
+from ...compiled import njit
 from .pyramid import Image
 
 

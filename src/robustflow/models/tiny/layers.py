@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from ...compiled import njit
 
 Maps = npt.NDArray[np.float32]
 Weights = npt.NDArray[np.float32]

@@ -11,6 +11,7 @@ from ...analysis.labels import SETTING_LABELS
 from ...analysis.published.tables import not_discussed
 from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...errors import UsageError
+from ...figure_style import default_style
 from ...text import name_text
 from ..tables import settings_in_order
 from .canvas import KIND_COLOURS, kind_of, panel_figure, set_heading, spread_labels
@@ -26,6 +27,7 @@ _AREA = 260.0
 _LARGEST = 1000.0
 
 
+@default_style()
 def clean_against_cre(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
     """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting.
 

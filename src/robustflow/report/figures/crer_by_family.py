@@ -11,6 +11,7 @@ from ...analysis.labels import FAMILY_LABELS
 from ...analysis.results import CLEAN, SETTINGS, values_of
 from ...corruptions.names import MEMBERS
 from ...errors import UsageError
+from ...figure_style import default_style
 from ...text import name_text
 from .canvas import ORANGE, SETTING_COLOURS, new_figure
 from .marks import Mark, MarkedFigure
@@ -31,6 +32,7 @@ def family_crer(results: pl.DataFrame) -> dict[tuple[str, str], dict[str, float]
     return out
 
 
+@default_style()
 def crer_by_family(results: pl.DataFrame, models: tuple[str, ...] | None = None) -> MarkedFigure:
     """Bars of CREr per family, one panel per model, one colour per setting.
 

@@ -9,11 +9,13 @@ import polars as pl
 from matplotlib.ticker import FuncFormatter
 
 from ...errors import UsageError
+from ...figure_style import default_style
 from ...text import name_text
 from .canvas import SERIES, new_figure
 from .marks import Mark, MarkedFigure
 
 
+@default_style()
 def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
     """Share of the pixels against the length of their flow, a line per table, on a logarithmic axis.
 

@@ -8,12 +8,14 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from ...analysis.effective import effective_robustness
 from ...analysis.labels import SETTING_LABELS
+from ...figure_style import default_style
 from ...text import name_text
 from .canvas import KIND_COLOURS, kind_of, panel_figure, set_heading, spread_labels
 from .files import settle_layout
 from .marks import Mark, MarkedFigure
 
 
+@default_style()
 def effective_trend(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
     """One panel per setting; a model's printed factor is its EPE divided by what the trend of the others predicts.
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from ...atomic import make_folder, write_bytes
 from ...errors import unknown_name
+from ...figure_style import default_style
 
 FILE_FORMATS = ("png", "svg", "pdf")
 
@@ -27,6 +28,7 @@ def any_script() -> Iterator[None]:
         yield
 
 
+@default_style()
 def settle_layout(figure: Figure) -> None:
     """Place the axes of a figure where its layout puts them, without drawing anything."""
     engine = figure.get_layout_engine()
@@ -35,6 +37,7 @@ def settle_layout(figure: Figure) -> None:
             engine.execute(figure)
 
 
+@default_style()
 def figure_bytes(figure: Figure, format: str, live_text: bool = False) -> bytes:
     """A figure as a file: "png" (200 dpi), "svg" or "pdf"; the same bytes for the same figure.
 

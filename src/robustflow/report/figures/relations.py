@@ -10,6 +10,7 @@ from ...analysis.published.tables import not_discussed
 from ...analysis.rank_correlation import spearman
 from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...errors import UsageError
+from ...figure_style import default_style
 from ...text import counted, name_text
 from .canvas import ORANGE, SETTING_COLOURS, new_figure
 from .marks import Mark, MarkedFigure
@@ -17,6 +18,7 @@ from .marks import Mark, MarkedFigure
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))
 
 
+@default_style()
 def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
     """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model.
 

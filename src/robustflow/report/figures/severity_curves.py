@@ -12,6 +12,7 @@ from ...analysis.labels import METRIC_LABELS, UNITS, long_label, metric_label
 from ...analysis.uncertainty import intervals
 from ...corruptions.names import ordered
 from ...errors import UsageError
+from ...figure_style import default_style
 from ...severity import SEVERITIES
 from ...text import name_text
 from .canvas import SERIES, new_figure
@@ -21,6 +22,7 @@ _COLUMNS = 5
 _LEGEND_PT = 8
 
 
+@default_style()
 def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, seed: int = 0) -> MarkedFigure:
     """A metric at each severity of each corruption, with 95 % intervals if there are enough images.
 
@@ -78,6 +80,7 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
     return figure
 
 
+@default_style()
 def share_scale(figure: MarkedFigure) -> None:
     """Give every panel of a figure the vertical scale that holds all of them."""
     limits = [axes.get_ylim() for axes in figure.axes]

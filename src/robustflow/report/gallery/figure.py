@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ...figure_style import default_style
 from ...sample import Frame
 from .pictures import CorruptedPicture
 
@@ -17,6 +18,7 @@ _CAPTION_IN = 0.26
 _DPI = 160
 
 
+@default_style()
 def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, form: str) -> bytes:
     """The clean frame and one picture per cell, in rows of three (wide frames) to five.
 

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...corruptions import Corruption, corrupt_clip
+from ...figure_style import default_style
 from ...images.error_colours import error_colours
 from ...images.flow_colours import flow_colours, flow_radius
 from ...images.io import shrunk
@@ -62,6 +63,7 @@ def strip_columns(
     return columns
 
 
+@default_style()
 def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> bytes:
     """A picture of three rows: frames, flows in one scale of colours, end-point errors; a WebP file.
 

@@ -21,6 +21,7 @@ from typing import Any
 
 from ... import errors
 from ...errors import RobustFlowError, RunError, UsageError
+from ...figure_style import ignore_local_settings
 from ...models import ModelSpec
 from ...safe_path import safe_path
 from .kept_memory import keep_freed_memory
@@ -179,6 +180,7 @@ def _no_interrupt() -> Iterator[None]:
 
 def _live(pipe: Connection, watched: Connection, life: Callable[..., None], arguments: tuple[Any, ...]) -> None:
     """The life of a child, from its start to its last message."""
+    ignore_local_settings()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with_parent, args=(watched,), daemon=True).start()

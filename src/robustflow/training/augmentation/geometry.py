@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 
+from ...compiled import njit
 from ...random.rng import Rng
 from ...sample import Flow, Frame, Mask
 

@@ -1,0 +1,129 @@
+"""Compiled functions: the only file that imports numba.
+
+numba reads settings from `.numba_config.yaml` in the working folder, before every compilation, and unpickles compiled
+code from whatever folder they name. Here it does neither.
+"""
+
+from __future__ import annotations
+
+import grp
+import os
+import pwd
+import stat
+import sys
+import warnings
+from collections.abc import Callable
+from functools import cache, wraps
+from pathlib import Path
+from typing import Any
+
+from .errors import UsageError
+
+_yaml = sys.modules.get("yaml")
+sys.modules["yaml"] = None  # type: ignore[assignment]  # numba can read no settings without it
+try:
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "A Numba config file is found")
+        import numba.core.config
+finally:
+    if _yaml is None:
+        del sys.modules["yaml"]
+    else:
+        sys.modules["yaml"] = _yaml
+numba.core.config._config_fname = os.devnull  # the user's script may have imported numba before
+numba.core.config.reload_config()
+
+types, uint64 = numba.types, numba.uint64
+
+Function = Callable[..., Any]
+
+
+def njit(*signature: Any, **options: Any) -> Callable[[Function], Any]:
+    """`numba.njit`, which compiles a function on its first call or, with a signature, now.
+
+    Args:
+        signature: the types, if they are fixed.
+        options: of `numba.njit`.
+
+    Raises:
+        UsageError: compiled code would be read from a folder that others can write.
+
+    >>> @njit(cache=True)
+    ... def twice(x):
+    ...     return 2 * x
+    >>> twice(3)
+    6
+    """
+
+    def decorate(function: Function) -> Any:
+        compiled = numba.njit(**options)(function)
+        if options.get("cache"):
+            _check_folder(Path(compiled.stats.cache_path))
+        for types_of_arguments in signature:
+            compiled.compile(types_of_arguments)
+            compiled.disable_compile()
+        return compiled
+
+    return decorate
+
+
+def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
+    """`njit` with a signature, but compile on the first call instead of at import.
+
+    A process would otherwise compile every such function of every file it imports, up to two seconds each, though most
+    are called in other processes.
+
+    Args:
+        signature: the types, in which read-only arrays are named as such. Compiled code cannot call the function.
+        options: of `numba.njit`.
+
+    >>> @njit_late("float64(float64)")
+    ... def half(x):
+    ...     return x / 2
+    >>> half(3)
+    1.5
+    """
+
+    def decorate(function: Function) -> Function:
+        compiled = cache(lambda: njit(signature, **options)(function))
+
+        @wraps(function)
+        def call(*arguments: Any) -> Any:
+            return compiled()(*arguments)
+
+        return call
+
+    return decorate
+
+
+@cache
+def _check_folder(folder: Path) -> None:
+    """Raise if somebody else could put compiled code into a folder.
+
+    Python's own compiled code is in `__pycache__`, with whatever rights that has.
+    """
+    if folder.name == "__pycache__":
+        return
+    folder, reached = folder.resolve(), True
+    for part in (*reversed(folder.parents), folder):
+        about = part.stat()
+        fixed = part != folder and about.st_mode & stat.S_ISVTX  # as in /tmp, nobody can replace what is in it
+        group = reached and about.st_mode & stat.S_IWGRP and not _is_private(about.st_gid)
+        theirs = part == folder and about.st_uid not in (0, os.geteuid())
+        if theirs or (not fixed and (group or about.st_mode & stat.S_IWOTH)):
+            raise UsageError(
+                f"others can write to {part}, from where numba would run compiled code; withdraw that right "
+                "(chmod go-w), or name a folder of yours in NUMBA_CACHE_DIR"
+            )
+        reached = reached and bool(about.st_mode & (stat.S_IXOTH | stat.S_IXGRP))
+
+
+def _is_private(group: int) -> bool:
+    """Whether a group is root's, or the one that many systems make for each user."""
+    if group == 0:
+        return True
+    try:
+        entry = grp.getgrgid(group)
+        return entry.gr_name == pwd.getpwuid(os.geteuid()).pw_name and not entry.gr_mem
+    except KeyError:
+        return False
