@@ -48,7 +48,7 @@ def njit(*signature: Any, **options: Any) -> Callable[[Function], Any]:
     Raises:
         UsageError: compiled code would be read from a folder that others can write.
 
-    >>> @njit(cache=True)
+    >>> @njit()
     ... def twice(x):
     ...     return 2 * x
     >>> twice(3)

@@ -226,14 +226,6 @@ def test_impossible_rows_are_found(run, tmp_path):
     assert "changed by more than the flow moved" in says
 
 
-def test_a_changed_identity_is_found(run, tmp_path):
-    folder = _copy(run.path, tmp_path)
-    manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["identity"]["seed"] = 99
-    (folder / "manifest.json").write_text(json.dumps(manifest))
-    assert [finding.check for finding in audit(folder).findings] == ["identity"]
-
-
 @pytest.mark.parametrize("text", ["", "[1]", "{", "[" * 100_000])
 def test_a_summary_that_is_none(run, tmp_path, text):
     folder = _copy(run.path, tmp_path)

@@ -1,12 +1,16 @@
-"""Rows of a run changed as somebody would who knows the format: the shard's digest is made to fit."""
+"""Rows and manifest of a run changed as somebody would who knows the format: the digests are made to fit."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
+from robustflow.runs.identity import identity_digest
+from robustflow.runs.manifest_file import manifest_file
 from robustflow.runs.shards import list_shards, read_shard, shard_name, write_shard
 
 Edit = Callable[[pl.DataFrame], pl.DataFrame]
@@ -18,3 +22,19 @@ def edit_rows(run: Path, edit: Edit) -> None:
         rows = edit(read_shard(path))
         path.unlink()
         write_shard(path.parent, shard_name(path), rows)
+
+
+def edit_manifest(run: Path, edit: Callable[[dict[str, Any]], Any]) -> None:
+    """Write the manifest of a run again, edited."""
+    path = run / "manifest.json"
+    edited = edit(json.loads(path.read_text()))
+    path.write_text(json.dumps(fitting(edited)))
+
+
+def fitting(manifest: Any) -> Any:
+    """A manifest, whatever its shape, with digests that fit."""
+    if not isinstance(manifest, dict):
+        return manifest
+    if isinstance(manifest.get("identity_digest"), str) and isinstance(manifest.get("identity"), dict):
+        manifest = {**manifest, "identity_digest": identity_digest(manifest["identity"])}
+    return manifest_file(manifest)

@@ -21,6 +21,8 @@ from robustflow.runs.shards import list_shards, read_shard, write_shard
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ConstantFlow
 
+from .edited import edit_manifest
+
 MODEL = ConstantFlow(1, 1)
 
 
@@ -127,8 +129,7 @@ def _edit_facts(folder):
 
 
 def _edit_manifest(folder):
-    path = folder / "manifest.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), "selection": {"corruptions": [], "severities": []}}))
+    edit_manifest(folder, lambda manifest: {**manifest, "selection": {"corruptions": [], "severities": []}})
 
 
 def _asked(run):

@@ -5,11 +5,15 @@ from __future__ import annotations
 import json
 import shutil
 
+import numpy as np
 import pytest
 
 import robustflow as rf
 from robustflow.errors import RunError
+from robustflow.runs.manifest_file import manifest_file
 from robustflow.runs.run import Run
+
+from .edited import fitting
 
 CELL = {"corruptions": ["contrast"], "severities": [1]}
 
@@ -47,7 +51,7 @@ SHAPES = {
     "a list": lambda manifest: [manifest],
     "a number": lambda manifest: 3,
     "empty": lambda manifest: {},
-    "nothing but the schema": lambda manifest: {"schema": 1},
+    "nothing but the schema": lambda manifest: {"schema": 2},
     "no identity": _without("identity"),
     "no digest": _without("identity_digest"),
     "no samples": _without("samples"),
@@ -62,6 +66,7 @@ SHAPES = {
     "corruptions null": _with(None, "selection", "corruptions"),
     "severity 9": _with([9], "selection", "severities"),
     "provenance a list": _with([1], "provenance"),
+    "no basis": _without("provenance", "basis"),
     "seconds a text": _with("long", "seconds"),
     "left out a list": _with([1], "left_out"),
     "deep": _with(json.loads("[" * 900 + "]" * 900), "identity", "protocol", "x"),
@@ -87,7 +92,7 @@ def refused(folder, before, match: str) -> None:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_another_shape_is_refused_and_kept(shape, whole, tmp_path):
     manifest = json.loads((whole / "manifest.json").read_text())
-    refused(*damaged(whole, tmp_path, json.dumps(SHAPES[shape](manifest))), r"manifest\.json is damaged")
+    refused(*damaged(whole, tmp_path, json.dumps(fitting(SHAPES[shape](manifest)))), r"manifest\.json is damaged")
 
 
 @pytest.mark.parametrize("text", ["", "{", "[" * 100_000, '{"schema": 1' + "0" * 5000 + "}", "\ufeff{}"])
@@ -98,16 +103,30 @@ def test_no_json_is_refused_and_kept(text, whole, tmp_path):
 def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
     manifest = json.loads((whole / "manifest.json").read_text())
     edited = _with(manifest["identity"]["rows"] - 1, "identity", "rows")(manifest)
-    refused(*damaged(whole, tmp_path, json.dumps(edited)), r"was written with version 2 of the rows, but .* reads 3")
+    refused(*damaged(whole, tmp_path, json.dumps(fitting(edited))), r"was written with version 2 of the rows, but .* reads 3")
 
 
-def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path):
-    """Before, the run went on and wrote its own identity over the edited one."""
-    manifest = json.loads((whole / "manifest.json").read_text())
-    folder, before = damaged(whole, tmp_path, json.dumps(_with(7, "identity", "seed")(manifest)))
-    with pytest.raises(RunError, match=r"was changed after it was written .* restore a copy"):
-        rf.evaluate("dis", output=folder, **CELL)
-    assert before == {path: path.read_bytes() for path in before}
+@pytest.mark.parametrize("fits", [False, True])
+def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path, fits):
+    manifest = _with(7, "identity", "seed")(json.loads((whole / "manifest.json").read_text()))
+    refused(*damaged(whole, tmp_path, json.dumps(manifest_file(manifest) if fits else manifest)), "was changed after")
+
+
+def test_a_flipped_bit_in_a_manifest_is_noticed(whole, tmp_path):
+    folder, _ = damaged(whole, tmp_path, "")
+    data = (whole / "manifest.json").read_bytes()
+    rng = np.random.default_rng(0)
+    for place, bit in zip(rng.integers(0, len(data), 1000), rng.integers(0, 8, 1000), strict=True):
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << bit
+        (folder / "manifest.json").write_bytes(flipped)
+        with pytest.raises(RunError, match=r"manifest\.json (is damaged|was changed|was written with run schema)"):
+            Run(folder)
+
+
+def test_an_older_schema_is_refused_with_a_sentence(whole, tmp_path):
+    folder, before = damaged(whole, tmp_path, '{"schema": 1}')
+    refused(folder, before, "was written with run schema 1, but this version reads 2")
 
 
 def test_what_is_written_is_read(whole):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 
 import numpy as np
@@ -12,7 +13,7 @@ from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
 from robustflow.runs.clean_flows import read_clean, write_clean
 from robustflow.runs.plan import Unit
-from robustflow.runs.shards import list_shards, merge_shards, shard_name
+from robustflow.runs.shards import list_shards, merge_shards, read_shard, shard_name
 from robustflow.runs.store import RunFolder
 from robustflow.sample import Sample
 
@@ -228,3 +229,60 @@ def test_a_clean_flow_that_is_not_whole_counts_as_missing(tmp_path):
         assert read_clean(path, "a") is None
     np.save(path, flow)
     assert read_clean(path, "a") is None, "nothing tells whether this one is whole"
+
+
+@pytest.mark.parametrize(
+    "name", ["rows", "clean", "examples", "manifest.json", ".lock", "rows/a.parquet", "clean/a.npy"]
+)
+def test_a_link_in_a_run_folder_is_refused_and_its_target_stays(tmp_path, name):
+    victim = tmp_path / "victim"
+    victim.mkdir()
+    (victim / "kept.npy").write_bytes(b"not ours")
+    (victim / ".partial-0123abcd-mine").write_bytes(b"not ours either")
+    before = {path: path.read_bytes() for path in victim.iterdir()}
+    folder = RunFolder(tmp_path / "run")
+    folder.lock()
+    folder.write_manifest({})
+    folder.unlock()
+    link = folder.path / name
+    if link.is_dir():
+        link.rmdir()
+    link.unlink(missing_ok=True)
+    link.symlink_to(victim if "." not in name else victim / "kept.npy")
+    for use in (folder.lock, folder.manifest):
+        with pytest.raises(RunError, match=rf"{name} is a link; .*delete it$"):
+            use()
+    assert {path: path.read_bytes() for path in victim.iterdir()} == before
+
+
+def test_a_pipe_in_a_run_folder_is_refused_instead_of_read(tmp_path):
+    folder = RunFolder(tmp_path)
+    os.mkfifo(folder.manifest_path)
+    with pytest.raises(RunError, match=r"neither a file nor a folder"):
+        folder.manifest()
+
+
+def test_a_folder_that_is_itself_reached_through_a_link_is_used(tmp_path):
+    (tmp_path / "large").mkdir()
+    (tmp_path / "run").symlink_to(tmp_path / "large")
+    folder = RunFolder(tmp_path / "run")
+    folder.lock()
+    folder.unlock()
+    assert (tmp_path / "large" / "rows").is_dir()
+
+
+def test_a_link_put_in_place_of_a_shard_after_it_was_listed_is_not_followed(folder):
+    _write(folder, "a", CLEAN, (0,))
+    (path,) = list_shards(folder.rows_folder)
+    elsewhere = path.rename(folder.path.parent / path.name)
+    path.symlink_to(elsewhere)
+    with pytest.raises(RunError, match="cannot read"):
+        read_shard(path)
+
+
+def test_other_files_beside_clean_flows_are_not_removed(folder):
+    (folder.path / "clean" / "notes.txt").write_text("mine")
+    (folder.path / "clean" / "flow.npy").write_text("mine, too")
+    write_clean(folder.clean_path("a"), np.zeros((2, 2, 2), np.float32), "a")
+    folder.keep_clean(())
+    assert sorted(path.name for path in (folder.path / "clean").iterdir()) == ["flow.npy", "notes.txt"]

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, types
 from numba.extending import intrinsic
+
+from ..compiled import njit, types
 
 BLOCK = 64
 """Rows of an image that are transformed together."""

@@ -8,12 +8,13 @@ from typing import Any
 
 import polars as pl
 
-from ..atomic import make_folder, write_bytes
+from ..atomic import make_folder, write_bytes, write_json
 from ..corruptions.api import STREAM_VERSION
 from ..errors import DataError
 from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION
 from ..runs.costs import PROFILE, parse_cost
 from ..runs.identity import identity_digest
+from ..runs.manifest_file import manifest_file
 from ..runs.plan import IDENTITY_VERSION
 from ..text import plain
 from .container import LIMITS, read_container
@@ -147,7 +148,8 @@ class Reader:
             DataError: the folder cannot be written.
         """
         make_folder(folder / "rows")
-        for name in ("manifest.json", "summary.json", PROFILE):
+        write_json(folder / "manifest.json", manifest_file(self.raw_manifest))
+        for name in ("summary.json", PROFILE):
             if name in self.entries:
                 write_bytes(folder / name, self.entries[name])
         self.frame.write_parquet(folder / "rows" / "rows.parquet")

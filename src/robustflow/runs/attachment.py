@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 from pydantic import Field, ValidationError
 
 from ..errors import RunError, first_misfit
+from ..links import not_a_link
 from ..validated import Untrusted
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
     if not path.is_file():
         return None  # reading a pipe could block
     try:
-        with open(path, "rb") as opened:
+        with open(path, "rb", opener=not_a_link) as opened:
             data = opened.read(largest)
     except OSError:
         return None

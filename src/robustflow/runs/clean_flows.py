@@ -14,6 +14,7 @@ import numpy as np
 
 from ..atomic import write_bytes
 from ..digest import digest_of_bytes
+from ..links import not_a_link
 from ..sample import Flow
 
 _DIGEST_BYTES = 16
@@ -36,7 +37,8 @@ def write_clean(path: Path, flow: Flow, made_of: str) -> None:
 def read_clean(path: Path, made_of: str) -> Flow | None:
     """A clean flow stored earlier; None unless it is intact and was computed from the same frames."""
     try:
-        data = path.read_bytes()
+        with open(path, "rb", opener=not_a_link) as file:
+            data = file.read()
     except OSError:
         return None
     array, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]

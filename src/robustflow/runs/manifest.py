@@ -26,11 +26,6 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     """
     identity = plan.identity()
     old = folder.manifest() or {}
-    if old and identity_digest(old["identity"]) != old["identity_digest"]:
-        raise RunError(
-            f"{folder.manifest_path} was changed after it was written (its identity does not match the digest beside "
-            "it); restore a copy of it, or choose another folder with --output"
-        )
     if old and old["identity_digest"] != identity_digest(identity) and folder.rows().is_empty():
         folder.keep_clean(())
         old = {}
@@ -43,7 +38,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
     samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
     digests = file_digests(files)
     _compare_with_list(plan, files, digests)
-    before, before_digests = old.get("samples", {}), old.get("file_digests", {})  # older manifests have no digests
+    before, before_digests = old.get("samples", {}), old.get("file_digests", {})
     changed = sorted(
         key
         for key in samples

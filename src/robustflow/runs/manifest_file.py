@@ -1,4 +1,5 @@
-"""Read `manifest.json`: it must have this schema and the shape that a run writes, or it is refused."""
+"""`manifest.json`: written with a digest of its content; read only if it has this schema, the shape that a run writes,
+and the content that was written."""
 
 from __future__ import annotations
 
@@ -8,12 +9,16 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from ..digest import digest_of_value
 from ..errors import RunError, first_misfit
+from ..links import not_a_link
 from ..metrics.rows import ROW_SCHEMA_VERSION
 from ..text import plain
+from .identity import identity_digest
 
-MANIFEST_SCHEMA = 1
+MANIFEST_SCHEMA = 2
 _DEEPEST = 60
+_OF_THE_FILE = ("schema", "digest")
 
 _Severity = Annotated[int, Field(ge=0, le=5)]
 
@@ -42,6 +47,9 @@ class _SelectionFields(_Shape):
 
 class _ProvenanceFields(_Shape):
     setting: str
+    trained_on: list[str] | None
+    basis: str
+    note: str = ""
 
 
 class _ManifestFields(_Shape):
@@ -49,7 +57,7 @@ class _ManifestFields(_Shape):
     identity_digest: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
     samples: dict[str, list[list[Any]]]
     selection: _SelectionFields
-    provenance: _ProvenanceFields | None = None
+    provenance: _ProvenanceFields
     left_out: dict[str, list[_Severity]] = {}
     started: str = ""
     finished: str | None = None
@@ -59,6 +67,16 @@ class _ManifestFields(_Shape):
     clips: list[dict[str, Any]] = []
 
 
+def manifest_file(content: dict[str, Any]) -> dict[str, Any]:
+    """The file for a manifest: its content with the schema and a digest of both.
+
+    >>> manifest_file({"seed": 1}) == manifest_file(manifest_file({"seed": 1}))
+    True
+    """
+    body = {"schema": MANIFEST_SCHEMA, **{name: value for name, value in content.items() if name not in _OF_THE_FILE}}
+    return {**body, "digest": digest_of_value(body, size=16)}
+
+
 def read_manifest(path: Path) -> dict[str, Any] | None:
     """The manifest in a file; None if there is no such file.
 
@@ -66,7 +84,8 @@ def read_manifest(path: Path) -> dict[str, Any] | None:
         RunError: it cannot be read, is of another schema, or has another shape. Nothing is repaired.
     """
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        with open(path, encoding="utf-8", opener=not_a_link) as file:
+            manifest = json.load(file)
     except FileNotFoundError:
         return None
     except (OSError, ValueError, RecursionError) as error:
@@ -78,13 +97,23 @@ def read_manifest(path: Path) -> dict[str, Any] | None:
         raise _damaged(path, "it is not the manifest of a run")
     if _too_deep(manifest):
         raise _damaged(path, "its parts are nested too deeply")
+    if manifest != manifest_file(manifest):
+        raise _changed(path, "its content does not match its digest")
     try:
         _ManifestFields.model_validate(manifest)
     except ValidationError as error:
         raise _damaged(path, plain(first_misfit(error), 200)) from error
+    if manifest["identity_digest"] != identity_digest(manifest["identity"]):
+        raise _changed(path, "its identity does not match the digest beside it")
     if (rows := manifest["identity"]["rows"]) != ROW_SCHEMA_VERSION:
         raise _other_version(path, f"version {rows} of the rows", ROW_SCHEMA_VERSION)
     return manifest
+
+
+def _changed(path: Path, why: str) -> RunError:
+    return RunError(
+        f"{path} was changed after it was written ({why}); restore a copy of it, or choose another folder with --output"
+    )
 
 
 def _other_version(path: Path, what: str, here: int) -> RunError:

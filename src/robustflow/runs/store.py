@@ -10,6 +10,7 @@ source.json        where model and data were on this machine
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Collection, Iterable, Sequence
@@ -22,8 +23,9 @@ from filelock import FileLock, Timeout
 from ..atomic import TEMPORARY, make_folder, write_json
 from ..digest import digest_of_bytes
 from ..errors import RunError
+from ..links import refuse_links
 from ..metrics.rows import CLEAN, ROW_KEY, rows_frame
-from .manifest_file import MANIFEST_SCHEMA, read_manifest
+from .manifest_file import manifest_file, read_manifest
 from .plan import Cell, Unit
 from .shards import (
     PACK,
@@ -41,6 +43,9 @@ _MANY_SHARDS = 64
 """Number of small shards that are merged into one."""
 _SMALL_SHARD = 2**20
 """Bytes below which a shard is merged with others: about 10,000 rows."""
+_INSIDE = ("rows", "clean", "examples")
+"""Folders in a run's folder."""
+_CLEAN_FLOW = re.compile(r"[A-Za-z0-9_-]{0,48}-[0-9a-f]{8}\.npy")
 _RETRIES = 1000
 """How often a reader lists the shards again while another process writes."""
 
@@ -65,8 +70,9 @@ class RunFolder:
         half-written.
 
         Raises:
-            RunError: another process holds it, or it cannot be written.
+            RunError: another process holds it, it cannot be written, or it holds a link.
         """
+        refuse_links(self.path, *_INSIDE)
         for folder in (self.path, self.rows_folder, self.path / "clean"):
             make_folder(folder)
         # The operating system releases such a lock; a lock that is a mere file would outlive a killed run.
@@ -82,11 +88,12 @@ class RunFolder:
                 f"cannot write {self.path}: {error.strerror or error}; choose another folder with --output"
             ) from error
         self._lock = lock
-        for path in list(self.path.rglob(f"{TEMPORARY}*")):
-            if path.is_dir():
-                shutil.rmtree(path, ignore_errors=True)
-            else:
-                path.unlink(missing_ok=True)
+        for folder in (self.path, self.rows_folder, self.path / "clean"):
+            for path in folder.glob(f"{TEMPORARY}*"):
+                if path.is_dir():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    path.unlink(missing_ok=True)
 
     def unlock(self) -> None:
         """Release the folder."""
@@ -98,13 +105,15 @@ class RunFolder:
         """The manifest, or None in a folder that has none yet.
 
         Raises:
-            RunError: it is not ours, damaged, or of another schema.
+            RunError: it is not ours, damaged, or of another schema; or the folder holds a link.
         """
+        if os.path.lexists(self.manifest_path):
+            refuse_links(self.path, *_INSIDE)
         return read_manifest(self.manifest_path)
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest atomically."""
-        write_json(self.manifest_path, {"schema": MANIFEST_SCHEMA, **manifest})
+        write_json(self.manifest_path, manifest_file(manifest))
 
     def write_rows(self, unit: Unit, rows: list[dict[str, Any]]) -> None:
         """Write one unit's rows as one shard."""
@@ -176,10 +185,10 @@ class RunFolder:
         self.keep_clean([key for key in unfinished if (key, CLEAN, 0) in cells])
 
     def keep_clean(self, keys: Iterable[str]) -> None:
-        """Remove all clean flows except those of these samples."""
+        """Remove all clean flows except those of these samples; other files stay."""
         kept = {self.clean_path(key) for key in keys}
         for path in (self.path / "clean").iterdir():
-            if path not in kept:
+            if _CLEAN_FLOW.fullmatch(path.name) and path not in kept:
                 path.unlink(missing_ok=True)
 
     def rows(self, columns: Sequence[str] | None = None, corruption: str | None = None) -> pl.DataFrame:
@@ -197,7 +206,7 @@ class RunFolder:
                 return read_shards(list_shards(self.rows_folder), columns, corruption)
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
-        raise RunError(f"{gone} is listed but missing; is it a link to a file that was removed? Delete it")
+        raise RunError(f"{gone} is listed but missing; run the command again when nothing else writes to its folder")
 
     def digest(self) -> str:
         """A hash of the shards as they are on disk: the same digest, the same rows. No row is decoded.
@@ -210,7 +219,7 @@ class RunFolder:
                 return shards_digest(list_shards(self.rows_folder))
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
-        raise RunError(f"{gone} is listed but missing; is it a link to a file that was removed? Delete it")
+        raise RunError(f"{gone} is listed but missing; run the command again when nothing else writes to its folder")
 
     def cells(self) -> set[Cell]:
         """What is already there."""

@@ -18,7 +18,6 @@ AUDIT_CHECKS = {
     "swapped": "each row belongs to its model",
     "shifted": "each value is in its column",
     "summary": "the summary follows from the rows",
-    "identity": "the run's digest follows from its identity",
     "rows": "the rows are possible measurements",
 }
 """Each check and what it asserts."""

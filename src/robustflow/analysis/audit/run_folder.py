@@ -1,4 +1,4 @@
-"""Audit a run folder: the summary against the rows, the digest against the identity, and impossible rows."""
+"""Audit a run folder: the summary against the rows, and impossible rows."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _CLOSE = 1e-9
 def audit_run(run: Run, audited: str | None = None) -> Audit:
     """Check that the contents of a run's folder follow from its rows.
 
-    `summary.json` is recomputed from the rows and compared number by number; the digest is recomputed from the
-    identity; rows are checked for impossible measurements (`row_rules.RULES`).
+    `summary.json` is recomputed from the rows and compared number by number; rows are checked for impossible
+    measurements (`row_rules.RULES`). A changed manifest is refused when the run is read.
 
     Args:
         run: to be audited.
@@ -36,16 +36,7 @@ def audit_run(run: Run, audited: str | None = None) -> Audit:
     Raises:
         RunError: a folder without a readable summary.
     """
-    from ...runs.identity import identity_digest
-
-    digest = identity_digest(run.manifest["identity"])
-    identity = []
-    if digest != run.manifest.get("identity_digest"):
-        says = (
-            f"manifest.json: the digest is {run.manifest.get('identity_digest')}, but that of its identity is {digest}"
-        )
-        identity.append(Finding(check="identity", source="manifest.json", says=says))
-    return merged_audit(audited or str(run.path), [_summary(run), ("identity", 1, identity), _rows(run.rows)])
+    return merged_audit(audited or str(run.path), [_summary(run), _rows(run.rows)])
 
 
 def _summary(run: Run) -> tuple[str, int, list[Finding]]:

@@ -1,0 +1,45 @@
+"""Folders that this program writes, and that may have come from anyone, hold no links: through one, files elsewhere
+would be read, replaced or deleted."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from pathlib import Path
+
+from .errors import RunError
+
+
+def refuse_links(folder: Path, *inside: str) -> None:
+    """Raise if a folder, or one of the folders `inside` it, holds a link, a pipe or a device. The folder itself may be
+    a link, which the user gave.
+
+    Raises:
+        RunError: it does.
+
+    >>> from tempfile import mkdtemp
+    >>> folder = Path(mkdtemp())
+    >>> (folder / "clean").symlink_to("/usr")
+    >>> refuse_links(folder, "clean")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    robustflow.errors.RunError: .../clean is a link; ...
+    """
+    for place in (folder, *(folder / name for name in inside)):
+        with suppress(FileNotFoundError, NotADirectoryError, PermissionError), os.scandir(place) as entries:
+            for entry in entries:
+                if not (entry.is_file(follow_symlinks=False) or entry.is_dir(follow_symlinks=False)):
+                    what = "a link" if entry.is_symlink() else "neither a file nor a folder"
+                    raise RunError(
+                        f"{entry.path} is {what}; what is in this folder is read, replaced and deleted, so it may "
+                        "only hold files and folders: put the file or folder itself there, or delete it"
+                    )
+
+
+def not_a_link(path: str, flags: int) -> int:
+    """Open a file unless it is a link; an `opener` for `open`.
+
+    >>> with open(__file__, opener=not_a_link) as file:
+    ...     file.read(3)
+    '\"\"\"'
+    """
+    return os.open(path, flags | os.O_NOFOLLOW, 0o666)
