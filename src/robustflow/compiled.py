@@ -25,6 +25,7 @@ try:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "A Numba config file is found")
         import numba.core.config
+        import numba.extending
 finally:
     if _yaml is None:
         del sys.modules["yaml"]
@@ -33,7 +34,7 @@ finally:
 numba.core.config._config_fname = os.devnull  # the user's script may have imported numba before
 numba.core.config.reload_config()
 
-types, uint64 = numba.types, numba.uint64
+intrinsic, types, uint64 = numba.extending.intrinsic, numba.types, numba.uint64
 
 Function = Callable[..., Any]
 

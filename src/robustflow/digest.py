@@ -36,6 +36,17 @@ def quick_digest_of_bytes(*parts: bytes | memoryview, size: int = 16) -> str:
     return digest.hexdigest(length=size)
 
 
+def quick_digest_of_file(path: Path, size: int = 16) -> str:
+    """The BLAKE3 hash of a file of any size.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    digest = blake3()
+    digest.update_mmap(path)
+    return digest.hexdigest(length=size)
+
+
 def sha256_of_file(path: Path) -> str:
     """The SHA-256 of a file of any size, as it is published beside downloads.
 

@@ -128,6 +128,19 @@ def test_a_damaged_cache_entry_is_made_again(stacks, tmp_path):
 
 
 @pytest.mark.torch
+def test_every_flipped_bit_of_a_kept_stack_is_noticed(stacks, tmp_path):
+    reference_stack.reference_field(stacks, 0.0832)
+    (kept,) = (tmp_path / "cache" / "psf").iterdir()
+    whole, rng = kept.read_bytes(), np.random.default_rng(1)
+    assert reference_stack._read_kept(kept, kept.stem) is not None
+    for place, bit in zip(rng.integers(0, len(whole), 200), rng.integers(0, 8, 200), strict=True):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << bit
+        kept.write_bytes(flipped)
+        assert reference_stack._read_kept(kept, kept.stem) is None
+
+
+@pytest.mark.torch
 def test_the_environment_names_the_folder(stacks, monkeypatch):
     monkeypatch.setenv(PSF_DIR, str(stacks))
     assert load_corruption("psf_blur").source.startswith("reference ")

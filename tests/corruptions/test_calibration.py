@@ -32,6 +32,7 @@ from robustflow.images.io import write_image
 from robustflow.random.rng import Rng
 from robustflow.runner.frames_digest import frames_digest
 from robustflow.runs.plan import Plan, RunOptions
+from robustflow.sealed import sealed
 from robustflow.testing import ZeroFlow
 
 SMALL = {"chelsea": reference_pictures()["chelsea.png"][60:156, 90:210]}
@@ -167,7 +168,7 @@ def test_what_cannot_be_calibrated_is_refused(tmp_path):
     ("change", "says"),
     [
         (lambda t: t.update(targets=[0.6, 0.7, 0.8, 0.9, 0.95]), "fall"),
-        (lambda t: t.update(version=2), "version"),
+        (lambda t: t.update(version=1), "version"),
         (lambda t: t["corruptions"]["fog"]["levels"].pop(), "levels"),
         (lambda t: t["corruptions"]["fog"]["levels"][0].update(ssim=0.5), "fog is 0.5"),
         (lambda t: t.update(hidden=1), "hidden"),
@@ -176,7 +177,7 @@ def test_what_cannot_be_calibrated_is_refused(tmp_path):
 def test_a_damaged_table_is_refused_in_one_line(tmp_path, change, says):
     document = shipped().model_dump(mode="json")
     change(document)
-    (tmp_path / "table.json").write_text(json.dumps(document))
+    (tmp_path / "table.json").write_text(json.dumps(sealed(document)))
     with pytest.raises(DataError, match=says):
         read_table(tmp_path / "table.json")
 
@@ -235,7 +236,7 @@ def test_the_scale_is_part_of_a_runs_identity_and_the_papers_changes_none(monkey
     before = calibrated.digest(), calibration_digest()
     document = shipped().model_dump(mode="json")
     document["seed"] += 1
-    (tmp_path / "mine.json").write_text(json.dumps(document))
+    (tmp_path / "mine.json").write_text(json.dumps(sealed(document)))
     monkeypatch.setenv(CALIBRATION_VARIABLE, str(tmp_path / "mine.json"))
     assert calibration_digest() != before[1]
     assert calibrated.digest() != before[0]

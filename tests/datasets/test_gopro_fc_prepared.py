@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import shutil
 import warnings
 from fractions import Fraction
 from pathlib import Path
@@ -21,6 +22,7 @@ from robustflow.errors import DataError, UsageError
 from robustflow.images.io import read_image, write_image
 from robustflow.video.clip import read_pictures
 from robustflow.video.colour import i420_to_rgb
+from robustflow.video.open_clip import check_master
 from robustflow.video.prepare import Preparation
 from robustflow.video.prepare_folder import find_sources, prepare_folder
 from tests.video import clips
@@ -55,6 +57,37 @@ def test_clean_pairs_are_the_masters_key_frames(prepared):
     assert dataset.files("scene/000032") == [prepared / "scene" / "keyframes" / f"{i:06d}.png" for i in (32, 64)]
     with pytest.raises(UsageError, match="keys look like 'scene/000032'"):
         dataset.load("scene/000033")
+
+
+@pytest.mark.parametrize("name", ["gopro_fc.json", "scene/clip.json", "scene/master.mp4", "scene/keyframes/000032.png"])
+def test_a_flipped_bit_in_a_prepared_folder_is_noticed(prepared, tmp_path, name):
+    path = Path(shutil.copytree(prepared, tmp_path / "copy")) / name
+    whole, rng = path.read_bytes(), np.random.default_rng(0)
+
+    def use() -> np.ndarray:
+        dataset = GoProFCPrepared(tmp_path / "copy", cache=tmp_path / "cache")
+        check_master(dataset.clips[0])
+        return dataset.load("scene/000032").frames[0]
+
+    expected = use()
+    for place, bit in zip(rng.integers(0, len(whole), 200), rng.integers(0, 8, 200), strict=True):
+        flipped = bytearray(whole)
+        flipped[place] ^= 1 << bit
+        path.write_bytes(flipped)
+        try:
+            assert (use() == expected).all()
+            assert path.suffix == ".png"  # in a part of the file that holds no pixel
+        except DataError:
+            pass
+
+
+def test_a_record_of_a_variant_with_a_flipped_bit_is_refused(prepared, tmp_path):
+    dataset = GoProFCPrepared(prepared, cache=tmp_path)
+    dataset.corrupted("scene/000032", "h264_crf", 1)
+    (path,) = (tmp_path / ".records").iterdir()
+    path.write_bytes(path.read_bytes().replace(b'"frames_lost": 0', b'"frames_lost": 1'))
+    with pytest.raises(DataError, match=r"\.json is damaged; delete it and the folder .*: both are made again"):
+        dataset.clip_records()
 
 
 def test_object_motion_blur_is_the_mean_of_master_frames(prepared):

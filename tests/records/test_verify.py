@@ -17,6 +17,7 @@ from robustflow.records.container import container_bytes
 from robustflow.records.pack import record_bytes
 from robustflow.records.verify import VERIFICATION_CHECKS, verify
 from robustflow.runs.identity import identity_digest
+from robustflow.sealed import sealed as with_digest
 from robustflow.testing import ZeroFlow
 
 from .forge import entries_of, failure, sealed, verified, with_json, with_rows
@@ -232,7 +233,7 @@ def test_rows_nobody_planned(packed):
         (("identity", "extra"), 1, "manifest", "identity.extra"),
         (("identity_digest",), "0" * 16, "manifest", "in manifest.json"),
         (("identity_digest",), "../../x", "manifest", "identity_digest"),
-        (("schema",), 2, "manifest", "schema"),
+        (("schema",), 3, "manifest", "schema"),
         (("schema",), True, "manifest", "schema"),
         (("unknown",), 1, "manifest", "unknown"),
         (("environment", "command"), ["robustflow"], "manifest", "environment.command"),
@@ -354,10 +355,12 @@ def test_a_cost_of_another_run(packed):
         "thop_parameters": 1,
         "thop_macs": 1,
     }
-    assert "another run" in failure(sealed(entries | {"profile.json": json_bytes(cost)}))[1]
-    assert "parameters" in failure(sealed(entries | {"profile.json": json_bytes(cost | {"parameters": -1})}))[1]
+    other, negative = (json_bytes(with_digest(cost | change)) for change in ({}, {"parameters": -1}))
+    assert "another run" in failure(sealed(entries | {"profile.json": other}))[1]
+    assert "parameters" in failure(sealed(entries | {"profile.json": negative}))[1]
+    assert "damaged" in failure(sealed(entries | {"profile.json": json_bytes(cost)}))[1]
     fitting = cost | {"run": json.loads(entries["record.json"])["run"]}
-    assert verified(sealed(entries | {"profile.json": json_bytes(fitting)})).ok
+    assert verified(sealed(entries | {"profile.json": json_bytes(with_digest(fitting))})).ok
 
 
 @settings(max_examples=60)

@@ -16,6 +16,7 @@ from robustflow.records.pack import pack
 from robustflow.report.assemble import tables_of
 from robustflow.report.site.content import whole_content
 from robustflow.runs.costs import PROFILE, RunCost, check_profiled_model, read_cost, write_cost
+from robustflow.sealed import sealed
 
 
 class Shifted:
@@ -138,7 +139,7 @@ def test_a_cost_goes_with_the_record(runs, tmp_path):
     ],
 )
 def test_a_damaged_file(runs, change, says):
-    (runs[0].path / PROFILE).write_text(json.dumps(_cost(runs[0], 1.0).model_dump() | change))
+    (runs[0].path / PROFILE).write_text(json.dumps(sealed(_cost(runs[0], 1.0).model_dump() | change)))
     with pytest.raises(RunError, match=says):
         read_cost(runs[0])
 

@@ -22,6 +22,7 @@ from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
 from robustflow.runner.displacement import displacement_histogram
 from robustflow.runs.displacement_file import read_displacement, write_displacement
+from robustflow.sealed import sealed
 from robustflow.testing import ZeroFlow
 
 CELL = {"corruptions": ["contrast"], "severities": [1]}
@@ -105,12 +106,12 @@ def test_a_pipe_is_not_waited_for(run):
         (lambda kept: kept | {"pixels": [-1, *kept["pixels"][1:]]}, "pixels.0"),
         (lambda kept: kept | {"pixels": [0.5, *kept["pixels"][1:]]}, "pixels.0"),
         (lambda kept: kept | {"else": 1}, "else"),
-        (lambda kept: [], "the file"),
+        (lambda kept: {}, "run: Field required"),
     ],
 )
 def test_a_damaged_file_is_named(run, change, says):
     path = run.path / "displacement.json"
-    path.write_text(json.dumps(change(json.loads(path.read_text()))))
+    path.write_text(json.dumps(sealed(change(json.loads(path.read_text())))))
     with pytest.raises(RunError, match=says) as caught:
         read_displacement(run)
     assert str(path) in str(caught.value)
@@ -118,7 +119,7 @@ def test_a_damaged_file_is_named(run, change, says):
 
 def test_a_source_with_markup_stays_text(run):
     path = run.path / "displacement.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"source": "<img src=x onerror=alert(1)>$"}))
+    path.write_text(json.dumps(sealed(json.loads(path.read_text()) | {"source": "<img src=x onerror=alert(1)>$"})))
     page = render_site(whole_content([run]))
     assert "&lt;img src=x onerror=alert(1)&gt;$" in page
     assert "<img src=x" not in page

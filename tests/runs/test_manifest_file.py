@@ -102,8 +102,8 @@ def test_no_json_is_refused_and_kept(text, whole, tmp_path):
 
 def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
     manifest = json.loads((whole / "manifest.json").read_text())
-    edited = _with(manifest["identity"]["rows"] - 1, "identity", "rows")(manifest)
-    refused(*damaged(whole, tmp_path, json.dumps(fitting(edited))), r"was written with version 2 of the rows, but .* reads 3")
+    edited = fitting(_with(manifest["identity"]["rows"] - 1, "identity", "rows")(manifest))
+    refused(*damaged(whole, tmp_path, json.dumps(edited)), r"was written with version 2 of the rows, but .* reads 3")
 
 
 @pytest.mark.parametrize("fits", [False, True])

@@ -12,6 +12,7 @@ import pytest
 
 from robustflow.errors import DataError, UsageError
 from robustflow.images.io import read_image
+from robustflow.sealed import sealed
 from robustflow.video import prepare as prepare_module
 from robustflow.video.clip import read_pictures
 from robustflow.video.colour import i420_to_rgb, rgb_to_i420
@@ -87,6 +88,25 @@ def test_a_stopped_run_continues_and_ends_in_the_same_files(tmp_path, monkeypatc
     made.clear()
     prepare_clip(source, tmp_path / "stopped", FLOW)
     assert made == []
+
+
+def test_a_segment_damaged_between_stop_and_continuation_is_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(prepare_module, "SEGMENT", 8)
+    source = PictureFolder(clips.folder(tmp_path / "seq", 36))
+    prepare_clip(source, tmp_path / "straight", FLOW)
+
+    def stop(clip, what, done, total):
+        if what == "encode":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        prepare_clip(source, tmp_path / "stopped", FLOW, stop)
+    for segment in (tmp_path / "stopped").glob(".segments-*/*.mp4"):
+        data = bytearray(segment.read_bytes())
+        data[len(data) // 2] ^= 4
+        segment.write_bytes(data)
+    prepare_clip(source, tmp_path / "stopped", FLOW)
+    assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
 
 
 def test_workers_do_not_matter(tmp_path):
@@ -187,17 +207,17 @@ def test_a_folder_that_is_not_finished_or_not_ours(tmp_path):
     with pytest.raises(DataError, match="seq is not finished"):
         read_folder(tmp_path / "out")
     changes = ({"key_frames": "all"}, {"fps": "1/0"}, {"fps": "many"}, {"width": 0}, {"name": "../seq"})
-    for broken in (text[:100], *(json.dumps(json.loads(text) | change) for change in changes)):
+    for broken in (text[:100], *(json.dumps(sealed(json.loads(text) | change)) for change in changes)):
         record.write_text(broken)
         with pytest.raises(DataError, match="damaged"):
             read_folder(tmp_path / "out")
-    record.write_text(json.dumps(json.loads(text) | {"version": 99}))
+    record.write_text(json.dumps(sealed(json.loads(text) | {"version": 99})))
     with pytest.raises(DataError, match="another version"):
         read_folder(tmp_path / "out")
 
 
 def test_a_record_cannot_lead_out_of_its_folder(tmp_path):
-    (tmp_path / "gopro_fc.json").write_text('{"version": 1, "clips": ["../elsewhere"]}')
+    (tmp_path / "gopro_fc.json").write_text(json.dumps(sealed({"version": 2, "clips": ["../elsewhere"]})))
     with pytest.raises(DataError, match="damaged"):
         read_folder(tmp_path)
 

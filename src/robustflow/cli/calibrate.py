@@ -32,6 +32,7 @@ def calibrate(
     from ..corruptions.calibration.search import calibratable, reference_pictures
     from ..corruptions.calibration.search import calibrate as measure
     from ..corruptions.scale import CalibratedCorruption, merged_tables, read_table, shipped
+    from ..sealed import sealed
 
     def show(name: str, result: CalibratedCorruption) -> None:
         low, high = result.reachable
@@ -42,7 +43,7 @@ def calibrate(
     if output is not None:
         if corruptions is not None and output.exists():
             table = merged_tables(read_table(output), table)
-        write_json(output, table.model_dump(mode="json"))
+        write_json(output, sealed(table.model_dump(mode="json")))
         typer.echo(str(output))
     elif data is None and (seed, draws) == (shipped().seed, shipped().draws):
         same = all(shipped().corruptions.get(name) == result for name, result in table.corruptions.items())

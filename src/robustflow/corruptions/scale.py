@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ..digest import digest_of_bytes
 from ..errors import DataError, UsageError, first_misfit
+from ..sealed import unsealed
 from ..severity import SEVERITIES
 from ..validated import FrozenFinite
 
@@ -60,7 +61,7 @@ class CalibrationTable(FrozenFinite):
         corruptions: by name.
     """
 
-    version: Literal[1]
+    version: Literal[2]
     method: str
     seed: int
     draws: Annotated[int, Field(ge=1)]
@@ -84,12 +85,19 @@ def read_table(path: Path) -> CalibrationTable:
     """A table from a file.
 
     Raises:
-        DataError: no such file, or not a calibration table.
+        DataError: no such file, not a calibration table, or a damaged one.
     """
     try:
-        return CalibrationTable.model_validate_json(path.read_bytes())
+        content = unsealed(path.read_bytes())
     except OSError as error:
         raise DataError(f"cannot read the calibration {path}: {error.strerror}; check the path") from error
+    if content is None:
+        raise DataError(
+            f"{path} is not a calibration table, or damaged (its content does not match its digest); make one with "
+            "robustflow calibrate"
+        )
+    try:
+        return CalibrationTable.model_validate_json(content)
     except ValidationError as error:
         raise DataError(
             f"{path} is not a calibration table ({first_misfit(error)}); make one with robustflow calibrate"

@@ -6,7 +6,6 @@ clip (see `robustflow.video.open_clip`): for the runner, these frames come alrea
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -19,7 +18,7 @@ from ..errors import UsageError
 from ..images.io import read_image
 from ..sample import Frame, Sample
 from ..video.cache import FolderCache
-from ..video.open_clip import OpenClip, record_of_variant
+from ..video.open_clip import OpenClip, read_record, record_of_variant
 from ..video.prepared import PreparedClip, read_folder
 from .facts import FC_PAPER, DatasetFacts
 from .samples import Samples
@@ -144,7 +143,7 @@ class GoProFCPrepared(Samples):
         """See `FromClips.clip_records`: one record per clip, video corruption and severity made so far."""
         settings = [(name, parameter) for name in FAMILIES["video"] for parameter in self._parameters[name]]
         paths = [record_of_variant(clip, self.cache, *setting) for clip in self.clips for setting in settings]
-        return [json.loads(path.read_text(encoding="utf-8")) for path in paths if path.is_file()]
+        return [read_record(path) for path in paths if path.is_file()]
 
     def _key_frame(self, key: str, offset: int) -> tuple[PreparedClip, int]:
         """The clip of a sample and the master index of the key frame at an offset from the pair's first."""

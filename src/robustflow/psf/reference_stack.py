@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import math
 import pickletools
 import zipfile
 import zlib
@@ -18,8 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..atomic import make_folder, write_bytes
-from ..cache import cache_folder, cache_folders
+from ..cache import cache_folder
 from ..errors import AssetError, DataError
+from ..sealed import sealed_bytes, unsealed_bytes
 from .psf_field import SHAPE, PsfField
 
 LARGEST = 16 * 2**20
@@ -47,7 +49,7 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
     """The PSFs of the reference lens of RMS radius `rms` from a folder of `.pth` files.
 
     The file is read by torch with `weights_only`, once: the result is kept in the user's cache under the SHA-256 of
-    the file, and read from there without torch afterwards.
+    the file, with a digest, and read from there without torch afterwards.
 
     Raises:
         AssetError: the file is missing, or torch is needed and not installed.
@@ -57,23 +59,26 @@ def reference_field(folder: str | Path, rms: float) -> PsfField:
     if path.stat().st_size > LARGEST:
         raise DataError(f"{path} has {path.stat().st_size} bytes, a PSF stack has 2.9 million; wrong file")
     data = path.read_bytes()
-    name = f"{hashlib.sha256(data).hexdigest()}.npy"
-    for kept in (folder / name for folder in cache_folders("psf")):
-        try:
-            # mapped, so that a header that declares more than the file holds is refused before memory is taken
-            return PsfField(np.load(kept, mmap_mode="r", allow_pickle=False)[:, :, ::-1, ::-1])
-        except FileNotFoundError:
-            continue
-        except (OSError, EOFError, ValueError, DataError):
-            kept.unlink(missing_ok=True)  # damaged: convert the file again
-    kept = cache_folder("psf") / name
-    stack = _read_tensor(path, data)
-    field = PsfField(stack[:, :, ::-1, ::-1])
-    buffer = io.BytesIO()
-    np.save(buffer, stack, allow_pickle=False)
-    make_folder(kept.parent)
-    write_bytes(kept, buffer.getvalue())
-    return field
+    source = hashlib.sha256(data).hexdigest()
+    kept = cache_folder("psf") / f"{source}.stack"
+    stack = _read_kept(kept, source)
+    if stack is None:
+        stack = _read_tensor(path, data)
+        make_folder(kept.parent)
+        write_bytes(kept, sealed_bytes(stack.tobytes(), source))
+    return PsfField(stack[:, :, ::-1, ::-1])
+
+
+def _read_kept(path: Path, source: str) -> npt.NDArray[np.float32] | None:
+    """A converted stack, unless it is missing or damaged."""
+    try:
+        with open(path, "rb") as file:
+            values = unsealed_bytes(file.read(LARGEST), source)
+    except OSError:
+        return None
+    if values is None or len(values) != 4 * math.prod(SHAPE):
+        return None
+    return np.frombuffer(values, np.float32).reshape(SHAPE)
 
 
 def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:

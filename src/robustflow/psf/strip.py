@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba.extending import intrinsic
 
-from ..compiled import njit, types
+from ..compiled import intrinsic, njit, types
 
 BLOCK = 64
 """Rows of an image that are transformed together."""

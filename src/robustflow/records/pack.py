@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ..atomic import json_bytes, write_bytes
 from ..errors import DataError, RunError, UsageError
 from ..runs.costs import PROFILE, read_cost
+from ..sealed import sealed
 from .container import container_bytes, read_file
 from .contents import FORMAT, VERSION, PackedEntry, Record, shareable_manifest, validated
 from .read import Reader
@@ -98,7 +99,7 @@ def record_bytes(
     }
     cost = read_cost(run)
     if cost is not None:
-        entries[PROFILE] = json_bytes(cost.model_dump())
+        entries[PROFILE] = json_bytes(sealed(cost.model_dump()))
     given = {"author": author, "link": link, "description": description}
     stated = {name: " ".join(text.split()) for name, text in given.items()}
     for name, text in stated.items():

@@ -8,6 +8,7 @@ from pydantic import Field, ValidationError
 
 from ..errors import RunError, first_misfit
 from ..links import not_a_link
+from ..sealed import unsealed
 from ..validated import Untrusted
 
 if TYPE_CHECKING:
@@ -39,10 +40,16 @@ def parse_attachment(kind: type[Attachment], data: bytes, name: str, command: st
         command: the `robustflow` command that writes it again.
 
     Raises:
-        RunError: not in this shape; the first mismatch is named.
+        RunError: damaged, or not in this shape; the first mismatch is named.
     """
+    content = unsealed(data)
+    if content is None:
+        raise RunError(
+            f"{name} is damaged (its content does not match its digest); delete it, or write it again with robustflow "
+            f"{command}"
+        )
     try:
-        return kind.model_validate_json(data)
+        return kind.model_validate_json(content)
     except ValidationError as error:
         raise RunError(
             f"{name}: {first_misfit(error)}; delete it, or write it again with robustflow {command}"

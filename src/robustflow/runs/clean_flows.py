@@ -1,8 +1,7 @@
 """Clean flows on disk: computed once per sample, and kept until the sample's last unit is finished.
 
 A file is a NumPy array followed by 16 bytes: the digest of the array and of what it was computed from. A file that does
-not verify (truncated, changed, from other frames, or from a version without digests) counts as missing, and the flow is
-recomputed.
+not verify (truncated, changed, or from other frames) counts as missing, and the flow is recomputed.
 """
 
 from __future__ import annotations
@@ -13,11 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from ..atomic import write_bytes
-from ..digest import digest_of_bytes
 from ..links import not_a_link
 from ..sample import Flow
-
-_DIGEST_BYTES = 16
+from ..sealed import sealed_bytes, unsealed_bytes
 
 
 def write_clean(path: Path, flow: Flow, made_of: str) -> None:
@@ -30,23 +27,15 @@ def write_clean(path: Path, flow: Flow, made_of: str) -> None:
     """
     file = io.BytesIO()
     np.save(file, np.ascontiguousarray(flow, np.float32), allow_pickle=False)
-    data = file.getvalue()
-    write_bytes(path, data + _digest(data, made_of), durable=False)  # a lost flow is recomputed
+    write_bytes(path, sealed_bytes(file.getvalue(), made_of), durable=False)  # a lost flow is recomputed
 
 
 def read_clean(path: Path, made_of: str) -> Flow | None:
     """A clean flow stored earlier; None unless it is intact and was computed from the same frames."""
     try:
         with open(path, "rb", opener=not_a_link) as file:
-            data = file.read()
+            array = unsealed_bytes(file.read(), made_of)
     except OSError:
         return None
-    array, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
-    if digest != _digest(array, made_of):
-        return None
-    flow: Flow = np.load(io.BytesIO(array), allow_pickle=False)
+    flow: Flow | None = None if array is None else np.load(io.BytesIO(array), allow_pickle=False)
     return flow
-
-
-def _digest(array: bytes, made_of: str) -> bytes:
-    return bytes.fromhex(digest_of_bytes(made_of.encode(), b"\0", array, size=_DIGEST_BYTES))

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from ..atomic import write_json
 from ..errors import UsageError
+from ..sealed import sealed
 from ..text import plain
 from .attachment import RunAttachment, parse_attachment, read_attachment
 
@@ -106,5 +107,5 @@ def write_cost(run: Run, cost: RunCost) -> Path:
         DataError: the folder cannot be written.
     """
     path: Path = run.path / PROFILE
-    write_json(path, cost.model_dump())
+    write_json(path, sealed(cost.model_dump()))
     return path

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from ..atomic import write_json
 from ..metrics.rows import CLEAN
+from ..sealed import sealed
 from .attachment import RunAttachment, read_attachment
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def write_displacement(run: Run, table: pl.DataFrame) -> Path:
         low=table["low"].to_list(),
         pixels=table["pixels"].to_list(),
     )
-    write_json(path, kept.model_dump())
+    write_json(path, sealed(kept.model_dump()))
     return path
 
 

@@ -9,16 +9,15 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..digest import digest_of_value
 from ..errors import RunError, first_misfit
 from ..links import not_a_link
 from ..metrics.rows import ROW_SCHEMA_VERSION
+from ..sealed import sealed
 from ..text import plain
 from .identity import identity_digest
 
 MANIFEST_SCHEMA = 2
 _DEEPEST = 60
-_OF_THE_FILE = ("schema", "digest")
 
 _Severity = Annotated[int, Field(ge=0, le=5)]
 
@@ -73,8 +72,7 @@ def manifest_file(content: dict[str, Any]) -> dict[str, Any]:
     >>> manifest_file({"seed": 1}) == manifest_file(manifest_file({"seed": 1}))
     True
     """
-    body = {"schema": MANIFEST_SCHEMA, **{name: value for name, value in content.items() if name not in _OF_THE_FILE}}
-    return {**body, "digest": digest_of_value(body, size=16)}
+    return sealed({**content, "schema": MANIFEST_SCHEMA})
 
 
 def read_manifest(path: Path) -> dict[str, Any] | None:
@@ -97,7 +95,7 @@ def read_manifest(path: Path) -> dict[str, Any] | None:
         raise _damaged(path, "it is not the manifest of a run")
     if _too_deep(manifest):
         raise _damaged(path, "its parts are nested too deeply")
-    if manifest != manifest_file(manifest):
+    if manifest != sealed(manifest):
         raise _changed(path, "its content does not match its digest")
     try:
         _ManifestFields.model_validate(manifest)

@@ -12,15 +12,19 @@ from typing import TypeVar
 from filelock import FileLock
 
 from ..atomic import make_folder
+from ..digest import digest_of_value, quick_digest_of_file
 from ..errors import DataError
 
 T = TypeVar("T")
+
+_DIGEST = ".digest"
 
 
 class FolderCache:
     """Folders by name below `root`, at most `limit` bytes in all, shared between processes.
 
-    An entry appears by rename, so it is complete or absent. If two processes need the same entry, it is made once.
+    An entry appears by rename, so it is complete or absent, and holds a digest of its files: a damaged one is made
+    again. If two processes need the same entry, it is made once.
 
     >>> from tempfile import mkdtemp
     >>> cache = FolderCache(Path(mkdtemp()), limit=10)
@@ -49,7 +53,8 @@ class FolderCache:
         entry = self.root / name
         while True:
             with self._lock(f"{name}.lock"):
-                if not entry.is_dir():
+                if not _is_intact(entry):
+                    shutil.rmtree(entry, ignore_errors=True)
                     self._make(entry, make)
             with self._lock("all.lock"):
                 if entry.is_dir():  # another process may have evicted it in between
@@ -61,6 +66,7 @@ class FolderCache:
         shutil.rmtree(temporary, ignore_errors=True)  # what a killed process left behind
         try:
             make(temporary)
+            (temporary / _DIGEST).write_text(_digest(temporary))
             temporary.rename(entry)
         except OSError as error:
             raise DataError(f"cannot write {entry}: {error.strerror or error}; is the disk full?") from error
@@ -96,6 +102,19 @@ class FolderCache:
             yield
         finally:
             lock.release()
+
+
+def _is_intact(entry: Path) -> bool:
+    try:
+        return (entry / _DIGEST).read_text() == _digest(entry)
+    except (OSError, ValueError):
+        return False
+
+
+def _digest(folder: Path) -> str:
+    """The hash of the names and the content of a folder's files, which are at its top level."""
+    files = sorted(path for path in folder.iterdir() if path.name != _DIGEST)
+    return digest_of_value([(path.name, quick_digest_of_file(path)) for path in files], size=16)
 
 
 def _size(folder: Path) -> int:

@@ -6,12 +6,17 @@ its key frames are kept in a cache of limited size.
 
 from __future__ import annotations
 
+import json
 import warnings
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 from ..atomic import make_folder, write_json
+from ..digest import sha256_of_file
+from ..errors import DataError
 from ..sample import Frame
+from ..sealed import sealed, unsealed
 from .cache import FolderCache
 from .clip import ClipFile, ClipReader
 from .colour import i420_to_rgb
@@ -40,6 +45,7 @@ class OpenClip:
 
     def blurred(self, index: int, reach: int) -> Frame:
         """A key frame under object motion blur, RGB uint8 (H, W, 3)."""
+        check_master(self.clip)
         return self._motion.blurred(index, reach)
 
     def transcoded(self, index: int, corruption: str, parameter: int) -> Frame:
@@ -50,6 +56,7 @@ class OpenClip:
         position = self.clip.manifest.key_frames.index(index)
         reader = self._variants.get((corruption, parameter))
         if reader is None:
+            check_master(self.clip)
             name = _variant_name(self.clip, corruption, parameter)
             make = partial(self._make, corruption, parameter)
             reader = self._cache.use(name, make, partial(self._reader, position))
@@ -60,7 +67,7 @@ class OpenClip:
         record = make_variant(self.clip, corruption, parameter, folder)
         path = record_of_variant(self.clip, self._cache, corruption, parameter)
         make_folder(path.parent)
-        write_json(path, record)
+        write_json(path, sealed(record))
         for warning in record["warnings"]:
             warnings.warn(warning, stacklevel=2)
 
@@ -76,6 +83,42 @@ class OpenClip:
 
     def _rgb(self, reader: ClipReader, index: int) -> Frame:
         return i420_to_rgb(reader.picture(index), reader.clip.height, reader.clip.width)
+
+
+def check_master(clip: PreparedClip) -> None:
+    """Check that a clip's master is the one that was prepared; once per process, as it takes a second per gigabyte.
+
+    Raises:
+        DataError: it cannot be read, or is damaged.
+    """
+    path = clip.master.path
+    try:
+        about = path.stat()
+        intact = _sha256(path, about.st_mtime_ns, about.st_size) == clip.manifest.master_sha256
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); prepare the clip again") from error
+    if not intact:
+        raise DataError(f"{path} is damaged (its SHA-256 differs); delete its folder and prepare the clip again")
+
+
+@cache
+def _sha256(path: Path, changed: int, size: int) -> str:
+    return sha256_of_file(path)
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    """How a variant was made.
+
+    Raises:
+        DataError: the record is damaged.
+    """
+    content = unsealed(path.read_bytes())
+    if content is None:
+        raise DataError(
+            f"{path} is damaged; delete it and the folder {path.parents[1] / path.stem}: both are made again"
+        )
+    record: dict[str, Any] = json.loads(content)
+    return record
 
 
 def record_of_variant(clip: PreparedClip, cache: FolderCache, corruption: str, parameter: int) -> Path:

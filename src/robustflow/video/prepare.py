@@ -17,9 +17,10 @@ from itertools import islice
 from pathlib import Path
 
 from ..atomic import make_folder, write_json
-from ..digest import digest_of_bytes, sha256_of_file
+from ..digest import digest_of_bytes, quick_digest_of_file, sha256_of_file
 from ..errors import DataError, UsageError
 from ..images.io import write_image
+from ..sealed import sealed, unsealed
 from .clip import ClipFile, read_pictures, write_clip
 from .codec import encoder_versions, lossless
 from .colour import I420, even_size, i420_to_rgb, rgb_to_i420
@@ -147,7 +148,7 @@ def prepare_clip(
     if master.count != timing.count:
         raise DataError(f"{source.name}: {master.count} frames came out where {timing.count} were expected; check it")
     manifest = wanted.model_copy(update={"master_sha256": sha256_of_file(folder / MASTER)})
-    write_json(folder / CLIP_MANIFEST, manifest.model_dump())
+    write_json(folder / CLIP_MANIFEST, sealed(manifest.model_dump()))
     for leftover in folder.glob(".segments-*"):
         shutil.rmtree(leftover, ignore_errors=True)
     return PreparedClip(folder, manifest)
@@ -159,7 +160,7 @@ def _finished(folder: Path, wanted: ClipManifest) -> PreparedClip | None:
     if not path.is_file():
         return None
     try:
-        manifest = ClipManifest.model_validate_json(path.read_bytes())
+        manifest = ClipManifest.model_validate_json(unsealed(path.read_bytes()) or b"")
     except ValueError:
         manifest = None
     same = {"master_sha256": "", "encoder": {}}
@@ -183,13 +184,15 @@ def _segments(
     around = windows(source.frames())
     for start in range(0, gaps, SEGMENT):
         length = min(SEGMENT, gaps - start)
-        part = ClipFile(work / f"{start:06d}.mp4", length * factor + (start == 0), fps, *size)
-        if part.path.is_file():
+        path = next((path for path in work.glob(f"{start:06d}.*.mp4") if _is_intact(path)), None)
+        if path is not None:
             deque(islice(around, length), maxlen=0)
         else:
             made = fill_gaps(islice(around, length), interpolator, factor, first=start == 0)
-            write_clip(part.path, map(rgb_to_i420, made), size, fps, lossless("ultrafast"))
-        parts.append(part)
+            unnamed = work / f"{start:06d}.mp4"
+            write_clip(unnamed, map(rgb_to_i420, made), size, fps, lossless("ultrafast"))
+            path = unnamed.rename(work / f"{start:06d}.{quick_digest_of_file(unnamed)}.mp4")
+        parts.append(ClipFile(path, length * factor + (start == 0), fps, *size))
         progress(wanted.name, "interpolate", start + length, gaps)
     for _ in around:
         raise DataError(
@@ -198,6 +201,10 @@ def _segments(
     for part in parts:
         for _, picture in read_pictures(part):
             yield picture
+
+
+def _is_intact(segment: Path) -> bool:
+    return segment.suffixes[0] == f".{quick_digest_of_file(segment)}"
 
 
 def _with_key_frames(

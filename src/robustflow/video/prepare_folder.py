@@ -14,6 +14,7 @@ from ..digest import sha256_of_file
 from ..errors import DataError, UsageError
 from ..layout import folders
 from ..safe_path import safe_path
+from ..sealed import sealed, unsealed
 from .interpolation import load_interpolator
 from .prepare import Preparation, Progress, clip_timing, prepare_clip
 from .prepared import (
@@ -142,12 +143,12 @@ def _claim(output: Path, manifest: FolderManifest) -> None:
     path = output / FOLDER_MANIFEST
     if path.is_file():
         try:
-            on_disk = FolderManifest.model_validate_json(path.read_bytes())
+            on_disk = FolderManifest.model_validate_json(unsealed(path.read_bytes()) or b"")
         except ValueError:
             on_disk = None
         if on_disk is None or on_disk.clips != manifest.clips:
             raise DataError(f"{output} holds other prepared clips; choose another --output")
-    write_json(path, manifest.model_dump())
+    write_json(path, sealed(manifest.model_dump()))
 
 
 def _sequence(data: Path, name: str) -> Path | None:

@@ -16,6 +16,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import Field, ValidationError
 
 from ..errors import DataError
+from ..sealed import unsealed
 from ..validated import Frozen
 from .clip import ClipFile
 
@@ -23,7 +24,7 @@ FOLDER_MANIFEST = "gopro_fc.json"
 CLIP_MANIFEST = "clip.json"
 MASTER = "master.mp4"
 KEY_FRAMES = "keyframes"
-VERSION = 1
+VERSION = 2
 
 REACH = 15
 """Object motion blur looks this many master frames to either side of a key frame at its most severe."""
@@ -123,9 +124,11 @@ def read_folder(root: Path) -> tuple[FolderManifest, list[PreparedClip]]:
 
 def _read(path: Path, kind: type[R]) -> R:
     try:
-        manifest = kind.model_validate_json(path.read_bytes())
+        content = unsealed(path.read_bytes())
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); is this a folder made by prepare?") from error
+    try:
+        manifest = kind.model_validate_json(content or b"")
     except ValidationError as error:
         raise DataError(f"{path}: not what prepare writes, or damaged; prepare the clips again") from error
     if manifest.version != VERSION:

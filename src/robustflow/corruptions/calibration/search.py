@@ -102,7 +102,7 @@ def calibrate(
         corruptions[name] = _levels(curve, segments, targets)
         report(name, corruptions[name])
     return CalibrationTable(
-        version=1,
+        version=2,
         method=METHOD,
         seed=seed,
         draws=draws,

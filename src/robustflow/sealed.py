@@ -1,0 +1,59 @@
+"""Content that is stored with a digest of itself, so that damage is noticed when it is read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from .digest import digest_of_bytes, digest_of_value
+
+_DIGEST = "digest"
+_DIGEST_BYTES = 16
+
+
+def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON content with its digest; one that it has already is replaced.
+
+    >>> sealed({"a": 1})["digest"] == sealed(sealed({"a": 1}))["digest"]
+    True
+    """
+    body = {name: value for name, value in content.items() if name != _DIGEST}
+    return {**body, _DIGEST: digest_of_value(body, size=_DIGEST_BYTES)}
+
+
+def unsealed(data: bytes) -> bytes | None:
+    """The JSON text of an object without its digest; None unless the digest is that of the rest.
+
+    >>> unsealed(json.dumps(sealed({"a": 1})).encode())
+    b'{"a": 1}'
+    >>> unsealed(b'{"a": 1, "digest": "0"}'), unsealed(b'["a"]')
+    (None, None)
+    """
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(content, dict) or content != sealed(content):
+        return None
+    return json.dumps({name: value for name, value in content.items() if name != _DIGEST}).encode()
+
+
+def sealed_bytes(data: bytes, made_of: str) -> bytes:
+    """Bytes, and after them 16 bytes: the digest of `made_of`, which says what the bytes were computed from, and of the
+    bytes."""
+    return data + _digest(data, made_of)
+
+
+def unsealed_bytes(data: bytes, made_of: str) -> bytes | None:
+    """The bytes that were sealed; None if they are damaged, or were computed from anything else.
+
+    >>> unsealed_bytes(sealed_bytes(b"abc", "x"), "x"), unsealed_bytes(sealed_bytes(b"abc", "x"), "y")
+    (b'abc', None)
+    """
+    content, digest = data[:-_DIGEST_BYTES], data[-_DIGEST_BYTES:]
+    return content if digest == _digest(content, made_of) else None
+
+
+def _digest(data: bytes, made_of: str) -> bytes:
+    return bytes.fromhex(digest_of_bytes(made_of.encode(), b"\0", data, size=_DIGEST_BYTES))
