@@ -204,8 +204,8 @@ def test_a_limit_on_a_clip_does_not_only_take_its_still_start(tmp_path):
     assert run.summary.clean_flow_length == pytest.approx(2.0, abs=0.3)  # two of the three pairs move by 3 px
 
 
-@pytest.mark.parametrize(("name", "data"), [("kitti-fc", None), ("folder", None), ("demo", "somewhere")])
-def test_data_where_it_is_needed_and_only_there(name, data):
+@pytest.mark.parametrize(("name", "data"), [("kitti-fc", None), ("folder", None)])
+def test_data_is_asked_for_where_it_is_needed(name, data):
     with pytest.raises(UsageError, match="--data"):
         load_benchmark(name, data)
 

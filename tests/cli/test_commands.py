@@ -18,6 +18,8 @@ from robustflow import load_run
 from robustflow.models.registry import EXPORTED
 from robustflow.testing import ZeroFlow
 
+from ..video import clips
+
 
 def _frames(folder: Path, sizes=((64, 96), (64, 96))) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
@@ -171,6 +173,44 @@ def test_models_on_an_own_clip_show_the_clean_motion_and_no_column_of_dashes(rob
     assert "robustflow compare" not in out
 
 
+@pytest.fixture
+def walk(tmp_path):
+    """A video of a moving picture."""
+    return clips.clip(tmp_path / "walk.mp4", 8).path
+
+
+@pytest.mark.parametrize("kind", ["video", "pictures", "folders of pictures"])
+def test_own_frames_need_no_benchmark(robustflow, tmp_path, walk, kind):
+    if kind != "video":
+        _frames(tmp_path / "data" / ("a" if "folders" in kind else ""))
+    data = walk if kind == "video" else tmp_path / "data"
+    code, _, error = robustflow(
+        "run", "-m", "dis", "-d", data, "--limit", 1, "-c", "contrast", "-s", 1, "-o", "run", "--no-examples"
+    )
+    assert code == 0, error
+    assert load_run("run").manifest["identity"]["benchmark"] == "folder"
+
+
+def test_a_corruption_of_clips_names_the_command_that_makes_it_for_this_video(robustflow, walk):
+    code, _, error = robustflow("run", "-m", "dis", "-d", walk, "-c", "fog,h264_crf", "-s", 1, "-o", "run")
+    assert code == 2
+    assert f"give --benchmark gopro-fc --data {walk}" in error
+    assert not Path("run").exists()
+
+
+def test_gallery_shows_a_corruption_of_ones_own(robustflow, walk, tmp_path, monkeypatch):
+    (tmp_path / "my_dusk.py").write_text(
+        "class Dusk:\n    def draw(self, rng, severity, shape):\n        return 2 * severity\n"
+        "    def apply(self, frame, state, index):\n        return frame // state\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    frames = _frames(tmp_path / "pair")
+    for source in (("--frames", *frames), ("--clip", walk, "--length", 2)):
+        code, _, error = robustflow("gallery", *source, "-c", "my_dusk:Dusk,contrast", "-o", "gallery")
+        assert code == 0, error
+        assert "Dusk" in Path("gallery/gallery.html").read_text()
+
+
 def test_corrupt_writes_what_the_library_makes(robustflow, tmp_path):
     first, second = _frames(tmp_path)
     code, out, _ = robustflow("corrupt", first, second, "-c", "impulse_noise", "-s", "2,4", "--seed", 3, "-o", "out")
@@ -202,6 +242,8 @@ def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
     assert "BSD-3-Clause" in lines["raft"]
     assert "undeclared" in lines["arflow"]
     assert "knowledge" in lines["farneback"]
+    assert lines["dis"].endswith("learns nothing")
+    assert lines["tiny"].endswith("shipped OOD")
     assert "things288960 OOD" in lines["flowformer_pp"]
     assert "ptlflow:splatflow (cupy, for CUDA)" in out
     for name in ("precomputed", *EXPORTED.values()):
@@ -212,6 +254,9 @@ def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
 def test_the_setting_stands_beside_the_name(robustflow):
     command = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1", "-o", "run")
     assert "DIS (knowledge), 1 pair" in robustflow(*command)[1]
+    page = Path("run/report.html").read_text()
+    assert "nothing: it learns nothing" in page
+    assert "not declared" not in page
 
 
 def _truncated_png(folder: Path) -> None:
@@ -240,6 +285,13 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (None, "run -m diss", 2, "did you mean 'dis'"),
         (None, "run -m dis -b kiti-fc", 2, "did you mean 'kitti-fc'"),
         (None, "run -m dis -c frosst", 2, "did you mean 'frost'"),
+        (None, "run -m dis -d /nowhere.mp4", 1, "/nowhere.mp4: no such file or folder; check the path"),
+        (None, "run -m dis -d /nowhere -D start=3", 1, "/nowhere: no such file or folder"),
+        (lambda f: (f / "training/image_2").mkdir(parents=True), "run -m dis -d data", 2, "give --benchmark kitti-fc"),
+        (lambda f: f.mkdir(), "run -m dis -d data", 1, "no pictures in it"),
+        (None, "run -m dis -c h264_crf -s 1", 2, "needs the clip that its frames come from: give --benchmark gopro-fc"),
+        (_frames, "run -m dis -d data -c fog+h264_crf -s 1", 2, "fog+h264_crf cannot be made"),
+        (_frames, "corrupt data/000.png data/001.png -c h264_crf", 2, "gallery --clip CLIP shows it"),
         (None, "run -m dis -s 0", 2, "severity 0"),
         (None, "run -m dis -s 1,6", 2, "severity 6"),
         (None, "run -m dis -s high", 2, "whole numbers"),
@@ -258,7 +310,7 @@ def _kitti_with_8_bit_flow(folder: Path) -> None:
         (_frames, "corrupt data/000.png data/none.png -c contrast", 1, "none.png"),
         (_truncated_png, "corrupt data/000.png data/001.png -c contrast", 1, "cut short"),
         (lambda f: _frames(f, [(64, 96), (64, 98)]), "corrupt data/000.png data/001.png -c contrast", 1, "same size"),
-        (None, "export demo -d x", 2, "--data"),
+        (None, "export demo -d x", 1, "x: no such file or folder"),
     ],
 )
 def test_bad_input_is_one_line_that_says_what_to_do(robustflow, tmp_path, make, arguments, code, says):

@@ -61,6 +61,8 @@ def test_the_frames_shown_are_the_middle_of_the_part(video):
         # Of a lossy file, so nearly the frame that was written, and nearer to it than to its neighbours.
         away = [np.abs(shown.astype(int) - _frame(other)).mean() for other in (index - 1, index, index + 1)]
         assert away[1] == min(away)
+    begun = ClipPart(video, start="0.4s", shown=5)
+    assert (list(begun.shown), begun.first_number) == ([0, 1, 2, 3, 4], 10)
     later = ClipPart(video, start="10", stop="14", shown=10)
     assert (later.count, list(later.shown), later.first_number) == (4, [0, 1, 2, 3], 10)
 

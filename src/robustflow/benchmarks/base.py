@@ -6,11 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..corruptions import SEVERITIES, Corruption, corruption_name, load_corruption
+from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_name, load_corruption
 from ..corruptions.on_disk import on_disk
+from ..corruptions.stack import split_stack
 from ..corruptions.textures import PHOTOGRAPHS, Textures
-from ..datasets.base import Dataset
+from ..datasets.base import Dataset, PreCorrupted
 from ..errors import UsageError
+from ..layout import VIDEO_SUFFIXES
 from ..severity import check_severity
 from .facts import NEUTRAL, BenchmarkFacts
 
@@ -59,6 +61,7 @@ class Benchmark:
         for name in chosen:
             if name not in self.corruptions and not (self.closed and on_disk(name)):
                 load_corruption(name)
+                self._refuse_clip_corruption(name)
         levels = self.severities if severities is None else tuple(sorted({check_severity(s) for s in severities}))
         if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
             raise UsageError(
@@ -68,6 +71,17 @@ class Benchmark:
         if not chosen or not levels:
             raise UsageError("nothing to run: name at least one corruption and one severity")
         return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels)
+
+    def _refuse_clip_corruption(self, name: str) -> None:
+        """Raise for a corruption of whole clips, which this data set does not hold."""
+        parts = [part for part, _ in split_stack(name)]
+        if set(parts).isdisjoint(CLIP) or (isinstance(self.dataset, PreCorrupted) and self.dataset.has_corrupted(name)):
+            return
+        if len(parts) > 1:
+            raise UsageError(f"{name} cannot be made: a corruption of the whole clip is in no stack; name it alone")
+        file = self.dataset.files(self.keys[0])[0]
+        video = f" --data {file}" if file.suffix.lower() in VIDEO_SUFFIXES else ", which takes a video file as it is"
+        raise UsageError(f"{name} needs the clip that its frames come from: give --benchmark gopro-fc{video}")
 
 
 def spread(keys: Sequence[str], limit: int | None) -> tuple[str, ...]:

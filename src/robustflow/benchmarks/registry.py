@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from ..datasets import DATASETS, dataset_facts
 from ..datasets.guess import benchmark_of_folder
 from ..errors import DataError, UsageError, unknown_name
-from ..layout import VIDEO_SUFFIXES, user_path
+from ..layout import user_path
 from ..registry import Registry
 from ..target import is_target
 from .base import Benchmark
@@ -61,7 +61,8 @@ def load_benchmark(
         name: "demo", "kitti-fc", "gopro-fc", any data set: "folder" (your own frames or video), "sintel", ...; or your
             own as `module.path:Attribute`.
         data: the folder that holds its samples (for "folder" and "gopro-fc" also a video file); "demo" needs none. With
-            the default "demo", a video file is read as "folder", and `module.path:Attribute` is your own data set.
+            the default "demo", a video or a folder of frames is read as "folder", and `module.path:Attribute` is your
+            own data set.
         split: a file naming the samples to evaluate, one key per line; or "drive-disjoint", for KITTI 2015.
         options: of a data set, for example {"render_pass": "final"} for Sintel.
 
@@ -79,8 +80,8 @@ def load_benchmark(
             raise UsageError(f"{data} is a data set of its own; leave out --benchmark, or give {name} its folder")
         return own_dataset_benchmark(str(data), chosen, options or {}, reserved)
     root = user_path(data) if data is not None else None
-    if name == DEFAULT and root is not None and root.suffix.lower() in VIDEO_SUFFIXES and root.is_file():
-        name = "folder"
+    if name == DEFAULT and root is not None:
+        name = _benchmark_of(root)
     if is_target(name):
         if options:
             raise UsageError(f"the benchmark {name} takes no data options; leave out {', '.join(options)}")
@@ -92,6 +93,23 @@ def load_benchmark(
         if fitting is None or fitting == name:
             raise
         raise DataError(f"{error}; this folder looks like that of --benchmark {fitting}") from error
+
+
+def _benchmark_of(root: Path) -> str:
+    """The benchmark for data that are named without one: the user's own frames, if they do not look like others.
+
+    Raises:
+        DataError: nothing is there.
+        UsageError: a known data set, which can be measured in more than one way.
+    """
+    if not root.exists():
+        raise DataError(f"{root}: no such file or folder; check the path")
+    if (fitting := benchmark_of_folder(root)) is not None:
+        raise UsageError(
+            f"{root} looks like the data of {fitting}: give --benchmark {fitting}, or another that reads it (see "
+            "robustflow list datasets)"
+        )
+    return "folder"
 
 
 def _opened(

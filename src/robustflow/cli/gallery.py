@@ -42,8 +42,8 @@ def gallery(
 ) -> None:
     """Show the corruptions: gallery.png and gallery.pdf at one severity, gallery.html with a slider over all five.
 
-    For a clip, the page shows frames from its middle, to play or to step through, including H.264 compression and bit
-    errors, for which two frames are not enough.
+    For a clip, the page shows frames from --start, or from its middle, to play or to step through, including H.264
+    compression and bit errors, for which two frames are not enough.
 
     \b
     Examples:
@@ -63,6 +63,10 @@ def gallery(
     check_severity(severity)
     use_psf_dir(psf_dir)
     wanted = names(corruptions)
+    if wanted is not None:
+        from ..corruptions import corruption_name
+
+        wanted = [corruption_name(name) for name in wanted]
     if clip is None:
         _of_pair(frames, severity, wanted, severity_scale, seed, output, model)
     else:
@@ -170,8 +174,9 @@ def _of_clip(
 
     with TemporaryDirectory(prefix="robustflow-gallery-") as folder:
         slider = clip_slider(shown, kept(folder), SEVERITIES, severity, title, first)
+    which = "middle" if start is None else "first"
     remarks = [
-        f"The frames are the middle of a part of {part.count} frames at {float(part.rate):.4g} frames per second, "
+        f"The frames are the {which} of a part of {part.count} frames at {float(part.rate):.4g} frames per second, "
         "corrupted at full size; SSIM is that of the first frame.",
         *remarks,
     ]

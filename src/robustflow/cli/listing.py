@@ -10,7 +10,6 @@ from ..errors import unknown_name
 if TYPE_CHECKING:
     from ..datasets import DatasetFacts
 
-_MODEL_LINE = "{:14s} {:13s} {!s:5s} {:13s} {:12s} {:13s} {:16s} {}"
 _OF_FILES = {
     "precomputed": ("a folder of flow files", ""),
     "onnx": ("an .onnx file", "onnx"),
@@ -47,40 +46,47 @@ def _models() -> list[str]:
     from ..benchmarks.setting import setting_of
     from ..models import MODELS
     from ..models.catalog import checkpoints, is_installed, methods
-    from ..models.provenance import training_of_entry
+    from ..models.provenance import DECLARED, Training, parse_training_sets, training_of_entry
     from ..models.ptlflow.pairs import BESIDES
+    from ..models.tiny.shipped import SHIPPED, shipped_weights
 
     seen: dict[str, list[str]] = {}
     for entry in checkpoints():
         setting = setting_of(training_of_entry(entry), "kitti-fc")
         seen.setdefault(entry.model, []).append(f"{entry.checkpoint} {setting}")
-    lines = [
-        _MODEL_LINE.format(
-            "model", "method", "year", "type", "source", "code licence", "here", "checkpoints, on kitti-fc"
-        )
+    lines: list[tuple[str, ...]] = [
+        ("model", "method", "year", "type", "source", "code licence", "here", "checkpoints, on kitti-fc")
     ]
     known = methods()
     for name in MODELS.names():
         if name in _OF_FILES:
             what, extra = _OF_FILES[name]
             here = "yes" if not extra or find_spec(extra) else f"needs [{extra}]"
-            lines.append(_MODEL_LINE.format(name, "any", "", "", "your files", "", here, f"{what}, undeclared"))
+            lines.append((name, "any", "", "", "your files", "", here, f"{what}, undeclared"))
             continue
         if name not in known:
-            lines.append(name)
+            lines.append((name, *[""] * 7))
             continue
         method = known[name]
         here = "yes" if is_installed(method) else f"needs [{method.extra}]"
         undeclared = [f"{checkpoint} undeclared" for checkpoint in method.undeclared.split("+") if checkpoint]
-        public = ", ".join([*seen.get(name, []), *undeclared]) or (
-            "" if method.type == "knowledge" else "the authors' file, undeclared"
-        )
+        if name in SHIPPED:
+            sets = parse_training_sets(shipped_weights(name).trained_on)
+            public = f"shipped {setting_of(Training(sets, DECLARED), 'kitti-fc')}"
+        elif method.type == "knowledge":
+            public = "learns nothing"
+        else:
+            public = ", ".join([*seen.get(name, []), *undeclared]) or "the authors' file, undeclared"
         kind = method.type if method.frames == 2 else "multi-frame"
-        line = (name, method.method, method.year, kind, method.source, method.code_licence, here, public)
-        lines.append(_MODEL_LINE.format(*line).rstrip())
+        year = str(method.year)
+        lines.append((name, method.method, year, kind, method.source, method.code_licence, here, public))
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    aligned = [
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
+    ]
     others = [f"{name} ({', '.join(of_name)})" for name, of_name in seen.items() if name not in known]
     return [
-        *lines,
+        *aligned,
         f"Any other model of ptlflow as ptlflow:NAME; of known training: {'; '.join(others)}.",
         "Some of those need more than ptlflow installs: "
         + "; ".join(f"ptlflow:{name} ({needs})" for name, needs in BESIDES.items())

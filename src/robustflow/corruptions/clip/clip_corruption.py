@@ -25,8 +25,8 @@ class ClipCorruption(Corruption):
             UsageError: always.
         """
         raise UsageError(
-            f"{self.name} needs the clip that the frames come from, not two images; "
-            "use the benchmark gopro-fc (robustflow prepare gopro-fc, then run --benchmark gopro-fc)"
+            f"{self.name} needs the clip that the frames come from, not two images; robustflow run --benchmark "
+            "gopro-fc --data CLIP measures it, robustflow gallery --clip CLIP shows it"
         )
 
     def apply(self, frame: Frame, state: Any, index: int) -> NoReturn:

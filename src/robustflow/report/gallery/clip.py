@@ -48,7 +48,7 @@ class ClipCell:
 
 
 class ClipPart:
-    """A part of a video, or of a folder of frames, and the frames in its middle that are shown.
+    """A part of a video, or of a folder of frames, and the frames that are shown: those at `start`, or in its middle.
 
     Args:
         path: a video file, or a folder of pictures (of a folder of such folders, the first).
@@ -69,7 +69,7 @@ class ClipPart:
         group = self._data.load(keys[0]).group
         self._keys = [key for key in keys[: LONGEST_PART - 1] if self._data.load(key).group == group]
         self.count = len(self._keys) + 1
-        begin = max(0, (self.count - shown) // 2)
+        begin = max(0, (self.count - shown) // 2) if start is None else 0
         self.shown = range(begin, min(begin + shown, self.count))
         digits = keys[0].isdigit() and path.is_file()
         self.first_number = (int(keys[0]) if digits else 0) + self.shown[0]

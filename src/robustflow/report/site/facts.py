@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ...runs.run import Run
 
 _LONGEST = 600
+_WITHOUT_TRAINING = {"knowledge": "nothing: it learns nothing", "untrained": "nothing: its weights are random"}
 Facts = list[tuple[str, str]]
 
 
@@ -28,7 +29,7 @@ def run_facts(run: Run) -> Facts:
     facts = [
         ("Model", _described(identity["model"])),
         ("Setting", run.setting),
-        ("Trained on", _trained_on(provenance)),
+        ("Trained on", _trained_on(run.setting, provenance)),
         ("How that is known", str(provenance.get("basis", ""))),
         ("Note on the training", str(provenance.get("note", ""))),
         ("Benchmark", f"{identity['benchmark']} ({identity.get('dataset', '')})"),
@@ -59,7 +60,9 @@ def published_facts(model: str, sources: list[str]) -> Facts:
     return [(label, plain(text, _LONGEST)) for label, text in facts if text]
 
 
-def _trained_on(provenance: Mapping[str, Any]) -> str:
+def _trained_on(setting: str, provenance: Mapping[str, Any]) -> str:
+    if setting in _WITHOUT_TRAINING:
+        return _WITHOUT_TRAINING[setting]
     names = provenance.get("trained_on")
     return "not declared" if names is None else ", ".join(names) or "nothing"
 
