@@ -5,8 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    import torch
 
 BIAS, FREE = 0.03, 0.2
 """Of rule v2, where a keys file leaves them out."""
@@ -27,6 +31,17 @@ def weights(keys: Path) -> dict[str, np.ndarray]:
         else:
             values[entry["key"]] = np.zeros(shape, entry["dtype"])
     return values
+
+
+def fill_by_rule(net: torch.nn.Module, gain: float) -> None:
+    """Give every parameter of a network, except FlowDiffuser's two constants, its value by the rule."""
+    import torch
+
+    with torch.no_grad():
+        for name, value in net.named_parameters():
+            if name not in ("zero", "scale"):
+                key = name.removeprefix("model.")
+                value.copy_(torch.from_numpy(_value(key, tuple(value.shape), gain, BIAS, FREE)))
 
 
 def _value(key: str, shape: tuple[int, ...], gain: float, bias: float, free: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""FlowDiffuser by name: the authors' file layout, the noise's seed, batches."""
+"""FlowDiffuser by name: the authors' file layout, the noise's seed."""
 
 from __future__ import annotations
 
@@ -40,14 +40,6 @@ def test_the_seed_is_the_only_randomness(checkpoint):
     np.testing.assert_array_equal(flow, again.predict(*frames))
     assert np.abs(flow - other.predict(*frames)).max() > 1e-3
     assert first.identity() == again.identity() != other.identity()
-
-
-@pytest.mark.torch
-def test_a_pair_gives_alone_and_in_a_batch_the_same(checkpoint):
-    model = load_model("flowdiffuser", checkpoint=checkpoint, device="cpu")
-    pairs = [noise_pair(30, 45, seed) for seed in range(3)]
-    for pair, flow in zip(pairs, model.predict_batch(*zip(*pairs, strict=True)), strict=True):
-        np.testing.assert_allclose(flow, model.predict(*pair), atol=1e-4)
 
 
 @pytest.mark.torch

@@ -1,4 +1,4 @@
-"""SAMFlow by name: the authors' file layout, tiles, batches, and what is said when something does not fit."""
+"""SAMFlow by name: the authors' file layout, tiles, and what is said when something does not fit."""
 
 from __future__ import annotations
 
@@ -61,22 +61,11 @@ def test_tiles_of_the_authors_size_are_the_default(checkpoint):
 
 
 @pytest.mark.torch
-def test_whole_frames_and_batches(checkpoint):
-    model = load_model("samflow_t", checkpoint=checkpoint, device="cpu", iterations=3, tile="none")
-    pairs = [noise_pair(50, 70, seed) for seed in range(3)]
-    together = model.predict_batch(*zip(*pairs, strict=True))
-    for pair, flow in zip(pairs, together, strict=True):
-        alone = model.predict(*pair)
-        assert alone.shape == (50, 70, 2)
-        assert np.abs(alone).max() > 1e-2  # the weights are random: a flow that is all zero would prove nothing
-        np.testing.assert_allclose(flow, alone, atol=1e-4)
-
-
-@pytest.mark.torch
 def test_iterations_matter_and_bf16_runs(checkpoint):
-    frames = noise_pair(32, 48)
+    frames = noise_pair(30, 45)
     options = {"checkpoint": checkpoint, "device": "cpu", "tile": "none"}
     two, three = (load_model("samflow_t", iterations=n, **options).predict(*frames) for n in (2, 3))
+    assert two.shape == (30, 45, 2)
     assert np.abs(two - three).max() > 1e-3
     low = load_model("samflow_t", iterations=2, precision="bf16", **options).predict(*frames)
     assert 0 < np.abs(low - two).max() < 0.1 * np.abs(two).max() + 0.1

@@ -102,17 +102,6 @@ def test_bit_equal_to_the_library_on_kitti(library, capsys, shared, name):
 
 
 @pytest.mark.torch
-@pytest.mark.parametrize("name", PAPER)
-def test_the_batch_changes_nothing(library, name):
-    """In ptlflow's FlowFormer the pairs of a batch see each other (by 1e-4 px, in float64 as well)."""
-    model = adapter(name)
-    pairs = [textured_pair(131, 137, seed) for seed in range(2)]
-    together = model.run([a for a, _ in pairs], [b for _, b in pairs])
-    for flow, pair in zip(together, pairs, strict=True):
-        assert np.abs(flow - model.predict(*pair)).max() <= 1e-4
-
-
-@pytest.mark.torch
 @pytest.mark.parametrize(("name", "smallest"), [("raft", 121), ("gmflownet", 121), ("flowformer", 25)])
 def test_frames_too_small_for_numbers_are_refused(library, name, smallest):
     model = adapter(name)

@@ -233,18 +233,12 @@ def textured_pairs(count, height, width):
     return [image[4:-4, 4:-4] for image in images], [image[2 + i : -6 + i, 3:-5] for i, image in enumerate(images)]
 
 
-@pytest.mark.parametrize("name", NETS)
-def test_the_batch_changes_nothing(name):
-    build, convention = NETS[name]
-    model = network(name, seeded(build), convention, {}, device="cpu")
+def test_on_the_cpu_not_a_bit_depends_on_the_batch():
+    build, convention = NETS["brightflow"]
+    model = network("brightflow", seeded(build), convention, {}, device="cpu")
     first, second = textured_pairs(3, 100, 130)
-    together = model.run(first, second)  # as on a GPU
-    alone = [model.predict(a, b) for a, b in zip(first, second, strict=True)]
-    assert min(np.abs(alone[0] - other).mean() for other in alone[1:]) > 1e-3, "the net does not look at its images"
-    for whole, single in zip(together, alone, strict=True):
-        assert np.abs(whole - single).max() <= 1e-4
-    for whole, single in zip(model.predict_batch(first, second), alone, strict=True):
-        np.testing.assert_array_equal(whole, single)  # on the CPU not a bit depends on the batch
+    for flow, *pair in zip(model.predict_batch(first, second), first, second, strict=True):
+        np.testing.assert_array_equal(flow, model.predict(*pair))
 
 
 @pytest.mark.parametrize("name", NETS)

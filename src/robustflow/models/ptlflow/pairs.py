@@ -46,8 +46,9 @@ BESIDES = {
 """What some of ptlflow's models need besides ptlflow, which does not install it."""
 
 _SOURCE = SOURCES["ptlflow"]
-_BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
-"""Whose pairs of a batch were found not to see each other. FlowFormer's do, by 1e-4 px."""
+BATCHED = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer_pp")
+"""Networks whose pairs of a batch do not see each other, which `tests/models/test_batches.py` checks for each one.
+FlowFormer's do: its cost tokens attend with the contexts of other pairs."""
 
 
 @with_execution
@@ -77,9 +78,12 @@ def ptlflow_model(
     """
 
     def wrap(model: Any) -> Any:
+        from .flowformer_pp import FlowFormerPlusPlusNet
         from .net import PtlflowNet
 
-        return PtlflowNet(model, architecture in _BATCHED)
+        if architecture == "flowformer_pp":
+            return FlowFormerPlusPlusNet(model)
+        return PtlflowNet(model, architecture in BATCHED)
 
     return ptlflow_network(
         name,

@@ -1,0 +1,94 @@
+"""Every network that a GPU gets in batches: a pair's flow is the one it has alone, whatever else is in the batch.
+
+On the CPU `predict_batch` goes pair by pair, so these tests call `run`, the single call of the network that a GPU gets.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+import torch
+
+from robustflow import load_model
+from robustflow.models.construct import parameters_of
+from robustflow.models.own.networks import OWN_NETWORKS
+from robustflow.models.ptlflow.clips import CLIPS
+from robustflow.models.ptlflow.pairs import BATCHED
+from robustflow.models.registry import MODELS
+
+from ..parity.weight_rule import fill_by_rule
+from .textures import textured_pair
+
+pytestmark = pytest.mark.torch
+
+NETWORKS = (*BATCHED, *OWN_NETWORKS, "raft_large", "raft_small", "tiny", "tiny_no_weather", "tiny_all")
+PAIR_BY_PAIR = {"flowformer", "onnx", "torch_export", "farneback", "dis", "dis_rgb", "precomputed", *CLIPS}
+"""Registered models that are not networks or get one pair at a time, files of a user's own unless they declare more."""
+LARGE = ("samflow_b", "samflow_h")
+SIZES, SMALLER = ((128, 136), (125, 187)), ((64, 72), (61, 93))
+WITHOUT_RAFTS_LIMIT = ("flowformer_pp", *OWN_NETWORKS)
+"""Networks that give numbers for smaller frames too."""
+PYRAMIDS = ("arflow", "upflow")
+"""Networks whose flow hardly depends on the frames under smaller weights, see the README of the parity packs."""
+
+
+def network(name):
+    """A model with weights by the packs' rule: with PyTorch's random ones most of a network has hardly any effect."""
+    if name in (*BATCHED, "flowformer"):
+        pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    if name.startswith("tiny"):
+        return load_model(name, device="cpu", runtime="torch")
+    small = {"iterations": 2, "tile": "none", "size": "native"}
+    options = {key: value for key, value in small.items() if key in parameters_of(MODELS.get(name))}
+    model = load_model(name, checkpoint="random", device="cpu", **options)
+    fill_by_rule(model.net, 2**0.5 if name in PYRAMIDS else 0.8)
+    return model
+
+
+def batch(*pairs):
+    return [first for first, _ in pairs], [second for _, second in pairs]
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LARGE else name for name in NETWORKS]
+)
+def test_pairs_of_a_batch_do_not_see_each_other(name):
+    model = network(name)
+    for size in SMALLER if name in WITHOUT_RAFTS_LIMIT else SIZES:
+        a, b, c = (textured_pair(*size, seed) for seed in range(3))
+        together, exchanged = model.run(*batch(a, b)), model.run(*batch(a, c))
+        np.testing.assert_array_equal(together[0], exchanged[0])
+        alone = [model.run(*batch(pair))[0] for pair in (a, b)]
+        scale = max(1.0, float(np.abs(alone[0]).max()))
+        assert np.abs(alone[0] - alone[1]).mean() > 1e-3 * scale, "the flow does not depend on the frames"
+        for flow, expected in zip(together, alone, strict=True):
+            assert np.abs(flow - expected).max() <= 1e-4 * scale  # sums of another batch are rounded differently
+
+
+def test_pairs_of_flowformer_see_each_other_so_they_go_one_by_one():
+    model = network("flowformer")
+    a, b, c = (textured_pair(*SMALLER[1], seed) for seed in range(3))
+    one_by_one, model.net.batched = model.run(*batch(a, b)), True
+    together, exchanged = model.run(*batch(a, b)), model.run(*batch(a, c))
+    assert np.abs(together[0] - exchanged[0]).max() > 1e-3
+    assert np.abs(together[0] - one_by_one[0]).max() > 1e-3
+    for flow, pair in zip(one_by_one, (a, b), strict=True):
+        np.testing.assert_array_equal(flow, model.predict(*pair))
+
+
+def test_pairs_of_flowformer_pp_do_not_see_each_other_in_training():
+    net = network("flowformer_pp").net.train()
+    pairs = np.stack([np.stack(textured_pair(*SMALLER[0], seed)) for seed in range(3)])
+    frames = torch.from_numpy(pairs).permute(1, 0, 4, 2, 3).float()
+    with torch.no_grad():
+        together, exchanged = (net.predictions(*frames[:, which]) for which in ([0, 1], [0, 2]))
+    for flow, other in zip(together, exchanged, strict=True):
+        assert torch.equal(flow[0], other[0])
+        assert not torch.equal(flow[1], other[1])
+
+
+def test_every_registered_network_is_compared():
+    assert set(MODELS) - PAIR_BY_PAIR == set(NETWORKS)
