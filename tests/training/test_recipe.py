@@ -49,6 +49,32 @@ def test_the_papers_tables(shared, stage):
             assert value == pytest.approx(float(row[column]), rel=1e-12)
 
 
+def test_stages_of_flowdiffuser_are_those_of_its_script(shared):
+    lines = (shared("parity/training_flowdiffuser") / "README.md").read_text().splitlines()
+    header = lines.index("| stage | steps | batch | crop | lr | decay | gamma |")
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[header + 2 : header + 6]]
+    assert [row[0].split()[0] for row in rows] == ["chairs", "things", "sintel", "kitti"]
+    for stage, steps, batch, crop, rate, decay, gamma in rows:
+        recipe = load_recipe("flowdiffuser", stage.split()[0])
+        assert (recipe.updates, recipe.batch) == (1000 * int(steps.removesuffix("k")) + 1, int(batch))
+        assert f"{recipe.crop[0]}x{recipe.crop[1]}" == crop
+        assert (recipe.learning_rate, recipe.optimizer.weight_decay, recipe.gamma) == tuple(
+            map(float, (rate, decay, gamma))
+        )
+        assert (recipe.precision, recipe.noise, recipe.frozen_norms) == ("fp32", 0, "none")
+
+
+def test_sintel_stage_of_gmflownet_has_neither_kitti_nor_hd1k():
+    for method in ("gmflownet", "gmflownet_mix"):
+        assert {part.data for part in mix_parts(load_recipe(method, "sintel").mix)} == {"sintel", "flyingthings3d"}
+        assert all(recipe.schedule_ahead == 1 for recipe in recipes_of(method).values())
+
+
+def test_batchnorm_of_craft_learns_over_two_shares_in_every_stage():
+    for recipe in recipes_of("craft").values():
+        assert (recipe.devices, recipe.frozen_norms) == (2, "none")
+
+
 @pytest.mark.parametrize("method", trained_methods())
 def test_every_recipe_is_of_a_model_that_runs_and_of_data_that_are_known(method):
     from robustflow.datasets import DATASETS

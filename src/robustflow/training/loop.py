@@ -30,7 +30,7 @@ from .optimizers import set_rate
 from .processes import Process
 from .progress import TrainingProgress
 from .recipe import Recipe
-from .schedules import SCHEDULES
+from .schedules import rate_of
 from .unsupervised.objective import Moment
 
 
@@ -97,7 +97,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
         progress.start(first, last)
         for update in range(first, last):
             began = time.perf_counter()
-            rate = SCHEDULES[recipe.schedule](update, recipe.updates - recipe.one_more, recipe.learning_rate)
+            rate = rate_of(recipe, update)
             set_rate(state.optimizer, rate)
             numbers = _update(called, state, stream, training, share, update)
             state.done = Progressed(update + 1, state.done.identity, state.done.best)

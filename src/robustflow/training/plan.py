@@ -74,12 +74,13 @@ def _settings(recipe: Recipe) -> list[str]:
     steps = f" in {recipe.accumulate} steps" if recipe.accumulate > 1 else ""
     iterations = f", {counted(recipe.iterations, 'iteration')}" if recipe.iterations is not None else ""
     norms = {"none": "norms learn", "batchnorm": "BatchNorm frozen", "all": "all norms frozen"}[recipe.frozen_norms]
+    ahead = f", {counted(recipe.schedule_ahead, 'update')} ahead" if recipe.schedule_ahead else ""
     noise = f", noise up to {recipe.noise:g} grey levels" if recipe.noise else ""
     return [
         f"begins with: {recipe.start}",
         f"{counted(recipe.updates, 'update')} of {counted(recipe.pairs, 'pair')}{steps}, crop "
         f"{recipe.crop[0]}x{recipe.crop[1]}, {recipe.precision}{iterations}",
-        f"{optimizer.name}, rate {recipe.learning_rate:g} ({recipe.schedule}), weight decay "
+        f"{optimizer.name}, rate {recipe.learning_rate:g} ({recipe.schedule}{ahead}), weight decay "
         f"{optimizer.weight_decay:g}, {clip}",
         f"{_loss(recipe)}; {norms}{noise}",
     ]

@@ -84,6 +84,8 @@ class Recipe(Frozen):
         accumulate: steps for one update of the weights.
         devices: over how many the original's batch was spread, which determines the share that a BatchNorm normalises
             over.
+        schedule_ahead: updates by which the schedule is ahead of the training: 1 where the first update has the rate of
+            the schedule's second.
         crop: (H, W), pixels.
         iterations: of a recurrent network; None, in a file "none", for one without.
         loss: "sequence"; "sequence+matching", with GMFlowNet's loss of its matching; or "denoising", the sequence loss
@@ -113,6 +115,7 @@ class Recipe(Frozen):
     crop: tuple[int, int]
     learning_rate: float = Field(gt=0)
     schedule: Literal["one_cycle", "constant", "constant_then_decay"] = "one_cycle"
+    schedule_ahead: int = Field(0, ge=0)
     optimizer: Optimizer
     iterations: Annotated[int | None, _NONE] = Field(12, ge=1)
     loss: Literal["sequence", "sequence+matching", "denoising"] = "sequence"

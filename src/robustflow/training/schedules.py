@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..errors import UsageError
+from .recipe import Recipe
 
 _EXTRA_UPDATES = 100
 """RAFT makes its schedule this many updates longer than the training, and so never comes to its end."""
@@ -51,3 +52,9 @@ def constant_then_decay(update: int, steps: int, highest: float) -> float:
 
 SCHEDULES = {"one_cycle": one_cycle, "constant": constant, "constant_then_decay": constant_then_decay}
 """Schedules by the name that a recipe gives."""
+
+
+def rate_of(recipe: Recipe, update: int) -> float:
+    """The learning rate of an update, 0 for the first one, under a recipe."""
+    steps = recipe.updates - recipe.one_more
+    return SCHEDULES[recipe.schedule](update + recipe.schedule_ahead, steps, recipe.learning_rate)

@@ -102,8 +102,7 @@ def _slopes(wider: Tensor, x: Tensor, y: Tensor, height: int, width: int) -> tup
     reach = inner.shape[-1] // 2
     offsets = torch.arange(-reach, reach + 1, device=x.device)
     before_x, before_y = (
-        _lands_before((centre[:, None] + offsets).float(), side)[:, None]
-        for centre, side in ((x, width), (y, height))
+        _lands_before((centre[:, None] + offsets).float(), side)[:, None] for centre, side in ((x, width), (y, height))
     )
     along_x = torch.where(before_x[..., None, :], to_left, to_right)
     return along_x, torch.where(before_y[..., None], upwards, downwards)

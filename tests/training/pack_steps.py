@@ -1,0 +1,138 @@
+"""A pack of training steps (`parity/training_*` of the shared data): its batch and weights, and the steps that the
+project makes from them with the recipe's own loss, optimiser and schedule."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor, nn
+
+from robustflow.images.io import read_image
+from robustflow.training import loss_of_batch
+from robustflow.training.data.loader import Batch
+from robustflow.training.networks import TrainedNetwork, learning_parameters, load_network
+from robustflow.training.optimizers import build_optimizer, set_rate
+from robustflow.training.recipe import Recipe
+from robustflow.training.schedules import rate_of
+
+from ..parity.weight_rule import digest, weights
+
+STEPS = 200
+"""Of the training that every pack's schedule is for."""
+
+
+@dataclass(frozen=True)
+class TrainingPack:
+    """One folder: what its `cases.json` and `expected.npz` hold."""
+
+    folder: Path
+    header: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+
+    @classmethod
+    def read(cls, folder: Path) -> TrainingPack:
+        with np.load(folder / "expected.npz") as file:
+            return cls(folder, json.loads((folder / "cases.json").read_text()), dict(file))
+
+    def frames(self, which: int) -> Tensor:
+        """First (1) or second (2) frames, float32 (2, 3, H, W) in 0..255."""
+        images = [read_image(self.folder / f"item{item}_{which}.png") for item in (0, 1)]
+        return torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2).float()
+
+    def batch(self, step: int = 0, times: list[int] | None = None) -> Batch:
+        """The batch of a step; with a time and noise where the case has `times`."""
+        with np.load(self.folder / "truth.npz") as file:
+            truth, valid = (torch.from_numpy(file[key]).float() for key in ("flow", "valid"))
+        batch = Batch(self.frames(1), self.frames(2), truth, valid, ("0", "1"))
+        if times is None:
+            return batch
+        height, width = (side // 8 for side in self.header["size"])
+        assert self.header["noise"].startswith("numpy.random.default_rng(0 + step).standard_normal((2, 2, ")
+        noise = np.random.default_rng(step).standard_normal((2, 2, height, width)).astype(np.float32)
+        return replace(batch, time=times[step], noise=torch.from_numpy(noise))
+
+    def network(self, recipe: Recipe) -> TrainedNetwork:
+        """The recipe's network in training mode, with the pack's weights."""
+        torch.set_num_threads(1)
+        made = weights(self.folder / "keys.json")
+        assert digest(made) == self.header["digest"]
+        _, network = load_network(recipe, "random")
+        own = network.weights()
+        assert own.keys() == {entry["key"] for entry in json.loads((self.folder / "keys.json").read_text())["entries"]}
+        network.load_weights(own | {key: torch.from_numpy(value) for key, value in made.items()})
+        return network.train()
+
+
+@dataclass
+class Step:
+    """What one step gave, before the weights changed; gradients, before they were clipped, of the first one alone."""
+
+    loss: float
+    norm: float
+    rate: float
+    numbers: dict[str, float]
+    flows: list[Tensor]
+    gradients: dict[str, Tensor]
+
+
+def steps(
+    network: TrainedNetwork,
+    recipe: Recipe,
+    batch_of: Callable[[int], Any],
+    count: int,
+    loss_of: Callable[[Any], tuple[Tensor, dict[str, float]]] | None = None,
+) -> Iterator[Step]:
+    """Make steps with the optimiser, clipping and schedule of a recipe.
+
+    Args:
+        network: from `TrainingPack.network`.
+        recipe: for `STEPS` steps.
+        batch_of: the batch of a step.
+        count: of steps.
+        loss_of: the loss of a batch; by default that of the recipe.
+    """
+    loss_of = loss_of or (lambda batch: loss_of_batch.loss_of_batch(network, batch, recipe))
+    optimizer = build_optimizer(network, recipe)
+    for number in range(count):
+        rate = rate_of(recipe, number)
+        set_rate(optimizer, rate)
+        optimizer.zero_grad(set_to_none=True)
+        with flows_kept() as flows:
+            loss, numbers = loss_of(batch_of(number))
+        loss.backward()
+        gradients = {} if number else gradients_of(network)
+        norm = nn.utils.clip_grad_norm_(learning_parameters(network), recipe.optimizer.clip or float("inf"))
+        optimizer.step()
+        yield Step(loss.item(), norm.item(), rate, numbers, [flow.detach() for flow in flows], gradients)
+
+
+@contextmanager
+def flows_kept() -> Iterator[list[Tensor]]:
+    """Within the block, the predictions that go into the sequence loss are kept."""
+    kept: list[Tensor] = []
+    real = loss_of_batch.sequence_loss
+
+    def watched(flows: list[Tensor], *rest: Any) -> Tensor:
+        kept[:] = flows
+        return real(flows, *rest)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loss_of_batch, "sequence_loss", watched)
+        yield kept
+
+
+def gradients_of(network: TrainedNetwork) -> dict[str, Tensor]:
+    """A copy of the gradient of each parameter that has one, by its name in the authors' files."""
+    return {
+        name.removeprefix("net.").removeprefix("model."): value.grad.clone()
+        for name, value in network.named_parameters()
+        if value.grad is not None
+    }

@@ -1,0 +1,316 @@
+"""Training steps of GMFlowNet, FlowFormer, FlowFormer++ and FlowDiffuser beside those of their authors' code, from the
+packs `training_*` of the shared data; and mistakes that the packs' numbers must reject."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+import torch.nn.functional as F  # noqa: E402
+
+from robustflow.models.own.nets import flowdiffuser  # noqa: E402
+from robustflow.models.own.nets.window_volume import WindowVolume  # noqa: E402
+from robustflow.models.ptlflow.flowformer_pp import _with_own_context  # noqa: E402
+from robustflow.training.loss_of_batch import loss_of_batch  # noqa: E402
+from robustflow.training.losses.matching import matching_loss, true_matches  # noqa: E402
+from robustflow.training.losses.sequence import sequence_loss  # noqa: E402
+from robustflow.training.recipe import load_recipe  # noqa: E402
+from robustflow.training.schedules import one_cycle, rate_of  # noqa: E402
+
+from ..shared_data import shared_folder  # noqa: E402
+from .pack_steps import STEPS, Step, TrainingPack, gradients_of, steps  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
+
+METHODS = {
+    "gmflownet": "gmflownet_mix",
+    "flowformer": "flowformer",
+    "flowformer_pp": "flowformer_pp",
+    "flowdiffuser": "flowdiffuser",
+}
+CASES = {
+    ("gmflownet", "things"): 3,
+    ("gmflownet", "chairs"): 2,
+    ("flowformer", "things"): 2,
+    ("flowformer_pp", "things"): 2,
+    ("flowdiffuser", "things"): 3,
+    ("flowdiffuser", "sintel"): 1,
+}
+"""The steps of each case."""
+EACH_CASE = pytest.mark.parametrize(("name", "case"), CASES)
+EACH_STEP = pytest.mark.parametrize(
+    ("name", "case", "number"), [(*case, number) for case, count in CASES.items() for number in range(count)]
+)
+_LOSS = {"flowdiffuser": (2e-6, 1e-3)}
+"""Relative tolerance of the loss in the first step and in later ones, where it is not (1e-6, 1e-4)."""
+_GRADIENT = {"flowdiffuser": 5e-4}
+"""Of the largest value of a gradient, where it is not 1e-3."""
+ROUNDING = 1e-6
+"""Gradients of parameters without effect (biases before a norm, or of keys that softmax compares) are rounding."""
+
+
+def pack_of(name: str) -> TrainingPack:
+    if name != "flowdiffuser":
+        pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    return TrainingPack.read(shared_folder("parity", f"training_{name}"))
+
+
+def recipe_of(name: str, case: str):
+    return load_recipe(METHODS[name], case).changed(steps=STEPS, devices=1, iterations=12)
+
+
+def network_of(name: str, case: str = "things"):
+    network = pack_of(name).network(recipe_of(name, case))
+    for module in network.modules():
+        if type(module).__name__ == "DropPath":
+            module.drop_prob = 0.0
+    return network
+
+
+def batch_of(name: str, case: str = "things", number: int = 0):
+    pack = pack_of(name)
+    return pack.batch(number, pack.header["cases"][case].get("times"))
+
+
+@cache
+def made(name: str, case: str) -> tuple[list[Step], dict[str, torch.Tensor]]:
+    """All steps of a case, and the weights after the last one."""
+    network = network_of(name, case)
+    taken = list(steps(network, recipe_of(name, case), lambda number: batch_of(name, case, number), CASES[name, case]))
+    return taken, network.weights()
+
+
+def loss_with(name: str, network, batch=None) -> float:
+    """The loss of the first step of things with a network, or a batch, in which something is changed."""
+    with torch.no_grad():
+        return loss_of_batch(network, batch or batch_of(name), recipe_of(name, "things"))[0].item()
+
+
+@EACH_CASE
+def test_recipe_of_a_case_has_its_settings_and_rates(name, case):
+    pack = pack_of(name)
+    expected, recipe = pack.header["cases"][case], load_recipe(METHODS[name], case)
+    assert (recipe.gamma, recipe.learning_rate) == (expected["gamma"], expected["lr"])
+    assert (recipe.optimizer.weight_decay, recipe.optimizer.clip) == (expected["wdecay"], expected["clip"])
+    if "crop" in expected:
+        assert (list(recipe.crop), recipe.batch) == (expected["crop"], expected["batch"])
+        assert (recipe.noise > 0) == expected["add_noise"]
+    assert (recipe.frozen_norms == "batchnorm") == (expected.get("bn") == "frozen")
+    schedule = pack.header["schedule"]
+    assert schedule["of"].startswith(f"{load_recipe(METHODS[name], 'things').steps} steps")
+    if case == "things":
+        assert recipe.updates - 1 == recipe.steps == schedule["rates"][-1][0]
+        for update, rate in schedule["rates"]:
+            assert abs(rate_of(recipe, update) - rate) < 1e-9
+
+
+@EACH_STEP
+def test_step_is_the_originals(name, case, number):
+    expected, step = pack_of(name).header["cases"][case], made(name, case)[0][number]
+    tolerance = _LOSS.get(name, (1e-6, 1e-4))[number > 0]
+    assert step.loss == pytest.approx(expected["loss"][number], rel=tolerance)
+    assert step.numbers["epe"] == pytest.approx(expected["epe_last"][number], rel=max(tolerance, 1e-5), abs=0)
+    assert step.norm == pytest.approx(expected["grad_norm"][number], rel=1e-4 if number == 0 else 1e-3)
+    assert abs(step.rate - expected["rate"][number]) < 1e-9
+    if "matching" in step.numbers:
+        off = expected["loss"][number] - expected["sequence"][number]
+        assert 0.01 * step.numbers["matching"] == pytest.approx(off, rel=1e-3)
+    per_step = expected["l1"] if name == "flowdiffuser" else [expected["l1"]]
+    if number < len(per_step):
+        batch = batch_of(name, case, number)
+        found = [sequence_loss([flow], batch.flow, batch.valid).item() for flow in step.flows]
+        assert found == pytest.approx(per_step[number], rel=tolerance)
+
+
+@EACH_CASE
+def test_flows_and_gradients_of_the_first_step_are_the_originals(name, case):
+    pack = pack_of(name)
+    step, expected = made(name, case)[0][0], pack.header["cases"][case]
+    kept = {f"{case}/flow_last": (11, 2), **{f"{case}/flow{index}": (index, 4) for index in (0, 5, 6, 11)}}
+    compared = kept.keys() & pack.arrays.keys()
+    assert compared
+    for key in compared:
+        index, stride = kept[key]
+        off = np.abs(step.flows[index][..., ::stride, ::stride].numpy() - pack.arrays[key]).max()
+        assert off <= 1e-5 * np.abs(pack.arrays[key]).max()
+    norms = expected["gradient_norms"]
+    assert {key for key, norm in norms.items() if norm} == {key for key, value in step.gradients.items() if value.any()}
+    for key, norm in norms.items():
+        if norm and norm > ROUNDING:
+            assert step.gradients[key].norm().item() == pytest.approx(
+                norm, rel=1e-2 if name == "flowdiffuser" else 1e-3
+            )
+    for key in [key for key in pack.arrays if key.startswith(f"{case}/gradient/")]:
+        if norms[parameter := key.rpartition("/")[2]] > ROUNDING:
+            off = np.abs(step.gradients[parameter].numpy() - pack.arrays[key]).max()
+            assert off <= _GRADIENT.get(name, 1e-3) * np.abs(pack.arrays[key]).max(), key
+
+
+@EACH_CASE
+def test_weights_after_the_steps_are_the_originals(name, case):
+    pack = pack_of(name)
+    expected, (_, weights) = pack.header["cases"][case], made(name, case)
+    moved = sum(expected["rate"][: CASES[name, case]])
+    for key in [key for key in pack.arrays if key.startswith(f"{case}/after/")]:
+        norm = expected["gradient_norms"].get(parameter := key.rpartition("/")[2])
+        if not norm or norm > ROUNDING:  # of rounding Adam makes whole steps
+            assert np.abs(weights[parameter].numpy() - pack.arrays[key]).mean() <= 1e-2 * moved, key
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_loss_over_other_pixels_is_rejected(name):
+    step, gamma, batch = made(name, "things")[0][0], recipe_of(name, "things").gamma, batch_of(name)
+    right = sequence_loss(step.flows, batch.flow, batch.valid, gamma)
+    unlimited = sequence_loss(step.flows, batch.flow, batch.valid, gamma, max_flow=float("inf"))
+    counted = ((batch.valid >= 0.5) & (batch.flow.norm(dim=1) < 400)).float().mean()
+    assert unlimited / right > 1.01
+    assert 1 / counted > 1.1  # the mean over valid pixels alone
+
+
+def test_matching_of_gmflownet_with_other_frames_or_pixels_is_rejected():
+    """The README's numbers for frames in 0..1, where nothing is occluded, and without pixels of unknown truth."""
+    pack, batch = pack_of("gmflownet"), batch_of("gmflownet")
+    expected = pack.header["cases"]["things"]
+    with torch.no_grad():
+        _, confidence = network_of("gmflownet").matched(batch.image1, batch.image2)
+    np.testing.assert_allclose(confidence[:, ::17], pack.arrays["confidence_rows"], atol=1e-6)
+    right = true_matches(batch.image1, batch.image2, batch.flow)
+    assert torch.equal(right, torch.from_numpy(pack.arrays["matches"]).long())
+    assert int((right >= 0).sum()) == expected["matches"] == 326
+    known = torch.where(batch.valid[:, None] > 0, batch.flow, 1e4)  # a vector that leaves the frame matches nothing
+    for frames, truth, matches, loss in (
+        ((batch.image1, batch.image2), batch.flow, 326, 7.6263),
+        ((batch.image1 / 255, batch.image2 / 255), batch.flow, 464, 8.1807),
+        ((batch.image1, batch.image2), known, 239, 7.5878),
+    ):
+        assert int((true_matches(*frames, truth) >= 0).sum()) == matches
+        assert matching_loss(confidence, *frames, truth).item() == pytest.approx(loss, abs=1e-4)
+
+
+def test_gmflownet_with_dropped_blocks_learning_norms_or_an_early_schedule_is_rejected():
+    pack = pack_of("gmflownet")
+    expected, zeroed = pack.header["cases"]["things"], pack.header["set_to_zero"]
+    network = pack.network(recipe_of("gmflownet", "things"))
+    dropping = {name.removeprefix("net.model."): module for name, module in network.named_modules()}
+    assert {name: dropping[name].drop_prob for name in zeroed} == {name: rate for name, (_, rate) in zeroed.items()}
+    torch.manual_seed(0)
+    assert abs(loss_with("gmflownet", network) / expected["loss"][0] - 1) > 1e-3
+    network = network_of("gmflownet", "chairs")  # whose norms learn
+    assert loss_with("gmflownet", network) == pytest.approx(48.24, abs=0.01)
+    assert one_cycle(0, STEPS, expected["lr"]) == pytest.approx(5e-6) != expected["rate"][0]
+
+
+def test_flowformer_with_each_pairs_own_context_or_padded_crops_is_rejected():
+    expected, network = pack_of("flowformer").header["cases"]["things"]["loss"][0], network_of("flowformer")
+    model = network.net.model
+    model.output_stride = 32
+    assert abs(loss_with("flowformer", network) / expected - 1) > 1e-3
+    model.output_stride = 8
+    for module in model.modules():
+        if hasattr(module, "context_proj"):
+            module.register_forward_pre_hook(_with_own_context)
+    assert abs(loss_with("flowformer", network) / expected - 1) > 5e-6
+
+
+def test_flowformer_pp_with_the_contexts_of_other_pairs_is_rejected():
+    """The README's 5.5e-5 of the loss, and 30 % and more of the gradients of the contexts' projections."""
+    expected, network = pack_of("flowformer_pp").header["cases"]["things"]["loss"][0], network_of("flowformer_pp")
+    for module in network.modules():
+        if hasattr(module, "context_proj"):
+            module._forward_pre_hooks.clear()
+    loss, _ = loss_of_batch(network, batch_of("flowformer_pp"), recipe_of("flowformer_pp", "things"))
+    loss.backward()
+    assert abs(loss.item() / expected - 1) == pytest.approx(5.5e-5, rel=0.1)
+    right = made("flowformer_pp", "things")[0][0].gradients
+    projections = {key: value for key, value in gradients_of(network).items() if "context_proj" in key}
+    assert len(projections) == 12
+    off = [(value - right[key]).norm() / right[key].norm() for key, value in projections.items()]
+    assert max(off) > 0.3
+
+
+def test_flowformer_pp_takes_a_crop_as_it_is_in_training_alone():
+    network, seen = network_of("flowformer_pp"), []
+    network.net.model.context_encoder.register_forward_hook(lambda module, inputs, output: seen.append(inputs[0].shape))
+    frames = pack_of("flowformer_pp").frames(1)[:1, :, :128, :136]
+    with torch.no_grad():
+        for mode in (True, False, True):
+            network.train(mode)
+            flow = network(frames, frames)[-1] if mode else network.net(frames, frames)
+            assert flow.shape == (1, 2, 128, 136)
+    assert [tuple(shape[2:]) for shape in seen] == [(128, 136), (128, 160), (128, 136)]
+
+
+def _time_later(patch, network, batch):
+    return replace(batch, time=641)
+
+
+def _one_time_of_600(patch, network, batch):
+    return replace(batch, time=600)
+
+
+def _truth_between_corners(patch, network, batch):
+    def interpolate(image, size=None, mode="nearest", align_corners=None):
+        return F.interpolate(image, size, mode=mode, align_corners=align_corners and image is not batch.flow)
+
+    patch(flowdiffuser, "F", SimpleNamespace(interpolate=interpolate))
+
+
+def _truth_zeroed(patch, network, batch):
+    real, counts = network.denoised, (batch.valid >= 0.5) & (batch.flow.norm(dim=1) < 400)
+    patch(network, "denoised", lambda one, two, flow, *rest: real(one, two, flow * counts[:, None], *rest))
+
+
+def _whole_scale(patch, network, batch):
+    network.net.scale.data.fill_(1.0)
+
+
+def _linear_schedule(patch, network, batch):
+    betas = torch.linspace(1e-4, 0.02, 1000, dtype=torch.float64)
+    network.net.alphas_cumprod.copy_(torch.cumprod(1 - betas, 0))
+
+
+def _far_reach(patch, network, batch):
+    patch(flowdiffuser, "_REACH", 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("mistake", "change"),
+    [
+        (_time_later, 3e-5),
+        (_truth_between_corners, 2e-4),
+        (_truth_zeroed, 2e-4),
+        (_one_time_of_600, 6e-3),
+        (_whole_scale, 1.5e-2),
+        (_linear_schedule, 1.2e-2),
+        (_far_reach, 1.3),
+    ],
+)
+def test_flowdiffuser_from_another_start_is_rejected(monkeypatch, mistake, change):
+    """By the change of the loss that the README gives."""
+    network, batch = network_of("flowdiffuser"), batch_of("flowdiffuser")
+    wrong = loss_with("flowdiffuser", network, mistake(monkeypatch.setattr, network, batch) or batch)
+    right = pack_of("flowdiffuser").header["cases"]["things"]["loss"][0]
+    assert abs(wrong / right - 1) == pytest.approx(change, rel=0.25)
+
+
+def test_flowdiffuser_with_two_sequences_of_six_is_rejected():
+    step, batch = made("flowdiffuser", "things")[0][0], batch_of("flowdiffuser")
+    halves = [sequence_loss(half, batch.flow, batch.valid, 0.8).item() for half in (step.flows[:6], step.flows[6:])]
+    assert sum(halves) / step.loss - 1 == pytest.approx(0.55, abs=0.01)
+
+
+@pytest.mark.slow
+def test_flowdiffuser_with_rounding_as_a_constant_is_rejected(monkeypatch):
+    constant = lambda one, two, target: WindowVolume(one, two, target.detach())  # noqa: E731
+    monkeypatch.setattr(flowdiffuser, "WindowVolume", constant)
+    recipe, network = recipe_of("flowdiffuser", "things"), network_of("flowdiffuser")
+    (step,) = steps(network, recipe, lambda number: batch_of("flowdiffuser"), 1)
+    assert step.loss == pytest.approx(made("flowdiffuser", "things")[0][0].loss, rel=2e-6)
+    assert step.norm == pytest.approx(36.8513, rel=1e-4)

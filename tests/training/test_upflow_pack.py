@@ -1,0 +1,187 @@
+"""UPFlow's loss, gradients and optimiser steps beside those of its authors' code, from the pack `training_upflow` of
+the shared data; and mistakes that its numbers must reject."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from robustflow.models.torch.resize import resize_flow  # noqa: E402
+from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
+from robustflow.training.losses.dilated_warp import leaves  # noqa: E402
+from robustflow.training.losses.upflow import OneWay, upflow_terms  # noqa: E402
+from robustflow.training.recipe import load_recipe  # noqa: E402
+from robustflow.training.unsupervised import upflow as objective  # noqa: E402
+from robustflow.training.unsupervised.build import build_objective  # noqa: E402
+from robustflow.training.unsupervised.objective import Moment  # noqa: E402
+
+from ..shared_data import shared_folder  # noqa: E402
+from .pack_steps import Step, TrainingPack, steps  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
+
+CASES = {"paper": 3, "script": 1}
+"""The steps of each case; "script" has photometric loss and smoothness alone."""
+_TERM = (2e-6, 1e-5, 1e-4)
+"""Relative tolerance of the loss' terms in each step."""
+GRADIENT, WEIGHT = 1e-3, 5e-5
+
+
+@dataclass
+class Made:
+    """What the steps of a case gave; `ways` and `flow_gradients` are of the first one."""
+
+    steps: list[Step]
+    ways: list[OneWay]
+    flow_gradients: list[torch.Tensor]
+    weights: dict[str, torch.Tensor]
+
+
+def pack() -> TrainingPack:
+    return TrainingPack.read(shared_folder("parity", "training_upflow"))
+
+
+def recipe_of(case: str):
+    recipe, header = load_recipe("upflow", "unsupervised"), pack().header
+    alone = {"census": 0.0, "distillation": 0.0} if case == "script" else {}
+    return recipe.changed(crop=header["crop"], objective={**recipe.objective.model_dump(), **alone})
+
+
+def batch_of(header: dict[str, Any]) -> Batch:
+    whole = WholeFrames(
+        pack().frames(1),
+        pack().frames(2),
+        torch.tensor(header["starts_xy"], dtype=torch.float32),
+        torch.tensor([header["whole"][::-1]] * 2, dtype=torch.float32),
+    )
+    first, second = whole.crops(*header["crop"])
+    nothing = torch.zeros(2, *header["crop"])
+    return Batch(first, second, nothing[:, None].expand(-1, 2, -1, -1), nothing, ("0", "1"), whole=whole)
+
+
+@cache
+def made(case: str) -> Made:
+    """All steps of a case."""
+    recipe, header = recipe_of(case), pack().header
+    network = pack().network(recipe)
+    module, kept = build_objective(network, recipe), []
+    real = objective.upflow_terms
+
+    def watched(ways, settings):
+        kept.append(ways)
+        for way in ways:
+            way.flow.retain_grad()
+        return real(ways, settings)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(objective, "upflow_terms", watched)
+        taken = []
+        for step in steps(
+            network,
+            recipe,
+            lambda number: batch_of(header),
+            CASES[case],
+            lambda batch: module(batch, Moment(0, 0, (), 0)),
+        ):
+            step.numbers = {name: value.item() for name, value in step.numbers.items() if name != "flow"}
+            taken.append(step)
+    return Made(taken, kept[0], [way.flow.grad for way in kept[0]], network.weights())
+
+
+@pytest.mark.parametrize(
+    ("case", "number"), [(case, number) for case, count in CASES.items() for number in range(count)]
+)
+def test_step_is_the_originals(case, number):
+    expected, step = pack().header["cases"][case], made(case).steps[number]
+    assert step.loss == pytest.approx(expected["total"][number], rel=_TERM[number])
+    for name, value in expected["terms"][number].items():
+        assert step.numbers[name] == pytest.approx(value or 0.0, rel=_TERM[number]), name
+    assert step.norm == pytest.approx(expected["grad_norm"][number], rel=1e-4 if number == 0 else 1e-3)
+    assert step.rate == 1e-4
+
+
+def test_flows_visibility_and_fetched_frames_are_the_originals():
+    arrays, expected, ways = pack().arrays, pack().header["cases"]["paper"], made("paper").ways
+    for way, name in zip(ways, ("forward", "backward"), strict=True):
+        np.testing.assert_allclose(way.flow.detach(), arrays[f"flow_{name}"], atol=1e-4)
+        for level, found in enumerate(reversed(way.levels)):
+            np.testing.assert_allclose(found.detach(), arrays[f"level{level}_{name}"], atol=1e-4)
+        assert (way.seen.numpy() != arrays[f"seen_{name}"]).mean() <= 1e-4
+    np.testing.assert_allclose(ways[0].warped[..., ::4, ::4].detach(), arrays["warped1"], atol=1e-4)
+    assert [way.seen.mean().item() for way in ways] == pytest.approx(expected["seen_mean"][0], abs=1e-4)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_gradients_of_the_first_step_are_the_originals(case):
+    arrays, expected, found = pack().arrays, pack().header["cases"][case]["gradient_norms"], made(case)
+    gradients = found.steps[0].gradients
+    assert gradients.keys() == expected.keys()
+    for name, norm in expected.items():
+        assert gradients[name].norm().item() == pytest.approx(norm, rel=GRADIENT), name
+        if (key := f"{case}/gradient/{name}") in arrays:
+            assert np.abs(gradients[name].numpy() - arrays[key]).max() <= GRADIENT * np.abs(arrays[key]).max(), name
+    for way, name in zip(found.flow_gradients, ("forward", "backward"), strict=True):
+        wanted = arrays[f"{case}/gradient/flow_{name}"]
+        off = np.abs(way[..., ::2, ::2].numpy() - wanted)
+        # Two neighbours whose vectors are equal but for rounding: smoothness has a kink there.
+        assert (off > GRADIENT * np.abs(wanted).max()).sum() <= 1
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_weights_after_the_steps_are_the_originals(case):
+    arrays, weights = pack().arrays, made(case).weights
+    for key in [key for key in arrays if key.startswith(f"{case}/after/")]:
+        np.testing.assert_allclose(weights[key.rpartition("/")[2]], arrays[key], rtol=0, atol=WEIGHT)
+
+
+def _all_seen(way: OneWay) -> OneWay:
+    return replace(way, seen=torch.ones_like(way.seen))
+
+
+def _leaving_is_hidden(way: OneWay) -> OneWay:
+    return replace(way, seen=way.seen * (1 - leaves(way.flow)))
+
+
+def _own_size(way: OneWay) -> list[torch.Tensor]:
+    """The distillation of each level, compared at the level's size."""
+    sums = []
+    for level in way.levels:
+        size = level.shape[2:]
+        far = ((level - resize_flow(way.flow, tuple(size))).abs() + 0.01) ** 0.4
+        seen = torch.nn.functional.interpolate(way.seen, size=size)
+        sums.append((far * seen).sum() / (seen.sum() + 1e-6))
+    return sums
+
+
+# Without visibility the original also takes the mean over both components: a factor of 0.38.
+@pytest.mark.parametrize(("mistake", "factor"), [(_all_seen, 2 * 0.383), (_leaving_is_hidden, 0.59)])
+def test_distillation_of_other_pixels_is_rejected(mistake, factor):
+    expected, settings = pack().header["cases"]["paper"]["terms"][0], recipe_of("paper").objective
+    with torch.no_grad():
+        wrong = upflow_terms([mistake(way) for way in made("paper").ways], settings)["distillation"].item()
+    assert wrong / expected["distillation"] == pytest.approx(factor, abs=0.01)
+
+
+def test_distillation_at_the_levels_own_size_is_rejected():
+    expected = pack().header["cases"]["paper"]["terms"][0]["distillation"]
+    with torch.no_grad():
+        wrong = sum(sum(_own_size(way)) for way in made("paper").ways).item()
+    assert wrong / expected == pytest.approx(0.33, abs=0.05)
+
+
+def test_frames_fetched_from_the_crop_are_rejected():
+    header, recipe = pack().header, recipe_of("paper")
+    batch = batch_of(header)
+    crops = WholeFrames(batch.image1, batch.image2, torch.zeros(2, 2), torch.tensor([header["crop"][::-1]] * 2).float())
+    module = build_objective(pack().network(recipe), recipe)
+    with torch.no_grad():
+        _, terms = module(replace(batch, whole=crops), Moment(0, 0, (), 0))
+    expected = header["cases"]["paper"]["terms"][0]
+    assert terms["photometric"].item() / expected["photometric"] == pytest.approx(1.019, abs=0.003)
+    assert terms["census"].item() / expected["census"] == pytest.approx(1.025, abs=0.003)
