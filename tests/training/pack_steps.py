@@ -73,7 +73,7 @@ class TrainingPack:
 
 @dataclass
 class Step:
-    """What one step gave, before the weights changed; gradients, before they were clipped, of the first one alone."""
+    """What one step gave before the weights changed; gradients, before clipping, only of the first step."""
 
     loss: float
     norm: float

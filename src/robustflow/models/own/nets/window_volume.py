@@ -13,9 +13,9 @@ from ..blocks.allpairs import sample_window
 class WindowVolume:
     """Dot products, divided by sqrt(C), on 17 x 17 pixels around a whole-pixel target, and on three pooled levels.
 
-    The values are those of the all-pairs volume, which at 1/4 of a KITTI image would take 3.4 GB. Rounding is
-    straight-through, as in FlowDiffuser: it counts as the identity in the backward pass, where the window moves with the
-    target (see `_slopes`) and each look-up moves against it.
+    The values are those of the all-pairs volume, which at 1/4 of a KITTI image would take 3.4 GB. Rounding counts as
+    the identity in the backward pass, as in FlowDiffuser: the window moves with the target (see `_slopes`), and each
+    look-up moves against it.
 
     Args:
         features1: (N, C, H, W).
