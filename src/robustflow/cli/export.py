@@ -134,10 +134,10 @@ def _export_submission(
     from ..datasets.robustspring_condition import CORRUPTIONS, submitted
     from ..errors import UsageError
     from ..models import ModelSpec
+    from ..progress_bar import ProgressBar
     from ..records.load import load_any_run
     from ..runner.submission import condition_pairs, model_of, write_submission
     from ..runs.source import RunSource
-    from .video_progress import VideoProgress
 
     if data is None:
         raise UsageError(
@@ -150,10 +150,10 @@ def _export_submission(
     total = sum(len(condition.keys) for condition in conditions)
     moved: dict[str, list[float]] = {}
     fresh = count = 0
-    with VideoProgress() as progress:
+    with ProgressBar() as progress:
         for one in write_submission(model_of(run, spec), conditions, output):
             count, fresh = count + 1, fresh + one.fresh
-            progress(str(output), "predicting", count, total)
+            progress.stage(str(output), "predicting", count, total)
             if one.moved is not None:
                 moved.setdefault(one.condition, []).append(one.moved)
     if moved:

@@ -58,8 +58,8 @@ def predict(
     """
     from ..errors import UsageError
     from ..models import ModelSpec
+    from ..progress_bar import ProgressBar
     from ..runner.predict import frames_of, predict_flows, write_pictures, write_video
-    from .video_progress import VideoProgress
 
     if radius is not None and not 0 < radius < float("inf"):
         raise UsageError(f"--max-flow {radius}: a length in pixels above 0")
@@ -73,14 +73,14 @@ def predict(
     dataset = frames_of(frames, dict(keyword_options(data_option)))
     total = len(dataset.keys())
     done = []
-    with VideoProgress() as progress:
+    with ProgressBar() as progress:
         for one in predict_flows(spec, dataset, output, suffix=suffix, overwrite=overwrite):
             done.append(one)
-            progress(str(output), "predicting", len(done), total)
+            progress.stage(str(output), "predicting", len(done), total)
         longest = radius if radius is not None else max(one.radius for one in done)
         if pictures:
             for number, _ in enumerate(write_pictures(done, longest), 1):
-                progress(str(output), "drawing", number, total)
+                progress.stage(str(output), "drawing", number, total)
         if video is not None:
             write_video(video, done, dataset, longest, fps)
     typer.echo(str(output))

@@ -68,10 +68,10 @@ def gopro_fc(
       robustflow prepare gopro-fc -d frames/ -o mine --fps 120 --factor 1 --step 4
       robustflow prepare gopro-fc -d /shared/GoPro -o /shared/gopro-fc --interpolator flow --engine ray --address auto
     """
+    from ..progress_bar import ProgressBar
     from ..video.disk import check_room, estimate_disk
     from ..video.prepare import Preparation
     from ..video.prepare_folder import find_sources, prepare_folder
-    from .video_progress import VideoProgress
 
     rate = _rate(fps)
     preparation = Preparation(rate, factor, step, interpolator, checkpoint, device, preset)
@@ -86,8 +86,8 @@ def gopro_fc(
     if estimate_only:
         return
     check_room(estimate, output)
-    with VideoProgress() as progress:
-        clips = prepare_folder(sources, output, preparation, workers or 1, limit, progress, prepare_all)
+    with ProgressBar() as progress:
+        clips = prepare_folder(sources, output, preparation, workers or 1, limit, progress.stage, prepare_all)
     pairs = sum(len(clip.pairs) for clip in clips)
     made = f"{counted(len(clips), 'clip')}, {counted(pairs, 'pair')}"
     typer.echo(f"{output}: {made}; now: robustflow run --benchmark gopro-fc --data {output}")

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, runtime_checkable
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-from rich.progress import Progress as Bar
 
+from ..progress_bar import ProgressBar
 from ..text import counted
 from .engines.base import FinishedUnit
-
-LINE_EVERY_S = 10.0
-"""Seconds between lines of progress in a log."""
 
 
 class Progress(Protocol):
@@ -81,11 +68,10 @@ class TerminalProgress:
 
     def __init__(self) -> None:
         self._console = Console(stderr=True, markup=False)
-        self._bar: Bar | None = None
+        self._bar = ProgressBar()
         self._folder: Path | None = None
         self._engine = ""
-        self._total = self._finished = self._finished_before = 0
-        self._started = self._last_line = time.monotonic()
+        self._total = self._finished = 0
 
     def __enter__(self) -> TerminalProgress:
         return self
@@ -93,8 +79,7 @@ class TerminalProgress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        self._bar.__exit__(kind, error, trace)
 
     def engine(self, name: str) -> None:
         """The engine of the run that is about to start."""
@@ -102,8 +87,7 @@ class TerminalProgress:
 
     def start(self, folder: Path, total: int, finished: int) -> None:
         """A run of `total` units starts; `finished` of them were finished by an earlier call."""
-        self._folder, self._total, self._finished, self._finished_before = folder, total, finished, finished
-        self._started = self._last_line = time.monotonic()
+        self._folder, self._total, self._finished = folder, total, finished
         kept = f", {finished} of them already there" if finished else ""
         self._console.print(
             f"{folder}: {counted(total, 'step')} (a pair under one corruption each){kept}{self._engine}",
@@ -111,34 +95,13 @@ class TerminalProgress:
             soft_wrap=True,
         )
         self._engine = ""
-        if self._console.is_terminal or (self._console.is_jupyter and find_spec("ipywidgets") is not None):
-            columns = (
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeElapsedColumn(),
-                TextColumn("left"),
-                TimeRemainingColumn(),
-            )
-            self._bar = Bar(TextColumn("{task.description}", markup=False), *columns, console=self._console)
-            self._bar.add_task("", total=total, completed=finished)
-            self._bar.start()
+        self._bar.start("", total, finished)
 
     def advance(self, done: FinishedUnit) -> None:
         """One more unit is on disk."""
         self._finished += 1
-        what = f"{done.unit.key} {done.unit.corruption}" + (f" on {done.place}" if done.place else "")
-        if self._bar is not None:
-            self._bar.update(self._bar.task_ids[0], advance=1, description=what)
-        elif time.monotonic() - self._last_line >= LINE_EVERY_S or self._finished == self._total:
-            self._last_line = time.monotonic()
-            spent = self._last_line - self._started
-            left = spent / (self._finished - self._finished_before) * (self._total - self._finished)
-            share = 100 * self._finished / self._total
-            print(
-                f"{self._finished}/{self._total} ({share:.0f} %), {left:.0f} s left, last {what}",
-                file=sys.stderr,
-                flush=True,
-            )
+        place = f" on {done.place}" if done.place else ""
+        self._bar.update("", self._finished, f"last {done.unit.key} {done.unit.corruption}{place}")
 
     def kept(self) -> str:
         """What a stopped run has kept, as a sentence."""

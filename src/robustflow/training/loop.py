@@ -18,6 +18,7 @@ from torch import nn
 from torch.nn.parallel import DistributedDataParallel
 
 from ..errors import ModelError
+from ..progress_bar import ProgressBar
 from ..random.rng import key_of
 from .checkpoint import BEST, LAST, Progressed, save_training, save_weights
 from .data.loader import Batch, Share, batches, workers_watched
@@ -28,7 +29,6 @@ from .network_with_loss import NetworkWithLoss
 from .networks import TrainedNetwork, learning_parameters
 from .optimizers import set_rate
 from .processes import Process
-from .progress import TrainingProgress
 from .recipe import Recipe
 from .schedules import rate_of
 from .unsupervised.objective import Moment
@@ -75,7 +75,7 @@ class TrainingState:
     done: Progressed
 
 
-def train(training: TrainingSetup, state: TrainingState, process: Process, progress: TrainingProgress) -> None:
+def train(training: TrainingSetup, state: TrainingState, process: Process, progress: ProgressBar) -> None:
     """Make the remaining updates.
 
     Raises:
@@ -94,7 +94,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
     network.train()
     leads = process.rank == 0
     with workers_watched(), MetricsLog(training.folder, first) if leads else nullcontext() as log, progress:
-        progress.start(first, last)
+        progress.start("update", last, first)
         for update in range(first, last):
             began = time.perf_counter()
             rate = rate_of(recipe, update)
@@ -104,7 +104,8 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
             numbers |= {"rate": rate, "seconds": round(time.perf_counter() - began, 4)}
             if log is not None:
                 log.write(update, numbers)
-                progress.advance(update + 1, numbers)
+                shown = f"loss {numbers['loss']:.3g}, EPE {numbers['epe']:.3g} px" if "epe" in numbers else ""
+                progress.update("update", update + 1, shown)
             if training.validate is not None and _due(update + 1, training.validate_every, last) and leads:
                 _validate(training, state, log)
             stopped = process.any(training.stop())

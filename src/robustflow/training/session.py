@@ -18,6 +18,7 @@ from ..layout import user_path
 from ..models.provenance import TRAINING_SETS, training_of
 from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.model import NetworkModel
+from ..progress_bar import ProgressBar
 from .checkpoint import LAST, Progressed, read_progress
 from .data.find import OpenPart, open_part
 from .data.order import Order
@@ -26,7 +27,6 @@ from .loop import TrainingSetup, TrainingState, train
 from .networks import load_network
 from .optimizers import build_optimizer
 from .processes import Process, this_process
-from .progress import TrainingProgress
 from .recipe import Recipe, mix_parts
 from .validate import validator
 
@@ -131,7 +131,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
             validate=_validator(model, folder, request),
             stop=stop,
         )
-        train(training, TrainingState(network, optimizer, scaler, done), process, TrainingProgress(process.rank == 0))
+        train(training, TrainingState(network, optimizer, scaler, done), process, ProgressBar(process.rank == 0))
     return folder / LAST
 
 
