@@ -2,13 +2,14 @@
 
 `last.pth` holds weights, optimiser, loss scaling and the number of updates; random numbers have no state, because every
 draw is a function of the seed and the step. Files with weights only (`best.pth`, `update-N.pth`) hold the same entries
-without the rest. All are read with `weights_only=True`.
+without the rest. Each holds a digest of its entries, and is read with the checks of any checkpoint, which may come from
+anyone.
 """
 
 from __future__ import annotations
 
 import json
-import pickle
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -17,12 +18,15 @@ import torch
 from torch import Tensor
 
 from ..atomic import write_with
+from ..digest import quick_digest_of_bytes
 from ..errors import ModelError, RunError, first_line
-from ..models.torch.checkpoint import TRAINED_ON
+from ..models.torch.checkpoint import TRAINED_ON, read_content
 
 LAST = "last.pth"
 BEST = "best.pth"
 _ABOUT = "robustflow_training"
+_DIGEST = "robustflow_digest"
+_STATE = ("model", "optimizer", "scaler")
 
 
 @dataclass(frozen=True)
@@ -69,31 +73,78 @@ def read_progress(path: Path) -> tuple[dict[str, Any], Progressed]:
         RunError: no such file, or one that no training wrote.
         ModelError: it is damaged.
     """
+    if not path.exists():
+        raise RunError(f"{path.parent}: no training to resume (no {path.name}); start one without --resume")
+    content, _ = read_content(path)
+    if not isinstance(content, dict) or not {_ABOUT, *_STATE} <= content.keys():
+        raise RunError(f"{path} holds weights but no training to continue; start from them with --init {path}")
     try:
-        content = torch.load(path, weights_only=True, map_location="cpu")
-    except FileNotFoundError:
-        raise RunError(f"{path.parent}: no training to resume (no {path.name}); start one without --resume") from None
-    except (RuntimeError, OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
+        _refuse_views(content, path.stat().st_size)
+        if content.pop(_DIGEST, None) != _digest(content):
+            raise ValueError("its content does not match its digest")
+        about = json.loads(content[_ABOUT])
+        best = None if about["best"] is None else float(about["best"])
+        if any(not isinstance(content[name], dict) for name in _STATE):
+            raise ValueError("its parts are of other types")
+        return content, Progressed(int(about["updates"]), dict(about["identity"]), best)
+    except (KeyError, TypeError, ValueError, RuntimeError, RecursionError) as error:
         raise ModelError(
             f"{path} is damaged ({first_line(error)}); restore it, or start again from a file of weights"
-        ) from error
-    try:
-        about = json.loads(content[_ABOUT])
-        return content, Progressed(int(about["updates"]), dict(about["identity"]), about["best"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise RunError(
-            f"{path} holds weights but no training to continue; start from them with --init {path}"
         ) from error
 
 
 def _save(content: dict[str, Any], file: BinaryIO) -> None:
     try:
-        torch.save(content, file)
+        torch.save({**content, _DIGEST: _digest(content)}, file)
     except RuntimeError as error:
         # Where the disk is full torch fails twice: on a write, and again when it closes the archive that was cut short.
         if isinstance(error.__context__, OSError):
             raise error.__context__ from None
         raise
+
+
+def _digest(content: dict[str, Any]) -> str:
+    return quick_digest_of_bytes(*_spelled(content))
+
+
+def _spelled(value: Any) -> Iterator[bytes | memoryview]:
+    """A value as bytes that no other value has.
+
+    Raises:
+        TypeError: a part is of a type that a training does not store.
+    """
+    if isinstance(value, Tensor):
+        yield f"{value.dtype}{tuple(value.shape)}".encode()
+        if value.numel():
+            yield memoryview(value.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy())
+    elif isinstance(value, dict):
+        yield f"dict {len(value)}".encode()
+        for key, part in value.items():
+            yield from _spelled(key)
+            yield from _spelled(part)
+    elif isinstance(value, list | tuple):
+        yield f"{type(value).__name__} {len(value)}".encode()
+        for part in value:
+            yield from _spelled(part)
+    elif value is None or isinstance(value, bool | int | float | str):
+        yield f"{type(value).__name__} {value!r};".encode()
+    else:
+        raise TypeError(f"it holds a {type(value).__name__}")
+
+
+def _refuse_views(content: Any, size: int) -> None:
+    """Raise if the tensors of a file of `size` bytes have more values than the file: a view of few values can have any
+    shape, and would take its whole size in memory once it is copied."""
+    if sum(tensor.numel() * tensor.element_size() for tensor in _tensors(content)) > size:
+        raise ValueError("its tensors are larger than the file")
+
+
+def _tensors(value: Any) -> Iterator[Tensor]:
+    if isinstance(value, Tensor):
+        yield value
+    elif isinstance(value, dict | list | tuple):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _tensors(part)
 
 
 def _content(weights: dict[str, Tensor], about: Progressed, trained_on: str | None) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 
 from ..atomic import write_bytes
 from ..errors import DataError
+from ..links import not_a_link
 
 METRICS_FILE = "metrics.jsonl"
 
@@ -29,7 +30,7 @@ class MetricsLog:
             lines = [line for line in self._path.read_text(encoding="utf-8").splitlines() if _update(line) < first]
             write_bytes(self._path, "".join(f"{line}\n" for line in lines).encode())
         try:
-            self._file = open(self._path, "a", encoding="utf-8")  # noqa: SIM115  # closed by __exit__
+            self._file = open(self._path, "a", encoding="utf-8", opener=not_a_link)  # noqa: SIM115  # closed by __exit__
         except OSError as error:
             raise DataError(f"cannot write {self._path}: {error.strerror}; choose another --output") from error
         self._board: Any = None

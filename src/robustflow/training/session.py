@@ -13,8 +13,9 @@ from ..atomic import make_folder, write_json
 from ..corruptions.transforms.transform import CorruptionTransform
 from ..datasets import dataset_facts
 from ..digest import digest_of_bytes
-from ..errors import RunError, UsageError
+from ..errors import ModelError, RunError, UsageError, first_line
 from ..layout import user_path
+from ..links import refuse_links
 from ..models.provenance import TRAINING_SETS, training_of
 from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.model import NetworkModel
@@ -24,7 +25,7 @@ from .data.find import OpenPart, open_part
 from .data.order import Order
 from .data.pairs import TrainingPairs
 from .loop import TrainingSetup, TrainingState, train
-from .networks import load_network
+from .networks import TrainedNetwork, load_network
 from .optimizers import build_optimizer
 from .processes import Process, this_process
 from .recipe import Recipe, mix_parts
@@ -112,9 +113,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         optimizer = build_optimizer(network, recipe)
         scaler = torch.amp.GradScaler(process.device.type, enabled=recipe.precision == "fp16")
         if content is not None:
-            network.load_weights(content["model"])
-            optimizer.load_state_dict(content["optimizer"])
-            scaler.load_state_dict(content["scaler"])
+            _load_state(folder / LAST, content, network, optimizer, scaler)
         if process.rank == 0 and not request.resume:
             make_folder(folder)
             write_json(folder / "recipe.json", {**recipe.model_dump(mode="json"), "training": done.identity})
@@ -137,11 +136,35 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
 
 def _earlier(folder: Path, request: Request) -> tuple[dict[str, Any] | None, Progressed | None]:
     """The last checkpoint's content if a training is resumed."""
+    refuse_links(folder, "validation", "tensorboard")
     if request.resume:
         return read_progress(folder / LAST)
     if (folder / LAST).exists():
         raise UsageError(f"{folder} holds a training; continue it with --resume, or choose another --output")
     return None, None
+
+
+def _load_state(
+    path: Path,
+    content: dict[str, Any],
+    network: TrainedNetwork,
+    optimizer: torch.optim.Optimizer,
+    scaler: torch.amp.GradScaler,
+) -> None:
+    """Load the last checkpoint's content.
+
+    Raises:
+        ModelError: it does not fit the network or the optimiser.
+    """
+    try:
+        network.load_weights(content["model"])
+        optimizer.load_state_dict(content["optimizer"])
+        scaler.load_state_dict(content["scaler"])
+    except (AttributeError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        raise ModelError(
+            f"{path} does not fit this network and its optimiser ({first_line(error)}); restore it, or start again "
+            "from a file of weights"
+        ) from error
 
 
 def _start(request: Request) -> str:

@@ -75,9 +75,7 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
         UsageError: `sha256` is not such digits.
     """
     path = Path(path).expanduser()
-    with opened(path, sha256) as (file, digest):
-        _check_archive(path, file)
-        content = _load(path, file)
+    content, digest = read_content(path, sha256)
     beside = content.get("hyper_parameters") if isinstance(content, dict) else None
     declared = content.get(TRAINED_ON) if isinstance(content, dict) else None
     return Checkpoint(
@@ -87,6 +85,17 @@ def read_checkpoint(path: str | Path, sha256: str | None = None) -> Checkpoint:
         beside if isinstance(beside, dict) else {},
         declared if isinstance(declared, str) else None,
     )
+
+
+def read_content(path: Path, sha256: str | None = None) -> tuple[Any, str]:
+    """What a file saved with `torch.save` holds, read with the same checks, and the file's SHA-256.
+
+    Raises:
+        ModelError, UsageError: see `read_checkpoint`.
+    """
+    with opened(path, sha256) as (file, digest):
+        _check_archive(path, file)
+        return _load(path, file), digest
 
 
 def _check_archive(path: Path, file: BinaryIO) -> None:
