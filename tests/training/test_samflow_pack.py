@@ -1,0 +1,84 @@
+"""SAMFlow-T's training steps against the original's: two optimiser steps of one pair each, and mistakes that their
+numbers must reject."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+
+from robustflow.training.data.loader import Batch  # noqa: E402
+from robustflow.training.loss_of_batch import loss_of_batch  # noqa: E402
+from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
+
+from ..shared_data import shared_folder  # noqa: E402
+from .pack_steps import STEPS, TrainingPack, steps  # noqa: E402
+
+pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.parity]
+
+LOSS, NORM, GRADIENT, AFTER = (2e-6, 2e-5), (1e-4, 5e-4), 5e-3, 1e-5
+"""Of both steps, relative; of a gradient, of its largest; of the weights in the end. All from the pack's README."""
+NO_GRADIENT = ("k_proj.bias", ".k.bias")
+"""Parameters whose true gradient is 0: softmax cancels what is added to every score."""
+
+
+@pytest.fixture(scope="module")
+def pack() -> TrainingPack:
+    return TrainingPack.read(shared_folder("parity", "training_samflow_t"))
+
+
+@pytest.fixture(scope="module")
+def recipe(pack) -> Recipe:
+    """The recipe with the settings of the original's things stage, and one pair an update."""
+    header, ood = pack.header, load_recipe("samflow_t", "ood")
+    assert (header["num_steps"], header["lr"], header["clip"]) == (STEPS, ood.learning_rate, ood.optimizer.clip)
+    optimizer = {**ood.optimizer.model_dump(), "weight_decay": header["wdecay"]}
+    return ood.changed(steps=STEPS, batch=1, accumulate=1, gamma=header["gamma"], optimizer=optimizer)
+
+
+def alone(batch: Batch, number: int) -> Batch:
+    """One pair of a batch, as the original has one per process."""
+    only = slice(number, number + 1)
+    return Batch(batch.image1[only], batch.image2[only], batch.flow[only], batch.valid[only], batch.names[only])
+
+
+def test_two_steps_of_samflow_are_the_originals(pack, recipe):
+    network, batch = pack.network(recipe), pack.batch()
+    expected, found = pack.header["steps"], []
+    for number, step in enumerate(steps(network, recipe, lambda number: alone(batch, number), len(expected))):
+        found.append(step)
+        assert step.loss == pytest.approx(expected[number]["loss"], rel=LOSS[number])
+        assert step.norm == pytest.approx(expected[number]["grad_norm"], rel=NORM[number])
+        assert step.rate == pytest.approx(expected[number]["rate"], rel=1e-9)
+    first, norms = found[0], expected[0]["gradient_norms"]
+    assert first.gradients.keys() == {name for name, norm in norms.items() if norm}  # None: frozen; 0: unused
+    for name, gradient in first.gradients.items():
+        if not name.endswith(NO_GRADIENT):
+            assert gradient.norm().item() == pytest.approx(norms[name], rel=GRADIENT), name
+    np.testing.assert_allclose(first.flows[-1][..., ::2, ::2], pack.arrays["flow_last"], atol=2e-3)
+    for key, wanted in pack.arrays.items():
+        kind, _, name = key.partition("/")
+        if kind == "gradient":
+            assert np.abs(first.gradients[name].numpy() - wanted).max() <= GRADIENT * np.abs(wanted).max()
+        elif kind == "after":
+            np.testing.assert_allclose(network.weights()[name], wanted, atol=AFTER)
+
+
+@pytest.mark.parametrize("mistake", [{"gamma": 0.85}, {"frozen_norms": "none"}, {"iterations": 11}], ids=str)
+def test_mistake_in_the_recipe_moves_the_loss_beyond_its_tolerance(pack, recipe, mistake):
+    wrong = recipe.changed(**mistake)
+    with torch.no_grad():
+        loss, _ = loss_of_batch(pack.network(wrong), alone(pack.batch(), 0), wrong)
+    assert abs(loss.item() / pack.header["steps"][0]["loss"] - 1) > 10 * LOSS[0]
+
+
+def test_pairs_of_one_batch_do_not_see_each_other(pack, recipe):
+    """The original has one pair per process; with more, contexts would mix as in FlowFormer."""
+    network, batch = pack.network(recipe), pack.batch()
+    with torch.no_grad():
+        together, *singly = (
+            loss_of_batch(network, one, recipe)[0].item() for one in (batch, *map(alone, [batch] * 2, (0, 1)))
+        )
+    assert together == pytest.approx(sum(singly) / 2, rel=LOSS[1])
