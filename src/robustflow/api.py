@@ -129,7 +129,8 @@ def evaluate(
         benchmark: "demo" (a real pair that needs no download), "kitti-fc", "gopro-fc", any dataset by name ("folder"
             for your own frames or video, "sintel", ...), or a `Benchmark`.
         data: the data set's folder, for benchmarks that need one.
-        output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default.
+        output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default, `runs/folder-<data>_...` for your
+            own frames.
         corruptions, severities, limit: run only these; a later call with others adds to the same folder. A corruption
             is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the source of your own is
             part of the run's identity (docs/add-your-corruption.md).
@@ -195,7 +196,7 @@ def evaluate(
     setup.model.check_batch_size(batch_size)
     compute = choose_engine(engine, workers, timeout, address, setup.model, (setup.dataset, setup.options))
     if output is None:
-        output = default_folder(setup.plan, setup.model.spec)
+        output = default_folder(setup.plan, setup.model.spec, data)
         warn_of_a_fresh_start(output, setup.plan)
     folder = RunFolder(output)
     folder.lock()

@@ -49,6 +49,27 @@ def test_a_changed_byte_of_a_bmp_is_another_run(frames, tmp_path):
         rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
 
 
+def _clip(folder, count, offset):
+    folder.mkdir(parents=True)
+    for index in range(count):
+        Image.fromarray(data.astronaut()[offset + index : offset + index + 64, :96]).save(folder / f"{index}.bmp")
+    return folder
+
+
+def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    short, long = _clip(tmp_path / "short", 3, 0), _clip(tmp_path / "long", 9, 200)
+    first, second = (rf.evaluate("dis", "folder", clip, limit=1, **CHOSEN) for clip in (short, long))
+    assert list(first.manifest["samples"]) == ["1"]
+    assert list(second.manifest["samples"]) == ["4"]  # no sample in common, so nothing to tell the data apart by
+    assert (first.path.name.split("_")[0], second.path.name.split("_")[0]) == ("folder-short", "folder-long")
+    with pytest.raises(RunError, match="made from other files for sample '1'"):
+        rf.evaluate("dis", "folder", long, first.path, limit=1, **CHOSEN)
+    with pytest.raises(RunError, match="made from other frames, with a sample '4'"):
+        rf.evaluate("dis", "folder", short, second.path, limit=1, **CHOSEN)
+    assert list(rf.evaluate("dis", "folder", short, limit=2, **CHOSEN).manifest["samples"]) == ["0", "1"]
+
+
 class _Changes(ZeroFlow):
     """A model during whose third prediction something changes a file."""
 

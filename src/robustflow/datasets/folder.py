@@ -27,6 +27,9 @@ FACTS = DatasetFacts(
     layout="pictures, folders of pictures, or a video file",
 )
 
+OWN_FRAMES = "folder"
+"""The name of this data set."""
+
 ALONE = "frames"
 """The group of pictures directly in the folder; the folder's own name does not matter."""
 
@@ -44,7 +47,7 @@ class FrameFolder(PairDataset):
             that differ only in their extension.
     """
 
-    name = "folder"
+    name = OWN_FRAMES
     has_flow = False
     facts = FACTS
 

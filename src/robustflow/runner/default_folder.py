@@ -7,7 +7,9 @@ from pathlib import Path
 
 from ..corruptions.sources import OWN_KEY
 from ..corruptions.textures import KEY as TEXTURES
+from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
+from ..layout import user_path
 from ..models import ModelSpec
 from ..runs.identity import describe_difference, differing, edited_corruptions
 from ..runs.plan import Plan
@@ -15,10 +17,14 @@ from ..runs.store import RunFolder
 from ..text import file_name
 
 
-def default_folder(plan: Plan, spec: ModelSpec | None) -> Path:
-    """The folder of a run that is not given one: `runs/<benchmark>_<model>_<identity>`."""
+def default_folder(plan: Plan, spec: ModelSpec | None, data: str | Path | None = None) -> Path:
+    """The folder of a run that is not given one: `runs/<benchmark>_<model>_<identity>`; with the name of the data if
+    they are the user's own frames, which an identity does not tell apart."""
     name = spec.name if spec is not None else plan.model_identity.get("name", "model")
-    return Path("runs") / f"{plan.benchmark.name}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"
+    benchmark = plan.benchmark.name
+    if benchmark == OWN_FRAMES and data is not None:
+        benchmark += f"-{file_name(user_path(data).absolute().stem)[-40:]}"
+    return Path("runs") / f"{benchmark}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"
 
 
 def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:

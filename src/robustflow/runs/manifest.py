@@ -11,6 +11,7 @@ from typing import Any
 from ..benchmarks.setting import manifest_provenance
 from ..datasets.base import Clips, FromClips, PreCorrupted
 from ..datasets.context_frames import ContextFrames
+from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
 from .environment import environment
 from .file_digests import check_listed, file_digests, is_under_a_list
@@ -34,7 +35,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
             f"{folder.path} holds another run ({describe_difference(identity, old['identity'])}); "
             "choose another folder with --output"
         )
-    files = {key: _files(plan, key) for key in plan.benchmark.keys}
+    files = {key: _files(plan, key) for key in (*plan.benchmark.keys, *_to_be_recognised(folder, plan, old))}
     samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
     digests = file_digests(files)
     _compare_with_list(plan, files, digests)
@@ -76,6 +77,24 @@ def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
         "seconds": old.get("seconds", {}),
         "environment": environment(),
     }
+
+
+def _to_be_recognised(folder: RunFolder, plan: Plan, old: dict[str, Any]) -> list[str]:
+    """The samples that a run already has and that are not planned now, where only their files tell the data apart: any
+    two clips have frames of the same names.
+
+    Raises:
+        RunError: the data have no such sample.
+    """
+    if plan.benchmark.name != OWN_FRAMES:
+        return []
+    known = set(plan.benchmark.dataset.keys())
+    for key in old.get("samples", {}):
+        if key not in known:
+            raise RunError(
+                f"{folder.path} was made from other frames, with a sample '{key}'; choose another folder with --output"
+            )
+    return [key for key in old.get("samples", {}) if key not in plan.benchmark.keys]
 
 
 def _compare_with_list(plan: Plan, files: dict[str, list[Path]], digests: dict[str, list[str]]) -> None:
