@@ -1,4 +1,4 @@
-"""Spearman's rank correlation, alone and with a third variable removed, and its one-sided p."""
+"""Spearman's rank correlation, alone and with a third variable removed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.special import stdtr
 
 from .ranking import middle_ranks
 
@@ -21,20 +20,6 @@ def spearman(first: Iterable[float], second: Iterable[float]) -> float | None:
     a, b = a - a.mean(), b - b.mean()
     scale = math.sqrt(float(a @ a) * float(b @ b))
     return float(a @ b) / scale if scale else None
-
-
-def p_of_growth(rho: float, count: int) -> float:
-    """One-sided p of a rank correlation: how often `count` pairs that are not related reach `rho` (Student's t).
-
-    SciPy's `spearmanr(..., alternative="greater")` gives the same; importing it takes a second.
-
-    >>> round(p_of_growth(0.5, 12), 4)
-    0.0489
-    """
-    if rho >= 1.0:
-        return 0.0
-    freedom = count - 2
-    return float(stdtr(freedom, -rho * math.sqrt(freedom / ((1.0 + rho) * (1.0 - rho))) if rho > -1.0 else math.inf))
 
 
 def partial_spearman(first: Sequence[float], second: Sequence[float], given: Sequence[float]) -> float | None:

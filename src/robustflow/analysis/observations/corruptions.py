@@ -5,7 +5,8 @@ from __future__ import annotations
 from statistics import fmean
 
 from .evidence import Evidence, ModelInSetting, named
-from .verdict import Observation, part
+from .margin import of_majority, of_mean
+from .verdict import UNKNOWN, Observation, Statement, part
 
 _LOCAL = ("gaussian_noise", "shot_noise", "impulse_noise", "jpeg_compression", "spatter", "frost", "snow")
 _VISUAL = ("contrast", "saturate", "fog")
@@ -19,45 +20,53 @@ def dark_and_overexposed(evidence: Evidence) -> Observation:
         discussed = [e for s in evidence.settings() for e in evidence.discussed(s) if e in set(every)]
         claim = f"{worse} has a higher EPE than {milder}"
         if not discussed:
-            parts.append(part(f"{claim}, on average over models", None, "no model was measured under both", True))
+            parts.append(part(f"{claim}, on average over models", UNKNOWN, "no model was measured under both", True))
             continue
         gap = {entry: evidence.epe(entry, worse) - evidence.epe(entry, milder) for entry in every}
-        mean = fmean(gap[entry] for entry in discussed)
-        against: list[ModelInSetting] = [entry for entry in every if gap[entry] <= 0]
-        says = f"by {mean:+.2f} px over {len(discussed)} models"
-        parts.append(part(f"{claim}, on average over models", mean > 0, says, True, {"mean_difference": mean}))
-        says = f"{len(every) - len(against)} of {len(every)} models" + (f"; not {named(against)}" if against else "")
-        parts.append(part(f"{claim}, for every model", not against, says))
+        margin = of_mean(list(evidence.by_family(discussed, gap.__getitem__).values()), "family")
+        says = f"by {margin} ({len(discussed)} models), px"
+        numbers = {"mean_difference": margin.estimate}
+        parts.append(part(f"{claim}, on average over models", margin.verdict, says, True, numbers))
+        parts.append(most_models(evidence, claim, gap))
     title = "Low-Light and Over Exposure are more serious than High-Light and Under Exposure respectively"
     return Observation(number=7, title=title, parts=parts)
 
 
+def most_models(evidence: Evidence, claim: str, gap: dict[ModelInSetting, float]) -> Statement:
+    """Whether a number is above 0 for most families of models (their mean), and for which models it is not."""
+    against = [entry for entry, value in gap.items() if value <= 0]
+    families = evidence.by_family(gap, gap.__getitem__)
+    margin = of_majority(sum(value > 0 for value in families.values()), len(families), "family")
+    assert margin.low is not None
+    assert margin.high is not None
+    says = (
+        f"{len(gap) - len(against)} of {len(gap)} models{f'; not {named(against)}' if against else ''}; share of "
+        f"{margin.over} {100 * (0.5 + margin.estimate):.0f} % [{100 * (0.5 + margin.low):.0f} %, "
+        f"{100 * (0.5 + margin.high):.0f} %]"
+    )
+    return part(f"{claim}, for most models", margin.verdict, says)
+
+
 def local_information(evidence: Evidence) -> Observation:
-    """8: noise, JPEG and occluding weather cost more CRE than contrast, saturation and fog, for every model."""
+    """8: noise, JPEG and occluding weather cost more CRE than contrast, saturation and fog."""
     title = "Corruptions that lose local information are more influential than corruptions that lose visual effects"
     entries = [e for s in evidence.settings() for e in evidence.discussed(s) if evidence.has(e, *_LOCAL, *_VISUAL)]
     claim = "mean CRE under noise, JPEG, spatter, frost and snow is above that under contrast, saturate and fog"
     if not entries:
         return Observation(
-            number=8, title=title, parts=[part(claim, None, f"needs {', '.join(_LOCAL + _VISUAL)}", True)]
+            number=8, title=title, parts=[part(claim, UNKNOWN, f"needs {', '.join(_LOCAL + _VISUAL)}", True)]
         )
     local = {e: fmean(evidence.cre(e, name) for name in _LOCAL) for e in entries}
     visual = {e: fmean(evidence.cre(e, name) for name in _VISUAL) for e in entries}
-    against = [e for e in entries if local[e] <= visual[e]]
+    gap = {e: local[e] - visual[e] for e in entries}
+    margin = of_mean(list(evidence.by_family(entries, gap.__getitem__).values()), "family")
     mean_local, mean_visual = fmean(local.values()), fmean(visual.values())
-    says = (
-        f"{mean_local:.2f} px against {mean_visual:.2f} px on average; {len(entries) - len(against)} of {len(entries)} "
-        "models"
-    )
-    numbers = {"local": mean_local, "visual": mean_visual}
+    says = f"{mean_local:.2f} px against {mean_visual:.2f} px; by {margin} ({len(entries)} models)"
     every = [e for e in evidence.entries if evidence.has(e, "saturate", "jpeg_compression")]
-    other = [e for e in every if evidence.epe(e, "saturate") >= evidence.epe(e, "jpeg_compression")]
+    other = {e: evidence.epe(e, "jpeg_compression") - evidence.epe(e, "saturate") for e in every}
     parts = [
-        part(f"{claim}, for every model", not against, says, True, numbers),
-        part(
-            "saturate has a lower EPE than jpeg_compression, for every model",
-            not other,
-            f"{len(every) - len(other)} of {len(every)} models" + (f"; not {named(other)}" if other else ""),
-        ),
+        part(claim, margin.verdict, says, True, {"local": mean_local, "visual": mean_visual}),
+        most_models(evidence, claim, gap),
+        most_models(evidence, "saturate has a lower EPE than jpeg_compression", other),
     ]
     return Observation(number=8, title=title, parts=parts)

@@ -8,7 +8,9 @@ done here, except for statements about all models.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
+from statistics import fmean
 
 import polars as pl
 
@@ -22,6 +24,9 @@ from ..results import AVERAGE, CLEAN, values_of
 ModelInSetting = tuple[str, str]
 """(setting, model)."""
 
+_VARIANT = re.compile(r"( \([^()]*\))?( #\d+)?$")
+"""What tells runs of one model apart: "RAFT (seed 1)", "RAFT #2"."""
+_SIZE = re.compile(r"[-_ ](?:xs|s|b|m|l|h|t|xl|tiny|small|base|medium|large|huge)$", re.IGNORECASE)
 _ROUNDING = 0.015
 """Pixels: how much rounding three numbers to hundredths can add up to."""
 
@@ -74,6 +79,24 @@ class Evidence:
     def method(self, model: str) -> Method | None:
         """What is known of a model."""
         return self._methods.get(model) if self._methods is not None else method_of(model)
+
+    def family(self, entry: ModelInSetting) -> str:
+        """The family of a model, whose members count once: the variants of one method, of whatever size or option."""
+        method = self.method(entry[1])
+        if method is not None:
+            return method.method
+        name = _VARIANT.sub("", entry[1])
+        method = self.method(name)
+        return method.method if method is not None else _SIZE.sub("", name) or name
+
+    def by_family(
+        self, entries: Iterable[ModelInSetting], value: Callable[[ModelInSetting], float]
+    ) -> dict[str, float]:
+        """Family -> the mean of its models' values."""
+        members: dict[str, list[float]] = {}
+        for entry in entries:
+            members.setdefault(self.family(entry), []).append(value(entry))
+        return {family: fmean(values) for family, values in members.items()}
 
     def epe(self, entry: ModelInSetting, corruption: str = AVERAGE) -> float:
         """Mean EPE, pixels."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from statistics import median
+from collections.abc import Sequence
+from statistics import fmean, median
 
 from ..results import AVERAGE
 from .evidence import Evidence, ModelInSetting
-from .verdict import Observation, part
+from .margin import among, of_majority, of_mean, places
+from .verdict import THIN, UNKNOWN, Observation, Statement, part
 
 _FLOWFORMER: ModelInSetting = ("OOD", "FlowFormer")
 _NEEDS = "needs GoPro-FC results of FlowFormer and others"
@@ -18,50 +20,85 @@ def flowformer_is_best(evidence: Evidence) -> Observation:
     rcre = {entry: values for entry, values in evidence.rcre.items() if AVERAGE in values}
     claim = "FlowFormer has the lowest average RCRE"
     if _FLOWFORMER not in rcre or len(rcre) < 2:
-        return Observation(number=9, title=title, parts=[part(claim, None, _NEEDS, True)])
+        return Observation(number=9, title=title, parts=[part(claim, UNKNOWN, _NEEDS, True)])
     order = sorted(rcre, key=lambda entry: rcre[entry][AVERAGE])
-    names = [name for name in rcre[_FLOWFORMER] if name != AVERAGE and all(name in v for v in rcre.values())]
+    names = _common(evidence, order)
     best = [name for name in names if rcre[_FLOWFORMER][name] == min(v[name] for v in rcre.values())]
+    parts = [_lowest(evidence, claim, _FLOWFORMER, order, True)]
+    claim = "FlowFormer has the lowest RCRE under most corruptions"
+    if names:
+        verdict = of_majority(len(best), len(names), "corruption").verdict
+        numbers = {"best": float(len(best)), "corruptions": float(len(names))}
+        parts.append(part(claim, verdict, f"under {len(best)} of {len(names)}", numbers=numbers))
     cnn = _of_encoder(evidence, order, "CNN")
-    parts = [
-        part(
-            claim,
-            order[0] == _FLOWFORMER,
-            ", ".join(f"{entry[1]} {rcre[entry][AVERAGE]:.2f}" for entry in order[:3]),
-            True,
-        ),
-        part(
-            "FlowFormer has the lowest RCRE under most corruptions",
-            len(best) > len(names) / 2,
-            f"under {len(best)} of {len(names)}",
-            numbers={"best": len(best), "corruptions": len(names)},
-        ),
-        part(
-            "SKFlow has the lowest average RCRE of the CNN-based models",
-            cnn[0][1] == "SKFlow" if cnn else None,
-            ", ".join(f"{entry[1]} {rcre[entry][AVERAGE]:.2f}" for entry in cnn[:3]),
-        ),
-    ]
+    claim = "SKFlow has the lowest average RCRE of the CNN-based models"
+    skflow = next((entry for entry in cnn if entry[1] == "SKFlow"), None)
+    parts.append(part(claim, UNKNOWN, "none") if skflow is None else _lowest(evidence, claim, skflow, cnn))
     return Observation(number=9, title=title, parts=parts)
 
 
+def _common(evidence: Evidence, entries: Sequence[ModelInSetting]) -> list[str]:
+    """The corruptions under which all of these were measured."""
+    first, *others = (evidence.rcre[entry] for entry in entries)
+    return [name for name in first if name != AVERAGE and all(name in values for values in others)]
+
+
+def _lowest(
+    evidence: Evidence, claim: str, entry: ModelInSetting, order: Sequence[ModelInSetting], main: bool = False
+) -> Statement:
+    """Whether a model has the lowest RCRE among the best of each family; `order` is by the average."""
+    best: dict[str, ModelInSetting] = {}
+    for other in order:
+        best.setdefault(evidence.family(other), other)
+    best[evidence.family(entry)] = entry
+    names = _common(evidence, list(best.values()))
+    says = ", ".join(f"{other[1]} {evidence.rcre[other][AVERAGE]:.2f}" for other in order[:3])
+    if len(names) < 2 or len(best) < 2:
+        return part(claim, THIN, says, main)
+    ranks = places({family: [evidence.rcre[one][name] for name in names] for family, one in best.items()})
+    first, last = ranks[evidence.family(entry)]
+    says += (
+        f"; possible places of {entry[1]}: {first} to {last} (paired tests over {len(names)} corruptions, corrected "
+        f"for all pairs of {len(best)})"
+    )
+    return part(claim, among(1, [(first, last)]), says, main)
+
+
 def foundation_model_does_not_help(evidence: Evidence) -> Observation:
-    """10: every SAMFlow has a higher average RCRE than FlowFormer, and is not better than the median CNN."""
+    """10: SAMFlow has a higher average RCRE than FlowFormer, and is not better than the median CNN."""
     title = "VFM does not help in small displacement condition"
-    rcre = {entry: values[AVERAGE] for entry, values in evidence.rcre.items() if AVERAGE in values}
-    sam = [entry for entry in rcre if (method := evidence.method(entry[1])) is not None and method.method == "SAMFlow"]
-    cnn = [rcre[entry] for entry in _of_encoder(evidence, list(rcre), "CNN")]
-    claim = "every SAMFlow has a higher average RCRE than FlowFormer, the same architecture without it"
-    if _FLOWFORMER not in rcre or not sam or not cnn:
-        return Observation(number=10, title=title, parts=[part(claim, None, _NEEDS, True)])
-    best, middle = min(rcre[entry] for entry in sam), median(cnn)
-    says = ", ".join(f"{entry[1]} {rcre[entry]:.2f}" for entry in [_FLOWFORMER, *sam])
+    entries = [entry for entry, values in evidence.rcre.items() if AVERAGE in values]
+    sam = [entry for entry in entries if evidence.family(entry) == "SAMFlow"]
+    cnn = _of_encoder(evidence, entries, "CNN")
+    claim = "SAMFlow has a higher average RCRE than FlowFormer, the same architecture without it"
+    if _FLOWFORMER not in entries or not sam or not cnn:
+        return Observation(number=10, title=title, parts=[part(claim, UNKNOWN, _NEEDS, True)])
+    average = {entry: evidence.rcre[entry][AVERAGE] for entry in entries}
+    names = _common(evidence, [_FLOWFORMER, *sam, *cnn])
+    under = {
+        name: (
+            fmean(evidence.rcre[entry][name] for entry in sam),
+            evidence.rcre[_FLOWFORMER][name],
+            median(evidence.rcre[entry][name] for entry in cnn),
+        )
+        for name in names
+    }
+    than_flowformer = of_mean([own - other for own, other, _ in under.values()], "corruption") if names else None
+    than_cnn = of_mean([own - other for own, _, other in under.values()], "corruption") if names else None
+    best, middle = min(average[entry] for entry in sam), median(average[entry] for entry in cnn)
+    says = ", ".join(f"{entry[1]} {average[entry]:.2f}" for entry in [_FLOWFORMER, *sam])
     parts = [
-        part(claim, best > rcre[_FLOWFORMER], says, True),
         part(
-            "every SAMFlow is as bad as most CNN-based models",
-            best >= middle,
-            f"best SAMFlow {best:.2f}, middle of {len(cnn)} CNN-based models {middle:.2f}",
+            claim,
+            than_flowformer.verdict if than_flowformer else THIN,
+            f"{says}; mean of SAMFlow - FlowFormer {than_flowformer}",
+            True,
+        ),
+        part(
+            "SAMFlow has a higher average RCRE than most CNN-based models",
+            than_cnn.verdict if than_cnn else THIN,
+            f"best SAMFlow {best:.2f}, middle of {len(cnn)} CNN-based models {middle:.2f}; mean of SAMFlow - middle "
+            f"{than_cnn}",
             True,
             {"best_samflow": best, "middle_cnn": middle},
         ),
@@ -69,5 +106,5 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
     return Observation(number=10, title=title, parts=parts)
 
 
-def _of_encoder(evidence: Evidence, entries: list[ModelInSetting], encoder: str) -> list[ModelInSetting]:
+def _of_encoder(evidence: Evidence, entries: Sequence[ModelInSetting], encoder: str) -> list[ModelInSetting]:
     return [e for e in entries if (method := evidence.method(e[1])) is not None and method.encoder == encoder]

@@ -46,10 +46,10 @@ class Observation(FrozenFinite):
     def verdict(self) -> Verdict:
         """The verdict on its main parts together."""
         verdicts = [part.verdict for part in self.parts if part.main]
-        if THIN in verdicts:
-            return THIN
         if "does not hold" in verdicts:
             return "does not hold"
+        if THIN in verdicts:
+            return THIN
         return UNKNOWN if UNKNOWN in verdicts else "holds"
 
 
@@ -63,8 +63,7 @@ def without_verdict(observation: Observation, reason: str) -> Observation:
 
 
 def part(
-    claim: str, holds: bool | None, says: str, main: bool = False, numbers: dict[str, float] | None = None
+    claim: str, verdict: Verdict, says: str, main: bool = False, numbers: dict[str, float] | None = None
 ) -> Statement:
-    """A part from a truth value; None means that it cannot be computed."""
-    verdict: Verdict = UNKNOWN if holds is None else "holds" if holds else "does not hold"
+    """A statement, for the positions of `Statement`'s fields."""
     return Statement(claim=claim, verdict=verdict, says=says, numbers=numbers or {}, main=main)

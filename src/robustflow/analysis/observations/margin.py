@@ -1,0 +1,159 @@
+"""By how much a claim holds, with an interval over what it generalises to: families of models, or corruptions.
+
+Published results are means without values per image, so how far they hold for other images cannot be computed; that a
+claim holds for more than the models, or the corruptions, at hand can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import polars as pl
+from scipy.special import betaincinv, ndtri, stdtr, stdtrit
+
+from ...text import counted
+from ..rank_correlation import spearman
+from ..uncertainty.bootstrap import LEVEL
+from ..uncertainty.holm import holm
+from ..uncertainty.standings import standings
+from .verdict import THIN, Verdict
+
+_TAIL = (1 + LEVEL) / 2
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A number that is above 0 where its claim holds.
+
+    Attributes:
+        estimate: the number.
+        low, high: its 95 % interval; None where there are too few values for one.
+        over: what the interval generalises to, in words.
+    """
+
+    estimate: float
+    low: float | None
+    high: float | None
+    over: str
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether the interval excludes the other side.
+
+        >>> Margin(0.4, -0.1, 0.9, "12 families").verdict
+        'too little evidence'
+        """
+        if self.low is None or self.high is None:
+            return THIN
+        return "holds" if self.low > 0 else "does not hold" if self.high < 0 else THIN
+
+    def __str__(self) -> str:
+        """
+        >>> str(Margin(1.45, 0.921, 1.983, "9 families"))
+        '+1.45 [+0.92, +1.98] over 9 families'
+        """
+        ends = "no interval" if self.low is None else f"[{self.low:+.2f}, {self.high:+.2f}]"
+        return f"{self.estimate:+.2f} {ends} over {self.over}"
+
+
+def all_hold(margins: Sequence[Margin]) -> Verdict:
+    """The verdict on several claims at once."""
+    verdicts = {margin.verdict for margin in margins}
+    return "does not hold" if "does not hold" in verdicts else THIN if THIN in verdicts else "holds"
+
+
+def of_mean(values: Sequence[float], over: str) -> Margin:
+    """The mean of values, one for each `over` ("family", "corruption"), with Student's interval.
+
+    >>> str(of_mean([1.0, 2.0, 3.0], "family"))
+    '+2.00 [-0.48, +4.48] over 3 families'
+    """
+    return _student(float(np.mean(values)), [values], _units(len(values), over))
+
+
+def of_difference(larger: Sequence[float], smaller: Sequence[float], over: str) -> Margin:
+    """The mean of some values minus that of others, with Welch's interval."""
+    words = f"{len(larger)} and {_units(len(smaller), over)}"
+    return _student(float(np.mean(larger) - np.mean(smaller)), [larger, smaller], words)
+
+
+def of_correlation(first: Sequence[float], second: Sequence[float], over: str) -> Margin | None:
+    """Spearman's rank correlation with the interval of Bonett and Wright (2000); None if one of the two is constant."""
+    rho = spearman(first, second)
+    if rho is None:
+        return None
+    count, low, high = len(first), None, None
+    if count > 4:
+        center = math.atanh(max(-1 + 1e-12, min(1 - 1e-12, rho)))
+        reach = float(ndtri(_TAIL)) * math.sqrt((1 + rho * rho / 2) / (count - 3))
+        low, high = math.tanh(center - reach), math.tanh(center + reach)
+    return Margin(rho, low, high, _units(count, over))
+
+
+def of_majority(some: int, count: int, over: str) -> Margin:
+    """The share of some of several, less a half, with the exact interval of Clopper and Pearson (1934).
+
+    >>> of_majority(10, 10, "family").verdict, of_majority(5, 5, "family").verdict
+    ('holds', 'too little evidence')
+    """
+    tail = 1 - _TAIL
+    low = float(betaincinv(some, count - some + 1, tail)) if some else 0.0
+    high = float(betaincinv(some + 1, count - some, 1 - tail)) if some < count else 1.0
+    return Margin(some / count - 0.5, low - 0.5, high - 0.5, _units(count, over))
+
+
+def places(values: Mapping[str, Sequence[float]]) -> dict[str, tuple[int, int]]:
+    """The best and the worst rank that each of several models may have, the smallest value first, by paired t-tests
+    over the corruptions, corrected for all pairs.
+
+    Args:
+        values: name -> a value for each corruption, at least two, in one order.
+
+    >>> places({"a": [1.0, 1.1, 0.9], "b": [5.0, 5.2, 4.9], "c": [5.1, 4.9, 5.2]})
+    {'a': (1, 1), 'b': (2, 3), 'c': (2, 3)}
+    """
+    pairs = list(combinations(values, 2))
+    gaps = [np.subtract(values[first], values[second]) for first, second in pairs]
+    records = [
+        (*pair, float(np.mean(values[pair[0]])), float(np.mean(values[pair[1]])), float(gap.mean()), p, LEVEL)
+        for pair, gap, p in zip(pairs, gaps, holm([_p(gap) for gap in gaps]), strict=True)
+    ]
+    columns = ("first", "second", "value_first", "value_second", "difference", "p_holm", "level")
+    table = standings(pl.DataFrame(records, schema=columns, orient="row"), list(values))
+    ranks = {row["model"]: (row["best"], row["worst"]) for row in table.iter_rows(named=True)}
+    return {name: ranks[name] for name in values}
+
+
+def among(best: int, ranks: Sequence[tuple[int, int]]) -> Verdict:
+    """Whether models are among the `best` first, by the ranks that each may have."""
+    if any(first > best for first, _ in ranks):
+        return "does not hold"
+    return "holds" if all(last <= best for _, last in ranks) else THIN
+
+
+def _p(gap: np.ndarray) -> float:
+    error = float(gap.std(ddof=1)) / math.sqrt(len(gap))
+    if error == 0:
+        return 1.0 if gap[0] == 0 else 0.0
+    return 2 * float(stdtr(len(gap) - 1, -abs(float(gap.mean())) / error))
+
+
+def _units(count: int, over: str) -> str:
+    return counted(count, over, {"family": "families"}.get(over))
+
+
+def _student(estimate: float, groups: Sequence[Sequence[float]], over: str) -> Margin:
+    """An estimate made of the means of groups of values, with Satterthwaite's degrees of freedom."""
+    if any(len(values) < 2 for values in groups):
+        return Margin(estimate, None, None, over)
+    parts = [float(np.var(values, ddof=1)) / len(values) for values in groups]
+    variance = sum(parts)
+    if variance == 0:
+        return Margin(estimate, estimate, estimate, over)
+    freedom = variance**2 / sum(part**2 / (len(values) - 1) for part, values in zip(parts, groups, strict=True))
+    reach = float(stdtrit(freedom, _TAIL)) * math.sqrt(variance)
+    return Margin(estimate, estimate - reach, estimate + reach, over)
