@@ -1,5 +1,18 @@
-"""`python -m robustflow`, which `torchrun -m robustflow` needs."""
+"""The command `robustflow`, and `python -m robustflow`, which `torchrun -m robustflow` needs."""
 
-from .cli.main import main
+import _signal  # type: ignore[import-not-found]  # `signal` itself imports more
 
-main()
+
+def main() -> None:
+    """Run the command line. While it is imported, Ctrl-C ends this process without a traceback."""
+    interrupt = _signal.getsignal(_signal.SIGINT)
+    if interrupt is _signal.default_int_handler:  # otherwise it is ignored, as in the background
+        _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
+    from .cli.main import main as command_line
+
+    _signal.signal(_signal.SIGINT, interrupt)
+    command_line()
+
+
+if __name__ == "__main__":
+    main()

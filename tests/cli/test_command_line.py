@@ -1,5 +1,9 @@
 """The command line that a start builds, with the options of the named command only, is the whole one to its user."""
 
+import signal
+import subprocess
+import sys
+
 import pytest
 import typer.main
 from typer.testing import CliRunner
@@ -27,3 +31,20 @@ def test_run_help_shows_the_common_options_first_and_the_others_under_four_headi
     common = output[output.index("╭") : output.index("╭─ What")]
     options = [line.split()[1 + (line[2] == "*")] for line in common.splitlines() if line[3:8].strip().startswith("--")]
     assert options == ["--model", "--benchmark", "--data", "--checkpoint", "--device", "--output", "--help"]
+
+
+def test_ctrl_c_while_the_command_line_is_imported_prints_no_traceback():
+    script = """
+import os, signal, sys
+import robustflow.__main__ as start
+
+class Interrupts:
+    def find_spec(self, name, path=None, target=None):
+        if name == "robustflow.cli.main":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupts())
+start.main()
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")

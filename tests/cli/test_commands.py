@@ -15,6 +15,7 @@ import pytest
 
 import robustflow as rf
 from robustflow import load_run
+from robustflow.errors import DataError
 from robustflow.models.registry import EXPORTED
 from robustflow.testing import ZeroFlow
 
@@ -389,3 +390,18 @@ def test_version_and_help_do_not_import_the_heavy_parts():
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "robustflow run --model dis" in done.stdout
+
+
+def test_a_run_that_cannot_be_written_is_shown_with_a_warning(robustflow, monkeypatch):
+    robustflow("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1", "-o", "run", "--no-examples")
+    Path("run/summary.json").unlink()
+
+    def refuse(path, value):
+        raise DataError(f"cannot write {path}: Read-only file system; choose a folder that exists and has room")
+
+    monkeypatch.setattr("robustflow.runs.run.write_json", refuse)
+    with pytest.warns(UserWarning, match="are left as they are: cannot write run/summary.json: Read-only file system"):
+        code, out, _ = robustflow("show", "run")
+    assert code == 0
+    assert "clean EPE" in out
+    assert "report:" not in out

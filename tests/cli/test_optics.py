@@ -76,3 +76,9 @@ def test_the_main_command_mounts_it(monkeypatch, capsys):
         main()
     assert stopped.value.code == 2
     assert "severity 9 does not exist" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["show", "render"])
+def test_no_severity_is_one_sentence(robustflow, command):
+    code, _, err = robustflow("optics", command, "--severities", "")
+    assert (code, err) == (2, "robustflow: --severities names none; give some of 1 to 5, separated by commas\n")

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 from robustflow.errors import ModelError
-from robustflow.models.base import predict_checked
+from robustflow.models.base import model_identity, predict_checked
 from robustflow.models.construct import FunctionModel
 
 FRAMES = (np.zeros((4, 5, 3), np.uint8),) * 2
@@ -50,3 +54,53 @@ class _OnAGpu:
 def test_an_answer_that_is_not_a_flow_is_an_error_that_says_what_it_is(answer, says):
     with pytest.raises(ModelError, match=says):
         predict_checked(FunctionModel(lambda frame1, frame2: answer, {}), FRAMES, "a", "clean", 0)
+
+
+class _Says:
+    def __init__(self, identity):
+        self._identity = identity
+
+    def identity(self):
+        return self._identity
+
+
+@pytest.mark.parametrize("identity", [{"x": float("nan")}, {"x": {"y": [float("inf")]}}, {"x": {(1, 2): 3}}])
+def test_an_identity_that_is_no_json_is_one_sentence(identity):
+    with pytest.raises(ModelError, match=r"^the model's identity\(\) cannot be written as JSON \(.*finite"):
+        model_identity(_Says(identity))
+
+
+class _Interrupts:
+    def predict(self, frame1, frame2):
+        raise KeyboardInterrupt
+
+
+def test_a_model_that_raises_keyboardinterrupt_is_named_where_ctrl_c_is_ignored():
+    frames = (np.zeros((4, 6, 3), np.uint8),) * 2
+    with pytest.raises(KeyboardInterrupt):
+        predict_checked(_Interrupts(), frames, "a", "fog", 1)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with pytest.raises(ModelError, match="the model raised KeyboardInterrupt on sample 'a', fog severity 1"):
+            predict_checked(_Interrupts(), frames, "a", "fog", 1)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def test_the_copy_of_a_process_that_a_model_forks_does_not_go_on_with_the_run():
+    script = """
+import os
+import numpy as np
+from robustflow.models.base import predict_checked
+
+class Forks:
+    def predict(self, frame1, frame2):
+        if (child := os.fork()):
+            os.waitpid(child, 0)
+        return np.zeros((4, 6, 2), np.float32)
+
+predict_checked(Forks(), (np.zeros((4, 6, 3), np.uint8),) * 2, "a", "fog", 1)
+os.write(1, b"went on ")
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (done.stdout, done.stderr) == ("went on ", "")

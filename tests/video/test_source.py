@@ -199,3 +199,15 @@ def test_pictures_of_two_sizes(tmp_path):
 def test_no_pictures(tmp_path):
     with pytest.raises(DataError, match="no pictures"):
         PictureFolder(tmp_path)
+
+
+def test_a_video_whose_codec_is_damaged_is_one_sentence(tmp_path):
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w", format="matroska") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")))
+        container.mux(stream.encode(None))
+    path.write_bytes(path.read_bytes().replace(b"V_MPEG4/ISO/AVC", b"V_MPEG4/ISO/XVC"))
+    with pytest.raises(DataError, match=r"a\.mkv: not a readable video \(its codec is unknown\)"):
+        VideoFile(path)

@@ -117,3 +117,5 @@ def main() -> None:
 
         print(f"robustflow: {plain(str(error), None)}", file=sys.stderr)
         sys.exit(error.exit_code)
+    except KeyboardInterrupt:  # outside of a command
+        sys.exit(130)

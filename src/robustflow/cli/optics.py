@@ -74,13 +74,12 @@ def show(
     from ..lenses.render import render_psfs
     from ..lenses.shipped import shipped_lens
     from ..psf.shipped import shipped_field
-    from .options import numbers
 
     if lens is not None:
         own = read_lens(lens)
         shown = [(lens.stem, own, render_psfs(own))]
     else:
-        shown = [(f"lens_s{k}", shipped_lens(k), shipped_field(k)) for k in numbers(severity) or []]
+        shown = [(f"lens_s{k}", shipped_lens(k), shipped_field(k)) for k in _levels(severity)]
     make_folder(output)
     figures = {name: lens_figure(one, field) for name, one, field in shown}
     figures["psf_sheet"] = contact_sheet([(name, field) for name, _, field in shown])
@@ -117,7 +116,6 @@ def render(
     from ..lenses.render import render_psfs
     from ..lenses.shipped import shipped_lens
     from ..psf.shipped import half_digest, halved, manifest
-    from .options import numbers
 
     if (lens is None) != (output is None):
         raise UsageError("--lens and --output go together: give the prescription and the file for its PSFs")
@@ -128,10 +126,21 @@ def render(
         typer.echo(str(output))
         return
     wrong = []
-    for level in numbers(severity) or []:
+    for level in _levels(severity):
         same = half_digest(halved(render_psfs(shipped_lens(level)))) == manifest()[f"psf_s{level}"]
         typer.echo(f"severity {level}: {'as shipped' if same else 'DIFFERS from the shipped PSFs'}")
         if not same:
             wrong.append(str(level))
     if wrong:
         raise DataError(f"the PSFs of severity {', '.join(wrong)} do not follow from their prescriptions; reinstall")
+
+
+def _levels(severities: str) -> list[int]:
+    from ..errors import UsageError
+    from ..severity import check_severity
+    from .options import numbers
+
+    levels = [check_severity(level) for level in numbers(severities) or []]
+    if not levels:
+        raise UsageError("--severities names none; give some of 1 to 5, separated by commas")
+    return levels

@@ -25,12 +25,19 @@ def show(
       robustflow show runs/demo_dis_1a2b3c4d --metric log_ratio
       robustflow show colleague.robustflow
     """
+    import warnings
+
+    from ..errors import DataError
     from ..records.load import load_any_run
     from ..report.site.write import write_report
     from .tables import print_result
 
     result, in_folder = load_any_run(run), run.expanduser().is_dir()
     if in_folder:
-        result.write_means()
-        write_report(result)
+        try:
+            result.write_means()
+            write_report(result)
+        except DataError as error:
+            in_folder = False
+            warnings.warn(f"the summary and the report are left as they are: {error}", stacklevel=1)
     print_result(result, metric, report=in_folder)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import ModuleType
@@ -10,7 +12,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
-from ..errors import ModelError, RobustFlowError
+from ..errors import ModelError, RobustFlowError, first_line
 from ..sample import Flow, Frame
 from .where import where_raised
 from .window import Window
@@ -90,7 +92,14 @@ def model_identity(model: Any) -> dict[str, Any]:
                 f"the model's identity() returned {type(identity).__name__}; "
                 "expected a dict of what changes its numbers"
             )
-        named: dict[str, Any] = json.loads(json.dumps({str(key): identity[key] for key in identity}, default=str))
+        try:
+            text = json.dumps({str(key): identity[key] for key in identity}, default=str, allow_nan=False)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ModelError(
+                f"the model's identity() cannot be written as JSON ({first_line(error)}); return numbers that are "
+                "finite, texts, and lists and dicts of them"
+            ) from error
+        named: dict[str, Any] = json.loads(text)
         return named
     kind = model if isinstance(model, type) or hasattr(model, "__qualname__") else type(model)
     return {"object": f"{kind.__module__}.{kind.__qualname__}"}
@@ -171,15 +180,22 @@ def places(cells: Sequence[tuple[str, str, int]]) -> str:
 
 @contextmanager
 def _named(where: str) -> Iterator[None]:
+    process = os.getpid()
     try:
         yield
     except RobustFlowError as error:
         raise ModelError(f"{error} (on {where})") from error
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit, KeyboardInterrupt) as error:
+        # Where Ctrl-C is ignored, as in a worker process, it was the model that raised this.
+        if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+            raise
         raise ModelError(
             f"the model raised {type(error).__name__} on {where}: {error or 'no message'}{where_raised(error)}; "
             "give --debug for the full traceback"
         ) from error
+    finally:
+        if os.getpid() != process:
+            os._exit(1)  # the copy that a model forked would go on with the run, beside the run
 
 
 def _copies(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:

@@ -40,6 +40,8 @@ def open_video(path: Path) -> Any:
             raise DataError(f"{path}: has no video stream; check the file")
         check_stated_length(path, container.format.name)
         context = container.streams.video[0].codec_context
+        if context is None:
+            raise DataError(f"{path}: not a readable video (its codec is unknown); check or convert the file")
         context.thread_count, context.thread_type = 1, "NONE"
         context.options = STRICT
     except BaseException:
