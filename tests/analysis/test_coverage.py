@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from robustflow.analysis.uncertainty import compare_rows, intervals
+from robustflow.analysis.uncertainty.bootstrap import bootstrap
+from robustflow.analysis.uncertainty.statistic import Mean, Statistic, Term
 
 from .simulated import Truth, coverage, rows_of
 
@@ -109,3 +111,43 @@ def test_level_of_the_paired_test(clusters, images, seed):
     truth = Truth() if images == 1 else Truth(spread=0.4, within=0.4)
     found = _rejections(truth, clusters, images, repeats=1500, seed=seed)
     assert max(found.values()) <= 7.0, found
+
+
+_UNEQUAL = np.maximum(1, np.round(np.exp(np.random.default_rng(2).normal(1.2, 1.1, 34)))).astype(int)
+"""Pairs of 34 sequences, 1 to 37 of them."""
+
+
+def _crer_coverage(spread: float, of_sequence: float, repeats: int, seed: int) -> dict[object, float]:
+    """Of the interval of CREr, and of one whose two tails are those of CREr itself, over the same samples.
+
+    `of_sequence` is the sigma of the logarithm of the factor by which corruption multiplies a sequence's errors.
+    """
+    sequences = np.repeat(np.arange(len(_UNEQUAL)), _UNEQUAL)
+
+    def sums(values: np.ndarray) -> np.ndarray:
+        return np.bincount(sequences, values, len(_UNEQUAL))[:, None]
+
+    def once(rng: np.random.Generator) -> dict[object, bool]:
+        hard = Truth(spread, within=0.4).difficulty(rng, _UNEQUAL)
+        factor = np.exp(rng.normal(0, of_sequence, len(_UNEQUAL)) - of_sequence**2 / 2)[sequences]
+        clean, corrupted = (mean * hard * rng.gamma(8, 1 / 8, len(hard)) for mean in (2, 7))
+        count = sums(np.ones(len(hard)))
+        means = (Mean(sums(errors), count, np.ones(1)) for errors in (factor * corrupted - clean, clean))
+        statistics = dict.fromkeys(("log", "plain"), Statistic([Term(*means)]))
+        made = bootstrap(statistics, len(_UNEQUAL), resamples=599, relative={"log"}, seed=int(rng.integers(2**31)))
+        return {name: one.low <= 2.5 <= one.high for name, one in made.items()}
+
+    return coverage(once, repeats, seed)
+
+
+def test_interval_of_crer_over_unequal_sequences_covers_more_than_that_of_a_mean():
+    found = _crer_coverage(0.7, 0.5, repeats=250, seed=40)
+    assert found["log"] >= 92
+    assert found["log"] >= found["plain"] + 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("spread", "of_sequence", "least"), [(0.5, 0.0, 93.0), (0.7, 0.5, 93.0), (1.0, 0.8, 91.0)])
+def test_coverage_of_crer_over_unequal_sequences(spread, of_sequence, least):
+    found = _crer_coverage(spread, of_sequence, repeats=2000, seed=41)
+    assert least <= found["log"] <= HIGH, found

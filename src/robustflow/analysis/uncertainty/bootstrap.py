@@ -10,16 +10,16 @@ exactly if the interval of level 1 - a excludes 0, up to the granularity of the 
 
 Errors are skewed, so the two tails of a mean are estimated separately. They are estimated together (quantiles of |t*|,
 a symmetric interval) for a difference between models, which is nearly symmetric and whose test would reject too often
-otherwise; and for fewer than `FEW` clusters, for which one tail alone would rest on too few distinct resamples. With so
-few that the resamples without any spread outweigh the tail there is no interval. `docs/design/uncertainty.md` has the
-figures.
+otherwise; for CREr, a ratio of two means, of which ln(1 + CREr) is studentised; and for fewer than `FEW` clusters, for
+which one tail alone would rest on too few distinct resamples. With so few that the resamples without any spread
+outweigh the tail there is no interval. `docs/design/uncertainty.md` has the figures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Container, Hashable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -66,6 +66,7 @@ def bootstrap(
     resamples: int = RESAMPLES,
     seed: int = 0,
     symmetric: bool = False,
+    relative: Container[Key] = (),
 ) -> dict[Key, Interval]:
     """Intervals and p-values of several statistics of the same data, from the same resamples.
 
@@ -76,6 +77,8 @@ def bootstrap(
         resamples: how many; the p-value cannot be below 1 / (resamples + 1).
         seed: the same seed, the same resamples.
         symmetric: estimate both tails together, as for differences.
+        relative: which of them are increases relative to a mean, as CREr is: their logarithm, ln(1 + statistic), is
+            studentised, both tails together.
 
     Raises:
         UsageError: a level or number of resamples out of range.
@@ -95,12 +98,42 @@ def bootstrap(
     estimates_of = {key: statistic(whole) for key, statistic in statistics.items()}
     if not enough_clusters(clusters, level):
         return {key: _without_interval(estimates) for key, estimates in estimates_of.items()}
+    logarithms = {key: _logarithm(values) for key, values in estimates_of.items() if key in relative}
     pivots: dict[Key, list[Array]] = {key: [] for key in statistics}
     for weights in _resamples(clusters, resamples, seed):
         for key, values in _values(statistics, weights):
-            pivots[key].append(_pivots(values, estimates_of[key].theta[0]))
+            if key in logarithms:
+                pivots[key].append(_pivots(_logarithm(values), logarithms[key].theta[0]))
+            else:
+                pivots[key].append(_pivots(values, estimates_of[key].theta[0]))
     together = symmetric or clusters < FEW
-    return {key: _interval(estimates_of[key], np.concatenate(pivots[key]), together, level) for key in statistics}
+    intervals = {}
+    for key, values in estimates_of.items():
+        made = np.concatenate(pivots[key])
+        if key in logarithms:
+            intervals[key] = _exponential(_interval(logarithms[key], made, True, level), values)
+        else:
+            intervals[key] = _interval(values, made, together, level)
+    return intervals
+
+
+class _Logarithm(NamedTuple):
+    theta: Array
+    standard_error: Array
+
+
+def _logarithm(values: StatisticValues) -> _Logarithm:
+    """ln(1 + statistic) with its standard error, to first order; NaN up to -1."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _Logarithm(np.log1p(values.theta), values.standard_error / (1 + values.theta))
+
+
+def _exponential(interval: Interval, values: StatisticValues) -> Interval:
+    """The interval of a statistic from that of its `_logarithm`."""
+    if interval.low is None or interval.high is None:
+        return _without_interval(values)
+    ends = float(np.expm1(interval.low)), float(np.expm1(interval.high))
+    return Interval(float(values.theta[0]), float(values.standard_error[0]), *ends, interval.p)
 
 
 def _values(statistics: Mapping[Key, Statistic], weights: Array) -> Iterator[tuple[Key, StatisticValues]]:

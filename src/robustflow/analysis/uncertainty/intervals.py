@@ -63,7 +63,11 @@ def intervals(
     sums = ClusterSums.of(rows)
     keys = [key for key in statistics_of(sums, severities, corruptions) if key[0] in metrics]
     statistics = {key: sums.statistic(*key) for key in keys}
-    intervals = bootstrap(statistics, len(sums.clusters), level=level, resamples=resamples, seed=seed) if keys else {}
+    ratios = {key for key in keys if key[0] == "crer"}
+    clusters = len(sums.clusters)
+    intervals = (
+        bootstrap(statistics, clusters, level=level, resamples=resamples, seed=seed, relative=ratios) if keys else {}
+    )
     shared = (sums.images, len(sums.clusters), level)
     records = [
         (*key, one.estimate, one.standard_error, _possible(key[0], one.low), one.high, *shared)
