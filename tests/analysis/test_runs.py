@@ -172,9 +172,10 @@ def test_doubted_runs_are_in_no_trend_correlation_or_figure_and_a_remark_names_t
     for name in ("effective_trend_0", "relations_0", "clean_against_cre_0"):
         assert {mark.model for marks in figures[name].marks.values() for mark in marks} == set(models), name
     content = whole_content([*sound, useless], published=False)
-    trend = next(one for one in page_figures(content) if one.title == "Effective robustness")
+    (group,) = page_figures(content)
+    trend = next(one for one in group.figures if one.title == "Effective robustness")
     assert {label for label, _ in trend.lines} == set(models)
-    assert "Not drawn, because not ranked: Useless." in trend.frames
+    assert "Not drawn, because not ranked: Useless." in trend.caption
     assert [entry.name for entry in sorted(content.entries, key=default_order)][-1] == "Useless"
 
 

@@ -93,10 +93,10 @@ def test_sorting_orders_numbers_and_keeps_what_is_missing_last(opened):
 def test_filters_search_and_their_state_in_the_address(opened):
     page = opened("leaderboard")
     _kitti(page)
-    assert page.locator("#count").inner_text() == "29 of 29 rows"
+    assert page.locator(".count:visible").inner_text() == "29 of 29 rows"
     page.get_by_role("radio", name="ID", exact=True).check(force=True)
-    assert page.locator("#count").inner_text() == "15 of 29 rows"
-    page.get_by_label("Search", exact=True).fill("samflow")
+    assert page.locator(".count:visible").inner_text() == "15 of 29 rows"
+    page.get_by_label("Search", exact=True).locator("visible=true").fill("samflow")
     assert sorted(_column(page, "Model")) == ["SAMFlow-B", "SAMFlow-H", "SAMFlow-T"]
     page.get_by_label("Columns").locator("visible=true").select_option("weather")
     page.get_by_label("Metric").locator("visible=true").select_option("cre")
@@ -108,8 +108,65 @@ def test_filters_search_and_their_state_in_the_address(opened):
     page.goto("about:blank")
     page.goto(address)
     assert _column(page, "Snow") == expected
-    assert page.locator("#count").inner_text() == "3 of 29 rows"
-    assert page.locator("[role=status]#count").get_attribute("aria-live") == "polite"
+    assert page.locator(".count:visible").inner_text() == "3 of 29 rows"
+    assert page.locator("[role=status].count:visible").get_attribute("aria-live") == "polite"
+
+
+def test_choosing_a_benchmark_filters_the_whole_page(opened):
+    """Table, sentences, figures, pictures, observations and audit, and the links to them."""
+    page = opened("leaderboard")
+    for name, figures in (("demo", 1), ("KITTI-FC", 4), ("GoPro-FC", 0)):
+        page.get_by_role("radio", name=name).check(force=True)
+        assert page.locator("section.benchmark:visible h2").all_inner_texts() == [name]
+        assert page.locator(".board:visible").count() == 1
+        assert page.locator("figure.drawn:visible").count() >= figures
+        assert bool(page.locator("figure.drawn:visible").count()) == bool(figures)
+        assert page.locator("#examples").is_visible() == (name == "demo")
+        links = page.locator("nav a:visible").evaluate_all("links => links.map(link => link.getAttribute('href'))")
+        assert len(links) == len(set(links))
+        assert all(page.locator(link).is_visible() for link in links)
+        shown = page.locator("main").inner_text()
+        assert [other for other in ("KITTI-FC", "GoPro-FC") if other != name and f"on {other}" in shown] == []
+
+
+def test_a_phone_shows_model_epe_and_cre_and_the_column_it_sorts_by(opened):
+    page = opened("leaderboard", width=390, height=844)
+    _kitti(page)
+    head = page.locator(".board:visible thead th:visible")
+    assert [text.split()[0] for text in head.all_inner_texts()] == ["Model", "EPE", "CRE"]
+    box = page.locator(".board:visible .scroll").bounding_box()
+    for index in range(3):
+        cell = head.nth(index).bounding_box()
+        assert cell["x"] >= box["x"]
+        assert cell["x"] + cell["width"] <= box["x"] + box["width"] + 1
+    assert page.locator("th[aria-sort]:visible").inner_text().startswith("EPE")
+    assert page.locator(".board:visible tbody tr[data-page]").first.bounding_box()["y"] < 844 / 2
+    page.get_by_text("Filter and columns").locator("visible=true").click()
+    page.get_by_label("Columns").locator("visible=true").select_option("overview")
+    assert "columns=overview" in page.evaluate("location.hash")
+    assert page.locator("th[aria-sort]:visible").count() == 1
+
+
+def test_words_and_legends_are_whole_on_a_phone(opened):
+    """No word of a table is broken inside, and no legend reaches beyond the screen."""
+    page = opened("report", width=390, height=844)
+    broken = page.locator("article:visible th[scope=row]").evaluate_all(
+        """cells => cells.filter((cell) => cell.textContent.split(" ").some((word) => {
+            const one = document.createElement("span");
+            one.style.whiteSpace = "nowrap";
+            one.textContent = word;
+            cell.append(one);
+            const wide = one.offsetWidth;
+            one.remove();
+            const style = getComputedStyle(cell);
+            return wide > cell.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight) + 1;
+        })).map((cell) => cell.textContent)"""
+    )
+    assert broken == []
+    for key in page.locator(".key:visible li").all():
+        box = key.bounding_box()
+        assert box["x"] + box["width"] <= 390
+    assert page.locator(".key:visible").count() >= 1
 
 
 def test_marks_are_the_papers(opened):
@@ -130,7 +187,7 @@ def test_a_model_page_and_back(opened):
     row = page.locator(".board:visible tbody a:visible").first
     row.click()
     assert page.locator("h2:focus").inner_text() == "CSFlow"
-    assert not page.locator("#board").is_visible()
+    assert page.locator(".board:visible").count() == 0
     assert page.title().startswith("CSFlow – ")
     assert page.locator("article:visible").count() == 1
     assert page.locator("article:visible td:has-text('Snow')").count() == 0
@@ -138,12 +195,12 @@ def test_a_model_page_and_back(opened):
     assert cells == ["JPEG compression", *_printed("CSFlow", "jpeg_compression")]
     assert page.locator("svg.chart:visible .mark.on").count() >= 2
     page.go_back()
-    page.locator("#board").wait_for()
-    assert page.locator("#count").inner_text() == "2 of 29 rows"
+    page.locator(".board:visible").wait_for()
+    assert page.locator(".count:visible").inner_text() == "2 of 29 rows"
     assert page.evaluate("document.activeElement.textContent") == "CSFlow"
     page.go_forward()
     page.get_by_role("link", name="← Leaderboard").locator("visible=true").click()
-    page.locator("#board").wait_for()
+    page.locator(".board:visible").wait_for()
     assert page.locator("article:visible").count() == 0
 
 
@@ -168,7 +225,7 @@ def test_everything_by_keyboard(opened):
     assert page.evaluate("document.activeElement.id") == "main"
     page.locator("input[name^=setting]:checked:visible").focus()
     keys.press("ArrowRight")
-    assert page.locator("#count").inner_text() == "2 of 29 rows"
+    assert page.locator(".count:visible").inner_text() == "2 of 29 rows"
     keys.press("ArrowLeft")
     page.locator(".board:visible thead button").nth(2).focus()
     keys.press("Space")
@@ -183,7 +240,7 @@ def test_everything_by_keyboard(opened):
     keys.press("Shift+Tab")
     keys.press("Enter")
     page.locator("html:not(.one-model)").wait_for()
-    mark = page.locator("svg.chart .mark").first
+    mark = page.locator("svg.chart:visible .mark").first
     mark.focus()
     first = page.locator("#tip").inner_text()
     keys.press("ArrowRight")
@@ -199,6 +256,7 @@ def test_everything_by_keyboard(opened):
 def test_pointing_at_a_mark_names_it(opened):
     """At the middle of a bubble, where a dot is drawn over it."""
     page = opened("leaderboard", reduced_motion="reduce")
+    _kitti(page)
     mark = page.locator("svg.chart .mark[data-says^='RAFT (ID): clean EPE 1.81 px, CRE 6.70 px']")
     mark.scroll_into_view_if_needed()
     mark.hover(force=True)
@@ -238,7 +296,7 @@ def test_the_report_shows_its_run_first(opened):
     assert page.locator("article:visible h2").inner_text() == "DIS"
     assert page.locator("article:visible .panel img").count() == 2
     _kitti(page)
-    assert page.locator("#count").inner_text() == "29 of 29 rows"
+    assert page.locator(".count:visible").inner_text() == "29 of 29 rows"
     cell = page.locator(".heat td a").first
     where = cell.get_attribute("title").removesuffix(": frames, flow and error")
     cell.click()
@@ -301,7 +359,8 @@ def test_downloads_hold_the_numbers_and_no_formula(opened, tmp_path):
 
 def test_findings_can_be_searched(opened):
     page = opened("leaderboard")
-    page.locator("#search-findings").fill("brightflow")
+    _kitti(page)
+    page.locator(".search-findings:visible").fill("brightflow")
     assert page.locator("[data-finding]:visible").count() > 5
     assert all("BrightFlow" in text for text in page.locator("[data-finding]:visible").all_inner_texts())
 
@@ -337,7 +396,7 @@ def test_on_paper_every_row_and_no_control(opened):
     page = opened("leaderboard", "#benchmark=KITTI-FC&search=csf", color_scheme="dark")
     page.emulate_media(media="print")
     assert page.locator(".board:visible tbody tr[data-page]:visible").count() == 29
-    assert not page.locator("#controls").is_visible()
+    assert page.locator(".controls:visible, #chooser:visible").count() == 0
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
 
 
@@ -348,5 +407,5 @@ def test_without_scripts_the_page_says_where_the_numbers_are(browser, pages):
     assert "results.csv" in page.locator("noscript .warn").inner_text()
     assert page.locator("svg.chart").count() >= 4
     assert page.locator("[data-finding]").count() == 119
-    assert not page.locator("#controls").is_visible()
+    assert page.locator(".controls:visible, #chooser:visible").count() == 0
     context.close()

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import polars as pl
 import pytest
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from robustflow.analysis.published.tables import published_results
@@ -26,7 +27,8 @@ from robustflow.report.figures import (
     write_figures,
 )
 from robustflow.report.figures.crer_by_family import family_crer
-from robustflow.report.figures.severity_curves import share_scale
+from robustflow.report.figures.severity_curves import scale_panels
+from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, Looks
 
 from ..analysis.simulated import Truth, rows_of
 from .hostile import HOSTILE
@@ -92,9 +94,134 @@ def test_families_by_hand():
 
 def test_relations_tell_their_correlation():
     figure = relations(_KITTI)
-    offsets = figure.axes[3].collections[0].get_offsets()
+    drawn = {gid: marks[0] for gid, marks in figure.marks.items()}
+    dots = [dot for dot in figure.axes[3].collections if drawn[dot.get_gid()].setting == "OOD"]
+    offsets = np.concatenate([dot.get_offsets() for dot in dots])
     assert len(offsets) == 11
     assert f"OOD: r = {np.corrcoef(offsets.T)[0, 1]:.2f}" in figure.axes[3].get_title(loc="left")
+
+
+def _edges(figure: Figure, axis: str) -> set[tuple[float, float]]:
+    return {getattr(panel, f"get_{axis}lim")() for panel in figure.axes}
+
+
+@pytest.mark.parametrize("draw", [clean_against_cre, crer_by_family, effective_trend])
+def test_panels_beside_each_other_have_the_same_axes(draw):
+    figure = draw(_KITTI)
+    assert len(figure.axes) > 1
+    assert len(_edges(figure, "x")) == len(_edges(figure, "y")) == 1
+
+
+def test_a_quantity_has_one_axis_in_all_panels_of_relations():
+    panels = relations(_KITTI).axes
+    assert {panel.get_xlim() for panel in panels[:3]} == {panels[0].get_xlim()}
+    assert panels[2].get_ylim() == panels[3].get_ylim()
+    assert panels[1].get_ylim() == panels[3].get_xlim()
+
+
+def test_a_tenth_of_a_pixel_is_a_tenth_of_an_axis():
+    """Two models 0.11 px apart, and curves that reach 0.11 px: no axis spans less than a pixel."""
+    cells = "".join(
+        f"OOD,{name},epe,{what},{value}\n"
+        for name, clean in (("A", 2.64), ("B", 2.75))
+        for what, value in (("clean", clean), ("average", clean + 1), ("fog", clean + 1), ("snow", clean + 1))
+    )
+    results = parse_results("setting,model,metric,corruption,value\n" + cells, "own.csv", "own frames")
+    figure = clean_against_cre(results, together=True)
+    for low, high in (*_edges(figure, "x"), *_edges(figure, "y")):
+        assert high - low >= 1
+    still = _rows().with_columns(rcre_sum=pl.col("n_valid") * 0.11 * pl.col("severity") / 5)
+    curves = severity_curves({"a": still})
+    ((low, high),) = _edges(curves, "y")
+    assert low == 0
+    assert high >= 1
+
+
+def test_bars_and_curves_begin_at_zero():
+    ((low, _),) = _edges(crer_by_family(_KITTI), "y")
+    assert low == 0
+    ((low, _),) = _edges(severity_curves({"a": _rows()}, "epe"), "y")
+    assert low == 0
+
+
+_ENDS = {
+    ("epe", "clean"): (1.9, 2.2),
+    ("epe", "average"): (4.0, 6.1),
+    ("cre", "average"): (2.5, 3.6),
+    ("crer", "weather"): (0.8, 1.4),
+    ("rcre", "average"): (2.9, 3.1),
+}
+
+
+def _vertical_lines(figure: Figure) -> list[tuple[float, float]]:
+    lines = [line.get_xydata() for panel in figure.axes for line in panel.lines]
+    return [tuple(line[:, 1]) for line in lines if len(line) == 2 and line[0, 0] == line[1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("draw", "key"),
+    [
+        (lambda results, looks: clean_against_cre(results, looks, together=True), ("cre", "average")),
+        (lambda results, looks: crer_by_family(results, None, looks), ("crer", "weather")),
+        (lambda results, looks: relations(results, looks, together=True), ("rcre", "average")),
+        (lambda results, looks: effective_trend(results, looks, together=True), ("epe", "average")),
+    ],
+)
+def test_intervals_are_drawn_and_mentioned_where_there_are_any(draw, key):
+    results = _own("OOD", "OOD", "OOD", "own", "own", weather=True)
+    without = draw(results, None)
+    assert "intervals" not in without.caption
+    assert not _vertical_lines(without)
+    figure = draw(results, Looks(intervals={"M1": _ENDS}))
+    assert "Whiskers are 95 % confidence intervals." in figure.caption
+    assert _ENDS[key] in [pytest.approx(line) for line in _vertical_lines(figure)]
+    low, high = _ENDS[key]
+    said = {value for marks in figure.marks.values() for mark in marks for _, value in mark.values}
+    assert any(value.endswith(f" [{low:.2f}, {high:.2f}]") for value in said)
+
+
+def test_bands_are_mentioned_where_they_are_drawn():
+    assert "Bands are" in severity_curves({"a": _rows()}).caption
+    alone = severity_curves({"a": _rows(count=1)})
+    assert not alone.axes[0].collections
+    assert "intervals" not in alone.caption
+
+
+def test_no_statistic_of_fewer_than_five_models():
+    four = _own("OOD", "OOD", "OOD", "OOD")
+    for draw in (relations, effective_trend):
+        with pytest.raises(UsageError, match="5 models"):
+            draw(four)
+    mixed = _own("OOD", "OOD", "OOD", "OOD", "OOD", "ID", "ID", "ID")
+    title = relations(mixed).axes[0].get_title(loc="left")
+    assert "OOD: r = " in title
+    assert "ID: r" not in title.replace("OOD: r", "")
+
+
+def test_a_single_bar_is_no_figure():
+    alone = parse_results(_CELLS, "made.csv", "made").filter(model="A")
+    with pytest.raises(UsageError, match="one bar"):
+        crer_by_family(alone)
+
+
+def test_no_colour_of_a_kind_is_that_of_a_model():
+    kinds = [style.colour for style in KIND_STYLES.values()]
+    models = [style.colour for style in MODEL_STYLES]
+    assert len({*kinds, *models}) == len(kinds) + len(models)
+
+
+def test_a_model_looks_alike_in_every_figure():
+    results = _own("knowledge", "OOD", "ID", "own", "own", weather=True)
+    looks = Looks({f"M{index}": MODEL_STYLES[7 - index] for index in range(5)})
+    figures = figures_by_sample_set(results, {"own frames": looks})["own frames"]
+    seen: dict[str, set[str]] = {}
+    for figure in figures.values():
+        for artist in figure.findobj(lambda artist: hasattr(artist, "get_facecolor")):
+            for mark in figure.marks.get(artist.get_gid(), ()):
+                colour = np.atleast_2d(artist.get_facecolor())[0][:3]
+                seen.setdefault(mark.model, set()).add(to_hex(colour).upper())
+    assert len(figures) == 4
+    assert seen == {f"M{index}": {MODEL_STYLES[7 - index].colour.upper()} for index in range(5)}
 
 
 def test_severity_curves_have_a_line_per_run_and_a_band():
@@ -107,11 +234,10 @@ def test_severity_curves_have_a_line_per_run_and_a_band():
     assert len(fog.collections) == 2
     with pytest.raises(UsageError, match="cannot be distinguished"):
         severity_curves({str(i): _rows() for i in range(9)})
-    highest = max(axes.get_ylim()[1] for axes in figure.axes)
-    assert len({axes.get_ylim() for axes in figure.axes}) > 1
-    share_scale(figure)
     ((_, top),) = {axes.get_ylim() for axes in figure.axes}
-    assert top == highest
+    scale_panels(figure, apart=True)
+    assert len({axes.get_ylim() for axes in figure.axes}) > 1
+    assert max(axes.get_ylim()[1] for axes in figure.axes) == top
 
 
 _CELLS = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2\nOOD,A,epe,average,5\nOOD,A,epe,fog,4\n"
@@ -163,11 +289,13 @@ def test_nothing_to_draw_says_so(draw):
         draw(published_results().clear())
 
 
-def _own(*settings: str) -> pl.DataFrame:
+def _own(*settings: str, weather: bool = False) -> pl.DataFrame:
+    cells = [("epe", "clean", 0), ("epe", "average", 3), ("rcre", "average", 1)]
+    cells += [("epe", "fog", 2), ("epe", "jpeg_compression", 1)] * weather
     lines = [
         f"{setting},M{index},{metric},{corruption},{2 + index + extra}\n"
         for index, setting in enumerate(settings)
-        for metric, corruption, extra in (("epe", "clean", 0), ("epe", "average", 3), ("rcre", "average", 1))
+        for metric, corruption, extra in cells
     ]
     return parse_results("setting,model,metric,corruption,value\n" + "".join(lines), "own.csv", "own frames")
 
@@ -186,7 +314,7 @@ def test_own_models_on_the_same_frames_are_drawn_together():
 
 def test_an_own_model_is_drawn_whatever_the_paper_leaves_out():
     """The paper discusses no FlowDiffuser; whoever measured one wants to see it."""
-    results = _own("OOD", "OOD").with_columns(model=pl.col("model").replace({"M1": "FlowDiffuser"}))
+    results = _own(*["OOD"] * 5).with_columns(model=pl.col("model").replace({"M1": "FlowDiffuser"}))
     for name in ("clean_against_cre", "relations"):
         marks = figures_by_sample_set(results)["own frames"][name].marks.values()
         assert "FlowDiffuser" in {mark.model for of_artist in marks for mark in of_artist}

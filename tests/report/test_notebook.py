@@ -58,11 +58,11 @@ def test_a_hostile_name_stays_text(runs):
     assert "&lt;img src=x onerror=alert(1)&gt;" in html
     assert "\x1b" not in html + repr(runs[1])
     assert re.fullmatch("<Result of .*>", repr(runs[1]))
-    for kind in ("severity", "classes", "accuracy", "relations"):
+    for kind in ("severity", "classes", "accuracy"):
         runs[1].plot(kind, others=runs[:1])._repr_png_()
 
 
-@pytest.mark.parametrize("kind", ["severity", "classes", "accuracy", "relations"])
+@pytest.mark.parametrize("kind", ["severity", "classes", "accuracy"])
 def test_plots(runs, kind):
     figure = runs[0].plot(kind)
     assert isinstance(figure, Figure)
@@ -83,6 +83,8 @@ def test_plots_that_cannot_be(runs, tmp_path):
         runs[0].plot("severities")
     with pytest.raises(UsageError, match="unknown metric"):
         runs[0].plot("severity", "speed")
+    with pytest.raises(UsageError, match="needs 5 models with ground truth: there are 1"):
+        runs[0].plot("relations")
     other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1])
     with pytest.raises(UsageError, match="different frames"):
         runs[0].plot("classes", others=[other])

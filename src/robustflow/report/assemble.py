@@ -116,13 +116,21 @@ def _concluded(tables: list[Table], runs: Sequence[Run]) -> list[Table]:
 def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     """Every figure that can be made from the runs, and from the published results if requested. Runs on the same frames
     are drawn together; doubted ones only where each run has a curve."""
-    from .figures import all_figures, displacement_figure
-    from .figures.canvas import SERIES
+    from ..analysis.uncertainty.of_runs import interval_ends
+    from .figures import Looks, all_figures, displacement_figure
+    from .figures.displacement_histogram import MOST_LINES
 
     rows = {name: run.rows for name, run in zip(run_names(runs), runs, strict=True)}
-    figures = all_figures(sound_results(results_of(runs, published), doubted_runs(runs)), rows)
+    of_frames: dict[str, dict[str, Run]] = {}
+    for run, name in zip(runs, rows, strict=True):
+        of_frames.setdefault(sample_set(run), {})[name] = run
+    looks = {
+        frames: Looks(intervals={name: interval_ends(run, beside_published=published) for name, run in group.items()})
+        for frames, group in of_frames.items()
+    }
+    figures = all_figures(sound_results(results_of(runs, published), doubted_runs(runs)), rows, looks)
     moved = displacements_of(runs)
-    if 0 < len(moved) <= len(SERIES):
+    if 0 < len(moved) <= MOST_LINES:
         figures["displacement"] = displacement_figure(moved)
     return figures
 

@@ -40,13 +40,15 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
     assert boards["demo"].settings == (("knowledge", "knowledge-driven", "learns nothing from data"),)
 
 
-def test_the_benchmark_with_most_models_can_come_first(small_run):
-    content = whole_content([small_run])
-    orders = [
-        [board.benchmark for board in boards_of(content.entries, dict(content.group_titles), most_models_first=first)]
-        for first in (False, True)
-    ]
-    assert orders == [["demo", "kitti-fc", "gopro-fc"], ["kitti-fc", "gopro-fc", "demo"]]
+def test_what_was_measured_comes_before_what_was_published(small_run, many_images):
+    """Benchmarks by their runs, those without by their models."""
+
+    def order(*runs):
+        content = whole_content(runs)
+        return [board.benchmark for board in boards_of(content.entries, dict(content.group_titles))]
+
+    assert order(small_run) == ["demo", "kitti-fc", "gopro-fc"]
+    assert order(small_run, many_images("A"), many_images("Bb")) == ["kitti-fc", "demo", "gopro-fc"]
 
 
 def test_a_value_given_twice_is_refused():
@@ -178,9 +180,9 @@ def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp
         (folder / FACTS_FILE).unlink()
     asked = []
 
-    def counted(rows, *, corruptions):
+    def counted(rows, *, corruptions, families):
         asked.append(corruptions)
-        return intervals(rows, corruptions=corruptions)
+        return intervals(rows, corruptions=corruptions, families=families)
 
     monkeypatch.setattr("robustflow.analysis.uncertainty.of_runs.intervals", counted)
     monkeypatch.setattr("robustflow.report.site.content.MOST_DETAILED", 1)
@@ -216,3 +218,14 @@ def structured_rows(tmp_path):
         )
         for index in range(10)
     )
+
+
+def test_the_interval_of_a_family_is_that_of_its_only_corruption(structured_rows):
+    """Contrast alone is digital here, and fog alone weather; families without a corruption have no interval."""
+    made = intervals(structured_rows, families=True)
+    for family, corruption in (("digital", "contrast"), ("weather", "fog")):
+        for metric in ("epe", "cre", "crer", "rcre"):
+            of_family, of_one = (made.filter(metric=metric, corruption=name) for name in (family, corruption))
+            assert of_family["estimate"].to_list() == pytest.approx(of_one["estimate"].to_list())
+            assert of_family["low"].to_list() == pytest.approx(of_one["low"].to_list())
+    assert made.filter(corruption="noise").is_empty()

@@ -31,10 +31,10 @@ def test_curves_of_the_eight_runs_with_the_lowest_error(many_images, small_run):
     runs = [many_images("m" * index, 1 + 0.1 * index) for index in range(9, 0, -1)]
     for run in runs:
         run.manifest["identity_digest"] = small_run.manifest["identity_digest"]  # whose folder they share
-    figures = page_figures(whole_content(runs, published=False))
-    (curves,) = (one for one in figures if one.title == "Severity curves")
+    (group,) = page_figures(whole_content(runs, published=False))
+    (curves,) = (one for one in group.figures if one.title == "Severity curves")
     assert {name for name, _ in curves.lines} == {"m" * index for index in range(1, 9)}
-    assert "The 8 of 9 runs with the lowest error are drawn." in curves.frames
+    assert "The 8 of 9 runs with the lowest error are drawn." in curves.caption
 
 
 @pytest.fixture

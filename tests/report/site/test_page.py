@@ -78,10 +78,12 @@ def test_the_paper_and_its_observations_and_audit_are_there(published_page):
     for row in published_results().iter_rows(named=True):
         key = tuple(row[name] for name in ("benchmark", "setting", "model", "metric", "corruption"))
         assert shown[key] == f"{row['value']:.2f}"
-    assert text.count("119 of 2784 compared numbers") == 1
+    assert text.count("119 of 2748 compared numbers") == 1  # KITTI-FC
+    assert text.count("0 of 36 compared numbers") == 1  # GoPro-FC
     assert "Weather conditions" in text
     assert "the CRE rows of BrightFlow and UPFlow" in text
-    assert published_page.count('class="chart"') == 4
+    assert published_page.count('class="plot"') == 4
+    assert published_page.count('class="chart"') == 2 + 3 + 4 + 2
 
 
 def test_the_page_is_the_same_every_time(published_page):
@@ -173,9 +175,69 @@ def test_a_report_shows_its_run(small_run):
 
 
 def test_the_table_comes_first_but_in_a_report_of_one_run(small_run, published_page):
-    assert published_page.index('id="board"') < published_page.index('class="headline"')
+    assert published_page.index('id="board-0"') < published_page.index('class="headline"')
     report = render_site(run_content(small_run))
-    assert report.index('class="headline"') < report.index('id="board"')
+    assert report.index('class="headline"') < report.index('id="board-0"')
+
+
+def _sections(text: str) -> dict[str, str]:
+    """The markup of each benchmark's section, by its heading."""
+    parts = re.split('<section class="benchmark"', text.partition("</main>")[0])[1:]
+    return {re.search("<h2[^>]*>([^<]*)</h2>", part)[1]: part.partition("</section>")[0] for part in parts}
+
+
+@pytest.fixture
+def imaginary(small_run, many_images):
+    """Runs of forty imaginary images in the folder of the real one."""
+
+    def make(name: str, worse_by: float = 1.0):
+        run = many_images(name, worse_by)
+        run.manifest["identity_digest"] = small_run.manifest["identity_digest"]
+        return run
+
+    return make
+
+
+def test_everything_of_a_benchmark_is_in_its_section(small_run, imaginary):
+    """One section per benchmark, with its own table, sentences, figures, observations and audit; no heading twice."""
+    sections = _sections(render_site(whole_content([small_run, imaginary("Mine"), imaginary("Other", 1.5)])))
+    assert list(sections) == ["KITTI-FC", "demo", "GoPro-FC"]
+    for name, text in sections.items():
+        assert text.count("<table data-start") == 1
+        assert [other for other in sections if other != name and f"on {other}" in text] == []
+        group = r'<details class="figure-group".*?</details>\s*(?=<details class="figure-group"|</div>)'
+        for figures in re.findall(group, text, re.DOTALL) or [text]:
+            titles = re.findall("<h4 id[^>]*>([^<]*)</h4>", figures)
+            assert len(titles) == len(set(titles))
+    assert "Mine" in sections["KITTI-FC"]
+    assert "Severity curves" in sections["KITTI-FC"]
+    assert "119 of 2748" in sections["KITTI-FC"]
+    assert "FlowFormer (OOD, RCRE 1.29 px)" in sections["GoPro-FC"]
+    assert "Mine" not in sections["demo"] + sections["GoPro-FC"]
+
+
+def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary):
+    """One pair has none: no bands, no brackets, no whiskers; forty images have all of them."""
+    (alone,) = _sections(render_site(whole_content([small_run], published=False))).values()
+    assert "In brackets" not in alone
+    assert "confidence intervals." not in alone.replace("No confidence intervals:", "")
+    runs = [imaginary("A"), imaginary("Bb", 1.5)]
+    (many,) = _sections(render_site(whole_content(runs, published=False))).values()
+    for words in ("In brackets: 95 % confidence intervals", "Whiskers are 95 %", "Bands are 95 %"):
+        assert words in many
+    assert "fine-tuning" not in alone + many
+
+
+def test_a_model_has_one_colour_on_a_page(small_run, imaginary):
+    """Of two groups of runs and the published values: a colour never means a kind in one figure and a model in
+    another, nor one model here and a different one there."""
+    text = render_site(whole_content([small_run, imaginary("Mine"), imaginary("Other", 1.5)]))
+    meanings: dict[str, set[str]] = {}
+    for colour, label in re.findall(r'stroke: (?:var\()?([\w-]+)\)?"></path></svg>([^<]*)</li>', text):
+        meanings.setdefault(colour, set()).add(label)
+    assert meanings.pop("--muted") == {"OOD", "ID"}
+    assert len(meanings) == 6
+    assert all(len(labels) == 1 for labels in meanings.values()), meanings
 
 
 @pytest.mark.slow

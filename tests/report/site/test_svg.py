@@ -5,18 +5,22 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ElementTree
 
+import numpy as np
+import polars as pl
 import pytest
 
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results import parse_results
-from robustflow.report.figures import clean_against_cre, relations
+from robustflow.report.figures import clean_against_cre, relations, severity_curves
 from robustflow.report.site.svg import inline_svg
+
+from ...analysis.simulated import Truth, rows_of
 
 _KITTI = published_results().filter(benchmark="kitti-fc")
 
 
 def _svg(figure, prefix="f1"):
-    return ElementTree.fromstring(inline_svg(figure, prefix, "Title", "Description", lambda model: f"page-{model}"))
+    return ElementTree.fromstring(inline_svg(figure, prefix, lambda model: f"page-{model}"))
 
 
 def _marks(root):
@@ -31,15 +35,16 @@ def test_every_model_is_a_mark_with_its_numbers():
     assert {mark.get("data-page") for mark in marks} >= {"page-RAFT", "page-ARFlow"}
 
 
-def test_points_of_one_artist_are_told_apart():
-    """The nth point of a scatter is the nth model: checked by its place."""
+def test_a_mark_is_where_its_model_is():
+    """Checked by the order of the places in one panel."""
     figure = relations(_KITTI)
     root = _svg(figure)
     epe = {
         row["model"]: row["value"]
         for row in _KITTI.filter(setting="OOD", metric="epe", corruption="clean").iter_rows(named=True)
     }
-    panel = [mark for mark in _marks(root) if "(OOD)" in mark.get("data-says")][: len(epe) - 1]
+    first = root.find("svg")
+    panel = [mark for mark in _marks(first) if "(OOD)" in mark.get("data-says")]
     by_place = sorted(panel, key=lambda mark: float(mark.get("x")))
     names = [mark.get("data-page").removeprefix("page-") for mark in by_place]
     assert names == sorted(names, key=epe.__getitem__)
@@ -47,7 +52,7 @@ def test_points_of_one_artist_are_told_apart():
 
 
 def test_ids_are_prefixed_and_colours_follow_the_page():
-    text = inline_svg(clean_against_cre(_KITTI), "f7", "T", "D", lambda model: None)
+    text = inline_svg(clean_against_cre(_KITTI), "f7", lambda model: None)
     assert set(re.findall(r'\bid="(f7-)?', text)) == {"f7-"}
     assert not re.findall(r"#[0-9a-f]{6}", text)
     assert "xlink" not in text
@@ -60,10 +65,31 @@ def test_ids_are_prefixed_and_colours_follow_the_page():
 def test_a_hostile_name_is_a_text_of_the_svg():
     name = '"><script>alert(1)</script>'
     cells = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2\nOOD,A,epe,average,5\nOOD,A,epe,fog,4\n"
-    import polars as pl
-
     results = parse_results(cells, "a.csv", "a").with_columns(model=pl.lit(name))
     root = _svg(clean_against_cre(results))
     assert not [element for element in root.iter() if element.tag.endswith("script")]
     assert any((element.text or "").startswith(name) for element in root.iter())
     assert _marks(root)[0].get("data-says").startswith(f"{name} (OOD)")
+
+
+def test_panels_are_apart_and_all_of_one_size():
+    """So that a page can put them on as many lines as it needs: a view of its own for each, without overlap."""
+    figure = relations(_KITTI)
+    panels = _svg(figure).findall("svg")
+    boxes = [list(map(float, panel.get("viewBox").split())) for panel in panels]
+    assert len(boxes) == len(figure.axes) == 4
+    assert len({(width, height) for _, _, width, height in boxes}) == 1
+    for index, (x, y, width, height) in enumerate(boxes):
+        assert len([mark for mark in panels[index].iter("use") if mark.get("class") == "mark"]) == 11 + 14
+        for mark in panels[index].iter("use"):
+            if mark.get("class") == "mark":
+                assert x <= float(mark.get("x")) <= x + width
+                assert y <= float(mark.get("y")) <= y + height
+
+
+def test_points_of_one_line_are_told_apart():
+    rows = rows_of(*(Truth().draw(np.random.default_rng(0), np.ones(3, int))[i] for i in (0, 1, 1)))
+    root = _svg(severity_curves({"a": rows}))
+    said = [mark.get("data-says") for mark in _marks(root)]
+    assert len(said) == len(set(said)) == 3
+    assert [re.search("severity ([0-9])", text)[1] for text in said] == ["1", "3", "2"]

@@ -8,6 +8,7 @@ from typing import Any
 
 import polars as pl
 
+from ...corruptions.names import MEMBERS
 from .bootstrap import LEVEL, RESAMPLES, bootstrap
 from .sums import AVERAGE, CLEAN, INTERVAL_METRICS, ClusterSums
 
@@ -35,6 +36,7 @@ def intervals(
     seed: int = 0,
     severities: bool = False,
     corruptions: bool = True,
+    families: bool = False,
     metrics: Sequence[str] = INTERVAL_METRICS,
 ) -> pl.DataFrame:
     """Intervals of EPE, CRE, CREr and RCRE: overall, per corruption, and of the clean EPE.
@@ -49,19 +51,20 @@ def intervals(
         severities: give intervals for each corruption at each severity, too.
         corruptions: give intervals for each corruption, too; otherwise only for the clean EPE and the averages, in a
             fraction of the time.
+        families: give intervals for the mean over each family of corruptions, too.
         metrics: those to compute.
 
     Returns:
-        Columns metric, corruption (a name, "average" or "clean"), severity (null for the mean over them), estimate
-        (equal to the run's summary), standard_error, low, high (null if there are too few images or groups; for a
-        length, EPE or RCRE, low is not below 0), images, clusters, level. Metrics that need ground truth are left out
-        if there is none.
+        Columns metric, corruption (a name, a family, "average" or "clean"), severity (null for the mean over them),
+        estimate (equal to the run's summary), standard_error, low, high (null if there are too few images or groups;
+        for a length, EPE or RCRE, low is not below 0), images, clusters, level. Metrics that need ground truth are left
+        out if there is none.
 
     Raises:
         UsageError: a level or number of resamples out of range.
     """
     sums = ClusterSums.of(rows)
-    keys = [key for key in statistics_of(sums, severities, corruptions) if key[0] in metrics]
+    keys = [key for key in statistics_of(sums, severities, corruptions, families) if key[0] in metrics]
     statistics = {key: sums.statistic(*key) for key in keys}
     ratios = {key for key in keys if key[0] == "crer"}
     clusters = len(sums.clusters)
@@ -77,11 +80,15 @@ def intervals(
     return pl.DataFrame(records, schema=_SCHEMA, orient="row")
 
 
-def statistics_of(sums: ClusterSums, severities: bool = False, corruptions: bool = True) -> list[MetricKey]:
+def statistics_of(
+    sums: ClusterSums, severities: bool = False, corruptions: bool = True, families: bool = False
+) -> list[MetricKey]:
     """(metric, corruption, severity) of every mean that can be made."""
     keys: list[MetricKey] = [("epe", CLEAN, None)]
     for metric in INTERVAL_METRICS:
         keys += [(metric, name, None) for name in (AVERAGE, *(sums.corruptions() if corruptions else ()))]
+        if families:
+            keys += [(metric, name, None) for name in MEMBERS if name not in sums.corruptions()]
         if severities:
             keys += [(metric, name, level) for name, level in sums.conditions]
     return [key for key in keys if sums.measured(*key)]

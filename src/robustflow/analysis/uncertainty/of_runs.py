@@ -14,11 +14,11 @@ _Line = tuple[str, str, float, float]
 def interval_ends(
     run: Run, corruptions: bool = True, beside_published: bool = False
 ) -> dict[tuple[str, str], IntervalEnds]:
-    """(metric, corruption) -> the ends of the 95 % interval, if there is one.
+    """(metric, corruption, family, "clean" or "average") -> the ends of the 95 % interval, if there is one.
 
     Args:
         run: whose intervals.
-        corruptions: include each corruption; otherwise only the clean EPE and the averages.
+        corruptions: include each corruption and each family; otherwise only the clean EPE and the averages.
         beside_published: as for `run_results`: an average may be over fewer corruptions than the run's.
     """
     fewer = beside_published and not only_of_paper(run)
@@ -31,5 +31,5 @@ def interval_ends(
 
 def _lines(run: Run, corruptions: bool, fewer: bool) -> list[_Line]:
     rows = paper_rows(run) if fewer else run.rows
-    known = intervals(rows, corruptions=corruptions).drop_nulls(["low", "high"])
+    known = intervals(rows, corruptions=corruptions, families=corruptions).drop_nulls(["low", "high"])
     return list(known.select("metric", "corruption", "low", "high").iter_rows())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from ...corruptions.names import ordered
+from ...corruptions.names import MEMBERS, ordered
 from ...errors import UsageError, unknown_name
 from ...metrics.rows import CLEAN
 from ..results import AVERAGE
@@ -68,7 +68,7 @@ class ClusterSums:
 
         Args:
             metric: "epe", "cre", "crer" or "rcre".
-            corruption: a corruption, "average" over all that were run, or "clean" (EPE alone).
+            corruption: a corruption, a family of them, "average" over all that were run, or "clean" (EPE alone).
             severity: one of the corruption's, or None for the mean over them.
 
         Raises:
@@ -99,7 +99,9 @@ class ClusterSums:
         """float64 (K,): the weight of each condition in the mean over severities, then corruptions."""
         share = np.zeros(len(self.conditions))
         has_images = self.counts[metric].sum(axis=0) > 0
-        names = self.corruptions() if corruption == AVERAGE else [corruption]
+        measured = self.corruptions()
+        of_family = () if corruption in measured else MEMBERS.get(corruption, ())
+        names = measured if corruption == AVERAGE else of_family or (corruption,)
         of_name = {
             name: [
                 k

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 
 import polars as pl
 from matplotlib.figure import Figure
@@ -19,9 +18,11 @@ from .files import FILE_FORMATS, figure_bytes, write_figures
 from .marks import MarkedFigure
 from .relations import relations
 from .severity_curves import severity_curves
+from .styles import Looks
 
 __all__ = [
     "FILE_FORMATS",
+    "Looks",
     "all_figures",
     "clean_against_cre",
     "crer_by_family",
@@ -34,52 +35,51 @@ __all__ = [
     "write_figures",
 ]
 
-_OF_RESULTS: dict[str, Callable[[pl.DataFrame], MarkedFigure]] = {
-    "clean_against_cre": clean_against_cre,
-    "crer_by_family": crer_by_family,
-    "relations": relations,
-    "effective_trend": effective_trend,
-}
-
-_TOGETHER: dict[str, Callable[[pl.DataFrame], MarkedFigure]] = {
-    "clean_against_cre": partial(clean_against_cre, together=True),
-    "crer_by_family": lambda results: crer_by_family(results, tuple(dict.fromkeys(results["model"]))),
-    "relations": partial(relations, together=True),
-    "effective_trend": partial(effective_trend, together=True),
+_DRAWN: dict[str, Callable[[pl.DataFrame, Looks, bool], MarkedFigure]] = {
+    "clean_against_cre": lambda results, looks, together: clean_against_cre(results, looks, together=together),
+    "crer_by_family": lambda results, looks, together: crer_by_family(results, None, looks),
+    "relations": lambda results, looks, together: relations(results, looks, together=together),
+    "effective_trend": lambda results, looks, together: effective_trend(results, looks, together=together),
 }
 
 
-def all_figures(results: pl.DataFrame, runs: Mapping[str, pl.DataFrame]) -> dict[str, Figure]:
+def all_figures(
+    results: pl.DataFrame, runs: Mapping[str, pl.DataFrame], looks: Mapping[str, Looks] | None = None
+) -> dict[str, Figure]:
     """Every figure that can be made from these results and runs (name -> rows), by name.
 
     Results measured on other frames are not drawn together: the figures of the published values and of each sample
     set are separate, the latter with the number of the set in their names. Own models on the same frames are drawn
-    together, whatever their settings.
+    together, whatever their settings. `looks` by sample set.
     """
+    looks = looks or {}
     figures: dict[str, Figure] = {}
-    by_frames = figures_by_sample_set(results)
+    by_frames = figures_by_sample_set(results, looks)
     for index, (frames, drawn) in enumerate(by_frames.items()):
         suffix = "" if frames == PAPER else f"_runs_{index}" if PAPER in by_frames else f"_{index}"
         figures |= {name + suffix: figure for name, figure in drawn.items()}
+    styles = {name: style for of in looks.values() for name, style in of.styles.items()}
     for metric in ("rcre", "epe"):
         try:
-            figures[f"severity_{metric}"] = severity_curves(runs, metric)
+            figures[f"severity_{metric}"] = severity_curves(runs, metric, Looks(styles))
         except UsageError:
             continue
     return figures
 
 
-def figures_by_sample_set(results: pl.DataFrame) -> dict[str, dict[str, MarkedFigure]]:
-    """Sample set -> the figures of results by name, of all benchmarks with ground truth."""
+def figures_by_sample_set(
+    results: pl.DataFrame, looks: Mapping[str, Looks] | None = None
+) -> dict[str, dict[str, MarkedFigure]]:
+    """Sample set -> the figures of results by name, of all benchmarks with ground truth; `looks` by sample set."""
     benchmarks = [name for name in results["benchmark"].unique() if benchmark_facts(name).has_flow]
     with_truth = results.filter(pl.col("benchmark").is_in(benchmarks))
     figures: dict[str, dict[str, MarkedFigure]] = {}
     for frames in dict.fromkeys(with_truth["sample_set"]):
         figures[frames] = {}
         part = with_truth.filter(sample_set=frames)
-        for name, draw in (_OF_RESULTS if _by_setting(part) else _TOGETHER).items():
+        for name, draw in _DRAWN.items():
             try:
-                figures[frames][name] = draw(part)
+                figures[frames][name] = draw(part, (looks or {}).get(frames, Looks()), not _by_setting(part))
             except UsageError:
                 # Not every set of results has what each figure needs; the result shows which could be made.
                 continue

@@ -1,10 +1,9 @@
-"""What all figures share: a figure without global state, colours that print well and are safe for colour-blind readers,
-and names as text."""
+"""What all figures share: a figure without global state, axes that can be compared, and names as text."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
 import numpy as np
@@ -13,58 +12,20 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation
 
-from ...analysis.published.tables import method_of
 from ...text import name_text
 from .files import any_script
 from .marks import MarkedFigure
+from .styles import GRID, Ends
 
-# Okabe and Ito's palette.
-ORANGE, SKY, GREEN, YELLOW, BLUE, RED, PINK, BLACK = (
-    "#E69F00",
-    "#56B4E9",
-    "#009E73",
-    "#F0E442",
-    "#0072B2",
-    "#D55E00",
-    "#CC79A7",
-    "#000000",
-)
-GREY, GRID = "#999999", "#dddddd"
+LEAST_PX = 1.0
+"""Pixels that an axis of errors spans at least: less would make a difference of a tenth of a pixel look large."""
 
-KIND_COLOURS = {
-    "CNN-based": PINK,
-    "Transformer-based": GREEN,
-    "Unsupervised": BLUE,
-    "Knowledge-driven": GREY,
-    "Own": ORANGE,
-}
-"""Near the paper's: purple for CNNs, green for Transformers, blue for unsupervised models."""
-
-SETTING_COLOURS = {"OOD": BLUE, "ID": RED}
-"""Colours of the paper's settings of learned models; others are orange."""
-
-_NAME_SIZE = 7.0
+_NAME_SIZE = 7.5
 _NAMES_AT_ANY_COST = 40
 _OVERLAP = 10.0
 """The cost of a name that overlaps another."""
 
 _Place = tuple[float, float, Literal["left", "center", "right"]]
-
-SERIES = (BLUE, RED, GREEN, PINK, ORANGE, SKY, BLACK, YELLOW)
-
-
-def kind_of(model: str) -> str:
-    """The group a model is coloured by: a key of `KIND_COLOURS`; "Own" if it is not in the paper.
-
-    >>> kind_of("SAMFlow-H"), kind_of("CRAFT"), kind_of("ARFlow"), kind_of("Mine")
-    ('Transformer-based', 'Transformer-based', 'Unsupervised', 'Own')
-    """
-    method = method_of(model)
-    if method is None:
-        return "Own"
-    if method.type != "supervised":
-        return {"unsupervised": "Unsupervised", "knowledge": "Knowledge-driven"}[method.type]
-    return "Transformer-based" if "Transformer" in method.encoder else "CNN-based"
 
 
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[MarkedFigure, list[Axes]]:
@@ -83,10 +44,57 @@ def panel_figure(count: int) -> tuple[MarkedFigure, list[Axes]]:
     """A figure of one panel per setting, three abreast."""
     columns = min(3, count)
     rows = -(-count // columns)
-    figure, axes = new_figure(5.2 * columns, 4.6 * rows, rows, columns)
+    figure, axes = new_figure(4.6 * columns, 4.2 * rows, rows, columns)
     for extra in axes[count:]:
         extra.remove()
+    for one in axes[:count]:
+        one.tick_params(labelsize=8)
     return figure, axes[:count]
+
+
+def fair_limits(
+    values: Iterable[float], least: float = LEAST_PX, *, zero: bool = False, room: float = 0.08
+) -> tuple[float, float]:
+    """Limits of a linear axis that do not make a small difference look large: `least` or a quarter of the largest value
+    apart, whichever is more.
+
+    Args:
+        values: everything that is drawn along the axis, with the ends of its intervals.
+        least: the shortest span.
+        zero: whether 0 is on the axis, as for bars and curves; it is then an end if no value is beyond it.
+        room: what is left free at either end, as a share of the span.
+
+    >>> fair_limits([2.64, 2.75], room=0)
+    (2.195, 3.195)
+    >>> fair_limits([0.02, 0.11], zero=True, room=0)
+    (0.0, 1.0)
+    """
+    known = [*values, *([0.0] if zero else [])]
+    low, high = min(known), max(known)
+    missing = max(least, 0.25 * max(abs(low), abs(high))) - (high - low)
+    if missing > 0:
+        below = 0.0 if zero and low == 0 else missing if zero and high == 0 else missing / 2
+        below = min(below, low) if low >= 0 else below
+        low, high = low - below, high + missing - below
+    space = room * (high - low)
+    return low - (0.0 if zero and low == 0 else space), high + (0.0 if zero and high == 0 else space)
+
+
+def whiskers(panel: Axes, x: float, y: float, across: Ends | None, up: Ends | None, colour: str) -> bool:
+    """Draw the intervals of a point; returns whether there is one."""
+    if across is not None:
+        panel.plot(across, (y, y), color=colour, linewidth=0.9, alpha=0.7, zorder=1.5, solid_capstyle="butt")
+    if up is not None:
+        panel.plot((x, x), up, color=colour, linewidth=0.9, alpha=0.7, zorder=1.5, solid_capstyle="butt")
+    return across is not None or up is not None
+
+
+def ends_text(ends: Ends | None) -> str:
+    """ " [1.02, 1.71]", or "" if there is no interval."""
+    return "" if ends is None else f" [{ends[0]:.2f}, {ends[1]:.2f}]"
+
+
+WITH_INTERVALS = "Whiskers are 95 % confidence intervals."
 
 
 def set_heading(figure: MarkedFigure, text: str) -> None:
@@ -101,7 +109,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     Args:
         axes: with its limits set, of a figure whose layout is settled (`files.settle_layout`).
         points: (x, y, name).
-        radii: of the points' markers in points (1/72 inch), 3 by default.
+        radii: of the points' markers in points (1/72 inch), 4 by default.
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
@@ -112,7 +120,7 @@ def spread_labels(axes: Axes, points: list[tuple[float, float, str]], radii: Seq
     placed = np.empty((len(points), 4))  # x0, y0, x1, y1 of each shown name
     shown = 0
     texts = []
-    for (x, y, label), dot, radius in zip(points, dots, radii or [3.0] * len(points), strict=True):
+    for (x, y, label), dot, radius in zip(points, dots, radii or [4.0] * len(points), strict=True):
         text = axes.annotate(
             name_text(label), (x, y), (0, 0), textcoords="offset points", va="center", fontsize=_NAME_SIZE
         )

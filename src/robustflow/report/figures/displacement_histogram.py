@@ -11,13 +11,20 @@ from matplotlib.ticker import FuncFormatter
 from ...errors import UsageError
 from ...figure_style import default_style
 from ...text import name_text
-from .canvas import SERIES, new_figure
+from .canvas import new_figure
 from .marks import Mark, MarkedFigure
+from .styles import BLACK
+
+MOST_LINES = 8
+_DASHES: tuple[tuple[str, str], ...] = tuple(
+    (colour, dash) for colour in (BLACK, "#666666") for dash in ("-", "--", ":", "-.")
+)
+"""Colours mean models elsewhere; these lines are frames."""
 
 
 @default_style()
 def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
-    """Share of the pixels against the length of their flow, a line per table, on a logarithmic axis.
+    """Share of the pixels against the length of their flow, a dashed line per table, on a logarithmic axis.
 
     Args:
         tables: label -> bins `low`, `high` (pixels, the last may reach to infinity) and `share` (0 to 1), see
@@ -26,20 +33,20 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
     Raises:
         UsageError: more than eight tables, or none that counts a pixel.
     """
-    if len(tables) > len(SERIES):
-        raise UsageError(f"{len(tables)} histograms in one figure cannot be distinguished: choose up to {len(SERIES)}")
+    if len(tables) > MOST_LINES:
+        raise UsageError(f"{len(tables)} histograms in one figure cannot be distinguished: choose up to {MOST_LINES}")
     tables = {label: table for label, table in tables.items() if table["share"].sum() > 0}
     if not tables:
         raise UsageError("no displacement to draw: none of these has a pixel with a flow")
     figure, (axes,) = new_figure(6.4, 3.6)
     right = 0.0
     for drawn, (label, table) in enumerate(tables.items()):
-        colour = SERIES[drawn]
+        colour, dash = _DASHES[drawn]
         # Broad lines first, so that a line that covers another leaves its rim visible.
         width = 1.3 + 0.4 * (len(tables) - 1 - drawn)
         lows, shares = table["low"].to_list(), [100 * share for share in table["share"]]
         edges = [*lows, _end(table)]
-        axes.stairs(shares, edges, color=colour, linewidth=width, baseline=None, label=name_text(label))
+        axes.stairs(shares, edges, color=colour, linestyle=dash, linewidth=width, baseline=None, label=name_text(label))
         filled = [index for index, share in enumerate(shares) if share > 0]
         centres = [(edges[index] + edges[index + 1]) / 2 for index in filled]
         dots = axes.plot(centres, [shares[index] for index in filled], "o", color=colour, markersize=2.5)
@@ -52,6 +59,7 @@ def displacement_figure(tables: Mapping[str, pl.DataFrame]) -> MarkedFigure:
     axes.set_xlabel("length of the flow (px)")
     axes.set_ylabel("pixels (%)")
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    figure.caption = "Share of the pixels by the length of their flow on the clean frames, on a logarithmic axis."
     figure.legend(loc="outside upper center", ncols=1 if len(tables) > 2 else 2, frameon=False, fontsize=8)
     return figure
 

@@ -8,53 +8,76 @@ from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from ...analysis.effective import effective_robustness
 from ...analysis.labels import SETTING_LABELS
+from ...analysis.published.tables import PAPER
+from ...analysis.results import AVERAGE, CLEAN
 from ...figure_style import default_style
 from ...text import name_text
-from .canvas import KIND_COLOURS, kind_of, panel_figure, set_heading, spread_labels
+from .canvas import WITH_INTERVALS, ends_text, panel_figure, set_heading, spread_labels, whiskers
 from .files import settle_layout
 from .marks import Mark, MarkedFigure
+from .styles import KIND_STYLES, Looks, kind_of
 
 
 @default_style()
-def effective_trend(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
-    """One panel per setting; a model's printed factor is its EPE divided by what the trend of the others predicts.
+def effective_trend(results: pl.DataFrame, looks: Looks | None = None, *, together: bool = False) -> MarkedFigure:
+    """One panel per setting, all on the same axes; a model's printed factor is its EPE divided by what the trend of the
+    others predicts.
 
     With `together` there is one trend through the models of all settings.
 
     Raises:
         UsageError: too few models, see `effective_robustness`.
     """
+    looks = looks or Looks()
     table = effective_robustness(results, by_setting=not together)
     table = table.with_columns(panel=pl.lit("") if together else pl.col("setting"))
     titles = list(dict.fromkeys(table["panel"]))
+    styles = looks.of(results)
     figure, axes = panel_figure(len(titles))
+    any_interval = False
+    reached: tuple[list[float], list[float]] = ([], [])
     for panel, title in zip(axes, titles, strict=True):
         models = table.filter(panel=title)
         clean, epe = models["epe_clean"].to_numpy(), models["epe"].to_numpy()
         panel.set_xscale("log")
         panel.set_yscale("log")
         for row in models.iter_rows(named=True):
-            point = panel.scatter(row["epe_clean"], row["epe"], s=30, color=KIND_COLOURS[kind_of(row["model"])])
-            texts = (f"{row['epe_clean']:.2f} px", f"{row['epe']:.2f} px", f"{row['expected']:.2f} px")
-            values = tuple(zip(("clean EPE", "corrupted EPE", "expected"), texts, strict=True))
-            figure.mark(
-                point,
-                [Mark(row["model"], row["setting"], (*values, ("factor", f"{row['factor']:.2f}")))],
+            style = styles[row["model"]]
+            ends = looks.ends(row["model"], "epe", CLEAN), looks.ends(row["model"], "epe", AVERAGE)
+            at = row["epe_clean"], row["epe"]
+            any_interval |= whiskers(panel, *at, *ends, style.colour)
+            for along, value, interval in zip(reached, at, ends, strict=True):
+                along += (value, *(end for end in interval or () if end > 0))
+            point = panel.scatter(*at, s=30, color=style.colour, marker=style.marker)
+            values = (
+                ("clean EPE", f"{at[0]:.2f} px{ends_text(ends[0])}"),
+                ("corrupted EPE", f"{at[1]:.2f} px{ends_text(ends[1])}"),
+                ("expected", f"{row['expected']:.2f} px"),
+                ("factor", f"{row['factor']:.2f}"),
             )
+            figure.mark(point, [Mark(row["model"], row["setting"], values)])
         line = np.polyfit(np.log(clean), np.log(epe), 1)
-        ends = np.array([clean.min() * 0.9, clean.max() * 1.1])
-        panel.plot(ends, np.exp(np.polyval(line, np.log(ends))), color="black", linewidth=1)
+        span = np.array([clean.min() * 0.9, clean.max() * 1.1])
+        panel.plot(span, np.exp(np.polyval(line, np.log(span))), color="black", linewidth=1)
         for axis in (panel.xaxis, panel.yaxis):
             axis.set_major_formatter(ScalarFormatter())
             axis.set_minor_formatter(NullFormatter() if len(models) > 20 else ScalarFormatter())
             axis.set_tick_params(which="both", labelsize=7)
-        panel.margins(0.12)
         panel.set_xlabel("clean EPE (px)")
         panel.set_ylabel("corrupted EPE (px)")
         panel.set_title(
             f"{name_text(SETTING_LABELS.get(title, title))}: R² = {models['r_squared'][0]:.2f}".removeprefix(": "),
             fontsize=10,
         )
+    for panel in axes:
+        panel.set_xlim(_log_limits(reached[0]))
+        panel.set_ylim(_log_limits(reached[1]))
+    shown = {kind_of(model) for model in table["model"]} if PAPER in results["sample_set"] else set()
+    figure.explain([(kind, style, True) for kind, style in KIND_STYLES.items() if kind in shown], looks.legend)
+    figure.caption = (
+        "Corrupted against clean EPE on logarithmic axes, with the trend through the models: below the line is more "
+        "robust than the clean error predicts. The printed factor is the EPE divided by what the others' trend gives."
+    ) + (f" {WITH_INTERVALS}" if any_interval else "")
     set_heading(figure, "Effective robustness: below the line is more robust than the clean error predicts")
     settle_layout(figure)
     for panel, title in zip(axes, titles, strict=True):
@@ -67,3 +90,10 @@ def effective_trend(results: pl.DataFrame, *, together: bool = False) -> MarkedF
         for model, setting, text in named:
             figure.mark(text, [Mark(model, setting)])
     return figure
+
+
+def _log_limits(values: list[float]) -> tuple[float, float]:
+    """Limits of a logarithmic axis, a factor of 2 apart at least."""
+    low, high = min(values), max(values)
+    wider = max(1.12, (2 * low / high) ** 0.5)
+    return low / wider, high * wider

@@ -10,6 +10,7 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from .files import figure_bytes
+from .styles import Style, legend_handles
 
 
 @dataclass(frozen=True)
@@ -32,11 +33,24 @@ class MarkedFigure(Figure):
 
     Attributes:
         marks: id of an artist in the SVG -> its marks, in the order they are drawn.
+        caption: what is drawn, in sentences.
+        key: what its colours and markers mean: (label, style, whether the marker is filled).
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.marks: dict[str, tuple[Mark, ...]] = {}
+        self.caption = ""
+        self.key: tuple[tuple[str, Style, bool], ...] = ()
+
+    def explain(self, key: Sequence[tuple[str, Style, bool]], legend: bool) -> None:
+        """Set the key, and draw it below the panels as a legend if wanted."""
+        self.key = tuple(key)
+        if legend and key:
+            columns = max(1, min(len(key), int(self.get_figwidth() // 1.6)))
+            self.legend(
+                handles=legend_handles(key), loc="outside lower center", ncols=columns, frameon=False, fontsize=8
+            )
 
     def _repr_png_(self) -> bytes:
         """The notebook's output, whatever backend it uses."""

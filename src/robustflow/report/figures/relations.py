@@ -4,80 +4,99 @@ from __future__ import annotations
 
 import numpy as np
 import polars as pl
-from matplotlib.lines import Line2D
 
-from ...analysis.published.tables import not_discussed
+from ...analysis.effective import LEAST_MODELS
+from ...analysis.published.tables import PAPER, not_discussed
 from ...analysis.rank_correlation import spearman
 from ...analysis.results import AVERAGE, CLEAN, values_of
 from ...errors import UsageError
 from ...figure_style import default_style
-from ...text import counted, name_text
-from .canvas import ORANGE, SETTING_COLOURS, new_figure
+from ...text import name_text
+from .canvas import WITH_INTERVALS, ends_text, fair_limits, new_figure, whiskers
 from .marks import Mark, MarkedFigure
+from .styles import KIND_STYLES, OTHER, Looks, kind_of, model_key
 
 _PANELS = (("clean EPE", "corrupted EPE"), ("clean EPE", "CRE"), ("clean EPE", "RCRE"), ("CRE", "RCRE"))
+_OF = {
+    "clean EPE": ("epe", CLEAN),
+    "corrupted EPE": ("epe", AVERAGE),
+    "CRE": ("cre", AVERAGE),
+    "RCRE": ("rcre", AVERAGE),
+}
 
 
 @default_style()
-def relations(results: pl.DataFrame, *, together: bool = False) -> MarkedFigure:
-    """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model.
+def relations(results: pl.DataFrame, looks: Looks | None = None, *, together: bool = False) -> MarkedFigure:
+    """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model; a quantity
+    has the same axis in every panel.
 
-    Pearson's r and Spearman's rho are given per setting. `not_discussed` are left out, and knowledge-driven methods if
-    there are others, as in the paper's discussion; CRE is computed from the EPE. With `together` all models are drawn,
-    and one correlation is given over all of them.
+    Pearson's r and Spearman's rho are given per setting of at least `LEAST_MODELS` models. `not_discussed` are left
+    out, and knowledge-driven methods if there are others, as in the paper's discussion; CRE is computed from the EPE.
+    With `together` all models are drawn, and one correlation is given over all of them.
 
     Raises:
-        UsageError: no model has all four.
+        UsageError: fewer than `LEAST_MODELS` models have all four.
     """
-    epe, rcre = values_of(results, "epe"), values_of(results, "rcre")
+    looks = looks or Looks()
+    epe, rcre, styles = values_of(results, "epe"), values_of(results, "rcre"), looks.of(results)
     without = not_discussed(results)
-    models = [(s, m) for s, m, name in epe if name == AVERAGE and m not in without]
-    points: dict[str, list[dict[str, float]]] = {}
-    marks: dict[str, list[Mark]] = {}
-    for setting, model in models:
+    points: dict[str, dict[str, dict[str, float]]] = {}
+    for setting, model in [(s, m) for s, m, name in epe if name == AVERAGE and m not in without]:
         clean, moved = epe.get((setting, model, CLEAN)), rcre.get((setting, model, AVERAGE))
         if clean is not None and moved is not None:
             whole = epe[setting, model, AVERAGE]
-            point = {"clean EPE": clean, "corrupted EPE": whole, "CRE": whole - clean, "RCRE": moved}
-            points.setdefault(setting, []).append(point)
-            values = tuple((label, f"{value:.2f} px") for label, value in point.items())
-            marks.setdefault(setting, []).append(Mark(model, setting, values))
+            values = {"clean EPE": clean, "corrupted EPE": whole, "CRE": whole - clean, "RCRE": moved}
+            points.setdefault(setting, {})[model] = values
     if len(points) > 1 and not together:
         points.pop("knowledge", None)
-    if not points:
-        raise UsageError("no model has clean EPE, corrupted EPE and RCRE: this figure needs runs with ground truth")
-    figure, axes = new_figure(8.4, 7.2, 2, 2)
-    for letter, panel, (x, y) in zip("abcd", axes, _PANELS, strict=True):
-        headings = []
-        for setting, entries in points.items():
-            xs, ys = (np.array([point[name] for point in entries]) for name in (x, y))
-            drawn = panel.scatter(
-                xs, ys, s=26, color=SETTING_COLOURS.get(setting, ORANGE), alpha=0.8, edgecolor="white", linewidth=0.5
-            )
-            figure.mark(drawn, marks[setting])
-            headings.append(f"{name_text(setting)}: {_correlation(xs, ys)}")
-        if together:
-            every = [point for values in points.values() for point in values]
-            headings = [_correlation(*(np.array([point[name] for point in every]) for name in (x, y)))]
-        panel.set_xlabel(f"{x} (px)")
-        panel.set_ylabel(f"{y} (px)")
-        panel.set_title(f"({letter}) " + "\n".join(headings), fontsize=8, loc="left")
-    handles = [
-        Line2D(
-            [],
-            [],
-            marker="o",
-            linestyle="",
-            color=SETTING_COLOURS.get(s, ORANGE),
-            label=f"{name_text(s)} ({counted(len(models), 'model')})",
+    drawn = [(setting, model) for setting, models in points.items() for model in models]
+    if len(drawn) < LEAST_MODELS:
+        raise UsageError(
+            f"how EPE, CRE and RCRE are related needs {LEAST_MODELS} models with ground truth: there are {len(drawn)}"
         )
-        for s, models in points.items()
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
+    figure, axes = new_figure(6.6, 6.4, 2, 2)
+    ends = {(model, name): looks.ends(model, *key) for _, model in drawn for name, key in _OF.items()}
+    limits = {
+        name: fair_limits([value for s, m in drawn for value in (points[s][m][name], *(ends[m, name] or ()))])
+        for name in _OF
+    }
+    for letter, panel, (x, y) in zip("abcd", axes, _PANELS, strict=True):
+        for setting, model in drawn:
+            style, at = styles[model], points[setting][model]
+            whiskers(panel, at[x], at[y], ends[model, x], ends[model, y], style.colour)
+            face = "white" if setting == "ID" and not together else style.colour
+            dot = panel.scatter(
+                at[x], at[y], s=26, marker=style.marker, facecolor=face, edgecolor=style.colour, linewidth=1.1
+            )
+            said = tuple((name, f"{value:.2f} px{ends_text(ends[model, name])}") for name, value in at.items())
+            figure.mark(dot, [Mark(model, setting, said)])
+        panel.set_xlim(limits[x])
+        panel.set_ylim(limits[y])
+        panel.set_xlabel(f"{x} (px)", fontsize=9)
+        panel.set_ylabel(f"{y} (px)", fontsize=9)
+        panel.tick_params(labelsize=8)
+        groups = {f"{name_text(setting)}: ": list(of.values()) for setting, of in points.items()}
+        if together:
+            groups = {"": [at for group in groups.values() for at in group]}
+        enough = {head: group for head, group in groups.items() if len(group) >= LEAST_MODELS}
+        correlations = [f"{head}{_correlation(group, x, y)}" for head, group in enough.items()]
+        panel.set_title(f"({letter}) " + "\n".join(correlations), fontsize=8, loc="left")
+    if PAPER in results["sample_set"]:
+        kinds = {kind_of(model) for _, model in drawn}
+        key = [(kind, style, True) for kind, style in KIND_STYLES.items() if kind in kinds]
+        key += [(setting, OTHER, setting != "ID") for setting in points]
+    else:
+        key = model_key([model for _, model in drawn], styles)
+    figure.explain(key, looks.legend)
+    figure.caption = (
+        "A point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, with Pearson's r and "
+        "Spearman's rho."
+    ) + (f" {WITH_INTERVALS}" if any(ends.values()) else "")
     return figure
 
 
-def _correlation(xs: np.ndarray, ys: np.ndarray) -> str:
-    if len(xs) < 3 or np.ptp(xs) == 0 or np.ptp(ys) == 0:
-        return "too few models for a correlation"
-    return f"r = {np.corrcoef(xs, ys)[0, 1]:.2f}, rho = {spearman(xs, ys):.2f}"
+def _correlation(points: list[dict[str, float]], x: str, y: str) -> str:
+    xs, ys = (np.array([point[name] for point in points]) for name in (x, y))
+    if np.ptp(xs) == 0 or np.ptp(ys) == 0:
+        return "no correlation, as a value is the same for all"
+    return f"r = {np.corrcoef(xs, ys)[0, 1]:.2f}, rho = {spearman(xs, ys):.2f}, {len(xs)} models"

@@ -15,27 +15,35 @@ from ...errors import UsageError
 from ...figure_style import default_style
 from ...severity import SEVERITIES
 from ...text import name_text
-from .canvas import SERIES, new_figure
+from .canvas import LEAST_PX, ends_text, fair_limits, new_figure
+from .crer_by_family import LEAST_CRER
 from .marks import Mark, MarkedFigure
+from .styles import MODEL_STYLES, Looks, told_apart
 
 _COLUMNS = 5
 _LEGEND_PT = 8
 
 
 @default_style()
-def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, seed: int = 0) -> MarkedFigure:
-    """A metric at each severity of each corruption, with 95 % intervals if there are enough images.
+def severity_curves(
+    runs: Mapping[str, pl.DataFrame], metric: str = "rcre", looks: Looks | None = None, *, seed: int = 0
+) -> MarkedFigure:
+    """A metric at each severity of each corruption, with 95 % intervals if there are enough images. All panels have the
+    same axes.
 
     Args:
         runs: name -> rows; at most eight.
         metric: "epe", "cre", "crer" or "rcre".
+        looks: styles of the runs.
         seed: of the bootstrap.
 
     Raises:
         UsageError: more than eight runs, or none that measured the metric.
     """
-    if len(runs) > len(SERIES):
-        raise UsageError(f"{len(runs)} runs in one figure cannot be distinguished: choose up to {len(SERIES)}")
+    if len(runs) > len(MODEL_STYLES):
+        raise UsageError(f"{len(runs)} runs in one figure cannot be distinguished: choose up to {len(MODEL_STYLES)}")
+    looks = looks or Looks()
+    styles = told_apart(list(runs), looks.styles)
     curves = {
         name: intervals(rows, seed=seed, severities=True, metrics=[metric]).filter(pl.col("severity").is_not_null())
         for name, rows in runs.items()
@@ -50,46 +58,69 @@ def severity_curves(runs: Mapping[str, pl.DataFrame], metric: str = "rcre", *, s
     figure.set_layout_engine(None)  # Equal panels need no measuring, which would take longer than drawing them.
     for extra in axes[len(shown) :]:
         extra.remove()
+    banded = False
     for panel, corruption in zip(axes, shown, strict=False):
-        for colour, (name, curve) in zip(SERIES, curves.items(), strict=False):
-            line = curve.filter(corruption=corruption).sort("severity")
+        for name, curve in curves.items():
+            style, line = styles[name], curve.filter(corruption=corruption).sort("severity")
             drawn = panel.plot(
-                line["severity"], line["estimate"], color=colour, marker="o", markersize=3, linewidth=1.2
+                line["severity"],
+                line["estimate"],
+                color=style.colour,
+                marker=style.marker,
+                markersize=3.5,
+                markeredgewidth=0,
+                linewidth=1.2,
             )
             figure.mark(drawn[0], [_mark(name, metric, row) for row in line.iter_rows(named=True)])
             known = line.drop_nulls(["low", "high"])
             if known.height:
+                banded = True
                 panel.fill_between(
-                    known["severity"], known["low"], known["high"], color=colour, alpha=0.15, linewidth=0
+                    known["severity"], known["low"], known["high"], color=style.colour, alpha=0.15, linewidth=0
                 )
-        panel.set_title(name_text(long_label(corruption)), fontsize=8)
+        panel.set_title(name_text(long_label(corruption)), fontsize=8.5)
         panel.set_xticks(SEVERITIES)
-        panel.tick_params(labelsize=7)
+        panel.set_xlim(0.7, 5.3)
+        panel.tick_params(labelsize=7.5)
+    scale_panels(figure, LEAST_CRER if metric == "crer" else LEAST_PX)
     width, height = figure.get_size_inches()
     figure.supylabel(metric_label(metric), fontsize=9, x=0.08 / width, ha="left")
     figure.supxlabel("severity", fontsize=9, y=0.06 / height, va="bottom")
-    handles = [
-        Line2D([], [], color=colour, marker="o", markersize=3, label=name_text(name))
-        for colour, name in zip(SERIES, curves, strict=False)
-    ]
-    widest = max(len(str(handle.get_label())) for handle in handles) * 0.6 * _LEGEND_PT + 40  # with its line, points
-    columns = max(1, min(4, len(handles), int(72 * figure.get_figwidth() // widest)))
-    figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False, fontsize=_LEGEND_PT)
-    above = 0.3 + 0.17 * -(-len(handles) // columns)
+    key = [(name, styles[name], True) for name in curves]
+    figure.explain(key, legend=False)
+    above = 0.3
+    if looks.legend:
+        above += 0.17 * _legend(figure)
+    figure.caption = f"{metric_label(metric)} at severity 1 to 5, a panel per corruption, all on the same axes." + (
+        " Bands are 95 % confidence intervals." if banded else ""
+    )
     figure.subplots_adjust(0.62 / width, 0.45 / height, 1 - 0.12 / width, 1 - above / height, 0.24, 0.34)
     return figure
 
 
+def _legend(figure: MarkedFigure) -> int:
+    """Draw the legend above the panels; returns on how many lines."""
+    handles = [
+        Line2D([], [], color=style.colour, marker=style.marker, markersize=3.5, label=name_text(name))
+        for name, style, _ in figure.key
+    ]
+    widest = max(len(str(handle.get_label())) for handle in handles) * 0.6 * _LEGEND_PT + 40  # with its line, points
+    columns = max(1, min(4, len(handles), int(72 * figure.get_figwidth() // widest)))
+    figure.legend(handles=handles, loc="upper center", ncols=columns, frameon=False, fontsize=_LEGEND_PT)
+    return -(-len(handles) // columns)
+
+
 @default_style()
-def share_scale(figure: MarkedFigure) -> None:
-    """Give every panel of a figure the vertical scale that holds all of them."""
-    limits = [axes.get_ylim() for axes in figure.axes]
+def scale_panels(figure: MarkedFigure, least: float = LEAST_PX, *, apart: bool = False) -> None:
+    """Give every panel the vertical axis that holds all of them, or, with `apart`, one that holds its own curves. Each
+    begins at 0 unless a value is below, and spans `least` or more."""
+    together = [end for axes in figure.axes for end in axes.dataLim.intervaly]
     for axes in figure.axes:
-        axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+        axes.set_ylim(fair_limits(axes.dataLim.intervaly if apart else together, least, zero=True))
 
 
 def _mark(name: str, metric: str, row: dict[str, Any]) -> Mark:
-    interval = "" if row["low"] is None else f" [{row['low']:.2f}, {row['high']:.2f}]"
+    interval = ends_text(None if row["low"] is None else (row["low"], row["high"]))
     where = (("corruption", long_label(row["corruption"])), ("severity", str(row["severity"])))
     value = f"{row['estimate']:.2f} {UNITS[metric]}".strip() + interval
     return Mark(name, "", (*where, (METRIC_LABELS[metric], value)))

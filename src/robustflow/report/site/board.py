@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from ...analysis.labels import (
     FAMILY_LABELS,
@@ -22,6 +22,9 @@ from ...text import plain
 from .entries import COVERAGE, START, LeaderboardEntry, NumberKey, default_order
 
 OVERVIEW = "overview"
+COMPACT = "compact"
+"""The columns that fit a phone beside the names."""
+
 CLASSES = "classes"
 BOARD_METRICS = ("epe", "cre", "rcre")
 
@@ -56,6 +59,7 @@ class Board:
         benchmark: its name; `label` for display.
         views, metrics, settings: the choices as (value, label), for a setting also its meaning.
         start: index of the column by which the lines are sorted initially.
+        remarks: what its marks mean, of those that are in it.
     """
 
     benchmark: str
@@ -66,6 +70,7 @@ class Board:
     metrics: tuple[tuple[str, str], ...]
     settings: tuple[tuple[str, str, str], ...]
     start: int
+    remarks: tuple[str, ...]
 
     @property
     def count(self) -> int:
@@ -86,28 +91,32 @@ _OVERVIEW = (
     BoardColumn(("flops", ""), "FLOPs", "Floating-point operations of one prediction, 10⁹", (OVERVIEW,), unit="G"),
     BoardColumn(("rank", ""), "Avg. rank", "Rank of the mean of the FLOPs and CREr ranks (Tab. 3)", (OVERVIEW,)),
 )
+_COMPACT: tuple[NumberKey, ...] = (("epe", AVERAGE), ("cre", AVERAGE), ("rcre", AVERAGE))
 
 
-def boards_of(
-    entries: Sequence[LeaderboardEntry], group_titles: dict[str, str], most_models_first: bool = False
-) -> list[Board]:
-    """A board per benchmark, in the order of the entries.
+def boards_of(entries: Sequence[LeaderboardEntry], group_titles: dict[str, str]) -> list[Board]:
+    """A board per benchmark: first that with most runs, of those without the one with most models.
 
     Args:
         entries: from `entries_of`.
         group_titles: heading of each sample set.
-        most_models_first: whether the board of the benchmark with most models comes first, whatever the entries' order.
     """
-    benchmarks = list(dict.fromkeys(entry.benchmark for entry in entries))
-    if most_models_first:
-        models = {name: len({entry.model for entry in entries if entry.benchmark == name}) for name in benchmarks}
-        benchmarks.sort(key=lambda name: -models[name])
-    return [_board(name, [e for e in entries if e.benchmark == name], group_titles) for name in benchmarks]
+    of_benchmark: dict[str, list[LeaderboardEntry]] = {}
+    for entry in entries:
+        of_benchmark.setdefault(entry.benchmark, []).append(entry)
+
+    def place(lines: list[LeaderboardEntry]) -> tuple[int, int]:
+        return -sum(entry.measured for entry in lines), -len({entry.model for entry in lines})
+
+    order = sorted(of_benchmark.items(), key=lambda item: place(item[1]))
+    return [_board(name, lines, group_titles) for name, lines in order]
 
 
 def _board(benchmark: str, entries: list[LeaderboardEntry], group_titles: dict[str, str]) -> Board:
     keys = {key for entry in entries for key in entry.texts}
     columns = [column for column in _OVERVIEW if column.key in keys]
+    few = [column.key for column in columns if column.key in _COMPACT][:2]
+    columns = [replace(column, views=(*column.views, COMPACT)) if column.key in few else column for column in columns]
     metrics = [metric for metric in BOARD_METRICS if any((metric, family) in keys for family in MEMBERS)]
     families = [family for family in MEMBERS if any((metric, family) in keys for metric in metrics)]
     for metric in metrics:
@@ -117,7 +126,8 @@ def _board(benchmark: str, entries: list[LeaderboardEntry], group_titles: dict[s
             columns.append(_mean_column(metric, (metric, family), FAMILY_LABELS[family], (CLASSES, family)))
             columns += [_column(metric, name, family) for name in MEMBERS[family] if (metric, name) in keys]
     start = next((i for key in START for i, column in enumerate(columns) if column.key == key), 0)
-    views = [(OVERVIEW, "Overview"), *([(CLASSES, "Class means")] if families else [])]
+    views = [(OVERVIEW, "Overview")] + [(COMPACT, "Compact")] * (len(columns) > len(few))
+    views += [(CLASSES, "Class means")] * bool(families)
     settings = dict.fromkeys(entry.setting for entry in entries)
     return Board(
         benchmark=benchmark,
@@ -132,7 +142,27 @@ def _board(benchmark: str, entries: list[LeaderboardEntry], group_titles: dict[s
             if name in settings
         ),
         start=start,
+        remarks=tuple(_remarks(entries)),
     )
+
+
+def _remarks(entries: list[LeaderboardEntry]) -> Iterator[str]:
+    if any(entry.best for entry in entries):
+        yield (
+            "Bold: the best of its column among models of one setting measured on the same frames, as the paper marks "
+            "it; knowledge-driven methods are not marked."
+        )
+    if any(entry.derived for entry in entries):
+        yield "In italics: CREr where the paper prints none, from the values beside it."
+    if any(entry.intervals for entry in entries):
+        yield (
+            "In brackets: 95 % confidence intervals of runs, by a bootstrap over images (over sequences where pairs "
+            "share one)."
+        )
+    elif any(entry.measured for entry in entries):
+        yield "No confidence intervals: too few images, or sequences, for one."
+    if len({entry.sample_set for entry in entries}) > 1:
+        yield "Lines are sorted within their group."
 
 
 def _groups(entries: list[LeaderboardEntry], titles: dict[str, str]) -> tuple[Group, ...]:

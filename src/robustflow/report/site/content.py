@@ -17,9 +17,10 @@ from ...analysis.run_names import run_names
 from ...analysis.scores import coverage_of, note_of, run_results, run_setting, sample_set
 from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import DataError, UsageError
+from ...runs.costs import RunCost
 from ...text import plain
 from ..assemble import results_of
-from .entries import LeaderboardEntry, entries_of
+from .entries import Interval, LeaderboardEntry, NumberKey, entries_of
 
 if TYPE_CHECKING:
     from ...runs.run import Run
@@ -102,27 +103,32 @@ def _content(
 ) -> Content:
     # A page about its runs states what was requested of each; the paper's lines are only shown below.
     beside = published and not alone
-    by_name = {}
-    known = {}
-    for run, name in zip(runs, run_names(runs), strict=True):
-        key = (sample_set(run), name)
-        by_name[key], known[key] = (
-            run,
-            interval_ends(run, corruptions=len(runs) <= MOST_DETAILED, beside_published=beside),
-        )
-        if len(runs) > MOST_DETAILED:
-            _ = run.summary, doubts(run)
-            run.release_rows()
-    doubted = doubted_runs(runs)
-    own, paper = run_results(runs, beside), results_of([], published=published)
-    parts, titles = [own], {PAPER: "Published values"}
+    of_frames: dict[str, list[Run]] = {}
     for run in runs:
-        titles[sample_set(run)] = f"Measured here: {note_of(run, beside) or 'the frames of the paper'}"
+        of_frames.setdefault(sample_set(run), []).append(run)
+    by_name: dict[tuple[str, str], Run] = {}
+    known: dict[tuple[str, str], Mapping[NumberKey, Interval]] = {}
+    doubted: dict[tuple[str, str], str] = {}
+    spent: dict[tuple[str, str], RunCost] = {}
+    covered: dict[tuple[str, str], float] = {}
+    parts, titles = [], {PAPER: "Published values"}
+    for frames, group in of_frames.items():
+        titles[frames] = f"Measured here: {note_of(group[0], beside) or 'the frames of the paper'}"
+        for run, name in zip(group, run_names(group), strict=True):
+            by_name[frames, name] = run
+            known[frames, name] = interval_ends(run, corruptions=len(runs) <= MOST_DETAILED, beside_published=beside)
+            if len(runs) > MOST_DETAILED:
+                _ = run.summary, doubts(run)
+                run.release_rows()
+        doubted |= doubted_runs(group)
+        spent |= run_costs(group)
+        covered |= coverage_of(group)
+        parts.append(run_results(group, beside))
     for index, (name, frame) in enumerate(files, 1):
         here = f"file {index}"
         parts.append(frame.with_columns(sample_set=pl.col("sample_set").replace({"file": here})))
         titles[here] = f"From {plain(name)}"
-    results = pl.concat([*parts, paper])
+    results = pl.concat([*parts, results_of([], published=published)])
     twice = results.filter(results.select(RESULT_KEY).is_duplicated())
     if twice.height:
         entry = twice.row(0, named=True)
@@ -135,13 +141,13 @@ def _content(
         results,
         costs,
         known,
-        run_costs(runs),
+        spent,
         [
             (str(run.manifest["identity"]["benchmark"]), frames, run_setting(run), name, note_of(run, beside))
             for (frames, name), run in by_name.items()
         ],
         doubted,
-        coverage_of(runs),
+        covered,
     )
     if not entries:
         raise UsageError(

@@ -48,6 +48,7 @@ class LeaderboardEntry:
         best: keys whose printed number is the smallest among the models of its setting and sample set.
         intervals: 95 % confidence intervals, if any.
         doubt: why its model is not ranked; "" for a sound one.
+        measured: whether it is a run's.
     """
 
     benchmark: str
@@ -63,6 +64,7 @@ class LeaderboardEntry:
     best: set[NumberKey] = field(default_factory=set)
     intervals: dict[NumberKey, Interval] = field(default_factory=dict)
     doubt: str = ""
+    measured: bool = False
 
     def set(self, key: NumberKey, value: float | None, decimals: int | None = None) -> None:
         """Store a number as printed; None is skipped."""
@@ -86,7 +88,7 @@ def entries_of(
         costs: the paper's, by model: its CREr is shown as printed.
         intervals: by (sample set, name) of a run.
         run_costs: of runs, by (sample set, name).
-        first: (benchmark, sample set, setting, model, note) of entries that come first, whatever the results.
+        first: (benchmark, sample set, setting, model, note) of runs, which come first, whatever the results.
         doubted: by (sample set, name) of a run, why its model is not called the best of any column.
         coverage: for runs that left out pixels, the share that is included in the errors.
     """
@@ -102,6 +104,7 @@ def entries_of(
 
     for head in first:
         entry_of(*head)
+    measured = {(frames, model) for _, frames, _, model, _ in first}
     for row in results.iter_rows(named=True):
         entry = entry_of(*(row[name] for name in ("benchmark", "sample_set", "setting", "model", "note")))
         entry.set((row["metric"], row["corruption"]), row["value"], row["decimals"])
@@ -129,6 +132,7 @@ def entries_of(
             own = own_ranks.get(key[1:])
             entry.set(("rank", ""), own.average if own else None, 0)
         entry.doubt = (doubted or {}).get(run, "")
+        entry.measured = run in measured
         entry.set(COVERAGE, (coverage or {}).get(run))
         entry.intervals = dict((intervals or {}).get(run, {}))
     _mark_best(list(entries.values()), doubted or {})

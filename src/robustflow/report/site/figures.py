@@ -2,112 +2,146 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import islice
 
 from markupsafe import Markup
 
 from ...analysis.displacements import displacements_of
 from ...analysis.doubts import sound_results
+from ...analysis.published.tables import PAPER
 from ...errors import UsageError
 from ...text import plain
-from ..figures import displacement_figure, figures_by_sample_set, severity_curves
-from ..figures.canvas import SERIES
+from ..figures import Looks, displacement_figure, figures_by_sample_set, severity_curves
+from ..figures.displacement_histogram import MOST_LINES
 from ..figures.marks import MarkedFigure
-from ..figures.severity_curves import share_scale
+from ..figures.severity_curves import scale_panels
+from ..figures.styles import MODEL_STYLES, OTHER, Style
 from .content import Content
 from .entries import default_order
+from .key import key_markup
 from .svg import inline_svg
 
-_TEXTS = {
-    "clean_against_cre": (
-        "Accuracy against robustness",
-        "Clean EPE to the right, CRE upwards, the area of a bubble is CREr: best is a small bubble at the lower left.",
-    ),
-    "crer_by_family": (
-        "Relative robustness by class of corruption",
-        "Bars of CREr for each class of corruptions, one colour per setting: what fine-tuning on the domain costs.",
-    ),
-    "relations": (
-        "How the numbers are related",
-        "Four panels, a point per model: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE.",
-    ),
-    "effective_trend": (
-        "Effective robustness",
-        "Corrupted against clean EPE with the trend of the models: below the line is more robust than the clean error "
-        "predicts.",
-    ),
-    "displacement": (
-        "How far pixels move",
-        "Share of the pixels by the length of their flow on the clean frames: what makes a benchmark hard to begin "
-        "with.",
-    ),
-    "severity_curves": (
-        "Severity curves",
-        "RCRE at each severity, a panel per corruption, a line per run; bands are 95 % confidence intervals.",
-    ),
+_TITLES = {
+    "clean_against_cre": "Accuracy against robustness",
+    "crer_by_family": "Relative robustness by class of corruption",
+    "relations": "How the numbers are related",
+    "effective_trend": "Effective robustness",
+    "severity_curves": "Severity curves",
+    "displacement": "How far pixels move",
 }
 _MOST_LINES = 200
 
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure: `svg` is markup, `apart` the same with a scale for each panel where the panels of `svg` share one,
-    `columns` and `lines` give the same as numbers, empty if tables elsewhere do; `head` is what a line is of; `wide` if
-    it has many panels."""
+    """A figure.
+
+    Attributes:
+        id, title, caption: what it shows.
+        svg: its panels as markup; `apart` the same with a scale for each panel where those of `svg` share one.
+        key: what its colours and markers mean, as markup.
+        wide: whether it has many panels.
+        head: what a line of the numbers is of.
+        columns, lines: the same as numbers, empty if tables elsewhere give them.
+    """
 
     id: str
     title: str
-    description: str
-    frames: str
+    caption: str
     svg: Markup
     apart: Markup | None
+    key: Markup
     wide: bool
     head: str
     columns: tuple[str, ...]
     lines: tuple[tuple[str, tuple[str, ...]], ...]
 
 
-def page_figures(content: Content) -> list[PageFigure]:
-    """Figures of each sample set that the page is about, the severity curves of its runs and how far pixels move in
-    their frames, eight per figure."""
-    drawn: list[tuple[str, str, MarkedFigure]] = []
-    for frames, figures in figures_by_sample_set(sound_results(content.focus, content.doubted)).items():
-        drawn += [(frames, name, figure) for name, figure in figures.items() if _compares(name, figure)]
-    notes: dict[tuple[str, str], str] = {}
-    for frames, _ in content.doubted:
-        names = [plain(name) for of, name in content.doubted if of == frames]
-        not_drawn = f"Not drawn, because not ranked: {', '.join(names)}. "
-        notes |= {(frames, name): not_drawn for of, name, _ in drawn if of == frames}
-    for frames in dict.fromkeys(frames for frames, _ in content.runs):
-        runs = _best_runs(frames, content)
-        count = sum(of == frames for of, _ in content.runs)
-        if count > len(runs):
-            notes[frames, "severity_curves"] = f"The {len(runs)} of {count} runs with the lowest error are drawn. "
-        try:
-            curves = severity_curves({name: content.runs[frames, name].rows for name in runs})
-        except UsageError:
-            # Runs in which no pixel could be measured have no curve.
-            continue
-        drawn.append((frames, "severity_curves", curves))
-    moved = iter(displacements_of(list(content.runs.values())).items())
-    while lines := dict(islice(moved, len(SERIES))):
-        drawn.append(("", "displacement", displacement_figure(lines)))
-    made = []
-    for index, (of, name, drawing) in enumerate(drawn):
-        one = _page_figure(f"figure-{index}", of, name, drawing, content)
-        made.append(replace(one, frames=one.frames + notes.get((of, name), "")))
-    return made
+@dataclass(frozen=True)
+class FigureGroup:
+    """The figures of what was measured on the same frames.
+
+    Attributes:
+        benchmark: what they are of.
+        title: of the frames, as in the leaderboard.
+        figures: of one group.
+    """
+
+    benchmark: str
+    title: str
+    figures: tuple[PageFigure, ...]
 
 
-def _best_runs(frames: str, content: Content) -> list[str]:
+def page_figures(content: Content) -> list[FigureGroup]:
+    """Figures of each sample set that the page is about, with the severity curves of its runs and how far pixels move
+    in their frames. A model has the same colour in all of them."""
+    looks = page_looks(content)
+    groups = []
+    count = 0
+    for benchmark, frames in dict.fromkeys(content.focus.select("benchmark", "sample_set").iter_rows()):
+        drawn: list[tuple[str, MarkedFigure, str]] = []
+        part = sound_results(content.focus.filter(benchmark=benchmark, sample_set=frames), content.doubted)
+        doubted = [plain(name) for of, name in content.doubted if of == frames]
+        note = f"Not drawn, because not ranked: {', '.join(doubted)}. " if doubted else ""
+        for figures in figures_by_sample_set(part, looks).values():
+            drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
+        drawn += _of_runs(frames, content, looks.get(frames, Looks()))
+        pages = {entry.name: entry.page for entry in content.entries if entry.sample_set == frames}
+        made = []
+        for name, figure, note in drawn:
+            made.append(_page_figure(f"figure-{count}", name, figure, note, pages))
+            count += 1
+        if made:
+            made.sort(key=lambda figure: figure.wide)  # those that fit beside each other first
+            groups.append(FigureGroup(benchmark, content.group_titles.get(frames, plain(frames)), tuple(made)))
+    return groups
+
+
+def page_looks(content: Content) -> dict[str, Looks]:
+    """Sample set -> the looks of its models: those of one name are alike in every set, and nothing else is."""
+    places: dict[tuple[str, int], int] = {}
+    looks = {}
+    for frames in dict.fromkeys(entry.sample_set for entry in content.entries if entry.sample_set != PAPER):
+        seen: Counter[str] = Counter()
+        styles: dict[str, Style] = {}
+        entries = sorted((entry for entry in content.entries if entry.sample_set == frames), key=default_order)
+        for entry in entries:
+            run = content.runs.get((frames, entry.name))
+            name = entry.name if run is None else run.name
+            place = places.setdefault((name, seen[name]), len(places))
+            styles[entry.name] = MODEL_STYLES[place] if place < len(MODEL_STYLES) else OTHER
+            seen[name] += 1
+        looks[frames] = Looks(styles, {entry.name: entry.intervals for entry in entries}, legend=False)
+    return {PAPER: Looks(legend=False), **looks}
+
+
+def _of_runs(frames: str, content: Content, looks: Looks) -> Iterable[tuple[str, MarkedFigure, str]]:
+    """(name, figure, what it leaves out) of the figures that need rows."""
+    of_frames = {name: run for (of, name), run in content.runs.items() if of == frames}
+    runs = _best_runs(list(of_frames), frames, content)
+    try:
+        curves = severity_curves({name: of_frames[name].rows for name in runs}, looks=looks)
+    except UsageError:
+        pass  # Runs in which no pixel could be measured have no curve.
+    else:
+        fewer = len(runs) < len(of_frames)
+        note = f"The {len(runs)} of {len(of_frames)} runs with the lowest error are drawn. " if fewer else ""
+        yield "severity_curves", curves, note
+    moved = iter(displacements_of(list(of_frames.values())).items())
+    while lines := dict(islice(moved, MOST_LINES)):
+        yield "displacement", displacement_figure(lines), ""
+
+
+def _best_runs(names: list[str], frames: str, content: Content) -> list[str]:
     """Names of the runs of a sample set, at most as many as a figure can distinguish, in the order of the runs; if
     there are more, those that are first on the leaderboard."""
-    names = [name for of, name in content.runs if of == frames]
-    if len(names) <= len(SERIES):
+    if len(names) <= len(MODEL_STYLES):
         return names
     entries = sorted((entry for entry in content.entries if entry.sample_set == frames), key=default_order)
-    best = {entry.name for entry in entries[: len(SERIES)]}
+    best = {entry.name for entry in entries[: len(MODEL_STYLES)]}
     return [name for name in names if name in best]
 
 
@@ -116,9 +150,7 @@ def _compares(name: str, figure: MarkedFigure) -> bool:
     return name == "crer_by_family" or len({mark.model for marks in figure.marks.values() for mark in marks}) > 1
 
 
-def _page_figure(id_: str, frames: str, name: str, figure: MarkedFigure, content: Content) -> PageFigure:
-    pages = {entry.name: entry.page for entry in content.entries if entry.sample_set == frames}
-    title, description = _TEXTS[name]
+def _page_figure(id_: str, name: str, figure: MarkedFigure, note: str, pages: dict[str, str]) -> PageFigure:
     if figure.get_suptitle():
         figure.suptitle("")  # The page has its own heading.
     marks = dict.fromkeys(mark for of_artist in figure.marks.values() for mark in of_artist if mark.values)
@@ -130,18 +162,21 @@ def _page_figure(id_: str, frames: str, name: str, figure: MarkedFigure, content
             (head, (plain(mark.setting, 40), *values)) for mark, (head, values) in zip(marks, lines, strict=True)
         )
     apart = None
-    if name == "severity_curves" and len(figure.axes) > 1:
-        apart = inline_svg(figure, f"{id_}-apart", title, description, pages.get)
-        share_scale(figure)
-    svg = inline_svg(figure, id_, title, description, pages.get)
+    if name == "severity_curves":
+        figure.supxlabel("")
+        figure.supylabel("")
+        if len(figure.axes) > 1:
+            scale_panels(figure, apart=True)
+            apart = inline_svg(figure, f"{id_}-apart", pages.get)
+            scale_panels(figure)
     return PageFigure(
         id=id_,
-        title=title,
-        description=description,
-        frames=content.group_titles.get(frames, plain(frames)) + ". " if frames else "",
-        svg=svg,
+        title=_TITLES[name],
+        caption=note + figure.caption,
+        svg=inline_svg(figure, id_, pages.get),
         apart=apart,
-        wide=figure.get_figwidth() > 9,
+        key=key_markup(figure.key),
+        wide=len(figure.axes) > 1,
         head="Frames" if name == "displacement" else "Model",
         columns=columns,
         lines=lines if len(lines) <= _MOST_LINES else (),

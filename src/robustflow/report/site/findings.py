@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import polars as pl
 
-from ...analysis.audit import AUDIT_CHECKS, Audit, Finding, audit_published, audit_results
+from ...analysis.audit import AUDIT_CHECKS, Audit, Finding, audit_results
 from ...analysis.doubts import sound_results
 from ...analysis.observations import Observation, observations
 from ...analysis.observations.verdict import THIN, UNKNOWN
 from ...analysis.published.tables import PAPER
+from ...benchmarks import benchmark_facts
 from ...text import plain
 from .content import Content
 
@@ -24,11 +25,21 @@ class Checked:
     title: str
     observations: tuple[Observation, ...]
 
+    @property
+    def computed(self) -> list[Observation]:
+        """Those with a verdict."""
+        return [one for one in self.observations if one.verdict != UNKNOWN]
 
-def checked_observations(content: Content) -> list[Checked]:
-    """The observations on each sample set that the page is about, if at least one can be computed."""
+    @property
+    def unknown(self) -> list[Observation]:
+        """Those that these results say nothing about."""
+        return [one for one in self.observations if one.verdict == UNKNOWN]
+
+
+def checked_observations(content: Content, benchmark: str) -> list[Checked]:
+    """The observations on each sample set of a benchmark that the page is about, if at least one can be computed."""
     checked = []
-    sound = sound_results(content.focus, content.doubted)
+    sound = sound_results(content.focus.filter(benchmark=benchmark), content.doubted)
     for frames in dict.fromkeys(sound["sample_set"]):
         part = sound.filter(pl.col("sample_set") == frames)
         pairs = next((run.summary.samples for (of, _), run in content.runs.items() if of == frames), None)
@@ -38,15 +49,17 @@ def checked_observations(content: Content) -> list[Checked]:
     return checked
 
 
-def audits(content: Content) -> list[Audit]:
-    """The audit of the paper's tables, and of results from files; runs are audited by `robustflow audit RUN`."""
-    frames = set(content.results["sample_set"])
-    audits = [audit_published()] if content.costs and not content.alone else []
-    from_runs = {of for of, _ in content.runs}
-    for name in sorted(frames - from_runs - {PAPER}):
-        audited = content.group_titles.get(name, plain(name))
-        audits.append(audit_results(content.results.filter(sample_set=name), audited=audited))
-    return audits
+def audits(content: Content, benchmark: str) -> list[Audit]:
+    """The audit of what the paper's tables and results files have of a benchmark; runs are audited by `robustflow audit
+    RUN`."""
+    from_runs = {frames for frames, _ in content.runs}
+    of_benchmark = content.focus.filter(benchmark=benchmark)
+    made = []
+    for frames in dict.fromkeys(name for name in of_benchmark["sample_set"] if name not in from_runs):
+        costs = content.costs if frames == PAPER and benchmark_facts(benchmark).has_flow else {}
+        audited = "the published tables" if frames == PAPER else content.group_titles.get(frames, plain(frames))
+        made.append(audit_results(of_benchmark.filter(sample_set=frames), costs, audited))
+    return made
 
 
 def by_check(audit: Audit) -> list[tuple[str, int, list[Finding]]]:

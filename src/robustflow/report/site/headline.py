@@ -26,20 +26,21 @@ _RANKED: tuple[NumberKey, ...] = (("cre", AVERAGE), ("rcre", AVERAGE))
 _CLEAN: NumberKey = ("epe", CLEAN)
 
 
-def headline(content: Content) -> list[str]:
-    """Sentences about the runs first, then about the paper's values."""
+def headline(content: Content, benchmark: str | None = None) -> list[str]:
+    """Sentences about the runs first, then about the paper's values; of one benchmark, or of all."""
     sentences: list[str] = []
     groups: dict[tuple[str, str], list[LeaderboardEntry]] = {}
     for entry in content.entries:
-        groups.setdefault((entry.benchmark, entry.sample_set), []).append(entry)
+        if benchmark in (None, entry.benchmark):
+            groups.setdefault((entry.benchmark, entry.sample_set), []).append(entry)
     published = []
     imported = 0
-    for (benchmark, frames), entries in groups.items():
+    for (of, frames), entries in groups.items():
         if entries[0].note == IMPORTED:
             imported += len(entries)
         elif frames == PAPER:
             best = _best_of_settings(entries)
-            published += [f"on {benchmark_words(benchmark)} {' and '.join(best)}"] if best else []
+            published += [f"on {benchmark_words(of)} {' and '.join(best)}"] if best else []
         elif own := _own_without_truth(entries, content):
             sentences.append(conclusion(own, {entry.model: entry.doubt for entry in entries}))
         elif len(entries) == 1:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import TYPE_CHECKING
 
 from jinja2 import Environment
 
@@ -16,14 +17,17 @@ from .board import boards_of
 from .content import Content
 from .data import page_data
 from .examples import Examples, examples_of
-from .figures import PageFigure, page_figures
-from .findings import VERDICT_CLASSES, audits, by_check, checked_observations
-from .headline import headline
+from .figures import FigureGroup, page_figures
+from .findings import VERDICT_CLASSES, by_check
 from .models import model_pages
+from .sections import sections_of
+
+if TYPE_CHECKING:
+    from ...runs.run import Run
 
 
 def render_site(
-    content: Content, gallery: Slider | None = None, figures: Callable[[], list[PageFigure]] | None = None
+    content: Content, gallery: Slider | None = None, figures: Callable[[], list[FigureGroup]] | None = None
 ) -> str:
     """The page as one HTML file: it opens from disk and loads nothing from the network.
 
@@ -36,22 +40,23 @@ def render_site(
     >>> render_site(whole_content([])).splitlines()[0]
     '<!doctype html>'
     """
-    examples = examples_of(content.runs) or (gallery and Examples(gallery))
-    boards = boards_of(content.entries, dict(content.group_titles), most_models_first=not content.alone)
+    boards = boards_of(content.entries, dict(content.group_titles))
+    order = [board.benchmark for board in boards]
+    runs = dict(sorted(content.runs.items(), key=lambda item: order.index(_benchmark(item[1]))))
+    examples = examples_of(runs) or (Examples(gallery) if gallery else None)
     pages = model_pages(content, examples.panels if examples else {})
+    sections = sections_of(content, boards, figures() if figures else page_figures(content))
+    pictured = _benchmark(content.runs[next(iter(examples.panels))]) if examples and examples.panels else None
     return (
         _environment()
         .get_template("page.html")
         .render(
             content=content,
-            boards=boards,
-            headline=headline(content),
+            sections=sections,
             primary=pages[0].id if content.of_one_run else "",
-            figures=figures() if figures else page_figures(content),
             examples=examples,
+            pictured=None if pictured is None else order.index(pictured),
             slider=slider_markup(examples.slider) if examples else None,
-            observations=checked_observations(content),
-            audits=audits(content),
             data=json_block(page_data(boards, pages)),
             style=assets.style(),
             script=assets.script(),
@@ -59,6 +64,10 @@ def render_site(
             version=VERSION,
         )
     )
+
+
+def _benchmark(run: Run) -> str:
+    return str(run.manifest["identity"]["benchmark"])
 
 
 @cache

@@ -1,4 +1,5 @@
-"""A matplotlib figure as SVG inside a page: it uses the page's colours and fonts, and its marks carry their meaning."""
+"""A matplotlib figure as SVG inside a page, an element per panel: it uses the page's colours and fonts, and its marks
+carry their meaning."""
 
 from __future__ import annotations
 
@@ -7,11 +8,29 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
 
 from markupsafe import Markup
+from matplotlib.transforms import Bbox
 
+from ...figure_style import default_style
 from ...text import plain
 from ..figures import figure_bytes
-from ..figures.canvas import BLACK, BLUE, GREEN, GREY, GRID, ORANGE, PINK, RED, SKY, YELLOW
+from ..figures.files import any_script
 from ..figures.marks import Mark, MarkedFigure
+from ..figures.styles import (
+    BLACK,
+    BLUE,
+    BROWN,
+    GREEN,
+    GREY,
+    GRID,
+    NAVY,
+    OLIVE,
+    ORANGE,
+    OTHER,
+    PINK,
+    RED,
+    SKY,
+    VIOLET,
+)
 
 _SVG, _XLINK = "http://www.w3.org/2000/svg", "{http://www.w3.org/1999/xlink}href"
 _COLOURS = {
@@ -25,7 +44,11 @@ _COLOURS = {
     ORANGE.lower(): "var(--chart-orange)",
     SKY.lower(): "var(--chart-sky)",
     PINK.lower(): "var(--chart-pink)",
-    YELLOW.lower(): "var(--chart-yellow)",
+    OLIVE.lower(): "var(--chart-olive)",
+    VIOLET.lower(): "var(--chart-violet)",
+    BROWN.lower(): "var(--chart-brown)",
+    NAVY.lower(): "var(--chart-navy)",
+    OTHER.colour: "var(--muted)",
 }
 """Colours as matplotlib writes them, in lower case, and their names in the page."""
 
@@ -35,22 +58,37 @@ _LONG_NUMBER = re.compile(r"\d+\.\d{3,}")
 _GEOMETRY = ("d", "x", "y", "points", "transform", "width", "height")
 
 
-def inline_svg(
-    figure: MarkedFigure, prefix: str, title: str, description: str, page_of: Callable[[str], str | None]
-) -> Markup:
-    """The `<svg>` element.
+_MANY = 4
+"""Panels beyond which they may be small."""
+
+
+def page_colour(colour: str) -> str:
+    """A figure's colour in a page.
+
+    >>> page_colour("#E69F00")
+    'var(--chart-orange)'
+    """
+    return _COLOURS.get(colour.lower(), colour)
+
+
+@default_style()
+def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str | None]) -> Markup:
+    """The `<svg>` elements of a figure's panels, in a `<div class="plot">` that a page can fold into lines.
 
     Args:
         figure: with its marks.
-        prefix: of every id in it, so that one page can hold several figures.
-        title, description: what it shows, for those who do not see it.
+        prefix: of every id in it, so that one page can hold several figures; `{prefix}-title` and `{prefix}-text` name
+            what describes it.
         page_of: the id of a model's page, by the model's name.
 
     Returns:
         The element; marks have `class="mark"`, `data-page` and `data-says`, names next to them `class="name"`.
     """
+    for index, axes in enumerate(figure.axes):
+        axes.set_gid(f"panel-{index}")
     root = ElementTree.fromstring(figure_bytes(figure, "svg", live_text=True))
     by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
+    panels = [by_id[f"panel-{index}"] for index in range(len(figure.axes))]
     for gid, marks in figure.marks.items():
         if gid in by_id:
             _name_marks(by_id[gid], marks, page_of)
@@ -61,18 +99,49 @@ def inline_svg(
         element.tag = element.tag.rpartition("}")[2]
         _restyle(element)
     _share_styles(root)
-    px = float(root.attrib.pop("width").removesuffix("pt")) * 96 / 72
-    root.attrib.pop("height")
-    root.attrib.pop("version", None)
-    for name, text in (("desc", description), ("title", title)):
-        element = ElementTree.Element(name, {"id": f"{prefix}-{name}"})
-        element.text = text
-        root.insert(0, element)
-    labels = {"aria-labelledby": f"{prefix}-title", "aria-describedby": f"{prefix}-desc"}
-    root.attrib.update(
-        {"class": "chart", "role": "img", "style": f"max-width: {px:.0f}px; min-width: {0.6 * px:.0f}px", **labels}
+    clips = [element for element in root.iter("defs") if element.find("clipPath") is not None]
+    boxes = _panel_boxes(figure)
+    plot = ElementTree.Element(
+        "div",
+        {
+            "class": "plot many" if len(panels) > _MANY else "plot",
+            "role": "img",
+            "aria-labelledby": f"{prefix.removesuffix('-apart')}-title",
+            "aria-describedby": f"{prefix.removesuffix('-apart')}-text",
+            "style": f"--panel: {max(box.width for box in boxes) * 96 / 72:.0f}px",
+        },
     )
-    return Markup(ElementTree.tostring(root, encoding="unicode"))
+    for index, (panel, box) in enumerate(zip(panels, boxes, strict=True)):
+        shown = f"{box.x0:.1f} {box.y0:.1f} {box.width:.1f} {box.height:.1f}"
+        svg = ElementTree.SubElement(plot, "svg", {"class": "chart", "viewBox": shown})
+        svg.extend([*clips, panel] if index == 0 else [panel])
+    return Markup(ElementTree.tostring(plot, encoding="unicode"))
+
+
+def _panel_boxes(figure: MarkedFigure) -> list[Bbox]:
+    """Where each panel is in the SVG, in points from the upper left, with its labels and names; all of one size."""
+    around = [0.0, 0.0, 0.0, 0.0]  # left, below, right, above
+    for axes in figure.axes:
+        with any_script():
+            whole = axes.get_tightbbox()
+        assert whole is not None
+        reach = (axes.bbox.x0 - whole.x0, axes.bbox.y0 - whole.y0, whole.x1 - axes.bbox.x1, whole.y1 - axes.bbox.y1)
+        around = [max(one, other) for one, other in zip(around, reach, strict=True)]
+    left, below, right, above = (one + _RIM for one in around)
+    to_points, height = 72 / figure.dpi, figure.bbox.height
+    return [
+        Bbox.from_extents(
+            (axes.bbox.x0 - left) * to_points,
+            (height - axes.bbox.y1 - above) * to_points,
+            (axes.bbox.x1 + right) * to_points,
+            (height - axes.bbox.y0 + below) * to_points,
+        )
+        for axes in figure.axes
+    ]
+
+
+_RIM = 2.0
+"""Pixels left free around a panel: a browser's letters may be wider than the measured ones."""
 
 
 def mark_text(mark: Mark) -> str:
@@ -159,7 +228,7 @@ def _restyle(element: ElementTree.Element) -> None:
     style = element.get("style")
     if style is not None:
         style = _FAMILY.sub("", _FONT.sub(r"font-size: \1px", style)).strip()
-        element.set("style", re.sub("#[0-9a-f]{6}", lambda match: _COLOURS.get(match[0], match[0]), style))
+        element.set("style", re.sub("#[0-9a-f]{6}", lambda match: page_colour(match[0]), style))
     for name in _GEOMETRY:
         value = element.get(name)
         if value is not None:

@@ -11,12 +11,12 @@ from ...runs.made_from import is_current, made_from, note_made
 from ...runs.run import Run
 
 if TYPE_CHECKING:
-    from .figures import PageFigure
+    from .figures import FigureGroup
 
 REPORT = "report.html"
 
 
-def report_figures(folder: Path) -> list[PageFigure]:
+def report_figures(folder: Path) -> list[FigureGroup]:
     """The figures of the report of the run in a folder; they do not depend on its examples."""
     from .content import run_content
     from .figures import page_figures
@@ -24,7 +24,7 @@ def report_figures(folder: Path) -> list[PageFigure]:
     return page_figures(run_content(Run(folder)))
 
 
-def write_report(run: Run, figures: Callable[[], list[PageFigure]] | None = None) -> None:
+def write_report(run: Run, figures: Callable[[], list[FigureGroup]] | None = None) -> None:
     """Write `report.html` into a run's folder, with the existing examples; not again while nothing has changed.
 
     Args:

@@ -1,7 +1,9 @@
 "use strict";
-// The leaderboard: makes the lines of the page's data, sorts, hides and counts them.
+// The leaderboard: makes the lines of the page's data, sorts, hides and counts them; and shows the section of one
+// benchmark, with everything that belongs to it.
 const { data, make, settingChip } = window.robustflow;
-const form = document.getElementById("controls");
+const chooser = document.getElementById("chooser");
+const narrow = matchMedia("(max-width: 40rem)").matches;
 
 function cellOf(entry, key, hidden) {
   const text = entry.values?.[key] || "–";
@@ -13,7 +15,8 @@ function cellOf(entry, key, hidden) {
 
 function lineOf(entry, columns, head) {
   const link = make("a", { href: `#model=${entry.page}` }, entry.name || "(no name)");
-  const name = make("th", { scope: "row" }, link, entry.remark ? make("small", {}, entry.remark) : null);
+  const small = make("small", { class: "of-narrow" }, settingChip(entry.setting));
+  const name = make("th", { scope: "row" }, link, small, entry.remark ? make("small", {}, entry.remark) : null);
   const cells = columns.map((key, index) => cellOf(entry, key, head[index + 2].hidden));
   const attributes = { "data-setting": entry.setting, "data-page": entry.page, "data-doubted": entry.doubted ?? false };
   return make("tr", attributes, name, make("td", {}, settingChip(entry.setting)), ...cells);
@@ -27,10 +30,15 @@ document.querySelectorAll("div.board").forEach((element, index) => {
   });
 });
 
-const boards = [...document.querySelectorAll("div.board")].map((element) => ({
+const boards = [...document.querySelectorAll("div.board")].map((element, index) => ({
   element,
-  label: element.querySelector("h3").textContent,
-  tools: form.querySelector(`.of-board[data-board="${element.dataset.board}"]`),
+  label: element.closest("section").querySelector("h2").textContent,
+  parts: document.querySelectorAll(`section.benchmark[data-board="${index}"], nav [data-board="${index}"]`),
+  tools: element.querySelector(".controls"),
+  view: element.querySelector("[data-part=view]"),
+  metric: element.querySelector("[data-part=metric]"),
+  search: element.querySelector("[data-part=search]"),
+  count: element.querySelector(".count"),
   head: [...element.querySelectorAll("thead th")],
   bodies: [...element.querySelectorAll("tbody")].map((body) => ({
     body,
@@ -38,15 +46,15 @@ const boards = [...document.querySelectorAll("div.board")].map((element) => ({
     lines: [...body.rows].slice(1),
   })),
   start: Number(element.querySelector("table").dataset.start),
-  view: "overview",
-  metric: "",
 }));
-const search = document.getElementById("search");
-const count = document.getElementById("count");
 
 for (const board of boards) {
   board.sort = board.start;
   board.down = false;
+  const views = board.view === null ? [] : [...board.view.options].map((option) => option.value);
+  board.usual = narrow && views.includes("compact") ? "compact" : "overview";
+  if (board.view !== null) board.view.value = board.usual;
+  board.tools.open = !narrow;
   board.head.forEach((heading, index) => {
     const button = document.createElement("button");
     button.type = "button";
@@ -59,10 +67,19 @@ for (const board of boards) {
       remember();
     });
   });
+  board.tools.addEventListener("input", () => {
+    update(board);
+    remember();
+  });
+}
+
+// Without what is only for a screen reader or a narrow screen.
+function textOf(cell) {
+  return (cell.querySelector("a") ?? cell).textContent;
 }
 
 function cellKey(line, index, text) {
-  const shown = line.cells[index].textContent;
+  const shown = textOf(line.cells[index]);
   if (text) return shown.toLowerCase();
   const number = parseFloat(shown);
   return Number.isNaN(number) ? null : number;
@@ -91,34 +108,38 @@ function sortLines(board) {
   }
 }
 
+// A column by which the lines are sorted is always shown.
 function showColumns(board) {
+  const view = board.view?.value ?? "overview";
+  const metric = board.metric?.value;
+  if (board.metric !== null) board.metric.closest("label").hidden = ["overview", "compact"].includes(view);
+  board.element.classList.toggle("compact", view === "compact");
   board.head.forEach((heading, index) => {
-    if (index < 2) return;
-    const { views, metric } = heading.dataset;
-    const hidden = !views.split(" ").includes(board.view) || (metric !== undefined && metric !== board.metric);
-    if (heading.hidden === hidden) return;
+    if (index === 0) return;
+    const hidden = !heading.dataset.views.split(" ").includes(view) || (heading.dataset.metric ?? metric) !== metric;
+    if (heading.hidden === hidden && index > 1) return;
     heading.hidden = hidden;
     for (const { lines } of board.bodies) for (const line of lines) line.cells[index].hidden = hidden;
   });
   if (board.head[board.sort].hidden) {
-    board.sort = Math.max(0, board.head.findIndex((heading, index) => index > 1 && !heading.hidden));
+    const start = board.head[board.start].hidden ? board.head.findIndex((heading, index) => index > 1 && !heading.hidden) : board.start;
+    board.sort = Math.max(0, start);
     board.down = false;
     sortLines(board);
   }
 }
 
 function current() {
-  const chosen = form.querySelector("input[name=benchmark]:checked");
-  return boards[chosen === null ? 0 : Number(chosen.value)];
+  const chosen = chooser?.querySelector("input:checked");
+  return boards[chosen ? Number(chosen.value) : 0];
 }
 
 function settingOf(board) {
   return board.tools.querySelector("fieldset input:checked")?.value ?? "";
 }
 
-function showLines() {
-  const board = current();
-  const wanted = search.value.trim().toLowerCase();
+function showLines(board) {
+  const wanted = board.search.value.trim().toLowerCase();
   const setting = settingOf(board);
   let visible = 0;
   let all = 0;
@@ -133,34 +154,35 @@ function showLines() {
     visible += here;
     all += lines.length;
   }
-  count.textContent = `${visible} of ${all} rows`;
+  board.count.textContent = `${visible} of ${all} rows`;
 }
 
-function update() {
-  const board = current();
-  for (const other of boards) {
-    other.element.hidden = other !== board;
-    other.tools.hidden = other !== board;
-  }
-  const [view, metric] = ["view", "metric"].map((part) => board.tools.querySelector(`[data-part=${part}]`));
-  if (view !== null) {
-    metric.disabled = view.value === "overview";
-    [board.view, board.metric] = [view.value, metric.value];
-    showColumns(board);
-  }
-  showLines();
+function update(board) {
+  showColumns(board);
+  showLines(board);
 }
+
+// One benchmark at a time: its table, sentences, figures, pictures and checks. All of them on the page of a model, which
+// may have been measured on several.
+function showSection(all = false) {
+  const shown = current();
+  boards.forEach((board) => {
+    for (const part of board.parts) part.hidden = board !== shown && !(all && part.matches("section"));
+  });
+  const number = String(boards.indexOf(shown));
+  for (const part of document.querySelectorAll("[data-only]")) part.hidden = part.dataset.only !== number;
+}
+window.robustflow.showSection = showSection;
 
 function remember() {
   const board = current();
   const state = new URLSearchParams();
+  const view = board.view?.value ?? board.usual;
   if (board !== boards[0]) state.set("benchmark", board.label);
   if (settingOf(board)) state.set("setting", settingOf(board));
-  if (board.view !== "overview") {
-    state.set("columns", board.view);
-    state.set("metric", board.metric);
-  }
-  if (search.value) state.set("search", search.value);
+  if (view !== board.usual) state.set("columns", view);
+  if (board.metric !== null && !board.metric.closest("label").hidden) state.set("metric", board.metric.value);
+  if (board.search.value) state.set("search", board.search.value);
   if (board.sort !== board.start || board.down) state.set("sort", `${board.sort}${board.down ? "-" : ""}`);
   window.robustflow.remember(state);
 }
@@ -169,18 +191,21 @@ function choose(inputs, value) {
   for (const input of inputs) if (input.value === value) input.checked = true;
 }
 
+function select(list, value, usual) {
+  if (list === null) return;
+  list.value = [...list.options].some((option) => option.value === value) ? value : usual;
+}
+
 window.robustflow.listeners.push((state) => {
   const index = boards.findIndex((board) => board.label === state.get("benchmark"));
-  choose(form.querySelectorAll("input[name=benchmark]"), String(Math.max(0, index)));
+  choose(chooser?.querySelectorAll("input") ?? [], String(Math.max(0, index)));
+  showSection();
   const board = current();
   choose(board.tools.querySelectorAll("fieldset input"), state.get("setting") ?? "");
-  for (const [part, key] of [["view", "columns"], ["metric", "metric"]]) {
-    const select = board.tools.querySelector(`[data-part=${part}]`);
-    const values = select === null ? [] : [...select.options].map((option) => option.value);
-    if (values.length) select.value = values.includes(state.get(key)) ? state.get(key) : values[0];
-  }
-  search.value = state.get("search") ?? "";
-  update();
+  select(board.view, state.get("columns"), board.usual);
+  select(board.metric, state.get("metric"), board.metric?.options[0].value);
+  board.search.value = state.get("search") ?? "";
+  update(board);
   const [, column, down] = /^(\d{1,4})(-?)$/.exec(state.get("sort") ?? "") ?? [];
   if (column !== undefined && board.head[column] && !board.head[column].hidden) {
     [board.sort, board.down] = [Number(column), down === "-"];
@@ -188,9 +213,10 @@ window.robustflow.listeners.push((state) => {
   }
 });
 
-form.addEventListener("input", () => {
-  update();
+chooser?.addEventListener("input", () => {
+  showSection();
   remember();
 });
-form.addEventListener("submit", (event) => event.preventDefault());
-update();
+chooser?.addEventListener("submit", (event) => event.preventDefault());
+for (const board of boards) update(board);
+showSection();

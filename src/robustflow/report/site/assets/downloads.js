@@ -42,10 +42,17 @@ function save(text, name, type) {
   setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
+// A cell without the chip that a narrow screen shows below the name.
+function shownText(cell) {
+  const copy = cell.cloneNode(true);
+  copy.querySelector(".of-narrow")?.remove();
+  return copy.textContent.trim();
+}
+
 function shownTable() {
   const lines = [];
-  for (const row of document.querySelectorAll(".board:not([hidden]) tr:not(.group)")) {
-    if (!row.hidden) lines.push([...row.cells].filter((one) => !one.hidden).map((one) => one.textContent.trim()).join("\t"));
+  for (const row of document.querySelectorAll("section.benchmark:not([hidden]) .board tr:not(.group)")) {
+    if (!row.hidden) lines.push([...row.cells].filter((one) => !one.hidden).map(shownText).join("\t"));
   }
   return lines.join("\n") + "\n";
 }

@@ -23,4 +23,4 @@ function settingMeaning(setting) {
   return data.settings[setting]?.[2] ?? "";
 }
 
-window.robustflow = { data, make, settingChip, settingMeaning, listeners: [], highlight() {} };
+window.robustflow = { data, make, settingChip, settingMeaning, listeners: [], highlight() {}, showSection() {} };

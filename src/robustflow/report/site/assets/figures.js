@@ -1,9 +1,9 @@
 "use strict";
 // Marks of the figures: what they say when pointed at or focused, one model highlighted everywhere, a way to its page.
-const charts = [...document.querySelectorAll("svg.chart")];
+const charts = [...document.querySelectorAll(".plot")];
 const tip = document.getElementById("tip");
 const ofModel = new Map();
-for (const element of document.querySelectorAll("svg.chart [data-page], .board tr[data-page]")) {
+for (const element of document.querySelectorAll(".plot [data-page], .board tr[data-page]")) {
   const { page } = element.dataset;
   if (!ofModel.has(page)) ofModel.set(page, []);
   ofModel.get(page).push(element);
@@ -83,15 +83,19 @@ for (const table of document.querySelectorAll(".board table")) {
   table.addEventListener("pointerleave", () => light(pinned));
 }
 
-// On a model's page only the figures that show it are there, with the model highlighted.
+// On a model's page only the figures that show it are there, with the model highlighted, whatever their benchmark.
 window.robustflow.highlight = (page) => {
   pinned = page;
   light(page);
-  let any = false;
-  for (const figure of document.querySelectorAll("figure.drawn")) {
-    figure.hidden = page !== null && figure.querySelector(`[data-page="${page}"]`) === null;
-    any ||= !figure.hidden;
+  for (const part of document.querySelectorAll(".figures-of")) {
+    for (const figure of part.querySelectorAll("figure.drawn")) {
+      figure.hidden = page !== null && figure.querySelector(`[data-page="${page}"]`) === null;
+    }
+    for (const group of part.querySelectorAll(".figure-group")) {
+      const here = group.querySelector("figure.drawn:not([hidden])") !== null;
+      group.hidden = !here;
+      if (page !== null && here) group.open = true;
+    }
+    part.hidden = page !== null && part.querySelector("figure.drawn:not([hidden])") === null;
   }
-  const section = document.getElementById("figures");
-  if (section !== null) section.hidden = !any;
 };

@@ -26,6 +26,7 @@ function open(wanted) {
   document.title = page === null ? title : `${page.querySelector("h2").textContent} – ${title}`;
   const left = shown;
   shown = id;
+  window.robustflow.showSection(shown !== null);
   window.robustflow.highlight(shown);
   if (page !== null && left !== id) {
     window.scrollTo({ top: 0, behavior: "instant" });
@@ -47,7 +48,7 @@ function follow() {
   }
   if (state === null && location.hash.length > 1) document.getElementById(location.hash.slice(1))?.scrollIntoView();
   if (left !== null && shown === null) {
-    const rows = [...document.querySelectorAll(".board:not([hidden]) tr[data-page]")];
+    const rows = [...document.querySelectorAll("section.benchmark:not([hidden]) .board tr[data-page]")];
     rows.find((row) => row.dataset.page === left && !row.hidden)?.querySelector("a").focus();
   }
 }
