@@ -12,7 +12,7 @@ from robustflow.analysis.results import read_results, values_of
 from robustflow.api import evaluate
 from robustflow.datasets.robustspring_condition import CORRUPTIONS, SEQUENCES, Condition, submitted
 from robustflow.errors import DataError, UsageError
-from robustflow.flowio import read_flow
+from robustflow.flowio import read_flow, write_flow
 from robustflow.images.io import read_image
 from robustflow.models import load_model
 from tests.datasets.layouts import picture
@@ -102,6 +102,44 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
     assert rcre["knowledge", "Farneback", "average"] == pytest.approx(
         (rcre["knowledge", "Farneback", "robustspring_rain"] + rcre["knowledge", "Farneback", "robustspring_fog"]) / 2
     )
+
+
+def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_rounds(robustflow, run, frames):
+    """`compute_flow_errors` of cv-stuttgart/springwebsite at bbfabe8, with the clean flow as the baseline; of flows
+    that are there, long ones and ones that move far, so that Fl's two bounds and 1px are told apart."""
+    command = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog,rain", "-o", "submission")
+    assert robustflow(*command)[0] == 0
+    rng = np.random.default_rng(0)
+    for path in sorted(Path("submission").rglob("*.flo5")):
+        spread = 60.0 if "clean" in path.parts else 0.0
+        clean = read_flow(Path("submission/clean", *path.parts[2:]))[0]
+        write_flow(path, (clean + rng.normal(0, spread or 3.0, clean.shape)).astype(np.float32))
+    code, out, error = robustflow(*command)
+    assert code == 0, error
+    expected = {}
+    for condition in _FEW:
+        names = [
+            path.relative_to(f"submission/{condition}") for path in Path(f"submission/{condition}").rglob("*.flo5")
+        ]
+        baseline, corrupted = (
+            np.stack([read_flow(Path("submission") / each / name)[0].astype(float) for name in names])
+            for each in ("clean", condition)
+        )
+        epe = np.linalg.norm(baseline - corrupted, axis=-1)
+        fl = (epe > 3) & (epe > 0.05 * np.linalg.norm(baseline, axis=-1))
+        assert 0 < fl.mean() < (epe > 3).mean() < (epe > 1).mean() < 1
+        expected[f"robustspring_{condition}"] = [np.mean(epe), 100 * np.mean(fl), 100 * np.mean(epe > 1)]
+    expected["average"] = np.mean(list(expected.values()), axis=0)
+    head, *lines = Path("submission/robustness.csv").read_text().splitlines()
+    assert head == "corruption,pairs,epe,fl,px1"
+    found = {line.split(",")[0]: line.split(",")[1:] for line in lines}
+    assert found.keys() == expected.keys()
+    for name, values in expected.items():
+        assert found[name][0] == "12"
+        assert [float(cell) for cell in found[name][1:]] == pytest.approx(values, rel=1e-9)
+    epe, fl, px1 = expected["average"]
+    assert f"moved by {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %" in out
+    assert "the server judges about 0.1 % of the pixels, subsampled in float16" in out
 
 
 def test_a_stopped_export_continues_and_has_the_same_results(robustflow, run, frames):

@@ -128,15 +128,15 @@ def _export_submission(
     corruptions: list[str] | None,
     limit: int | None,
 ) -> None:
-    from ..analysis.results import results_csv
-    from ..analysis.robustspring import robustspring_results
+    from ..analysis.results import AVERAGE, results_csv
+    from ..analysis.robustspring import robustness_csv, robustness_means, robustspring_results
     from ..atomic import write_bytes
     from ..datasets.robustspring_condition import CORRUPTIONS, submitted
     from ..errors import UsageError
     from ..models import ModelSpec
     from ..progress_bar import ProgressBar
     from ..records.load import load_any_run
-    from ..runner.submission import condition_pairs, model_of, write_submission
+    from ..runner.submission import Robustness, condition_pairs, model_of, write_submission
     from ..runs.source import RunSource
 
     if data is None:
@@ -148,7 +148,7 @@ def _export_submission(
     spec = ModelSpec(model, given) if model is not None else RunSource.read(run.path).model_to_reuse(dict(given))
     conditions = condition_pairs(data, corruptions or CORRUPTIONS, limit)
     total = sum(len(condition.keys) for condition in conditions)
-    moved: dict[str, list[float]] = {}
+    moved: dict[str, list[Robustness]] = {}
     fresh = count = 0
     with ProgressBar() as progress:
         for one in write_submission(model_of(run, spec), conditions, output):
@@ -157,7 +157,16 @@ def _export_submission(
             if one.moved is not None:
                 moved.setdefault(one.condition, []).append(one.moved)
     if moved:
-        write_bytes(output / "results.csv", results_csv(robustspring_results(run, moved)).encode())
+        distances = {condition: [one.epe for one in of_pairs] for condition, of_pairs in moved.items()}
+        write_bytes(output / "results.csv", results_csv(robustspring_results(run, distances)).encode())
+        means = robustness_means(moved)
+        write_bytes(output / "robustness.csv", robustness_csv(means).encode())
     typer.echo(f"{output}: {count} flows, {fresh} written and {count - fresh} already there")
+    if moved:
+        epe, fl, px1 = means[AVERAGE][1]
+        typer.echo(
+            f"moved by {epe:.2f} px on average (EPE robustness), Fl {fl:.2f} %, 1px {px1:.2f} %, over all pixels; the "
+            "server judges about 0.1 % of the pixels, subsampled in float16, so its numbers differ slightly"
+        )
     if missing := sum(not (output / flow).is_file() for flow in submitted()):
         typer.echo(f"not a whole submission: {missing} of {len(list(submitted()))} flows are missing")

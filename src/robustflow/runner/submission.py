@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from ..benchmarks.base import spread
 from ..datasets.robustspring_condition import CLEAN, DIRECTIONS, Condition
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..flowio import read_flow, write_flow
+from ..metrics.outliers import FL_PIXELS, FL_SHARE
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
 from ..runs.identity import differing
@@ -37,6 +39,21 @@ class ConditionPairs:
     keys: tuple[str, ...]
 
 
+class Robustness(NamedTuple):
+    """How a corrupted flow differs from the clean one, over all pixels, as RobustSpring's server computes it
+    (`compute_flow_errors` in springeval/management/commands/evaluation.py of cv-stuttgart/springwebsite at bbfabe8).
+
+    Attributes:
+        epe: mean distance, pixels: what RobustSpring calls R_EPE and this project RCRE.
+        fl: pixels that moved by more than 3 px and more than 5 % of the clean flow's length, percent.
+        px1: pixels that moved by more than 1 px, percent.
+    """
+
+    epe: float
+    fl: float
+    px1: float
+
+
 @dataclass(frozen=True)
 class Submitted:
     """One flow that is there.
@@ -45,14 +62,13 @@ class Submitted:
         condition: "clean" or a corruption of RobustSpring.
         key: of the pair.
         fresh: whether it was predicted now, and not by an earlier call.
-        moved: mean distance between it and the pair's clean flow, over all pixels, in pixels: what RobustSpring calls
-            R_EPE and this project RCRE; None of the clean flow itself.
+        moved: how it differs from the pair's clean flow; None of the clean flow itself.
     """
 
     condition: str
     key: str
     fresh: bool
-    moved: float | None
+    moved: Robustness | None
 
 
 def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
@@ -133,10 +149,14 @@ def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], fold
             yield Submitted(each.condition, key, True, _moved(flow, folder, each.condition, key))
 
 
-def _moved(flow: Flow, folder: Path, condition: str, key: str) -> float | None:
+def _moved(flow: Flow, folder: Path, condition: str, key: str) -> Robustness | None:
     if condition == CLEAN:
         return None
     clean, _ = read_flow(folder / CLEAN / "test" / f"{key}.flo5")
     if clean.shape != flow.shape:
         raise UsageError(f"{folder}: the flows of '{key}' are of different sizes; choose an empty folder with --output")
-    return float(np.linalg.norm(flow.astype(np.float64) - clean, axis=2).mean())
+    moved, length = (
+        np.linalg.norm(each, axis=2) for each in (flow.astype(np.float64) - clean, clean.astype(np.float64))
+    )
+    outliers = (moved > FL_PIXELS) & (moved > FL_SHARE * length)
+    return Robustness(float(moved.mean()), 100 * float(outliers.mean()), 100 * float((moved > 1).mean()))
