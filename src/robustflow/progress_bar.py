@@ -52,6 +52,8 @@ class ProgressBar:
     ) -> None:
         if self._bar is not None:
             self._bar.stop()
+        self._bar = None
+        self._tasks.clear()
 
     def start(self, task: str, total: int, done: int = 0) -> None:
         """Add a task of `total` steps, `done` of which an earlier call made."""

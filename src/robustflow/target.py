@@ -70,16 +70,31 @@ def import_target(target: str, kind: str, error: type[RobustFlowError] = UsageEr
         Exception,
         SystemExit,
     ) as cause:  # SystemExit: a script that reads its arguments on import
-        raise error(
-            f"cannot import '{name}' for {kind} '{target}': {type(cause).__name__}: {cause}; "
-            "run from the folder that holds it, or install its package"
-        ) from cause
+        raise error(f"cannot import '{name}' for {kind} '{target}': {_reason(name, cause)}") from cause
     for part in attribute.split("."):
         if not hasattr(value, part):
             _refuse_hidden(name, here, kind, target, error)
             raise unknown_name(f"attribute of {name}", part, [key for key in vars(value) if key[0] != "_"])
         value = getattr(value, part)
     return value
+
+
+_EXTRAS = {"torch": "torch", "torchvision": "torch", "ptlflow": "ptlflow", "onnxruntime": "onnx"}
+
+
+def _reason(name: str, cause: BaseException) -> str:
+    """What went wrong on import, and what to do about it."""
+    what = f"{type(cause).__name__}: {cause}"
+    missing = cause.name.partition(".")[0] if isinstance(cause, ModuleNotFoundError) and cause.name else ""
+    if missing in _EXTRAS:
+        return f"{what}; install the extra: pip install 'robustflow[{_EXTRAS[missing]}]'"
+    if missing == name.partition(".")[0]:
+        return f"{what}; run from the folder that holds it, or install its package"
+    if missing:
+        return f"{what}; install {missing}"
+    if isinstance(cause, SyntaxError) and cause.text:
+        return f"{what}: {cause.text.strip()[:200]}"
+    return f"{what}, while it was imported"
 
 
 def _refuse_hidden(name: str, here: Path, kind: str, target: str, error: type[RobustFlowError]) -> None:

@@ -46,6 +46,52 @@ def test_run_then_show(robustflow):
     assert "digital" in table
 
 
+def test_run_and_show_as_json_print_the_summary_and_nothing_else(robustflow):
+    code, out, _ = robustflow("run", "-m", "farneback", "-c", "contrast", "-s", "1", "-o", "run", "--json")
+    assert code == 0
+    (fact,) = json.loads(out)
+    assert fact["benchmark"] == "demo"
+    assert fact["summary"] == json.loads(Path("run/summary.json").read_text())
+    assert robustflow("show", "run", "--json")[:2] == (0, out)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("class Rain(:\n    pass\n", "SyntaxError: invalid syntax (mine.py, line 1): class Rain(:"),
+        ("import is_not_here\n", "No module named 'is_not_here'; install is_not_here"),
+        ("1 / 0\n", "ZeroDivisionError: division by zero, while it was imported"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_says_why(robustflow, tmp_path, text, says):
+    (tmp_path / "mine.py").write_text(text)
+    code, _, err = robustflow("check", "mine:Rain")
+    assert code == 2
+    assert says in err
+    assert err.count("\n") == 1
+
+
+def test_a_module_that_needs_an_extra_names_it(robustflow, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ptlflow", None)
+    (tmp_path / "needs_extra.py").write_text("import ptlflow\n")
+    assert "pip install 'robustflow[ptlflow]'" in robustflow("check", "needs_extra:Net")[2]
+
+
+def test_check_tries_a_model_a_corruption_and_a_data_set(robustflow):
+    assert "model 'ZeroFlow': every check passes" in robustflow("check", "robustflow.testing:ZeroFlow")[1]
+    Path("my_rain.py").write_text(
+        "import numpy as np\n\n\nclass Rain:\n    severities = (0.9, 0.8, 0.7, 0.6, 0.5)\n\n"
+        "    def draw(self, rng, severity, shape):\n        return self.severities[severity - 1]\n\n"
+        "    def apply(self, frame, state, index):\n        return np.rint(frame * state).astype(np.uint8)\n"
+    )
+    assert "every check passes" in robustflow("check", "my_rain:Rain")[1]
+    pairs = robustflow("check", "robustflow.datasets.motorcycle:Motorcycle")
+    assert "dataset 'motorcycle': every check passes" in pairs[1]
+    code, _, err = robustflow("check", "json:loads", "--kind", "corruption")
+    assert code == 2
+    assert err.count("\n") == 1
+
+
 README = Path(__file__).resolve().parents[2] / "README.md"
 
 

@@ -75,6 +75,22 @@ def test_report_to_files(robustflow, runs):
     assert {path.suffix for path in Path("figures").iterdir()} == {".png", ".svg", ".pdf"}
 
 
+def test_a_folder_of_runs_is_reported_like_its_runs(robustflow, runs, tmp_path):
+    folder = Path(runs[0]).parent
+    inside = sorted(path for path in folder.iterdir() if (path / "manifest.json").is_file())
+    assert robustflow("report", folder, "--table", "means")[1] == robustflow("report", *inside, "--table", "means")[1]
+    (tmp_path / "empty").mkdir()
+    code, _, err = robustflow("report", "empty")
+    assert code == 1
+    assert "holds no run and no record" in err
+
+
+def test_an_unknown_format_is_refused_with_all_that_there_are(robustflow, runs):
+    code, _, err = robustflow("report", runs[0], "-f", "pdf")
+    assert code == 2
+    assert "terminal, markdown, latex, csv, html, page" in err
+
+
 def test_audit_of_the_published_tables(robustflow):
     code, out, _ = robustflow("audit")
     assert code == 3

@@ -106,3 +106,10 @@ def test_what_the_paper_does_not_have(robustflow):
     assert "tab2" in error
     code, out, _ = robustflow("reproduce")
     assert out.count("\n") == len(ARTEFACTS)
+
+
+def test_data_that_is_not_there_is_refused_before_anything_is_printed(robustflow):
+    code, out, err = robustflow("reproduce", "tab2", "--data", "nowhere")
+    assert (code, out) == (2, "")
+    assert "--data nowhere: no such folder" in err
+    assert err.count("\n") == 1

@@ -28,7 +28,7 @@ finally:
         (("-m", "raft_large", "--checkpoint", "no.pth"), "model 'raft_large': no file no.pth"),
         (("-m", "arflow"), "model 'arflow' needs its checkpoint: get pwclite_ar.tar"),
         (("-m", "samflow_b", "--checkpoint", "no.pth"), "model 'samflow_b': no file no.pth"),
-        (("-m", "missing.onnx"), "missing.onnx: no such checkpoint"),
+        (("-m", "missing.onnx"), "missing.onnx: no such file; give the path of the exported network"),
     ],
 )
 def test_what_is_missing_is_reported_at_once(arguments, says, tmp_path):

@@ -327,5 +327,5 @@ def test_weights_in_a_pipe_are_refused_and_not_waited_for(tmp_path):
 
 def test_a_missing_file_comes_before_a_missing_library(tmp_path, monkeypatch):
     monkeypatch.setattr("robustflow.models.extras.find_spec", lambda name: None)
-    with pytest.raises(ModelError, match="no such checkpoint"):
+    with pytest.raises(ModelError, match="no such file; give the path of the exported network"):
         rf.load_model(str(tmp_path / "net.onnx"))

@@ -41,5 +41,29 @@ def benchmarks(incomplete: str) -> list[str]:
     return _beginning((*BENCHMARKS.names(), *DATASETS.names()), incomplete)
 
 
+KINDS = ("models", "corruptions", "benchmarks", "datasets", "recipes")
+"""What `list` lists."""
+
+
+def kinds(incomplete: str) -> list[str]:
+    """What `list` lists, and all of it."""
+    return _beginning((*KINDS, "all"), incomplete)
+
+
+def methods(incomplete: str) -> list[str]:
+    """Methods with a training recipe."""
+    from ..training.recipe import trained_methods
+
+    return _beginning(trained_methods(), incomplete)
+
+
+def tables(incomplete: str) -> list[str]:
+    """Tables of `report`, for what follows the last comma."""
+    from ..report.assemble import ALL_TABLES
+
+    cut = incomplete.rfind(",") + 1
+    return [incomplete[:cut] + name for name in _beginning(ALL_TABLES, incomplete[cut:])]
+
+
 def _beginning(names: Iterable[str], incomplete: str) -> list[str]:
     return list(dict.fromkeys(name for name in names if name.startswith(incomplete)))

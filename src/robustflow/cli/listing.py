@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import unknown_name
+from . import complete
+from .complete import KINDS
 
 if TYPE_CHECKING:
     from ..datasets import DatasetFacts
@@ -16,12 +18,14 @@ _OF_FILES = {
 }
 """Models that can hold any method: what they are read from, and the extra they need, named like the module it
 installs."""
-KINDS = ("models", "corruptions", "benchmarks", "datasets", "recipes")
 
 
 def list_things(
     kind: Annotated[
-        str, typer.Argument(help="models, corruptions, benchmarks, datasets or recipes; all by default.")
+        str,
+        typer.Argument(
+            autocompletion=complete.kinds, help="models, corruptions, benchmarks, datasets or recipes; all by default."
+        ),
     ] = "all",
 ) -> None:
     """List models, corruptions, benchmarks, datasets or training recipes.

@@ -15,6 +15,7 @@ from ..safe_path import SAFE_PATH
 from .app import app as local_app
 from .audit import audit
 from .calibrate import calibrate
+from .check import check
 from .compare import compare
 from .corrupt import corrupt
 from .displacement import displacement
@@ -43,7 +44,7 @@ _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
     "Train": {"train": train, "experiment": experiment},
     "The paper": {"reproduce": reproduce, "audit": audit, "displacement": displacement},
     "Make": {"corrupt": corrupt, "export": export, "calibrate": calibrate, "prepare": prepare, "optics": optics},
-    "More": {"app": local_app, "list": list_things},
+    "More": {"app": local_app, "list": list_things, "check": check},
 }
 """Commands under the headings of `--help`; groups of commands follow the others of a heading, as Typer lists them."""
 

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from . import complete
+
 if TYPE_CHECKING:
     from ..runs.run import Run
 
@@ -12,7 +14,13 @@ PAGE = "page"
 
 
 def report(
-    runs: Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Folders or records of runs.")] = None,
+    runs: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="RUN...",
+            help="Folders or records of runs, or folders that hold them.",
+        ),
+    ] = None,
     published: Annotated[bool, typer.Option("--published", help="Add the paper's results.")] = False,
     only_own: Annotated[
         bool,
@@ -23,6 +31,7 @@ def report(
         typer.Option(
             "--table",
             "-t",
+            autocompletion=complete.tables,
             help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
             "observations; by default all that can be made.",
         ),
@@ -48,20 +57,21 @@ def report(
       robustflow report runs/mine runs/other --published --format page -o report.html
     """
     from ..atomic import write_bytes
-    from ..errors import UsageError
-    from ..records.load import load_any_run
+    from ..errors import UsageError, unknown_name
+    from ..records.load import load_any_run, with_runs_inside
     from ..report.assemble import figures_of, tables_of
-    from ..report.render import render, renderer
+    from ..report.render import FORMATS, render
+    from ..target import is_target
     from .options import names
     from .tables import for_stdout
 
-    if format != PAGE:
-        renderer(format)  # refuse an unknown format before reading anything
+    if format != PAGE and not is_target(format) and format not in FORMATS.names():
+        raise unknown_name("format", format, (*FORMATS.names(), PAGE))
     if not runs and not published:
         raise UsageError("nothing to report: name a run's folder, or give --published")
     if only_own and not runs:
         raise UsageError("--only-own needs a run: name its folder or record")
-    loaded = [load_any_run(run) for run in runs or []]
+    loaded = [load_any_run(run) for run in with_runs_inside(runs or [])]
     if format == PAGE:
         text = _page(loaded, published, only_own, table)
     else:

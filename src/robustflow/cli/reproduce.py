@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import UsageError
 from .options import Corruptions, Data, Device, Limit, Severities, names, numbers
 
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ def reproduce(
       robustflow reproduce tab2 --data ~/kitti --models dis,raft --random --limit 1 --corruptions fog,snow
       robustflow reproduce fig4 --data ~/kitti --checkpoints ~/ckpts --output reproduced
     """
+    from ..atomic import make_folder
     from ..report.render import renderer
     from ..reproduce.artefacts import artefact_of
     from ..reproduce.plan import choose
@@ -87,6 +89,9 @@ def reproduce(
         if artefact.table and artefact.instead:
             typer.echo(f"Besides, {artefact.instead}")
         return
+    if not data.expanduser().is_dir():
+        raise UsageError(f"--data {data}: no such folder; {data_hint(artefact)}")
+    make_folder(output)
     options = {
         "data": data,
         "limit": limit,

@@ -132,6 +132,12 @@ def run(
             rich_help_panel=HOW,
         ),
     ] = False,
+    as_json: Annotated[
+        bool,
+        typer.Option(
+            "--json", help="Print name, benchmark, folder and summary of each run as JSON.", rich_help_panel=OUTPUT
+        ),
+    ] = False,
     examples: Annotated[
         bool,
         typer.Option(
@@ -177,7 +183,7 @@ def run(
         from ..api import Result, evaluate
         from ..runner.progress import TerminalProgress
         from ..text import file_name
-        from .tables import print_result, print_results
+        from .tables import as_json_text, print_result, print_results
 
         results: list[Result] = []
         progress = TerminalProgress()
@@ -211,10 +217,13 @@ def run(
                             examples=examples,
                             progress=progress,
                         )
-                    print_result(result)
+                    if not as_json:
+                        print_result(result)
                     results.append(result)
         except KeyboardInterrupt:
             typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)
             raise typer.Exit(130) from None
-        if len(results) > 1:
+        if as_json:
+            typer.echo(as_json_text(results))
+        elif len(results) > 1:
             print_results(results)

@@ -16,6 +16,7 @@ def show(
             "log_ratio, median_log_ratio, median_cre, fl_increase; or all.",
         ),
     ] = "all",
+    as_json: Annotated[bool, typer.Option("--json", help="Print name, benchmark, folder and summary as JSON.")] = False,
 ) -> None:
     """Print a run's tables again, and rewrite its summary and report; a record is only printed.
 
@@ -30,7 +31,7 @@ def show(
     from ..errors import DataError
     from ..records.load import load_any_run
     from ..report.site.write import write_report
-    from .tables import print_result
+    from .tables import as_json_text, print_result
 
     result, in_folder = load_any_run(run), run.expanduser().is_dir()
     if in_folder:
@@ -40,4 +41,7 @@ def show(
         except DataError as error:
             in_folder = False
             warnings.warn(f"the summary and the report are left as they are: {error}", stacklevel=1)
-    print_result(result, metric, report=in_folder)
+    if as_json:
+        typer.echo(as_json_text([result]))
+    else:
+        print_result(result, metric, report=in_folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import shutil
 import sys
@@ -23,6 +24,20 @@ from ..report.render.terminal import render as render_terminal
 from ..runs.plan import left_out_sentence
 from ..runs.run import Run
 from ..text import counted, plain
+
+
+def as_json_text(results: Sequence[Run]) -> str:
+    """Return name, benchmark, folder and summary of runs as a JSON list."""
+    facts = [
+        {
+            "name": each.name,
+            "benchmark": each.manifest["identity"]["benchmark"],
+            "folder": str(each.path),
+            "summary": each.document(),
+        }
+        for each in results
+    ]
+    return json.dumps(facts, indent=2)
 
 
 def print_result(result: Run, metric: str = "all", *, report: bool = True) -> None:

@@ -8,11 +8,18 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import UsageError
+from . import complete
 from .options import Device, ModelOptions, Seed, keyword_options, names
 
 
 def train(
-    method: Annotated[str, typer.Argument(help="Method to train (robustflow list recipes).")],
+    method: Annotated[
+        str,
+        typer.Argument(
+            autocompletion=complete.methods,
+            help="Method to train (robustflow list recipes).",
+        ),
+    ],
     recipe: Annotated[str, typer.Option(help="Stage: ood or id (the paper's); chairs, things, ... (the authors').")],
     like: Annotated[
         str | None, typer.Option("--like", help="Method whose recipe trains your own module:attribute.")

@@ -31,7 +31,7 @@ def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, s
     checkpoint, method = options.get("checkpoint"), methods().get(name)
     if method is None:
         if Path(name).suffix.lower() in exported:
-            require_file(Path(name).expanduser())
+            require_file(Path(name).expanduser(), "file; give the path of the exported network")
         return
     source = OWN_NETWORKS[name].source if name in OWN_NETWORKS else SOURCES.get(method.source)
     if source is None:

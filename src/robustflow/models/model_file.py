@@ -18,14 +18,18 @@ _NO_MODEL = {
 }
 
 
-def require_file(path: Path) -> None:
+def require_file(path: Path, what: str = "checkpoint; put the authors' file there, or give its path") -> None:
     """Raise if a file is missing, before any library that would read it is imported.
+
+    Args:
+        path: the file.
+        what: what is missing, and what to do about it.
 
     Raises:
         ModelError: `path` does not exist.
     """
     if not path.exists():
-        raise ModelError(f"{path}: no such checkpoint; put the authors' file there, or give its path")
+        raise ModelError(f"{path}: no such {what}")
 
 
 @contextmanager

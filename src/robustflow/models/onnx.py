@@ -80,7 +80,7 @@ class OnnxModel:
         self.device = _parse_device(device)
         named_convention(order=order, scaling=scaling, multiple=multiple)  # an option is refused before the file
         path = Path(checkpoint).expanduser()
-        require_file(path)
+        require_file(path, "file; give the path of the exported network")
         for library in ("onnxruntime", "onnx"):
             require(library, "onnx", "model 'onnx'")
         with opened(path, sha256) as (file, digest):

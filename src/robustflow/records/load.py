@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import weakref
+from collections.abc import Iterable
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import TypeVar, overload
@@ -37,6 +38,24 @@ def load_any_run(path: str | Path, kind: type[Run] = Run) -> Run:
     """
     path = Path(path).expanduser()
     return _open_record(path, kind) if path.is_file() else kind(path)
+
+
+def with_runs_inside(paths: Iterable[Path]) -> list[Path]:
+    """Return paths of runs and records; a folder that is no run is replaced by the runs and records in it, by name.
+
+    Raises:
+        RunError: a folder holds none.
+    """
+    found = []
+    for path in (Path(each).expanduser() for each in paths):
+        if not path.is_dir() or (path / "manifest.json").exists():
+            found.append(path)
+            continue
+        inside = [each for each in sorted(path.iterdir()) if (each / "manifest.json").is_file() or is_record(each)]
+        if not inside:
+            raise RunError(f"{path} holds no run and no record; give a folder that 'run' wrote, or one that holds some")
+        found += inside
+    return found
 
 
 def is_record(path: str | Path) -> bool:

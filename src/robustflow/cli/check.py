@@ -1,0 +1,45 @@
+"""`robustflow check`: try your own model, corruption or data set before a run."""
+
+from typing import Annotated, Any
+
+import typer
+
+from ..errors import UsageError
+
+KINDS = ("model", "corruption", "dataset")
+
+
+def check(
+    target: Annotated[str, typer.Argument(metavar="MODULE:ATTRIBUTE", help="Your class, object or function.")],
+    kind: Annotated[
+        str | None, typer.Option(help="model, corruption or dataset; by default what its methods say.")
+    ] = None,
+) -> None:
+    """Try your own model, corruption or data set: shapes, dtypes, the same result twice, untouched inputs.
+
+    \b
+    Examples:
+      robustflow check mypackage.flow:MyModel
+      robustflow check mypackage.rain:Rain
+      robustflow check mypackage.data:MyPairs --kind dataset
+    """
+    from ..target import import_target
+    from ..testing import check_corruption, check_dataset, check_model
+
+    if kind not in (None, *KINDS):
+        raise UsageError(f"--kind {kind}: choose from {', '.join(KINDS)}")
+    thing = import_target(target, kind or "check")
+    kind = kind or _kind(thing)
+    if kind == "corruption":
+        name = check_corruption(thing)
+    elif kind == "dataset":
+        name = check_dataset(thing() if isinstance(thing, type) else thing)
+    else:
+        name = check_model(thing)
+    typer.echo(f"{kind} '{name}': every check passes")
+
+
+def _kind(thing: Any) -> str:
+    if hasattr(thing, "draw") and hasattr(thing, "apply"):
+        return "corruption"
+    return "dataset" if hasattr(thing, "keys") and hasattr(thing, "load") else "model"
