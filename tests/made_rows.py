@@ -1,15 +1,19 @@
-"""Rows that a test writes by hand: what follows from the others is filled in."""
+"""Rows that a test writes by hand, with what follows from the others filled in, and runs of such rows."""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable
 from typing import Any
 
 import polars as pl
 
+from robustflow.digest import digest_of_bytes
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
 from robustflow.metrics.rows import rows_frame as frame_of
+from robustflow.runs.identity import identity_digest
+from robustflow.runs.run import Run
 
 _CLEAN_SUMS = {
     "epe_sum": "n_valid",
@@ -31,3 +35,26 @@ def _filled(row: dict[str, Any], clean: dict[str, Any]) -> dict[str, Any]:
     if row["n_valid"] is not None:
         follows |= {"n_truth": row["n_valid"], "truth_digest": f"truth of {row['sample']}"}
     return row | {name: value for name, value in follows.items() if row[name] is None}
+
+
+def made_run(base: Run, rows: pl.DataFrame, model: str | dict[str, Any] = "model", **identity: Any) -> Run:
+    """A run of imaginary rows: the manifest of `base`, with the model and the parts of the identity that are given.
+
+    Args:
+        base: any run.
+        rows: of the made one; its corruptions and severities count as those that were requested.
+        model: its name, or its whole identity.
+    """
+    run = Run(base.path)
+    manifest = copy.deepcopy(base.manifest)
+    manifest["identity"] |= {"model": {"name": model} if isinstance(model, str) else model} | identity
+    manifest["identity_digest"] = identity_digest(manifest["identity"])
+    manifest["samples"] = {key: [] for key in rows["sample"].unique(maintain_order=True)}
+    dirty = rows.filter(pl.col("corruption") != CLEAN)
+    manifest["selection"] = {
+        "corruptions": sorted(dirty["corruption"].unique()),
+        "severities": sorted(dirty["severity"].unique()),
+    }
+    run.manifest, run.rows = manifest, rows
+    run.rows_digest = digest_of_bytes(rows.write_csv().encode())  # what is kept with the folder is not about these rows
+    return run

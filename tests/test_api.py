@@ -10,6 +10,7 @@ import sys
 import pytest
 
 import robustflow as rf
+from robustflow.errors import UsageError
 from robustflow.models import ModelSpec
 
 SCRIPT = """
@@ -88,3 +89,18 @@ def test_a_named_model_is_loaded_once(tmp_path, monkeypatch):
     monkeypatch.setattr(ModelSpec, "load", lambda self: loaded.append(self.name) or load(self))
     rf.evaluate("dis", output=tmp_path / "run", corruptions=["contrast"], severities=[1], examples=True)
     assert loaded == ["dis"]
+
+
+def test_compare_takes_runs_folders_and_nothing_else(result):
+    expected = rf.compare(result, result).frame
+    assert rf.compare(result.path, str(result.path)).frame.equals(expected)
+    assert result.compare(result.path).frame.equals(expected)
+    with pytest.raises(UsageError, match="takes runs, or their folders or records; this is DataFrame"):
+        rf.compare(result, result.rows)
+
+
+def test_one_corruption_and_one_severity_need_no_list(tmp_path):
+    run = rf.evaluate("dis", output=tmp_path / "run", corruptions="contrast", severities=3)
+    assert run.manifest["selection"] == {"corruptions": ["contrast"], "severities": [3]}
+    with pytest.raises(UsageError, match="severity '3' does not exist"):
+        rf.evaluate("dis", output=tmp_path / "run", corruptions="contrast", severities="3")

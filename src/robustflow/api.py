@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from .analysis.uncoupled import Uncoupled
-    from .corruptions import Corruption
+    from .benchmarks.base import AnyCorruption
     from .report.comparison import Comparison
     from .runner.progress import Progress
     from .runner.setup import Setup
@@ -45,8 +45,11 @@ class Result(Run):
         """The cost of one prediction of the model, if `robustflow profile MODEL --into RUN` measured it."""
         return read_cost(self)
 
-    def compare(self, other: Run, *, level: float = 0.95, resamples: int = 4999, seed: int = 0) -> Comparison:
-        """Whether this run differs from another over the same frames; see `robustflow.compare`."""
+    def compare(
+        self, other: Run | str | Path, *, level: float = 0.95, resamples: int = 4999, seed: int = 0
+    ) -> Comparison:
+        """Whether this run differs from another one, or that of a folder, over the same frames; see
+        `robustflow.compare`."""
         from .report.comparison import compare
 
         return compare(self, other, level=level, resamples=resamples, seed=seed)
@@ -100,8 +103,8 @@ def evaluate(
     data: str | Path | None = None,
     output: str | Path | None = None,
     *,
-    corruptions: Sequence[str | Corruption | type[Corruption]] | None = None,
-    severities: Sequence[int] | None = None,
+    corruptions: AnyCorruption | Sequence[AnyCorruption] | None = None,
+    severities: int | Sequence[int] | None = None,
     limit: int | None = None,
     split: str | Path | None = None,
     data_options: dict[str, Any] | None = None,
@@ -131,9 +134,9 @@ def evaluate(
         data: the data set's folder, for benchmarks that need one.
         output: the run's folder; `runs/<benchmark>_<model>_<identity>` by default, `runs/folder-<data>_...` for your
             own frames.
-        corruptions, severities, limit: run only these; a later call with others adds to the same folder. A corruption
-            is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the source of your own is
-            part of the run's identity (docs/add-your-corruption.md).
+        corruptions, severities, limit: run only these, one or several; a later call with others adds to the same
+            folder. A corruption is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the
+            source of your own is part of the run's identity (docs/add-your-corruption.md).
         split: a file naming the samples to use, one key per line; or "drive-disjoint", for KITTI 2015.
         data_options: options of a data set, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.

@@ -15,5 +15,5 @@ def check_severity(severity: int) -> int:
     robustflow.errors.UsageError: severity 6 does not exist: choose 1 (mild) to 5 (severe)
     """
     if isinstance(severity, bool) or severity not in SEVERITIES:
-        raise UsageError(f"severity {severity} does not exist: choose 1 (mild) to 5 (severe)")
+        raise UsageError(f"severity {severity!r} does not exist: choose 1 (mild) to 5 (severe)")
     return int(severity)

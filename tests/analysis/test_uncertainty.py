@@ -286,7 +286,7 @@ def test_p_and_interval_say_the_same():
 
 
 def test_other_frames_are_not_compared():
-    with pytest.raises(RunError, match=r"different frames under the same name \(sample '00000', clean severity 0"):
+    with pytest.raises(RunError, match=r"different frames under the same name \(sample '00000', clean; 20 of 20"):
         compare_rows(_rows(5), _rows(5, digest="e"))
     with pytest.raises(RunError, match="no sample, corruption and severity in common"):
         compare_rows(_rows(5), _rows(5).with_columns(sample=pl.lit("x") + pl.col("sample")))
@@ -317,3 +317,18 @@ def test_holm_against_its_definition(p_values):
         # Never milder than the control of the false discovery rate, never harsher than Bonferroni.
         assert adjusted[index] <= min(1.0, len(p_values) * p_values[index]) + 1e-12
     assert (np.array(adjusted) >= false_discovery_control(p_values) - 1e-9).all()
+
+
+def test_a_lower_cre_is_growth_of_the_error_and_only_rcre_is_change():
+    """DIS with N(0, 2 px) added to its flow: a lower CRE, for its error was large before, and four times the RCRE."""
+    rng = np.random.default_rng(0)
+    clean = rng.uniform(1, 2, 40)
+    noisy = rows_of(3 * clean, 3 * clean[:, None] + rng.uniform(0.2, 0.4, (40, 3)), rng.uniform(3.5, 4, (40, 3)))
+    plain = rows_of(clean, clean[:, None] + rng.uniform(0.5, 0.7, (40, 3)), rng.uniform(0.8, 1, (40, 3)))
+    found = compare_rows(noisy, plain, ("Noisy", "DIS"), resamples=999).filter(corruption="average")
+    said = dict(found.select("metric", "sentence").iter_rows())
+    assert "the error of Noisy grows less under corruption, although its flow changes more (RCRE +2." in said["cre"]
+    assert "but Noisy is less accurate: EPE +" in said["cre"]
+    assert "relative to its error on clean frames, although its flow changes more" in said["crer"]
+    assert "the flow of DIS changes less under corruption, and DIS is more accurate: EPE -" in said["rcre"]
+    assert "change" not in said["epe"]

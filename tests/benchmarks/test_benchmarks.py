@@ -15,7 +15,7 @@ from skimage import data
 from typer.testing import CliRunner
 
 import robustflow as rf
-from robustflow.analysis.scores import note_of, sample_set
+from robustflow.analysis.scores import note_of
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.base import spread
 from robustflow.benchmarks.export import export
@@ -26,6 +26,7 @@ from robustflow.models import ModelSpec
 from robustflow.records.pack import pack
 from robustflow.report.assemble import tables_of
 from robustflow.report.render import render
+from robustflow.runs.comparable import sample_set
 from robustflow.runs.plan import Plan, RunOptions
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))

@@ -43,7 +43,7 @@ def test_runs_and_files_beside_them(robustflow, run):
     assert code == 0
     page = Path("site/index.html").read_text()
     assert "From mine.csv" in page
-    assert "1 pair of demo" in page
+    assert "1 pair of the demo" in page
     assert "another sample set: not comparable" in page
     assert "Tab. 2" in page
     robustflow("leaderboard", run, "--no-published", "-o", "alone")
@@ -111,5 +111,5 @@ def test_report_as_a_page(robustflow, run):
 
 def test_a_run_writes_its_own_page(run):
     page = (run / "report.html").read_text()
-    assert "DIS on demo" in page
+    assert "DIS on the demo" in page
     assert '"shots":{"1":' in page

@@ -40,7 +40,7 @@ def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
     titles = [line for line in out.splitlines() if line.startswith("###")]
     assert titles == [
         "### The paper's observations: published models",
-        "### The paper's observations: DIS, Farneback on demo",
+        "### The paper's observations: DIS on the demo",  # Farneback is doubted there
         "### Effective robustness: published models",
     ]
     code, out, _ = robustflow("report", *runs, "--published", "-f", "markdown")

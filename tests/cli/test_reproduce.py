@@ -47,7 +47,7 @@ def test_ours_beside_the_published_values(robustflow, data, tmp_path):
     for part in (
         "2 pairs, not the paper's 80",
         "average over 2 corruptions",
-        "severities 1 alone",
+        "severity 1 only",
         "on grey frames",
         *SAME,
     ):

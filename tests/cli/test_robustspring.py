@@ -142,6 +142,19 @@ def test_export_has_the_three_robustness_numbers_of_the_server_and_says_how_it_r
     assert "the server judges about 0.1 % of the pixels, subsampled in float16" in out
 
 
+def test_exports_are_one_sample_set_only_over_the_same_corruptions_of_the_same_frames(robustflow, run, frames):
+    sets = {}
+    for corruption, pairs in (("fog", 4), ("rain", 4), ("fog", 2)):
+        out = f"{corruption} {pairs}"
+        command = ("export", run, "--format", "robustspring", "--data", frames, "-c", corruption, "--limit", pairs)
+        assert robustflow(*command, "-o", out)[0] == 0
+        (sets[out],) = set(read_results(f"{out}/results.csv")["sample_set"])
+    assert len(set(sets.values())) == 3
+    again = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog", "--limit", 4, "-o", "again")
+    assert robustflow(*again)[0] == 0
+    assert set(read_results("again/results.csv")["sample_set"]) == {sets["fog 4"]}
+
+
 def test_a_stopped_export_continues_and_has_the_same_results(robustflow, run, frames):
     command = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog", "--limit", "4", "-o", "out")
     assert "8 flows, 8 written" in robustflow(*command)[1]

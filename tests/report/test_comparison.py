@@ -49,7 +49,8 @@ def test_frames_of_differences():
 def test_the_sentence_and_the_table_say_who_is_better():
     assert _FOUND.metric == "cre"
     assert "is lower than" in _FOUND.sentence
-    assert _FOUND.sentence.endswith("a<b> changes less under corruption and is as accurate on clean frames.")
+    verdict = ": the error of a<b> grows less under corruption, and a<b> is as accurate on clean frames."
+    assert _FOUND.sentence.endswith(verdict)
     shown = repr(_FOUND)
     assert "\x1b" not in shown
     assert "CRE (px) per corruption" in shown
@@ -66,7 +67,7 @@ def test_marks_follow_the_level():
         found = Comparison(("a", "b"), compare_rows(_BETTER, _WORSE, ("a", "b"), level=level, resamples=499))
         cells = [cell for section in found.table().sections for line in section.lines for cell in line.cells]
         assert any(cell.best for cell in cells) == expected
-        assert ("changes less" in found.sentence) == expected
+        assert ("grows less" in found.sentence) == expected
 
 
 def test_unknown_metric():

@@ -271,7 +271,7 @@ def test_files_open_and_are_the_same_every_time(tmp_path):
 
 
 def test_what_can_be_drawn_is_drawn():
-    figures = all_figures(published_results(), {"a": _rows()})
+    figures = all_figures(published_results(), {"own": {"a": _rows()}})
     assert set(figures) == {
         "clean_against_cre",
         "crer_by_family",
@@ -281,6 +281,11 @@ def test_what_can_be_drawn_is_drawn():
         "severity_epe",
     }
     assert not all_figures(published_results().clear(), {})
+
+
+def test_severity_curves_of_different_frames_are_different_figures():
+    figures = all_figures(published_results().clear(), {"one": {"a": _rows(1), "b": _rows(2)}, "two": {"c": _rows(3)}})
+    assert [name for name in figures if name.startswith("severity_rcre")] == ["severity_rcre_1", "severity_rcre_2"]
 
 
 @pytest.mark.parametrize("draw", [clean_against_cre, crer_by_family, relations, effective_trend])

@@ -86,7 +86,7 @@ def test_plots_that_cannot_be(runs, tmp_path):
     with pytest.raises(UsageError, match="needs 5 models with ground truth: there are 1"):
         runs[0].plot("relations")
     other = evaluate("dis", "demo", output=tmp_path / "o", corruptions=["fog"], severities=[1])
-    with pytest.raises(UsageError, match="different frames"):
+    with pytest.raises(UsageError, match=r"cannot be drawn together \(.* has fog, severity 1"):
         runs[0].plot("classes", others=[other])
 
 

@@ -43,7 +43,7 @@ def test_values_and_marks_are_the_printed_ones(name, metric, benchmark):
     [
         (["kitti-fc"], "EPE on KITTI-FC"),
         (["sintel"], "EPE on MPI-Sintel"),
-        (["sintel", "demo", "kitti-fc"], "EPE on KITTI-FC, demo and MPI-Sintel"),
+        (["sintel", "demo", "kitti-fc"], "EPE on KITTI-FC, the demo and MPI-Sintel"),
     ],
 )
 def test_the_title_names_what_was_measured_on(benchmarks, title):

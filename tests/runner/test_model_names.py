@@ -66,7 +66,7 @@ def test_one_label_for_one_model_everywhere(tmp_path, monkeypatch, capsys):
         assert run(monkeypatch, "-m", model, "-c", "contrast", "-s", "1", "-o", str(tmp_path / model)) in (0, None)
         assert f"{label} (knowledge), 1 pair" in capsys.readouterr().out
         assert rf.load_run(tmp_path / model).name == listed[model] == label
-        assert f"{label} on demo" in (tmp_path / model / "report.html").read_text()
+        assert f"{label} on the demo" in (tmp_path / model / "report.html").read_text()
 
 
 def test_a_users_model_keeps_its_own_name(tmp_path):

@@ -22,6 +22,7 @@ from robustflow.records.pack import record_bytes
 from robustflow.report.site.board import boards_of
 from robustflow.report.site.entries import entries_of
 from robustflow.report.tables import build_table
+from robustflow.runner.submission import Robustness, Submitted
 from robustflow.runs.identity import identity_digest
 from robustflow.runs.source import RunSource
 from robustflow.testing import ZeroClipFlow
@@ -103,11 +104,13 @@ def test_rcre_is_how_far_the_flow_moves(run, expected):
 
 
 def test_a_run_says_nothing_of_the_papers_severities(run):
-    assert note_of(run) == "12 pairs of RobustSpring; average over 2 corruptions"
+    assert note_of(run) == "12 pairs of RobustSpring; average over RobustSpring fog and RobustSpring zoom blur"
 
 
 def test_the_export_has_the_same_numbers_under_the_same_names(run, expected):
-    results = robustspring_results(run, {name: [value] for name, value in expected.items()})
+    flows = [Submitted("clean", "a", True, "0", None)]
+    flows += [Submitted(name, "a", True, "1", Robustness(value, 0.0, 0.0)) for name, value in expected.items()]
+    results = robustspring_results(run, flows)
     ours = values_of(run_results([run]), "rcre", benchmark="robustspring")
     assert ours == pytest.approx(values_of(results, "rcre", benchmark="robustspring"), rel=1e-6)
 

@@ -11,11 +11,11 @@ import pytest
 
 import robustflow as rf
 from robustflow.analysis.doubts import doubts
-from robustflow.analysis.scores import sample_set
 from robustflow.analysis.uncertainty.of_runs import interval_ends
 from robustflow.errors import DataError, RunError
 from robustflow.report.site import write as site_write
 from robustflow.runs import run as run_module
+from robustflow.runs.comparable import sample_set
 from robustflow.runs.made_from import FACTS_FILE, MADE_FROM_FILE, code_digest, note_made
 from robustflow.runs.shards import list_shards, read_shard, write_shard
 from robustflow.runs.store import RunFolder

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 from ..benchmarks import benchmark_facts
 from ..errors import RunError
 from ..metrics.rows import CLEAN
+from ..runs.comparable import sample_set
 from ..text import counted, plain
 from .doubts import doubted_runs
 from .labels import long_label
 from .results import AVERAGE
 from .run_names import run_names
-from .scores import sample_set
 from .uncertainty import compare_all, intervals
-from .uncertainty.bootstrap import enough_clusters
+from .uncertainty.bootstrap import enough_clusters, fewest_clusters
 from .uncertainty.sentences import p_text
 
 if TYPE_CHECKING:
@@ -141,8 +141,7 @@ def enough_to_compare(run: Run) -> bool:
 
 def _too_few(run: Run) -> str:
     _, clusters = _counts(run)
-    needed = next(count for count in range(2, 100) if enough_clusters(count))
-    more = max(1, needed - clusters)
+    more = max(1, fewest_clusters() - clusters)
     return (
         f"{counted(clusters, _unit(run))} {'is' if clusters == 1 else 'are'} too few to say whether it holds for other "
         f"frames, which {more} or more further {'ones' if more > 1 else 'one'}, of other scenes, would begin to show"

@@ -1,40 +1,119 @@
-"""The conditions of runs apart from their model, and how they differ, in words."""
+"""What can be compared among runs of one model with several seeds, or of several models under several conditions."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from typing import Any
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import polars as pl
 
 from ..digest import digest_of_value
+from ..metrics.rows import CLEAN, ROW_KEY
+from ..runs.aggregate import summarize
+from ..runs.comparable import SELECTION, differences, differing_parts, measured_cells, measured_in_words, sample_set_of
+from ..runs.identity import frames_part, model_part
 from ..runs.run import Run
+from ..text import joined
+from .run_names import run_names
 
-_NOT_CONDITIONS = ("model", "window", "version", "rows")
+
+@dataclass(frozen=True)
+class BySeed:
+    """The rows of one model by seed: the same cells, clean frames and ground truth; `remark` says what was left out."""
+
+    rows: Mapping[int, pl.DataFrame]
+    remark: str
 
 
-def conditions_of(runs: Sequence[Run]) -> list[str]:
-    """A name for each run's conditions, made from what differs among them; "" for all if nothing does.
+@dataclass(frozen=True)
+class Orders:
+    """condition -> model -> score; under a condition over the same rows, and over the same cells under all where they
+    have any in common. `remark` says what was left out."""
 
-    Conditions are the parts of the identity apart from the model (benchmark, seed, variant, severity scale, ...) and
-    the samples.
+    scores: Mapping[str, Mapping[str, float]]
+    remark: str
+
+
+def seeds_of(runs: Sequence[Run]) -> BySeed | None:
+    """Runs of one model whose frames differ in the seed alone; None for others."""
+    recipes = [frames_part(run.manifest["identity"]) for run in runs]
+    seeds = [int(recipe.pop("seed")) for recipe in recipes]
+    rows, remark = _in_all(runs)
+    clean = [sample_set_of("", measured_cells(one.filter(corruption=CLEAN))) for one in rows]
+    one_of_each = (list(map(_model, runs)), list(map(digest_of_value, recipes)), clean)
+    if any(len(set(each)) > 1 for each in one_of_each) or len(set(seeds)) < len(runs):
+        return None
+    return BySeed(dict(zip(seeds, rows, strict=True)), remark)
+
+
+def orders(runs: Sequence[Run], metric: str) -> Orders | None:
+    """The scores of several models under several conditions; None where no two models were run under two conditions.
+
+    Runs are under one condition if they measured the same rows. A model is named by its whole identity, so that two
+    presets or checkpoints are two models.
+
+    Args:
+        runs: of any models.
+        metric: "epe", "cre", "crer" or "rcre".
     """
-    parts = [_parts(run) for run in runs]
-    names = list(dict.fromkeys(name for one in parts for name in one))
-    differing = [name for name in names if len({_text(one.get(name)) for one in parts}) > 1]
-    return [", ".join(f"{name} {_text(one.get(name))}" for name in differing) for one in parts]
+    rows, remark = _in_all(runs)
+    parts = [dict(one) for one in measured_in_words(runs)]
+    if any((one["corruption"] != CLEAN).any() for one in rows):
+        parts = [{name: words for name, words in one.items() if name not in SELECTION} for one in parts]
+    else:
+        rows, remark = [run.rows for run in runs], ""
+    keys = [sample_set_of("", measured_cells(one)) for one in rows]
+    conditions = _named(parts, keys)
+    models = _model_names(runs)
+    scores: dict[str, dict[str, float]] = {condition: {} for condition in conditions.values()}
+    for run, one, key in zip(runs, rows, keys, strict=True):
+        value = getattr(summarize(one), metric)
+        if value is not None:
+            of_condition = scores[conditions[key]]
+            name = models[_model(run)]
+            again = sum(known == name or known.startswith(f"{name} #") for known in of_condition)
+            of_condition[f"{name} #{again + 1}" if again else name] = value
+    everywhere = set.intersection(*map(set, scores.values()))
+    if len(scores) < 2 or len(everywhere) < 2:
+        return None
+    if others := sorted({name for one in scores.values() for name in one} - everywhere):
+        remark = " ".join(filter(None, (remark, f"Left out, because not under every condition: {joined(others)}.")))
+    return Orders(scores, remark)
 
 
-def same_model(runs: Sequence[Run]) -> bool:
-    """Whether all runs are of one model."""
-    return len({json.dumps(run.manifest["identity"]["model"], sort_keys=True, default=str) for run in runs}) == 1
+def _model(run: Run) -> str:
+    return digest_of_value(model_part(run.manifest["identity"]))
 
 
-def _parts(run: Run) -> dict[str, Any]:
-    identity = run.manifest["identity"]
-    samples = sorted(run.manifest["samples"])
-    split = f"{len(samples)} pairs {digest_of_value(samples)[:6]}"
-    return {name: value for name, value in identity.items() if name not in _NOT_CONDITIONS} | {"split": split}
+def _model_names(runs: Sequence[Run]) -> dict[str, str]:
+    first = {_model(run): run for run in reversed(runs)}
+    return dict(zip(first, run_names(list(first.values())), strict=True))
 
 
-def _text(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value, sort_keys=True, default=str)
+def _in_all(runs: Sequence[Run]) -> tuple[list[pl.DataFrame], str]:
+    """The rows of each run about the (sample, corruption, severity) that all have, and what that leaves out."""
+    keys = list(ROW_KEY)
+    shared = reduce(lambda one, other: one.join(other, on=keys, how="semi"), (run.rows.select(keys) for run in runs))
+    names = run_names(runs)
+    if all(run.rows.height == shared.height for run in runs):
+        return [run.rows for run in runs], ""
+    remark = f"Only the {shared.height} rows (a pair, clean or corrupted) that every run has are compared"
+    words = differences(dict(zip(names, runs, strict=True)), SELECTION)
+    return [run.rows.join(shared, on=keys, how="semi") for run in runs], f"{remark}: {words}."
+
+
+def _named(parts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> dict[str, str]:
+    """A name for each condition: what its runs share and other conditions do not have."""
+    shared: dict[str, dict[str, str]] = {}
+    for one, key in zip(parts, keys, strict=True):
+        known = shared.setdefault(key, dict(one))
+        shared[key] = {name: words for name, words in known.items() if one.get(name) == words}
+    differing = differing_parts(list(shared.values()))
+    names = {key: ", ".join(one[part] for part in differing if part in one) for key, one in shared.items()}
+    count = Counter(names.values())
+    return {
+        key: name if name and count[name] == 1 else ", ".join(filter(None, (name, f"frames {key[:6]}")))
+        for key, name in names.items()
+    }

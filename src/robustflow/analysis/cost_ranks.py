@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import polars as pl
 
+from ..runs.comparable import sample_set
 from ..runs.costs import RunCost, read_cost
 from ..runs.run import Run
 from .published.tables import Cost
 from .ranking import average_ranks, competition_ranks
 from .results import AVERAGE, CLEAN
 from .run_names import run_names
-from .scores import sample_set
 
 Measured = tuple[str, str, str]
 """(sample set, setting, model)."""

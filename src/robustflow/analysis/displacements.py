@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import polars as pl
 
+from ..runs.comparable import sample_set
 from ..runs.displacement_file import GROUND_TRUTH, DisplacementFile, read_displacement
 from ..runs.run import Run
 from ..text import counted, plain
 from .labels import benchmark_label
-from .scores import sample_set
 
 
 def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:

@@ -10,10 +10,10 @@ from statistics import median_low
 import polars as pl
 
 from ..metrics.rows import CLEAN
+from ..runs.comparable import sample_set
 from ..runs.means import clean_flow_length
 from ..runs.run import Run
 from .run_names import run_names
-from .scores import sample_set
 
 ACCURATE_BELOW = 0.5
 """Fraction of zero flow's EPE that the clean EPE of a sound model is below. A flow with a larger error gains as much by

@@ -70,10 +70,11 @@ def benchmark_label(benchmark: str) -> str:
 def benchmark_words(benchmark: str) -> str:
     """A benchmark inside a sentence.
 
-    >>> benchmark_words("folder")
-    'your own frames'
+    >>> benchmark_words("folder"), benchmark_words("demo")
+    ('your own frames', 'the demo')
     """
-    return benchmark_label(benchmark).replace("Your own", "your own", 1)
+    label = benchmark_label(benchmark)
+    return "the demo" if label == "demo" else label.replace("Your own", "your own", 1)
 
 
 def on_benchmark(model: str, benchmark: str) -> str:
@@ -103,7 +104,7 @@ def short_label(corruption: str) -> str:
     ('Gaussian', 'Fog', 'RS fog')
     """
     if (files := on_disk(corruption)) is not None:
-        return f"{files.abbreviation} {_inside(short_label(files.there(corruption)))}"
+        return f"{files.abbreviation} {inside(short_label(files.there(corruption)))}"
     return _SHORT.get(corruption, corruption.replace("_", " ").capitalize())
 
 
@@ -114,7 +115,7 @@ def long_label(corruption: str) -> str:
     ('PSF blur', 'H.264 CRF', 'RobustSpring zoom blur')
     """
     if (files := on_disk(corruption)) is not None:
-        return f"{files.title} {_inside(long_label(files.there(corruption)))}"
+        return f"{files.title} {inside(long_label(files.there(corruption)))}"
     words = corruption.replace("_", " ").capitalize()
     return (
         words.replace("Jpeg", "JPEG")
@@ -134,6 +135,10 @@ def family_label(corruption: str) -> str | None:
     return None if family is None else FAMILY_LABELS[family]
 
 
-def _inside(label: str) -> str:
-    """A label after another word: its first letter small, unless it is an abbreviation."""
-    return label if label[1:2].isupper() else label[:1].lower() + label[1:]
+def inside(label: str) -> str:
+    """A label after another word: its first letter small, unless it is an abbreviation.
+
+    >>> inside("Gaussian noise"), inside("PSF blur"), inside("H.264 CRF"), inside("RobustSpring fog")
+    ('gaussian noise', 'PSF blur', 'H.264 CRF', 'RobustSpring fog')
+    """
+    return label[:1].lower() + label[1:] if label.partition(" ")[0][1:].islower() else label

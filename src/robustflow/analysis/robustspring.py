@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import fsum
-from typing import Any
+from typing import Any, Protocol
 
 import polars as pl
 
 from ..benchmarks.setting import manifest_provenance
 from ..corruptions.on_disk import ROBUSTSPRING
+from ..runs.comparable import sample_set_of
 from ..runs.run import Run
-from ..text import counted
+from ..text import counted, joined
+from .labels import inside, long_label
 from .results import AVERAGE, RESULT_SCHEMA
 from .scores import OWN_SETTING
 
@@ -19,20 +21,53 @@ ROBUSTNESS = ("epe", "fl", "px1")
 """RobustSpring's three numbers of a corrupted flow: the distance to the clean one in pixels, and the percentages of
 pixels that it moves by more than Fl's bounds and by more than 1 px."""
 
+_MOST_NAMED = 3
 
-def robustspring_results(run: Run, moved: Mapping[str, Sequence[float]]) -> pl.DataFrame:
-    """RCRE per corruption and their mean: columns of `results.RESULT_SCHEMA`.
+
+class MovedFlow(Protocol):
+    """A flow of an export, as `robustflow.runner.submission.Submitted` has it."""
+
+    @property
+    def condition(self) -> str:
+        """A corruption of RobustSpring, or "clean"."""
+
+    @property
+    def key(self) -> str:
+        """Of the pair."""
+
+    @property
+    def frames(self) -> str:
+        """The digest of the files of its frames."""
+
+    @property
+    def moved(self) -> Sequence[float] | None:
+        """The numbers of `ROBUSTNESS`; None of the clean flow."""
+
+
+def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> pl.DataFrame:
+    """RCRE per corruption and their mean: columns of `results.RESULT_SCHEMA`. Results over the same corruptions of the
+    same frames are one sample set.
 
     Args:
         run: whose model predicted.
-        moved: its own name of a corruption -> of each pair the mean distance between corrupted and clean flow, pixels.
+        flows: the clean ones and those under at least one corruption.
     """
-    means = {ROBUSTSPRING.here(own): fsum(values) / len(values) for own, values in moved.items()}
-    means[AVERAGE] = fsum(means.values()) / len(means)
+    flows = list(flows)
+    moved: dict[str, list[float]] = {}
+    for flow in flows:
+        if flow.moved is not None:
+            moved.setdefault(ROBUSTSPRING.here(flow.condition), []).append(flow.moved[0])
+    means = {name: fsum(values) / len(values) for name, values in moved.items()}
+    few = joined([inside(long_label(name)) for name in moved]) if len(moved) <= _MOST_NAMED else ""
     pairs = min(len(values) for values in moved.values())
-    note = f"{counted(pairs, 'pair')}, all pixels; average over {counted(len(moved), 'corruption')}"
+    note = f"{counted(pairs, 'pair')}, all pixels; average over {few or counted(len(moved), 'corruption')}"
+    means[AVERAGE] = fsum(means.values()) / len(means)
+    cells = [(flow.key, flow.condition, int(flow.moved is not None), flow.frames, None) for flow in flows]
     head = (ROBUSTSPRING.dataset, _setting(run.manifest), run.name, "rcre")
-    source, frames = str(run.manifest["identity_digest"]), f"{ROBUSTSPRING.title}, {note}"
+    source, frames = (
+        str(run.manifest["identity_digest"]),
+        f"{ROBUSTSPRING.title}, {note}; frames {sample_set_of('', cells)}",
+    )
     lines = [(*head, name, value, None, None, source, frames, note) for name, value in means.items()]
     return pl.DataFrame(lines, schema=RESULT_SCHEMA, orient="row")
 

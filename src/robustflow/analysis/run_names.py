@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..runs.comparable import recipe_in_words
 from ..severity import SEVERITIES
 from ..text import counted, plain
 from .labels import benchmark_label
@@ -62,9 +63,9 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
     yield "trained on", "training not stated" if trained_on is None else f"trained on {_named(trained_on, 'set')}"
     for key, value in _flat(identity["model"]):
         yield f"model {key}", f"{plain(key.replace('_', ' '), _LONGEST_VALUE)} {value}"
-    yield "seed", f"seed {identity['seed']}"
-    yield "variant", f"{plain(str(identity['variant']), _LONGEST_VALUE)} corruptions"
-    yield "scale", f"{plain(str(identity.get('severity_scale', 'paper')), _LONGEST_VALUE)} severities"
+    for part, words in recipe_in_words(run):
+        if part not in ("benchmark", "dataset"):
+            yield part, words
     yield "corruptions", _named(selection["corruptions"], "corruption")
     yield "severities", "severities " + ", ".join(map(str, selection["severities"] or SEVERITIES))
     yield "samples", counted(len(run.manifest["samples"]), "pair")

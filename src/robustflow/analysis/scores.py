@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,12 +9,10 @@ import polars as pl
 
 from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import truth_remark
-from ..corruptions.textures import KEY as TEXTURES
-from ..digest import digest_of_bytes
 from ..metrics.summary import Scores, has_gaps
-from ..text import counted
-from .labels import benchmark_words
-from .published.tables import PAPER_PAIRS
+from ..runs.comparable import conditions_of, sample_set
+from ..text import counted, joined
+from .labels import benchmark_words, inside, long_label
 from .results import AVERAGE, CLEAN, RESULT_METRICS, RESULT_SCHEMA
 from .run_names import run_names
 
@@ -25,25 +22,25 @@ if TYPE_CHECKING:
 OWN_SETTING = "own"
 """The setting of a run whose model does not declare what it was trained on."""
 
-_OF_FRAMES = ("benchmark", "dataset", "protocol", "seed", "variant", "streams", "severity_scale", "psf")
-"""The parts of a run's identity that determine which frames its model was given."""
+_MOST_NAMED = 3
 
 
-def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataFrame:
+def run_results(
+    runs: Sequence[Run], beside_published: bool = False, notes: Sequence[str] | None = None
+) -> pl.DataFrame:
     """EPE, CRE, CREr and RCRE of runs, per corruption, clean and average: columns of `results.RESULT_SCHEMA`.
 
-    Next to published results (`beside_published`), the averages of a run with corruptions that are not in the paper are
-    the paper's mean, `Summary.paper`; if not all of the paper's were run, it has no average. A run with only some of
-    the paper's keeps its own average, with a note.
+    Next to published results (`beside_published`), the averages of a run with all of the paper's corruptions and others
+    are the paper's mean, `Summary.paper`.
 
-    Runs of one `sample_set` measured the same frames under the same corruptions, so their values can be compared;
-    `note` says how they differ from the paper's. Two runs of the same name are distinguished by their digests.
+    Runs of one `sample_set` may be compared; `note` says what was measured: one of `notes`, by default `notes_of` the
+    runs. Two runs of the same name are distinguished by what differs.
     """
     names = run_names(runs)
     records: list[tuple[Any, ...]] = []
-    for run, name in zip(runs, names, strict=True):
+    for run, name, note in zip(runs, names, notes or notes_of(runs, beside_published), strict=True):
         identity, summary = run.manifest["identity"], run.summary
-        shared = (sample_set(run), note_of(run, beside_published))
+        shared = (sample_set(run), note)
         means = paper_means(run) if beside_published else summary
         values = {("epe", CLEAN): summary.epe_clean}
         for metric in RESULT_METRICS:
@@ -57,25 +54,20 @@ def run_results(runs: Sequence[Run], beside_published: bool = False) -> pl.DataF
 
 
 def paper_means(run: Run) -> Scores:
-    """The averages of a run that may be shown next to published ones; see `run_results`."""
-    summary = run.summary
-    if only_of_paper(run):
-        return summary
-    return summary.paper or Scores()
+    """The averages of a run that are shown next to published ones: the paper's mean where the run has it."""
+    return run.summary.paper or run.summary
 
 
 def paper_rows(run: Run) -> pl.DataFrame:
     """The rows that `paper_means` are over."""
-    return run.rows if only_of_paper(run) else run.rows.filter(pl.col("corruption").is_in([CLEAN, *_wanted(run)]))
+    if not more_than_paper(run):
+        return run.rows
+    return run.rows.filter(pl.col("corruption").is_in([CLEAN, *run.summary.paper_over]))
 
 
-def only_of_paper(run: Run) -> bool:
-    """Whether a run's averages are over the paper's corruptions only."""
-    return set(run.summary.averaged_over) <= set(_wanted(run))
-
-
-def _wanted(run: Run) -> tuple[str, ...]:
-    return benchmark_facts(str(run.manifest["identity"]["benchmark"])).paper_corruptions
+def more_than_paper(run: Run) -> bool:
+    """Whether a run's averages are over all of the paper's corruptions and others."""
+    return run.summary.paper is not None and len(run.summary.averaged_over) > len(run.summary.paper_over)
 
 
 def coverage_of(runs: Sequence[Run]) -> dict[tuple[str, str], float]:
@@ -93,67 +85,55 @@ def run_setting(run: Run) -> str:
     return OWN_SETTING if run.setting == "undeclared" else run.setting
 
 
-def sample_set(run: Run) -> str:
-    """Names what was measured on: frames, corruptions and severities, their scale, seed and variant; not the model.
-
-    Samples of other data may have the same names; the digests of the clean frames tell them apart. A run with missing
-    conditions is averaged over the others, and can be compared with runs that lack the same ones.
-    """
-    return run.fact("sample_set", str, lambda: _sample_set(run))
-
-
-def _sample_set(run: Run) -> str:
-    identity = run.manifest["identity"]
-    parts = {key: identity.get(key) for key in _OF_FRAMES}
-    parts |= (
-        {TEXTURES: identity[TEXTURES]} if TEXTURES in identity else {}
-    )  # missing in runs from before textures could be chosen
-    parts |= {"samples": run.manifest["samples"], "selection": run.manifest["selection"]}
-    clean = run.rows.filter(corruption=CLEAN).select("sample", "frames_digest")
-    parts["frames"] = sorted(clean.iter_rows())
-    if not run.summary.complete:
-        parts["without"] = [unit.model_dump() for unit in (*run.summary.missing, *run.summary.unmeasured)]
-    text = json.dumps(parts, sort_keys=True, default=str)
-    return digest_of_bytes(text.encode(), size=8)
+def notes_of(runs: Sequence[Run], beside_published: bool = False) -> list[str]:
+    """`note_of` each of several runs, and what tells those apart whose notes are alike but which cannot be compared:
+    the seed, the ground truth, the pairs, ..."""
+    notes = [note_of(run, beside_published) for run in runs]
+    keys = [(str(run.manifest["identity"]["benchmark"]), note) for run, note in zip(runs, notes, strict=True)]
+    alike: dict[tuple[str, str], dict[str, Run]] = {}
+    for key, run in zip(keys, runs, strict=True):
+        alike.setdefault(key, {}).setdefault(sample_set(run), run)
+    conditions = {
+        (key, measured): words
+        for key, of_set in alike.items()
+        if len(of_set) > 1
+        for measured, words in zip(of_set, conditions_of(list(of_set.values())), strict=True)
+    }
+    return [
+        "; ".join(filter(None, (note, conditions.get((key, sample_set(run))))))
+        for run, key, note in zip(runs, keys, notes, strict=True)
+    ]
 
 
 def note_of(run: Run, beside_published: bool = False) -> str:
-    """How a run differs from the paper's measurement, "" if it does not: pairs, corruptions, severities;
-    `beside_published` as for `run_results`. For frames that the paper has no results on and that have no ground truth,
-    only what was measured."""
-    identity, selection = run.manifest["identity"], run.manifest["selection"]
-    benchmark, pairs = str(identity["benchmark"]), run.summary.samples
-    apart = not benchmark_facts(benchmark).published and run.summary.epe_clean is None
-    if apart:
-        remarks = [f"{counted(pairs, 'pair')} of {benchmark_words(benchmark)}"]
-    else:
-        remarks = [_pairs_note(benchmark, pairs, identity.get("protocol") or {})]
-    wanted = benchmark_facts(benchmark).paper_corruptions
-    averaged = run.summary.averaged_over
-    if beside_published and not only_of_paper(run):
-        of_paper = [name for name in wanted if name in averaged]
-        remarks.append(
-            f"average over the paper's {len(wanted)} of {counted(len(averaged), 'corruption')}"
-            if run.summary.paper is not None
-            else f"no average: {len(of_paper)} of the paper's {len(wanted)} corruptions, and others"
-        )
-    elif set(averaged) != set(wanted):
-        average = f"average over {counted(len(averaged), 'corruption')}"
-        remarks.append(average if apart else f"{average}, not the paper's {len(wanted)}")
-    if set(selection["severities"]) != set(benchmark_facts(benchmark).severities):
-        remarks.append(f"severities {', '.join(map(str, sorted(selection['severities'])))} alone")
+    """What was measured, as far as a reader expects something else: pairs, corruptions, severities; on a benchmark of
+    the paper the differences from the paper's measurement. `beside_published` as for `run_results`."""
+    identity, averaged = run.manifest["identity"], run.summary.averaged_over
+    benchmark = str(identity["benchmark"])
+    facts = benchmark_facts(benchmark)
+    protocol = identity.get("protocol") or {}
+    remarks = [_pairs_note(benchmark, run.summary.samples, protocol), truth_remark(protocol)]
+    if beside_published and more_than_paper(run):
+        remarks.append(f"average over the paper's {len(run.summary.paper_over)} of {len(averaged)} corruptions")
+    elif set(averaged) != set(facts.paper_corruptions):
+        names = [inside(long_label(name)) for name in averaged]
+        what = joined(names) if 0 < len(names) <= _MOST_NAMED else counted(len(names), "corruption")
+        papers = f", not the paper's {len(facts.paper_corruptions)}" if facts.published else ""
+        remarks.append(f"average over {what}{papers}")
+    levels = sorted(run.manifest["selection"]["severities"])
+    if set(levels) != set(facts.severities):
+        remarks.append(f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))} only")
     if "severity_scale" in identity:
-        remarks.append("calibrated severities" + ("" if apart else ", not the paper's"))
-    remarks.append(truth_remark(identity.get("protocol") or {}))
+        remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
     if not run.summary.complete:
         remarks.append("not complete")
-    return "; ".join(part for part in remarks if part)
+    return "; ".join(filter(None, remarks))
 
 
 def _pairs_note(benchmark: str, pairs: int, protocol: dict[str, Any]) -> str:
     facts, count = benchmark_facts(benchmark), counted(pairs, "pair")
     if not facts.published:
-        return f"{count} of {benchmark_words(benchmark)}, not the paper's {PAPER_PAIRS}"
+        return f"{count} of {benchmark_words(benchmark)}"
     if protocol.get("frames") == "released" and facts.paper_pairs in (None, pairs):
         return ""
     return f"{count}, not the paper's" + (f" {facts.paper_pairs}" if facts.paper_pairs else "")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,6 +15,9 @@ from ..errors import UsageError
 from ..layout import VIDEO_SUFFIXES
 from ..severity import check_severity
 from .facts import NEUTRAL, BenchmarkFacts
+
+AnyCorruption = str | Corruption | type[Corruption]
+"""A corruption's name, or one of the user's as an object or a class."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,8 @@ class Benchmark:
 
     def narrowed(
         self,
-        corruptions: Sequence[str | Corruption | type[Corruption]] | None = None,
-        severities: Sequence[int] | None = None,
+        corruptions: AnyCorruption | Sequence[AnyCorruption] | None = None,
+        severities: int | Sequence[int] | None = None,
         limit: int | None = None,
     ) -> Benchmark:
         """The same benchmark with fewer (or other) corruptions or severities, or fewer samples (`spread`).
@@ -56,13 +59,14 @@ class Benchmark:
         """
         if limit is not None and limit < 1:
             raise UsageError(f"--limit {limit} leaves no samples: give 1 or more")
-        asked = self.corruptions if corruptions is None else corruptions
+        asked = self.corruptions if corruptions is None else _several(corruptions)
         chosen = tuple(dict.fromkeys(map(corruption_name, asked)))
         for name in chosen:
             if name not in self.corruptions and not (self.closed and on_disk(name)):
                 load_corruption(name)
                 self._refuse_clip_corruption(name)
-        levels = self.severities if severities is None else tuple(sorted({check_severity(s) for s in severities}))
+        named = self.severities if severities is None else _several(severities)
+        levels = tuple(sorted({check_severity(level) for level in named}))
         if self.closed and not (set(chosen) <= set(self.corruptions) and set(levels) <= set(self.severities)):
             raise UsageError(
                 f"these frames were corrupted beforehand, with {', '.join(self.corruptions)} at severities "
@@ -82,6 +86,11 @@ class Benchmark:
         file = self.dataset.files(self.keys[0])[0]
         video = f" --data {file}" if file.suffix.lower() in VIDEO_SUFFIXES else ", which takes a video file as it is"
         raise UsageError(f"{name} needs the clip that its frames come from: give --benchmark gopro-fc{video}")
+
+
+def _several(given: Any) -> Iterable[Any]:
+    """One or several corruptions or severities, as several."""
+    return (given,) if isinstance(given, str | type) or not isinstance(given, Iterable) else given
 
 
 def spread(keys: Sequence[str], limit: int | None) -> tuple[str, ...]:

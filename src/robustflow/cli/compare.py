@@ -1,6 +1,6 @@
 """`robustflow compare`: is one model really better than another?"""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,9 +8,6 @@ import typer
 
 if TYPE_CHECKING:
     import polars as pl
-
-    from ..report.table import Table
-    from ..runs.run import Run
 
 
 def compare(
@@ -45,10 +42,10 @@ def compare(
       robustflow compare runs/a runs/b runs/c --metric rcre
       robustflow compare runs/a runs/b --format latex -o comparison.tex
     """
+    from ..analysis.conditions import orders, seeds_of
     from ..analysis.labels import METRIC_LABELS
     from ..analysis.run_names import run_names
-    from ..analysis.uncertainty import compare_all, standings
-    from ..analysis.uncertainty.paired import common_remark
+    from ..analysis.uncertainty import compare_all, rank_stability, standings, variance_split
     from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from ..atomic import write_bytes
     from ..errors import RunError, UsageError, unknown_name
@@ -56,7 +53,8 @@ def compare(
     from ..report.comparison import compare as compare_two
     from ..report.comparison import pairs_table
     from ..report.render import render, renderer
-    from ..report.standings_tables import standings_table
+    from ..report.standings_tables import stability_table, standings_table, variance_table
+    from ..runs.comparable import common_to
     from ..text import plain
     from .tables import for_stdout
 
@@ -69,7 +67,14 @@ def compare(
         raise UsageError("one run cannot be compared: name two or more")
     loaded = [load_any_run(run) for run in runs]
     chosen = metric or ("rcre" if any(run.cre is None for run in loaded) else "cre")
-    if (across := across_conditions(loaded, chosen)) is not None:
+    across = None
+    if (by_seed := seeds_of(loaded)) is not None:
+        frame = variance_split(by_seed.rows, chosen)
+        across = frame, variance_table(frame, chosen, loaded[0].name, by_seed.remark)
+    elif (order := orders(loaded, chosen)) is not None:
+        frame = rank_stability(order.scores)
+        across = frame, stability_table(frame, chosen, order.remark)
+    if across is not None:
         frame, shown = across
         text = frame.write_json() + "\n" if as_json else render(shown, format)
         if output is None:
@@ -82,8 +87,8 @@ def compare(
         comparison = compare_two(*loaded, level=level, resamples=resamples, seed=seed)
         table = comparison.frame if metric is None else comparison.frame.filter(metric=metric)
     else:
-        rows = dict(zip(run_names(loaded), (run.rows for run in loaded), strict=True))
-        note = common_remark(rows)
+        common = common_to(dict(zip(run_names(loaded), loaded, strict=True)))
+        rows, note = common.rows, common.remark
         table = compare_all(rows, chosen, level=level, resamples=resamples, seed=seed)
         if table.is_empty():
             label = METRIC_LABELS[chosen]
@@ -110,29 +115,5 @@ def compare(
         typer.echo(str(output))
 
 
-def _every_pair(table: "pl.DataFrame", rows: "dict[str, pl.DataFrame]") -> bool:
+def _every_pair(table: "pl.DataFrame", rows: "Mapping[str, pl.DataFrame]") -> bool:
     return table.height == len(rows) * (len(rows) - 1) // 2
-
-
-def across_conditions(runs: "Sequence[Run]", metric: str) -> "tuple[pl.DataFrame, Table] | None":
-    """The spread of one model over seeds, or the order of several models under each condition; None for other runs,
-    which are compared on what they have in common."""
-    from ..analysis.conditions import conditions_of, same_model
-    from ..analysis.uncertainty import rank_stability, variance_split
-    from ..report.standings_tables import stability_table, variance_table
-
-    conditions = conditions_of(runs)
-    if same_model(runs) and all(condition.startswith("seed ") and "," not in condition for condition in conditions):
-        by_seed = {int(run.manifest["identity"]["seed"]): run.rows for run in runs}
-        split = variance_split(by_seed, metric)
-        return split, variance_table(split, metric, runs[0].name)
-    scores: dict[str, dict[str, float]] = {}
-    for run, condition in zip(runs, conditions, strict=True):
-        value = getattr(run, metric)
-        if value is not None:
-            scores.setdefault(condition, {})[run.name] = value
-    common = set.intersection(*(set(one) for one in scores.values())) if scores else set()
-    if len(scores) < 2 or len(common) < 2:
-        return None
-    stability = rank_stability(scores)
-    return stability, stability_table(stability, metric)

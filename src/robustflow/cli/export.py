@@ -148,20 +148,21 @@ def _export_submission(
     spec = ModelSpec(model, given) if model is not None else RunSource.read(run.path).model_to_reuse(dict(given))
     conditions = condition_pairs(data, corruptions or CORRUPTIONS, limit)
     total = sum(len(condition.keys) for condition in conditions)
-    moved: dict[str, list[Robustness]] = {}
-    fresh = count = 0
+    flows = []
     with ProgressBar() as progress:
         for one in write_submission(model_of(run, spec), conditions, output):
-            count, fresh = count + 1, fresh + one.fresh
-            progress.stage(str(output), "predicting", count, total)
-            if one.moved is not None:
-                moved.setdefault(one.condition, []).append(one.moved)
+            flows.append(one)
+            progress.stage(str(output), "predicting", len(flows), total)
+    moved: dict[str, list[Robustness]] = {}
+    for one in flows:
+        if one.moved is not None:
+            moved.setdefault(one.condition, []).append(one.moved)
     if moved:
-        distances = {condition: [one.epe for one in of_pairs] for condition, of_pairs in moved.items()}
-        write_bytes(output / "results.csv", results_csv(robustspring_results(run, distances)).encode())
+        write_bytes(output / "results.csv", results_csv(robustspring_results(run, flows)).encode())
         means = robustness_means(moved)
         write_bytes(output / "robustness.csv", robustness_csv(means).encode())
-    typer.echo(f"{output}: {count} flows, {fresh} written and {count - fresh} already there")
+    fresh = sum(one.fresh for one in flows)
+    typer.echo(f"{output}: {len(flows)} flows, {fresh} written and {len(flows) - fresh} already there")
     if moved:
         epe, fl, px1 = means[AVERAGE][1]
         typer.echo(

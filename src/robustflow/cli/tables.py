@@ -71,8 +71,6 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
         console.print(f"Incomplete: {unmeasured} {have} no pixel to measure; the means are over the rest.")
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are excluded from all means.")
-        if summary.epe is not None and summary.cre is None:
-            console.print("CRE needs the clean error over the same pixels, which rows of an earlier version lack.")
     for warning in dict.fromkeys(text for clip in result.manifest.get("clips", []) for text in clip["warnings"]):
         console.print(f"Warning: {plain(warning, None)}", highlight=False, soft_wrap=True)
     if result.left_out:

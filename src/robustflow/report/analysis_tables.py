@@ -14,9 +14,9 @@ from ..analysis.observations import observations
 from ..analysis.published.tables import Cost
 from ..analysis.results import AVERAGE, CLEAN
 from ..analysis.run_names import run_names
-from ..analysis.scores import note_of
+from ..analysis.scores import notes_of
 from ..analysis.uncertainty import intervals
-from ..analysis.uncertainty.bootstrap import LEVEL
+from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
 from .table import Column, Line, Section, Table, TableCell, number_text
 
 if TYPE_CHECKING:
@@ -25,20 +25,26 @@ if TYPE_CHECKING:
 
 def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0) -> Table:
     """Overall means of runs with confidence intervals: "3.21 [2.50, 4.10]", without brackets if there are too few
-    images for one."""
+    images for one; a remark says so."""
     keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
     columns = [Column("clean EPE (px)")]
     columns += [Column(metric_label(metric)) for metric in METRIC_LABELS]
-    lines = []
-    for name, run in zip(run_names(runs), runs, strict=True):
+    lines, known = [], []
+    for name, run, note in zip(run_names(runs), runs, notes_of(runs), strict=True):
         estimates = {
             (row["metric"], row["corruption"]): row for row in intervals(run.rows, level=level, seed=seed).to_dicts()
         }
-        lines.append(Line(name, tuple(TableCell(_estimate(estimates.get(key))) for key in keys), note_of(run)))
-    remark = (
-        f"[{100 * level:g} % confidence interval] by a bootstrap over images, or over sequences where pairs share one."
-    )
-    return Table("means", "Means with intervals", tuple(columns), (Section("Runs", tuple(lines)),), (remark,))
+        lines.append(Line(name, tuple(TableCell(_estimate(estimates.get(key))) for key in keys), note))
+        known.append(any(row["low"] is not None for row in estimates.values()))
+    needed = f"{fewest_clusters(level)} images, or sequences where pairs share one"
+    remark = f"No intervals: they need at least {needed}."
+    if any(known):
+        remark = (
+            f"[{100 * level:g} % confidence interval] by a bootstrap over images, or over sequences where pairs share "
+            "one."
+        ) + ("" if all(known) else f" Means without one are over fewer than {needed}.")
+    title = "Means with intervals" if any(known) else "Means"
+    return Table("means", title, tuple(columns), (Section("Runs", tuple(lines)),), (remark,))
 
 
 def effective_table(results: pl.DataFrame) -> Table:

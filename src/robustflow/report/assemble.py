@@ -16,8 +16,9 @@ from ..analysis.labels import on_benchmark
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results
 from ..analysis.run_names import run_names
-from ..analysis.scores import coverage_of, run_results, sample_set
+from ..analysis.scores import coverage_of, run_results
 from ..errors import UsageError, unknown_name
+from ..runs.comparable import sample_set
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
 from .table import Table
@@ -120,14 +121,14 @@ def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
     from .figures import Looks, all_figures, displacement_figure
     from .figures.displacement_histogram import MOST_LINES
 
-    rows = {name: run.rows for name, run in zip(run_names(runs), runs, strict=True)}
     of_frames: dict[str, dict[str, Run]] = {}
-    for run, name in zip(runs, rows, strict=True):
+    for run, name in zip(runs, run_names(runs), strict=True):
         of_frames.setdefault(sample_set(run), {})[name] = run
     looks = {
         frames: Looks(intervals={name: interval_ends(run, beside_published=published) for name, run in group.items()})
         for frames, group in of_frames.items()
     }
+    rows = {frames: {name: run.rows for name, run in group.items()} for frames, group in of_frames.items()}
     figures = all_figures(sound_results(results_of(runs, published), doubted_runs(runs)), rows, looks)
     moved = displacements_of(runs)
     if 0 < len(moved) <= MOST_LINES:

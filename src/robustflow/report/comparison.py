@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -11,16 +12,15 @@ from ..analysis.labels import METRIC_LABELS, long_label, metric_label
 from ..analysis.run_names import run_names
 from ..analysis.uncertainty import compare_rows
 from ..analysis.uncertainty.bootstrap import LEVEL, RESAMPLES
-from ..analysis.uncertainty.paired import common_remark
 from ..analysis.uncertainty.sentences import p_text
 from ..analysis.uncertainty.sums import AVERAGE, CLEAN, INTERVAL_METRICS
-from ..errors import unknown_name
+from ..errors import UsageError, unknown_name
+from ..records.load import load_any_run
+from ..runs.comparable import common_to
+from ..runs.run import Run
 from ..text import plain
 from .render import render
 from .table import Column, Line, Section, Table, TableCell
-
-if TYPE_CHECKING:
-    from ..runs.run import Run
 
 _DIFFERENCE = ("difference", "interval", "p", "p corrected")
 _COLUMNS = ("corruption", "value_first", "value_second", "difference", "low", "high", "p", "p_holm")
@@ -33,7 +33,7 @@ class Comparison:
     Attributes:
         names: of the two runs.
         frame: everything, columns of `robustflow.analysis.uncertainty.paired.COMPARISON_SCHEMA`.
-        remark: what was left out because only one of them measured it; "" if nothing.
+        remark: what was left out and how the runs differ; "" if they measured the same.
     """
 
     names: tuple[str, str]
@@ -154,17 +154,24 @@ def _cells(row: dict[str, Any], level: float) -> tuple[TableCell, ...]:
     )
 
 
-def compare(first: Run, second: Run, *, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0) -> Comparison:
+AnyRun = Run | str | Path
+"""A run, or where one is: its folder, or a record of it."""
+
+
+def compare(
+    first: AnyRun, second: AnyRun, *, level: float = LEVEL, resamples: int = RESAMPLES, seed: int = 0
+) -> Comparison:
     """Whether two runs over the same frames differ, image by image, with intervals and corrected p-values.
 
     Args:
-        first, second: the runs; only what both measured is compared.
+        first, second: the runs, or their folders; only what both measured on the same frames and ground truth is
+            compared.
         level: of the intervals.
         resamples, seed: of the bootstrap. The same seed gives the same numbers.
 
     Raises:
-        RunError: nothing in common, or different frames under the same names.
-        UsageError: a level or number of resamples out of range.
+        RunError: nothing in common on the same frames and ground truth; the message says how the runs differ.
+        UsageError: neither a run nor a path, or a level or number of resamples out of range.
 
     >>> import tempfile, numpy as np
     >>> from robustflow import compare, evaluate
@@ -174,7 +181,18 @@ def compare(first: Run, second: Run, *, level: float = LEVEL, resamples: int = R
     ...     compare(*runs).per_corruption("epe")["difference"].to_list()
     [0.0]
     """
-    first_name, second_name = run_names([first, second])
+    runs = [_opened(first), _opened(second)]
+    first_name, second_name = run_names(runs)
     names = (first_name, second_name)
-    frame = compare_rows(first.rows, second.rows, names, level=level, resamples=resamples, seed=seed)
-    return Comparison(names, frame, common_remark({first_name: first.rows, second_name: second.rows}))
+    common = common_to(dict(zip(names, runs, strict=True)))
+    one, other = common.rows.values()
+    frame = compare_rows(one, other, names, level=level, resamples=resamples, seed=seed)
+    return Comparison(names, frame, common.remark)
+
+
+def _opened(run: AnyRun) -> Run:
+    if isinstance(run, Run):
+        return run
+    if isinstance(run, str | Path):
+        return load_any_run(run)
+    raise UsageError(f"compare takes runs, or their folders or records; this is {type(run).__name__}")

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
 from ..analysis.run_names import run_names
-from ..analysis.scores import note_of, run_results, run_setting, sample_set
+from ..analysis.scores import note_of, run_results, run_setting
 from ..errors import UsageError, unknown_name
+from ..runs.comparable import common_to, differences
 from .render import render
 from .table import Column, Line, Section, Table, TableCell, number_text
 
@@ -54,7 +55,8 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
     """A figure of runs.
 
     Args:
-        runs: one or more, over the same frames unless `kind` is "severity" or "displacement".
+        runs: one or more that measured the same; for "severity" what they have in common is drawn, for "displacement"
+            they may be of any frames.
         kind: "severity" (a metric against severity, a panel per corruption), "classes" (CREr by class of corruption),
             "accuracy" (clean EPE against CRE), "relations" (clean EPE, EPE, CRE and RCRE against each other), or
             "displacement" (how far the pixels of the frames move).
@@ -64,7 +66,8 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         A matplotlib `Figure`, which a notebook shows and `savefig` writes.
 
     Raises:
-        UsageError: an unknown kind or metric, runs over other frames, or nothing to draw.
+        UsageError: an unknown kind or metric, runs that measured different things, or nothing to draw.
+        RunError: for "severity", runs without a common row.
     """
     from ..analysis.uncertainty.sums import INTERVAL_METRICS
     from . import figures
@@ -82,11 +85,9 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
     if kind == "displacement":
         return figures.displacement_figure(displacements_of(runs))
     if kind == "severity":
-        return figures.severity_curves({name: run.rows for name, run in zip(names, runs, strict=True)}, metric)
-    if len({sample_set(run) for run in runs}) > 1:
-        raise UsageError(
-            "these runs were measured on different frames and cannot be drawn together: plot each by itself"
-        )
+        return figures.severity_curves(common_to(dict(zip(names, runs, strict=True))).rows, metric)
+    if words := differences(dict(zip(names, runs, strict=True))):
+        raise UsageError(f"these runs did not measure the same and cannot be drawn together ({words}); plot each alone")
     results = run_results(runs)
     return figures.crer_by_family(results, tuple(names)) if kind == "classes" else of_results[kind](results)
 

@@ -31,8 +31,9 @@ def standings_table(standings: pl.DataFrame, metric: str) -> Table:
     return Table("standings", "Ranking", columns, (section,), (remark,))
 
 
-def variance_table(split: pl.DataFrame, metric: str, name: str) -> Table:
-    """The spread of one model's score by source, from `analysis.uncertainty.variance_split`."""
+def variance_table(split: pl.DataFrame, metric: str, name: str, remark: str = "") -> Table:
+    """The spread of one model's score by source, from `analysis.uncertainty.variance_split`; `remark` says what was
+    left out."""
     lines = tuple(
         Line(
             row["source"],
@@ -46,16 +47,19 @@ def variance_table(split: pl.DataFrame, metric: str, name: str) -> Table:
         for row in split.iter_rows(named=True)
     )
     columns = (Column("levels"), Column("deviation (px)"), Column("share %"), Column("error of the mean (px)"))
-    remark = (
+    about = (
         "deviation: of the score of one image, averaged over corruptions; error of the mean: what the source adds to "
         "the standard error of the mean over all images and seeds. Severities are set by the protocol, not sampled."
     )
     title = f"Where the {METRIC_LABELS[metric]} of {plain(name)} varies"
-    return Table("variance", title, columns, (Section(METRIC_LABELS[metric], lines),), (remark,), "Source")
+    return Table(
+        "variance", title, columns, (Section(METRIC_LABELS[metric], lines),), _remarks(about, remark), "Source"
+    )
 
 
-def stability_table(stability: pl.DataFrame, metric: str) -> Table:
-    """The order of models under each condition, from `analysis.uncertainty.rank_stability`."""
+def stability_table(stability: pl.DataFrame, metric: str, remark: str = "") -> Table:
+    """The order of models under each condition, from `analysis.uncertainty.rank_stability`; `remark` says what was left
+    out."""
     sections = []
     for condition in stability["condition"].unique(maintain_order=True):
         rows = stability.filter(condition=condition)
@@ -68,10 +72,12 @@ def stability_table(stability: pl.DataFrame, metric: str) -> Table:
         )
         sections.append(Section(f"{plain(condition)} (tau {rows['tau'][0]:.2f})", lines))
     columns = (Column(metric_label(metric)), Column("rank"), Column("moved"))
-    remark = (
-        "moved: ranks lost relative to the first condition; tau: Kendall's, of the order with that under the first."
-    )
-    return Table("stability", "Order of the models", columns, tuple(sections), (remark,))
+    about = "moved: ranks lost relative to the first condition; tau: Kendall's, of the order with that under the first."
+    return Table("stability", "Order of the models", columns, tuple(sections), _remarks(about, remark))
+
+
+def _remarks(*remarks: str) -> tuple[str, ...]:
+    return tuple(plain(remark, None) for remark in remarks if remark)
 
 
 def _range(best: int, worst: int) -> str:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 from ..analysis.results import AVERAGE
 from ..analysis.run_names import run_names
-from ..analysis.scores import note_of, sample_set
+from ..analysis.scores import notes_of
 from ..analysis.uncoupled import Coupling, Uncoupled, coupling, uncoupled
 from ..errors import UsageError
+from ..runs.comparable import sample_set
 from .table import Column, Line, Section, Table, TableCell, number_text
 
 if TYPE_CHECKING:
@@ -45,11 +46,11 @@ def uncoupled_table(runs: Sequence[Run], doubted: Mapping[tuple[str, str], str])
     """
     lines = []
     same_frames: dict[str, list[tuple[float, float, float]]] = {}
-    for name, run in zip(run_names(runs), runs, strict=True):
+    for name, run, note in zip(run_names(runs), runs, notes_of(runs), strict=True):
         measured = uncoupled(run.rows)
         if measured.overall.log_ratio is None and measured.overall.median_cre is None:
             continue
-        lines.append(Line(name, tuple(map(TableCell, _texts(run, measured))), note_of(run)))
+        lines.append(Line(name, tuple(map(TableCell, _texts(run, measured))), note))
         frames, clean, cre, ratio = sample_set(run), run.epe_clean, run.cre, measured.overall.log_ratio
         if clean is not None and cre is not None and ratio is not None and (frames, name) not in doubted:
             same_frames.setdefault(frames, []).append((clean, cre, ratio))

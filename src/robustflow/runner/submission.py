@@ -12,11 +12,13 @@ import numpy as np
 from ..atomic import make_folder
 from ..benchmarks.base import spread
 from ..datasets.robustspring_condition import CLEAN, DIRECTIONS, Condition
+from ..digest import digest_of_value
 from ..errors import DataError, ModelError, RunError, UsageError
 from ..flowio import read_flow, write_flow
 from ..metrics.outliers import FL_PIXELS, FL_SHARE
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
+from ..runs.file_digests import file_digests
 from ..runs.identity import differing
 from ..runs.run import Run
 from ..sample import Flow
@@ -62,12 +64,14 @@ class Submitted:
         condition: "clean" or a corruption of RobustSpring.
         key: of the pair.
         fresh: whether it was predicted now, and not by an earlier call.
+        frames: the digest of the files of its two frames.
         moved: how it differs from the pair's clean flow; None of the clean flow itself.
     """
 
     condition: str
     key: str
     fresh: bool
+    frames: str
     moved: Robustness | None
 
 
@@ -139,14 +143,17 @@ def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], fold
     for each in conditions:
         targets = {key: folder / each.condition / "test" / f"{key}.flo5" for key in each.keys}
         there = [key for key in each.keys if targets[key].exists()]
+        frames = file_digests({key: each.pairs.files(key) for key in each.keys})
         for key in there:
-            yield Submitted(each.condition, key, False, _moved(read_flow(targets[key])[0], folder, each.condition, key))
+            moved = _moved(read_flow(targets[key])[0], folder, each.condition, key)
+            yield Submitted(each.condition, key, False, digest_of_value(frames[key]), moved)
         for key, flow in flows_of(model, each.pairs, [key for key in each.keys if key not in set(there)]):
             if not np.isfinite(flow).all():
                 raise ModelError(f"{each.condition}, '{key}': not a number at every pixel, as a submission has to be")
             make_folder(targets[key].parent)
             write_flow(targets[key], flow)
-            yield Submitted(each.condition, key, True, _moved(flow, folder, each.condition, key))
+            moved = _moved(flow, folder, each.condition, key)
+            yield Submitted(each.condition, key, True, digest_of_value(frames[key]), moved)
 
 
 def _moved(flow: Flow, folder: Path, condition: str, key: str) -> Robustness | None:

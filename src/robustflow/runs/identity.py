@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from ..corruptions.sources import OWN_KEY
@@ -9,6 +10,10 @@ from ..corruptions.textures import KEY as TEXTURES
 from ..corruptions.textures import recorded_textures
 from ..digest import digest_of_value
 from ..errors import UsageError
+
+_MODEL = ("model", "window")
+_MEASURING = ("version", "rows", "allow_invalid")
+"""With `_MODEL` everything that leaves the frames as they are; a new part counts among the frames."""
 
 LONGEST_NAME = 80
 """The most characters that a model's name in tables and figures may have."""
@@ -21,6 +26,24 @@ def identity_digest(identity: dict[str, Any]) -> str:
     True
     """
     return digest_of_value(identity)
+
+
+def frames_part(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """The part of an identity that determines which frames a model is given: all but the model and what is measured.
+
+    >>> frames_part({"seed": 0, "model": {"name": "dis"}, "rows": 3})
+    {'seed': 0}
+    """
+    return {name: value for name, value in identity.items() if name not in (*_MODEL, *_MEASURING)}
+
+
+def model_part(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """The part of an identity that names the model, and the frames around a pair that it is given.
+
+    >>> model_part({"seed": 0, "model": {"name": "dis"}, "rows": 3})
+    {'model': {'name': 'dis'}}
+    """
+    return {name: identity[name] for name in _MODEL if name in identity}
 
 
 def differing(now: dict[str, Any], before: dict[str, Any]) -> str:

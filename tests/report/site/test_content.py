@@ -36,7 +36,7 @@ def test_runs_files_and_the_paper_are_groups_of_their_own(small_run):
         "Published values",
     ]
     assert [group.published for group in boards["kitti-fc"].groups] == [False, False, True]
-    assert "1 pair of demo" in boards["demo"].groups[0].title
+    assert "1 pair of the demo" in boards["demo"].groups[0].title
     assert boards["demo"].settings == (("knowledge", "knowledge-driven", "learns nothing from data"),)
 
 
@@ -65,7 +65,7 @@ def test_a_run_has_intervals_and_a_sentence_about_them(many_images):
         assert low < entry.numbers["cre", "average"] < high
     best = headline(content)
     assert "A has the lowest CRE" in best[0]
-    assert "A changes less under corruption and is as accurate on clean frames." in best[1]
+    assert "the error of A grows less under corruption, and A is as accurate on clean frames." in best[1]
     assert "clean EPE" in best[0]
     assert "p < 0.001" in best[1]
 

@@ -162,6 +162,15 @@ def enough_clusters(clusters: int, level: float = LEVEL) -> bool:
     return clusters > 1 and float(clusters) ** (1 - clusters) < 1 - level
 
 
+def fewest_clusters(level: float = LEVEL) -> int:
+    """The least number of clusters that has an interval.
+
+    >>> fewest_clusters()
+    4
+    """
+    return next(count for count in range(2, 10_000) if enough_clusters(count, level))
+
+
 def _resamples(clusters: int, resamples: int, seed: int) -> Iterator[Array]:
     stream = Rng.of(seed, "bootstrap", clusters)
     block = max(1, _BLOCK // clusters)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...runs.run import Run
-from ..scores import only_of_paper, paper_rows
+from ..scores import more_than_paper, paper_rows
 from .intervals import intervals
 from .sums import AVERAGE, CLEAN
 
@@ -21,7 +21,7 @@ def interval_ends(
         corruptions: include each corruption and each family; otherwise only the clean EPE and the averages.
         beside_published: as for `run_results`: an average may be over fewer corruptions than the run's.
     """
-    fewer = beside_published and not only_of_paper(run)
+    fewer = beside_published and more_than_paper(run)
     kind = "paper " if fewer else ""
     whole = corruptions or run.has_fact(f"{kind}intervals")
     name = f"{kind}{'' if whole else 'average '}intervals"

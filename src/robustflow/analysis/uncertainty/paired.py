@@ -14,8 +14,7 @@ import numpy as np
 import polars as pl
 
 from ...errors import RunError
-from ...metrics.rows import ROW_KEY
-from ...text import joined
+from ...runs.comparable import common_rows
 from .bootstrap import LEVEL, RESAMPLES, Interval, bootstrap
 from .holm import holm
 from .intervals import MetricKey, statistics_of
@@ -54,7 +53,8 @@ def compare_rows(
 ) -> pl.DataFrame:
     """Whether two models differ: in clean EPE, and in EPE, CRE, CREr and RCRE, on average and per corruption.
 
-    Only what both runs measured is compared. p-values are corrected over all lines of one metric.
+    Only what both runs measured on the same frames and ground truth is compared (`runs.comparable`). p-values are
+    corrected over all lines of one metric.
 
     Args:
         first, second: rows of two runs over the same samples.
@@ -65,10 +65,10 @@ def compare_rows(
         Columns of `COMPARISON_SCHEMA`.
 
     Raises:
-        RunError: nothing in common, or different frames under the same names (another seed, variant or data).
+        RunError: nothing in common on the same frames and ground truth.
     """
-    sums = tuple(ClusterSums.of(rows) for rows in common_rows(first, second, names))
-    gap = _clean_gap(sums)
+    sums = tuple(ClusterSums.of(rows) for rows in common_rows((first, second), names)[0])
+    gaps = _gaps(sums)
     differences = _differences(sums, statistics_of(sums[0]), level, resamples, seed)
     by_metric: dict[str, list[MetricKey]] = {}
     for key in differences:
@@ -77,7 +77,7 @@ def compare_rows(
     for keys in by_metric.values():
         adjusted = _adjusted([differences[key][0] for key in keys])
         for key, p_holm in zip(keys, adjusted, strict=True):
-            records.append(_record(names, key, differences[key], p_holm, len(keys), sums[0], level, gap))
+            records.append(_record(names, key, differences[key], p_holm, len(keys), sums[0], level, *gaps))
     return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
 
 
@@ -91,76 +91,26 @@ def compare_all(
 ) -> pl.DataFrame:
     """All pairs of many models compared in the average of one metric, corrected over all pairs: `COMPARISON_SCHEMA`.
 
-    Only what all of them measured is compared, so a model has the same value in all its lines.
+    Only what all of them measured on the same frames and ground truth is compared, so a model has the same value in all
+    its lines.
 
     Raises:
-        RunError: nothing in common, or different frames under the same names.
+        RunError: nothing in common on the same frames and ground truth.
     """
     key: MetricKey = (metric, AVERAGE, None)
-    runs = common_to_all(runs)
+    common, _ = common_rows(list(runs.values()), list(runs))
+    of_run = {name: ClusterSums.of(rows) for name, rows in zip(runs, common, strict=True)}
     pairs = []
-    for names in combinations(runs, 2):
-        sums = tuple(ClusterSums.of(rows) for rows in common_rows(runs[names[0]], runs[names[1]], names))
+    for names in combinations(of_run, 2):
+        sums = (of_run[names[0]], of_run[names[1]])
         if all(one.measured(*key) for one in sums):
             pairs.append((names, sums, _differences(sums, [key], level, resamples, seed)[key]))
     adjusted = _adjusted([difference[0] for _, _, difference in pairs])
     records = [
-        _record(names, key, difference, p_holm, len(pairs), sums[0], level, _clean_gap(sums))
+        _record(names, key, difference, p_holm, len(pairs), sums[0], level, *_gaps(sums))
         for (names, sums, difference), p_holm in zip(pairs, adjusted, strict=True)
     ]
     return pl.DataFrame(records, schema=COMPARISON_SCHEMA, orient="row")
-
-
-def common_to_all(runs: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
-    """The rows of many runs for the (sample, corruption, severity) that all of them measured.
-
-    Raises:
-        RunError: there are none, or the frames under them are not the same.
-    """
-    names = list(runs)
-    common = runs[names[0]]
-    for name in names[1:]:
-        common = common_rows(common, runs[name], (names[0], name))[0]
-    keys = common.select(ROW_KEY)
-    return {name: rows.join(keys, on=list(ROW_KEY), how="semi") for name, rows in runs.items()}
-
-
-def common_remark(runs: Mapping[str, pl.DataFrame]) -> str:
-    """What a comparison of these runs leaves out because not all of them measured it; "" if nothing."""
-    common = next(iter(common_to_all(runs).values())).height
-    if all(rows.height == common for rows in runs.values()):
-        return ""
-    counts = [f"the {rows.height} of {name}" for name, rows in runs.items()]
-    measured = "both" if len(runs) == 2 else "all"
-    return f"Only what {measured} measured is compared: {common} rows (a pair, clean or corrupted) of {joined(counts)}."
-
-
-def common_rows(first: pl.DataFrame, second: pl.DataFrame, names: tuple[str, str]) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """The rows of both runs about the same (sample, corruption, severity).
-
-    Raises:
-        RunError: there are none, or the frames under them are not the same.
-    """
-    keys = list(ROW_KEY)
-    both = first.select(*keys, "frames_digest").join(
-        second.select(*keys, "frames_digest"), on=keys, how="inner", suffix="_second"
-    )
-    if both.is_empty():
-        raise RunError(
-            f"{names[0]} and {names[1]} have no sample, corruption and severity in common; "
-            "compare runs over the same data"
-        )
-    other = both.filter(pl.col("frames_digest") != pl.col("frames_digest_second"))
-    if other.height:
-        sample, corruption, severity = other.sort(keys).select(keys).row(0)
-        raise RunError(
-            f"{names[0]} and {names[1]} were given different frames under the same name (sample '{sample}', "
-            f"{corruption} severity {severity}; {other.height} differ); compare runs of the same data, seed, variant "
-            "and frost textures; or, where only one of the manifests gives version 1 of the rows (identity, rows), "
-            "whose digests are another hash, run that one again"
-        )
-    common = both.select(keys)
-    return first.join(common, on=keys, how="semi"), second.join(common, on=keys, how="semi")
 
 
 _Difference = tuple[Interval, float, float]
@@ -188,14 +138,17 @@ def _differences(
     }
 
 
-def _clean_gap(sums: tuple[ClusterSums, ...]) -> float | None:
-    """Clean EPE of the first minus that of the second, pixels; None without ground truth."""
-    key: MetricKey = ("epe", CLEAN, None)
-    if not all(one.measured(*key) for one in sums):
-        return None
+def _gaps(sums: tuple[ClusterSums, ...]) -> tuple[float | None, float | None]:
+    """Clean EPE and average RCRE of the first minus that of the second, pixels; None where it was not measured."""
     whole = np.ones((1, len(sums[0].clusters)))
-    first, second = (float(one.statistic(*key)(whole).theta[0]) for one in sums)
-    return first - second
+    gaps: list[float | None] = []
+    for key in (("epe", CLEAN, None), ("rcre", AVERAGE, None)):
+        if all(one.measured(*key) for one in sums):
+            first, second = (float(one.statistic(*key)(whole).theta[0]) for one in sums)
+            gaps.append(first - second)
+        else:
+            gaps.append(None)
+    return gaps[0], gaps[1]
 
 
 def _adjusted(intervals: list[Interval]) -> list[float | None]:
@@ -213,9 +166,10 @@ def _record(
     sums: ClusterSums,
     level: float,
     clean_gap: float | None,
+    flow_gap: float | None,
 ) -> tuple[Any, ...]:
     interval, value_first, value_second = difference
     numbers = (interval.estimate, interval.low, interval.high, interval.p, p_holm, comparisons)
     counts = (sums.images, len(sums.clusters), level)
-    sentence = difference_sentence(names, key[0], key[1], interval, p_holm, comparisons, *counts, clean_gap)
+    sentence = difference_sentence(names, key[0], key[1], interval, p_holm, comparisons, *counts, clean_gap, flow_gap)
     return (*names, key[0], key[1], value_first, value_second, *numbers, *counts, sentence)

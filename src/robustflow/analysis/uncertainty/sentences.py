@@ -17,25 +17,28 @@ def difference_sentence(
     clusters: int,
     level: float,
     clean_gap: float | None = None,
+    flow_gap: float | None = None,
 ) -> str:
     """Whether two models differ, by how much, how certain that is, and from how many independent observations it
     follows.
 
-    A lower CRE or RCRE is not a merit in itself: a model that ignores its frames has the lowest. So the sentence also
-    says which of the two is more accurate.
+    A lower CRE or RCRE is not a merit in itself: a model that ignores its frames has the lowest, and noise in a flow
+    lowers its CRE and raises its RCRE. So the sentence also says which of the two is more accurate, and whose flow
+    changes more where that is the one whose error grows less.
 
     Args:
         names: of both.
         metric, corruption: what differs, first minus second.
         interval, p_holm, comparisons, images, clusters, level: see `robustflow.analysis.uncertainty.paired`.
-        clean_gap: clean EPE of the first minus that of the second, pixels; None without ground truth.
+        clean_gap, flow_gap: clean EPE and average RCRE of the first minus that of the second, pixels; None where it is
+            unknown.
 
     >>> sure = Interval(-0.42, 0.1, -0.7, -0.1, 0.001)
     >>> sentence = difference_sentence(("A", "B"), "cre", "average", sure, 0.02, 1, 80, 80, 0.95, 18.0)
     >>> sentence.partition(" (")[0]
     'The average CRE of A is lower than that of B by 0.42 px'
     >>> sentence.partition("): ")[2]
-    'A changes less under corruption but is less accurate: EPE +18.00 px.'
+    'the error of A grows less under corruption, but A is less accurate: EPE +18.00 px.'
     """
     what = {"average": "average ", "clean": "clean "}.get(corruption, f"{long_label(corruption)} ") + METRIC_LABELS[
         metric
@@ -58,27 +61,32 @@ def difference_sentence(
         )
     lower = interval.estimate < 0
     low, high = sorted((abs(interval.low), abs(interval.high)))
-    gap = clean_gap if lower or clean_gap is None else -clean_gap
-    verdict = _verdict(metric, names[0] if lower else names[1], gap)
+    gaps = [gap if lower or gap is None else -gap for gap in (clean_gap, flow_gap)]
+    verdict = _verdict(metric, names[0] if lower else names[1], *gaps)
     return (
         f"The {what} of {names[0]} is {'lower' if lower else 'higher'} than that of {names[1]} by {size:.2f}{unit} "
         f"({percent} interval {low:.2f} to {high:.2f}; {evidence}): {verdict}."
     )
 
 
-def _verdict(metric: str, lower: str, clean_gap: float | None) -> str:
-    """What the lower value means; `clean_gap` is the clean EPE of the lower minus that of the other."""
+def _verdict(metric: str, lower: str, clean_gap: float | None, flow_gap: float | None) -> str:
+    """What the lower value means; the gaps are those of the lower minus the other. Only RCRE says how much a flow
+    changes."""
     if metric == "epe":
         return f"{lower} is more accurate"
-    calm = f"{lower} changes less under corruption"
-    if metric == "crer":
-        calm += ", relative to its error on clean frames,"
+    if metric == "rcre":
+        said = f"the flow of {lower} changes less under corruption"
+    else:
+        relative = " relative to its error on clean frames" if metric == "crer" else ""
+        said = f"the error of {lower} grows less under corruption{relative}"
+        if flow_gap is not None and flow_gap >= 0.005:
+            said += f", although its flow changes more (RCRE {flow_gap:+.2f} px)"
     if clean_gap is None:
-        return calm.removesuffix(",")
+        return said
     if abs(clean_gap) < 0.005:
-        return f"{calm} and is as accurate on clean frames"
-    how = "but is less accurate" if clean_gap > 0 else "and is more accurate"
-    return f"{calm} {how}: EPE {clean_gap:+.2f} px"
+        return f"{said}, and {lower} is as accurate on clean frames"
+    how = f"but {lower} is less" if clean_gap > 0 else f"and {lower} is more"
+    return f"{said}, {how} accurate: EPE {clean_gap:+.2f} px"
 
 
 def p_text(value: float) -> str:

@@ -44,9 +44,11 @@ _DRAWN: dict[str, Callable[[pl.DataFrame, Looks, bool], MarkedFigure]] = {
 
 
 def all_figures(
-    results: pl.DataFrame, runs: Mapping[str, pl.DataFrame], looks: Mapping[str, Looks] | None = None
+    results: pl.DataFrame,
+    sample_sets: Mapping[str, Mapping[str, pl.DataFrame]],
+    looks: Mapping[str, Looks] | None = None,
 ) -> dict[str, Figure]:
-    """Every figure that can be made from these results and runs (name -> rows), by name.
+    """Every figure that can be made from these results and runs (sample set -> name -> rows), by name.
 
     Results measured on other frames are not drawn together: the figures of the published values and of each sample
     set are separate, the latter with the number of the set in their names. Own models on the same frames are drawn
@@ -58,12 +60,14 @@ def all_figures(
     for index, (frames, drawn) in enumerate(by_frames.items()):
         suffix = "" if frames == PAPER else f"_runs_{index}" if PAPER in by_frames else f"_{index}"
         figures |= {name + suffix: figure for name, figure in drawn.items()}
-    styles = {name: style for of in looks.values() for name, style in of.styles.items()}
-    for metric in ("rcre", "epe"):
-        try:
-            figures[f"severity_{metric}"] = severity_curves(runs, metric, Looks(styles))
-        except UsageError:
-            continue
+    for index, (frames, runs) in enumerate(sample_sets.items(), 1):
+        suffix = f"_{index}" if len(sample_sets) > 1 else ""
+        styles = looks[frames].styles if frames in looks else {}
+        for metric in ("rcre", "epe"):
+            try:
+                figures[f"severity_{metric}{suffix}"] = severity_curves(runs, metric, Looks(styles))
+            except UsageError:
+                continue
     return figures
 
 

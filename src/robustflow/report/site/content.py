@@ -14,9 +14,10 @@ from ...analysis.labels import benchmark_words
 from ...analysis.published.tables import PAPER, Cost, published_costs
 from ...analysis.results import RESULT_KEY
 from ...analysis.run_names import run_names
-from ...analysis.scores import coverage_of, note_of, run_results, run_setting, sample_set
+from ...analysis.scores import coverage_of, notes_of, run_results, run_setting
 from ...analysis.uncertainty.of_runs import interval_ends
 from ...errors import DataError, UsageError
+from ...runs.comparable import sample_set
 from ...runs.costs import RunCost
 from ...text import plain
 from ..assemble import results_of
@@ -106,24 +107,27 @@ def _content(
     of_frames: dict[str, list[Run]] = {}
     for run in runs:
         of_frames.setdefault(sample_set(run), []).append(run)
+        if len(runs) > MOST_DETAILED:
+            _ = run.summary, doubts(run), interval_ends(run, corruptions=False, beside_published=beside)
+            run.release_rows()
+    note_of_run = dict(zip(map(id, runs), notes_of(runs, beside), strict=True))
     by_name: dict[tuple[str, str], Run] = {}
     known: dict[tuple[str, str], Mapping[NumberKey, Interval]] = {}
+    notes: dict[tuple[str, str], str] = {}
     doubted: dict[tuple[str, str], str] = {}
     spent: dict[tuple[str, str], RunCost] = {}
     covered: dict[tuple[str, str], float] = {}
     parts, titles = [], {PAPER: "Published values"}
     for frames, group in of_frames.items():
-        titles[frames] = f"Measured here: {note_of(group[0], beside) or 'the frames of the paper'}"
-        for run, name in zip(group, run_names(group), strict=True):
-            by_name[frames, name] = run
+        group_notes = [note_of_run[id(run)] for run in group]
+        titles[frames] = f"Measured here: {group_notes[0] or 'the frames of the paper'}"
+        for run, name, note in zip(group, run_names(group), group_notes, strict=True):
+            by_name[frames, name], notes[frames, name] = run, note
             known[frames, name] = interval_ends(run, corruptions=len(runs) <= MOST_DETAILED, beside_published=beside)
-            if len(runs) > MOST_DETAILED:
-                _ = run.summary, doubts(run)
-                run.release_rows()
         doubted |= doubted_runs(group)
         spent |= run_costs(group)
         covered |= coverage_of(group)
-        parts.append(run_results(group, beside))
+        parts.append(run_results(group, beside, group_notes))
     for index, (name, frame) in enumerate(files, 1):
         here = f"file {index}"
         parts.append(frame.with_columns(sample_set=pl.col("sample_set").replace({"file": here})))
@@ -143,7 +147,7 @@ def _content(
         known,
         spent,
         [
-            (str(run.manifest["identity"]["benchmark"]), frames, run_setting(run), name, note_of(run, beside))
+            (str(run.manifest["identity"]["benchmark"]), frames, run_setting(run), name, notes[frames, name])
             for (frames, name), run in by_name.items()
         ],
         doubted,

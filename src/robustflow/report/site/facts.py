@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ...analysis.conclusion import without_truth
 from ...analysis.published.tables import method_of
 from ...analysis.scores import note_of
+from ...benchmarks import benchmark_facts
 from ...runs.costs import read_cost
 from ...runs.plan import left_out_sentence
 from ...text import plain
@@ -25,7 +25,7 @@ def run_facts(run: Run) -> Facts:
     paper."""
     manifest = run.manifest
     identity, environment = manifest["identity"], manifest.get("environment") or {}
-    provenance = run.provenance
+    provenance, published = run.provenance, benchmark_facts(str(identity["benchmark"])).published
     facts = [
         ("Model", _described(identity["model"])),
         ("Setting", run.setting),
@@ -34,7 +34,7 @@ def run_facts(run: Run) -> Facts:
         ("Note on the training", str(provenance.get("note", ""))),
         ("Benchmark", f"{identity['benchmark']} ({identity.get('dataset', '')})"),
         ("Samples", str(len(manifest["samples"]))),
-        ("Measured on" if without_truth(run) else "Difference from the paper", note_of(run)),
+        ("Difference from the paper" if published else "Measured on", note_of(run)),
         ("Severities", ", ".join(map(str, manifest["selection"]["severities"]))),
         ("Severity scale", str(identity.get("severity_scale", "paper"))),
         ("Left out", left_out_sentence(run.left_out) if run.left_out else ""),

@@ -14,7 +14,7 @@ from ...analysis.results import AVERAGE, CLEAN
 from ...analysis.scores import paper_rows
 from ...analysis.uncertainty import compare_all
 from ...errors import RunError
-from ...text import counted, plain
+from ...text import counted, joined, plain
 from .content import Content
 from .entries import LeaderboardEntry, NumberKey
 
@@ -40,7 +40,7 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
             imported += len(entries)
         elif frames == PAPER:
             best = _best_of_settings(entries)
-            published += [f"on {benchmark_words(of)} {' and '.join(best)}"] if best else []
+            published += [f"on {benchmark_words(of)} {best}"] if best else []
         elif own := _own_without_truth(entries, content):
             sentences.append(conclusion(own, {entry.model: entry.doubt for entry in entries}))
         elif len(entries) == 1:
@@ -49,8 +49,8 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
             sentences += _of_own(entries, content)
     if published and not content.alone:
         sentences.append(
-            f"Of the published models, those that change least under corruption are {'; '.join(published)}. The paper "
-            "prints means but no values per image, so it is unknown whether a lead is more than chance."
+            f"Among the published models, {'; '.join(published)}. The paper prints means but no values per image, so "
+            "it is unknown whether a lead is more than chance."
         )
     if imported:
         sentences.append(f"Not judged here: {counted(imported, 'imported line')}, in which nothing can be verified.")
@@ -63,15 +63,19 @@ def _own_without_truth(entries: Sequence[LeaderboardEntry], content: Content) ->
     return {name: run for name, run in runs.items() if run is not None and without_truth(run)}
 
 
-def _best_of_settings(entries: list[LeaderboardEntry]) -> list[str]:
-    """For each setting the model with the lowest CRE, or RCRE if there is no CRE."""
-    leaders = []
+_LEAST = {"cre": "the error grows least", "rcre": "the flow changes least"}
+
+
+def _best_of_settings(entries: list[LeaderboardEntry]) -> str:
+    """For each setting the model with the lowest CRE, or RCRE if there is no CRE, and what that means."""
+    leaders: dict[str, list[str]] = {}
     for setting in dict.fromkeys(entry.setting for entry in entries if entry.setting != "knowledge"):
         ranked = _ranked([entry for entry in entries if entry.setting == setting])
         if ranked is not None:
             key, order = ranked
-            leaders.append(f"{order[0].model} ({setting}, {METRIC_LABELS[key[0]]} {_printed(order[0], key)})")
-    return leaders
+            leader = f"{order[0].model} ({setting}, {METRIC_LABELS[key[0]]} {_printed(order[0], key)})"
+            leaders.setdefault(_LEAST[key[0]], []).append(leader)
+    return " and ".join(f"{least} under corruption for {joined(models)}" for least, models in leaders.items())
 
 
 def _printed(entry: LeaderboardEntry, key: NumberKey) -> str:
@@ -152,7 +156,7 @@ def _difference(metric: str, order: Sequence[LeaderboardEntry], content: Content
     try:
         table = compare_all(measured, metric)
     except RunError:
-        return []  # Frames differ under the same names; the leaderboard still shows what each run measured.
+        return []  # Records may group the same samples differently; the leaderboard still shows what each measured.
     pair = table.filter(first=order[0].name, second=order[1].name)
     return [plain(sentence, None) for sentence in pair["sentence"]]
 

@@ -1,0 +1,298 @@
+"""What may be compared: the one decision that tables, marks, boards, tests, trends, figures and exports ask for.
+
+Numbers of two runs may stand side by side where both measured the same rows: the same pairs under the same corruptions
+and severities, with equal digests of the frames and of the ground truth. Means are over all rows of a run, so they need
+the same rows throughout, made by the same recipe (`sample_set`); tests need only common rows (`common_to`). The recipe
+(seed, draws, the source of a user's corruption, ...) and the rows say in words how runs differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any
+
+import polars as pl
+
+from ..benchmarks import benchmark_facts
+from ..benchmarks.facts import truth_remark
+from ..corruptions.sources import OWN_KEY
+from ..digest import digest_of_value
+from ..errors import RunError
+from ..metrics.rows import CLEAN, ROW_KEY
+from ..metrics.summary import has_gaps
+from ..text import counted, joined, plain
+from .identity import frames_part
+from .run import Run
+
+SELECTION = ("pairs", "corruptions", "severities", "complete")
+"""The parts of `measured_in_words` that say which rows there are, and not what they are about."""
+
+_DIGESTS = ("frames_digest", "truth_digest")
+_MOST_NAMED = 4
+_LONGEST_VALUE = 24
+_DIGITS = 6
+
+
+def sample_set(run: Run) -> str:
+    """Names what a run measured, apart from its model: the means of runs with the same name may be compared.
+
+    It covers all parts of the identity that decide frames, every row with a pixel to measure (pair, corruption,
+    severity, digests of frames and ground truth), and what is missing.
+    """
+
+    def made() -> str:
+        _clean_cells(run)  # kept from the same rows: words about a difference need them later
+        missing = [unit.model_dump() for unit in run.summary.missing]
+        return sample_set_of(frames_part(run.manifest["identity"]), measured_cells(run.rows), missing)
+
+    return run.fact("sample_set", str, made)
+
+
+def sample_set_of(recipe: Any, cells: Iterable[Sequence[Any]], missing: Sequence[Any] = ()) -> str:
+    """The name of any measured cells: (sample, corruption, severity, digest of the frames, digest of the truth).
+
+    >>> sample_set_of("", [("a", "fog", 1, "00", None)]) == sample_set_of("", [("a", "fog", 1, "01", None)])
+    False
+    """
+    return digest_of_value([recipe, sorted(cells, key=lambda cell: cell[:3]), missing])
+
+
+def measured_cells(rows: pl.DataFrame) -> list[tuple[Any, ...]]:
+    """The rows with a pixel to measure, as `sample_set_of` takes them."""
+    return rows.filter(pl.coalesce("n_valid", "n_all") > 0).select(*ROW_KEY, *_DIGESTS).rows()
+
+
+def common_rows(rows: Sequence[pl.DataFrame], names: Sequence[str]) -> tuple[list[pl.DataFrame], str]:
+    """The rows that all of several runs have on the same frames and ground truth, and a remark about what is left out,
+    "" if nothing is.
+
+    A pair whose clean rows differ, and a corruption under which any frames differ, are left out entirely.
+
+    Args:
+        rows: of each run, columns of `robustflow.metrics.rows.ROW_SCHEMA`.
+        names: of the runs.
+
+    Raises:
+        RunError: no rows in common, or none of them on the same frames and ground truth.
+    """
+    parts = [one.select(*ROW_KEY, pl.struct(*_DIGESTS).alias(f"_{index}")) for index, one in enumerate(rows)]
+    shared = reduce(lambda one, other: one.join(other, on=list(ROW_KEY), how="inner"), parts)
+    if shared.is_empty():
+        raise RunError(f"{joined(list(names))} have no sample, corruption and severity in common")
+    same = shared.with_columns(
+        **{
+            name: pl.all_horizontal(
+                pl.col("_0").struct.field(name).eq_missing(pl.col(f"_{index}").struct.field(name))
+                for index in range(len(parts))
+            )
+            for name in _DIGESTS
+        }
+    ).select(*ROW_KEY, *_DIGESTS)
+    differ = ~(pl.col("frames_digest") & pl.col("truth_digest"))
+    pairs = same.filter(differ, corruption=CLEAN)["sample"].unique().sort().to_list()
+    kept = same.filter(~pl.col("sample").is_in(pairs))
+    corruptions = kept.filter(differ)["corruption"].unique().sort().to_list()
+    kept = kept.filter(~pl.col("corruption").is_in(corruptions))
+    if kept.is_empty() or (corruptions and not (kept["corruption"] != CLEAN).any()):
+        raise RunError(_nothing_alike(names, same))
+    cells = kept.select(ROW_KEY)
+    remark = ""
+    if any(one.height != cells.height for one in rows):
+        counts = joined([f"the {one.height} of {name}" for name, one in zip(names, rows, strict=True)])
+        measured = "both" if len(rows) == 2 else "all"
+        remark = (
+            f"Only what {measured} measured is compared: {cells.height} rows (a pair, clean or corrupted) of {counts}."
+        )
+    for noun, left_out in (("pair", pairs), ("corruption", corruptions)):
+        if left_out:
+            remark += (
+                f" Left out, because the frames or the ground truth differ: {counted(len(left_out), noun)} "
+                f"({_listed(left_out)})."
+            )
+    return [one.join(cells, on=list(ROW_KEY), how="semi") for one in rows], remark.strip()
+
+
+def _nothing_alike(names: Sequence[str], same: pl.DataFrame) -> str:
+    frames = same.filter(~pl.col("frames_digest"))
+    what = "given different frames" if frames.height else "measured against different ground truth"
+    first = (frames if frames.height else same.filter(~pl.col("truth_digest"))).sort(ROW_KEY).select(ROW_KEY)
+    sample, corruption, severity = first.row(0)
+    where = f"sample '{plain(sample)}', {plain(corruption)}" + (f" severity {severity}" if severity else "")
+    return (
+        f"{joined(list(names))} were {what} under the same name ({where}; {first.height} of {same.height} common rows)"
+    )
+
+
+@dataclass(frozen=True)
+class CommonRows:
+    """The rows of several runs that may be compared.
+
+    Attributes:
+        rows: by name of the run; the same cells in each.
+        remark: what was left out, and how the runs differ; "" if they measured the same.
+    """
+
+    rows: Mapping[str, pl.DataFrame]
+    remark: str = ""
+
+
+def common_to(runs: Mapping[str, Run]) -> CommonRows:
+    """The rows of several runs that may be compared, by name, with every difference in words.
+
+    Raises:
+        RunError: there are none; the message says how the runs differ.
+    """
+    try:
+        rows, remark = common_rows([run.rows for run in runs.values()], list(runs))
+    except RunError as error:
+        titles = {name: _title(run) for name, run in runs.items()}
+        if len(set(titles.values())) > 1 and not _in_common(runs):
+            (first, title), *others = titles.items()
+            of = joined([f"{first} was measured on {title}", *(f"{name} on {title}" for name, title in others)])
+            raise RunError(f"{of}, which have no frames in common; compare runs of one benchmark") from None
+        raise RunError(f"{error}: {differences(runs)}; compare runs of the same frames and ground truth") from None
+    remarks = [remark]
+    if words := differences(runs):
+        remarks.append(f"The runs differ: {words}.")
+    remarks += [
+        f"{name} predicted {100 * (run.summary.coverage or 0):.1f} % of the pixels; its errors are over these alone."
+        for name, run in runs.items()
+        if has_gaps(run.summary)
+    ]
+    return CommonRows(dict(zip(runs, rows, strict=True)), " ".join(filter(None, remarks)))
+
+
+def _in_common(runs: Mapping[str, Run]) -> bool:
+    keys = [set(run.rows.select(ROW_KEY).iter_rows()) for run in runs.values()]
+    return bool(set.intersection(*keys))
+
+
+def differences(runs: Mapping[str, Run], parts: Sequence[str] = ()) -> str:
+    """How what several runs measured differs, in words; "" if it does not. `parts` limits it to some of the parts of
+    `measured_in_words`."""
+    every = list(runs.values())
+    if len({sample_set(run) for run in every}) == 1:
+        return ""
+    by_words: dict[str, list[str]] = {}
+    conditions = _told_apart(measured_in_words(every), parts) if parts else conditions_of(every)
+    for name, words in zip(runs, conditions, strict=True):
+        by_words.setdefault(words, []).append(name)
+    return "; ".join(
+        f"{joined(names)} {'has' if len(names) == 1 else 'have'} {words}" for words, names in by_words.items() if words
+    )
+
+
+def conditions_of(runs: Sequence[Run]) -> list[str]:
+    """A name for what each run measured, made from what differs among them; "" for all if nothing does."""
+    words, sets = _told_apart(measured_in_words(runs)), [sample_set(run) for run in runs]
+    of_words: dict[str, set[str]] = {}
+    for each, measured in zip(words, sets, strict=True):
+        of_words.setdefault(each, set()).add(measured)
+    return [
+        each if len(of_words[each]) == 1 else ", ".join(filter(None, (each, f"frames {measured[:_DIGITS]}")))
+        for each, measured in zip(words, sets, strict=True)
+    ]
+
+
+def _told_apart(parts: Sequence[Mapping[str, str]], among: Sequence[str] = ()) -> list[str]:
+    differing = [name for name in differing_parts(parts) if not among or name in among]
+    return [", ".join(one[name] for name in differing if one.get(name)) for one in parts]
+
+
+def differing_parts(parts: Sequence[Mapping[str, str]]) -> list[str]:
+    """The parts of `measured_in_words` that are not the same everywhere; without the digests that another one
+    explains."""
+    names = dict.fromkeys(name for one in parts for name in one)
+    differing = [name for name in names if len({one.get(name, "") for one in parts}) > 1]
+    other_data = any(name in ("benchmark", "dataset") or name.startswith("protocol ") for name in differing)
+    explained = ("truth", "clean") if other_data else ("truth",) if "ground_truth" in differing else ()
+    return [name for name in differing if name not in explained]
+
+
+def measured_in_words(runs: Sequence[Run]) -> list[dict[str, str]]:
+    """What each of several runs measured, part by part, the most telling first."""
+    clean = [_clean_cells(run) for run in runs]
+    shared = sorted(set.intersection(*(set(one) for one in clean)))
+    named = [set(run.summary.corruptions) for run in runs]
+    everywhere = set.intersection(*named)
+    out = []
+    for run, cells, names in zip(runs, clean, named, strict=True):
+        words = dict(recipe_in_words(run))
+        if shared:
+            truth = [cells[sample][1] for sample in shared]
+            words["truth"] = f"ground truth {_digits(truth)}" if any(truth) else "no ground truth"
+            words["clean"] = f"clean frames {_digits([cells[sample][0] for sample in shared])}"
+        alike = any(len(other) == len(cells) and other.keys() != cells.keys() for other in clean)
+        words["pairs"] = counted(len(cells), "pair") + (f" {_digits(sorted(cells))}" if alike else "")
+        if len(names) <= _MOST_NAMED:
+            words["corruptions"] = joined(sorted(names)) if names else "no corruption"
+        else:
+            more = sorted(names - everywhere)
+            words["corruptions"] = f"{len(names)} corruptions" + (f" (with {_listed(more)})" if more else "")
+        levels = run.summary.severities()
+        words["severities"] = f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))}"
+        words["complete"] = "every planned row" if run.summary.complete else "rows missing"
+        out.append({name: plain(value, 120) for name, value in words.items()})
+    return out
+
+
+def _clean_cells(run: Run) -> dict[str, tuple[str, str | None]]:
+    """Sample -> the digests of its clean frames and of its ground truth."""
+
+    def made() -> dict[str, tuple[str, str | None]]:
+        clean = run.rows.filter(corruption=CLEAN).sort("sample")
+        return {sample: (frames, truth) for sample, frames, truth in clean.select("sample", *_DIGESTS).rows()}
+
+    return run.fact("clean_cells", dict[str, tuple[str, str | None]], made)
+
+
+def _digits(value: Any) -> str:
+    return digest_of_value(value)[:_DIGITS]
+
+
+_IN_WORDS: dict[str, Callable[[Any], str]] = {
+    "dataset": lambda value: f"data set {value}",
+    "seed": lambda value: f"seed {value}",
+    "variant": lambda value: f"{value} corruptions",
+    "severity_scale": lambda value: f"{value or 'paper'} severities",
+    "common_draws": lambda value: "one draw for all severities" if value else "a draw for each severity",
+    "frost": lambda value: f"{value or 'photographs as'} frost textures",
+    "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
+    "streams": lambda value: f"random streams {value}",
+}
+"""Parts of an identity that determine frames, in words; None where the identity lacks one."""
+
+
+def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:
+    """How a run's frames were chosen and made, part by part, from its manifest alone."""
+    frames = dict(frames_part(run.manifest["identity"]))
+    protocol, own = frames.pop("protocol", {}), frames.pop(OWN_KEY, None) or {}
+    yield "benchmark", f"benchmark {_title(run)}"
+    frames.pop("benchmark")
+    yield "ground_truth", truth_remark(protocol) or "the usual ground truth"
+    for name, value in sorted(protocol.items()):
+        if name != "ground_truth":
+            yield f"protocol {name}", f"{name} {_short(value)}"
+    for name, words in _IN_WORDS.items():
+        yield name, words(frames.pop(name, None))
+    for name, value in sorted(frames.items()):
+        yield name, f"{name} {_short(value)}"
+    for name, digest in sorted(own.items()):
+        yield f"source {name}", f"source {_digits(digest)} of {name}"
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}={_short(each)}" for name, each in sorted(value.items()))
+    return plain(str(value), _LONGEST_VALUE)
+
+
+def _title(run: Run) -> str:
+    return plain(benchmark_facts(str(run.manifest["identity"]["benchmark"])).title, 40)
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown, more = [plain(name, 40) for name in names[:_MOST_NAMED]], len(names) - _MOST_NAMED
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

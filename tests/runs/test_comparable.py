@@ -1,0 +1,243 @@
+"""What may be compared: one decision over the rows and the recipe of the frames, and every difference in words."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+
+from robustflow.analysis.conditions import orders, seeds_of
+from robustflow.analysis.scores import notes_of, run_results
+from robustflow.api import evaluate
+from robustflow.errors import RunError
+from robustflow.images.io import write_image
+from robustflow.metrics.rows import CLEAN
+from robustflow.report.assemble import tables_of
+from robustflow.report.comparison import compare
+from robustflow.runs.comparable import common_rows, common_to, differences, sample_set
+from robustflow.testing import ZeroFlow
+from tests.made_rows import made_run, rows_frame
+
+CELLS = ((CLEAN, 0), ("fog", 1), ("fog", 3), ("snow", 1), ("snow", 3))
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("base")
+    for index in range(2):
+        write_image(folder / f"{index}.png", np.full((24, 24, 3), 40 + index, np.uint8))
+    return evaluate(ZeroFlow(), "folder", folder, folder / "run", corruptions=["contrast"], severities=[1])
+
+
+def rows(shift: float = 0.0, pairs: int = 6, cells=CELLS, seed: int = 0) -> pl.DataFrame:
+    """Errors of a model: 1 to 2 px on clean frames, and `shift` more under corruption; `seed` makes other frames."""
+    return rows_frame(
+        {
+            "sample": f"{pair}",
+            "group": f"{pair}",
+            "corruption": corruption,
+            "severity": severity,
+            "frames_digest": f"{pair} {corruption} {severity} {seed if severity else 0}",
+            "height": 1,
+            "width": 10,
+            "n_invalid": 0,
+            "n_all": 10,
+            "n_valid": 10,
+            "rcre_all_sum": 10.0 * severity,
+            "pred_magnitude_sum": 10.0,
+            "epe_sum": 10 * (1 + pair / 5 + (severity and (1 + shift) * severity * (1 + pair / 10))),
+            "rcre_sum": 10.0 * severity,
+            "magnitude_sum": 100.0,
+            "fl_count": 0,
+            "px1_count": 0,
+            "px3_count": 0,
+            "px5_count": 0,
+            "wauc_sum": 1.0,
+        }
+        for pair in range(pairs)
+        for corruption, severity in cells
+    )
+
+
+def edited(column: str, where: pl.Expr) -> pl.DataFrame:
+    return rows().with_columns(pl.when(where).then(pl.lit("other")).otherwise(column).alias(column))
+
+
+FOG = pl.col("corruption") == "fog"
+DIFFERENT = {
+    "a seed": ({"seed": 1}, rows(), "seed 1"),
+    "a variant": ({"variant": "reference"}, rows(), "reference corruptions"),
+    "a scale": ({"severity_scale": "calibrated 00"}, rows(), "calibrated 00 severities"),
+    "common draws": ({"common_draws": True}, rows(), "one draw for all severities"),
+    "textures": ({"frost": "generated 1"}, rows(), "generated 1 frost textures"),
+    "lenses": ({"psf": "reference 00"}, rows(), "lenses reference 00"),
+    "streams": ({"streams": 99}, rows(), "random streams 99"),
+    "an edited corruption": ({"corruptions": {"tint": "ab"}}, rows(), " of tint"),
+    "a benchmark": ({"benchmark": "kitti-fc"}, rows(), "benchmark KITTI-FC"),
+    "a data set": ({"dataset": "kitti2012"}, rows(), "data set kitti2012"),
+    "options of the data": ({"protocol": {"options": {"render_pass": "final"}}}, rows(), "render_pass=final"),
+    "non-occluded truth": ({"protocol": {"ground_truth": "non-occluded"}}, rows(), "non-occluded ground truth"),
+    "a part that nobody knows yet": ({"weather": "wet"}, rows(), "weather wet"),
+    "the truth of one pair": ({}, edited("truth_digest", pl.col("sample") == "3"), "ground truth "),
+    "no truth": ({}, rows().with_columns(truth_digest=pl.lit(None, pl.String)), "no ground truth"),
+    "the clean frames of one pair": (
+        {},
+        edited("frames_digest", (pl.col("sample") == "3") & (pl.col("severity") == 0)),
+        "clean frames ",
+    ),
+    "one corrupted pair": ({}, edited("frames_digest", (pl.col("sample") == "3") & FOG), "frames "),
+    "a corruption less": ({}, rows().filter(~FOG), "has snow"),
+    "a severity less": ({}, rows().filter(pl.col("severity") < 3), "severity 1"),
+    "a pair less": ({}, rows(pairs=5), "5 pairs"),
+    "another pair": ({}, rows(pairs=7).filter(pl.col("sample") != "0"), "6 pairs "),
+    "a row less": ({}, rows().filter(~(FOG & (pl.col("sample") == "3"))), "rows missing"),
+    "nothing predicted in a row": (
+        {},
+        rows().with_columns(n_valid=pl.when(FOG & (pl.col("sample") == "3")).then(0).otherwise("n_valid")),
+        "rows missing",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", DIFFERENT)
+def test_a_difference_makes_another_sample_set_and_is_named(base, what):
+    identity, changed, words = DIFFERENT[what]
+    one, other = made_run(base, rows()), made_run(base, changed, **identity)
+    assert sample_set(one) != sample_set(other)
+    assert words in differences({"A": one, "B": other})
+    assert set(run_results([one, other])["sample_set"]) == {sample_set(one), sample_set(other)}
+
+
+@pytest.mark.parametrize(
+    "identity", [{"allow_invalid": True}, {"window": {"before": 1}}, {"model": {"name": "B", "preset": "fast"}}]
+)
+def test_the_model_and_its_errors_make_no_other_sample_set(base, identity):
+    one, other = made_run(base, rows()), made_run(base, rows(1.0).reverse(), **identity)
+    assert sample_set(one) == sample_set(other)
+    assert differences({"A": one, "B": other}) == ""
+
+
+def test_lines_that_cannot_be_compared_say_why(base):
+    runs = [made_run(base, rows(), "A"), made_run(base, rows(), "B", seed=1), made_run(base, rows(), "C")]
+    notes = notes_of(runs)
+    assert [note.rpartition("; ")[2] for note in notes] == ["seed 0", "seed 1", "seed 0"]
+    assert list(dict.fromkeys(run_results(runs)["note"])) == [notes[0], notes[1]]
+    assert "seed" not in notes_of(runs[::2])[0]
+
+
+def test_no_bold_mark_over_other_frames(base):
+    def best(**other):
+        pair = [made_run(base, rows(index), str(index), **(other if index else {})) for index in (0, 1)]
+        (table,) = tables_of(pair, published=False, wanted=["cre"])
+        return [any(cell.best for cell in line.cells) for section in table.sections for line in section.lines]
+
+    assert best() == [True, False]
+    assert best(common_draws=True) == [False, False]
+
+
+def test_common_rows_leave_out_what_differs_entirely():
+    other = edited("frames_digest", (pl.col("sample") == "3") & FOG)
+    (one, _), remark = common_rows([rows(), other], ["A", "B"])
+    assert set(one["corruption"]) == {CLEAN, "snow"}
+    assert one.height == 18
+    assert remark == (
+        "Only what both measured is compared: 18 rows (a pair, clean or corrupted) of the 30 of A and the 30 of B. "
+        "Left out, because the frames or the ground truth differ: 1 corruption (fog)."
+    )
+    other = edited("truth_digest", pl.col("sample") == "3")
+    (one, _), remark = common_rows([rows(), other], ["A", "B"])
+    assert "3" not in set(one["sample"])
+    assert "1 pair (3)" in remark
+    assert common_rows([rows(), rows(1.0)], ["A", "B"])[1] == ""
+
+
+def test_other_truth_is_refused_in_words(base):
+    other = rows().with_columns(truth_digest=pl.lit("1.5 times"))
+    with pytest.raises(RunError, match=r"A and B were measured against different ground truth .*A has ground truth"):
+        common_to({"A": made_run(base, rows()), "B": made_run(base, other)})
+
+
+def test_benchmarks_without_a_common_frame_are_named(base):
+    far = rows().with_columns(sample=pl.lit("x") + pl.col("sample"))
+    runs = {"A": made_run(base, rows(), benchmark="kitti-fc"), "B": made_run(base, far, benchmark="middlebury")}
+    with pytest.raises(RunError) as error:
+        common_to(runs)
+    assert str(error.value) == (
+        "A was measured on KITTI-FC and B on Middlebury optical flow, which have no frames in common; compare runs of "
+        "one benchmark"
+    )
+
+
+def test_one_benchmark_under_two_names_is_compared_where_the_frames_are_equal(base):
+    common = common_to({"A": made_run(base, rows()), "B": made_run(base, rows(1.0, pairs=4), benchmark="kitti2015")})
+    assert common.rows["A"].height == 20
+    assert "B has benchmark KITTI flow 2015, " in common.remark
+
+
+def test_a_comparison_says_what_it_left_out(base):
+    first, second = made_run(base, rows(), "A"), made_run(base, rows(1.0, pairs=5), "B")
+    comparison = compare(first, second)
+    assert set(comparison.frame["images"]) == {5}
+    assert comparison.remark.endswith("The runs differ: A has 6 pairs; B has 5 pairs.")
+
+
+def test_orders_are_over_common_rows_and_blame_what_differs(base):
+    """Before: A on fog alone against B on three corruptions, "seed 1 (tau -1.00)", where B is worse under every one."""
+    only_fog = (CELLS[0], *CELLS[1:3])
+    runs = [
+        made_run(base, rows(0.0, cells=only_fog), "A"),
+        made_run(base, rows(0.2).with_columns(epe_sum=pl.when(FOG).then("epe_sum").otherwise(0.1)), "B"),
+        made_run(base, rows(0.0, cells=only_fog, seed=1), "A", seed=1),
+        made_run(base, rows(0.2, seed=1), "B", seed=1),
+    ]
+    order = orders(runs, "cre")
+    assert list(order.scores) == ["seed 0", "seed 1"]
+    for scores in order.scores.values():
+        assert scores["A"] < scores["B"]
+    assert order.scores["seed 0"]["B"] == pytest.approx(order.scores["seed 1"]["B"])
+    assert order.remark.startswith("Only the 18 rows (a pair, clean or corrupted) that every run has are compared: ")
+    assert "A (seed 0) and A (seed 1) have fog" in order.remark
+
+
+def test_a_model_is_its_identity_and_not_its_name(base):
+    models = [{"name": "DIS", "preset": preset} for preset in ("fast", "ultrafast")]
+    runs = [
+        made_run(base, rows(shift, seed=seed), seed=seed, model=model)
+        for seed in (0, 1)
+        for shift, model in enumerate(models)
+    ]
+    order = orders(runs, "cre")
+    assert [list(scores) for scores in order.scores.values()] == [["DIS (preset fast)", "DIS (preset ultrafast)"]] * 2
+
+
+def test_conditions_without_a_common_row_are_told_apart_by_what_was_measured(base):
+    parts = {name: (CELLS[0], *(cell for cell in CELLS if cell[0] == name)) for name in ("fog", "snow")}
+    runs = [made_run(base, rows(shift, cells=cells), m) for cells in parts.values() for shift, m in enumerate("AB")]
+    assert list(orders(runs, "cre").scores) == ["fog", "snow"]
+
+
+def test_seeds_are_split_only_where_nothing_else_differs(base):
+    runs = [made_run(base, rows(seed=seed), seed=seed) for seed in (0, 1, 2)]
+    assert list(seeds_of(runs).rows) == [0, 1, 2]
+    assert seeds_of([*runs[:2], made_run(base, rows(seed=2), seed=2, common_draws=True)]) is None
+    assert seeds_of([*runs[:2], made_run(base, rows(seed=2), "other", seed=2)]) is None
+    assert seeds_of([*runs, runs[0]]) is None
+    other = rows(seed=2).with_columns(truth_digest=pl.lit("other"))
+    assert seeds_of([*runs[:2], made_run(base, other, seed=2)]) is None
+    fewer = seeds_of([*runs[:2], made_run(base, rows(seed=2, pairs=4), seed=2)])
+    assert {one.height for one in fewer.rows.values()} == {20}
+    assert "4 pairs" in fewer.remark
+
+
+def test_means_without_intervals_say_why(base):
+    def remark_of(*pairs):
+        runs = [made_run(base, rows(pairs=count), str(count)) for count in pairs]
+        (table,) = tables_of(runs, published=False, wanted=["means"])
+        return table.title, table.remarks[0]
+
+    why = "4 images, or sequences where pairs share one."
+    assert remark_of(3) == ("Means", f"No intervals: they need at least {why}")
+    title, remark = remark_of(6)
+    assert title == "Means with intervals"
+    assert remark.endswith("or over sequences where pairs share one.")
+    assert remark_of(3, 6)[1] == f"{remark} Means without one are over fewer than {why}"
