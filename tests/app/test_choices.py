@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robustflow.app.choices import Models
-from robustflow.errors import UsageError
+from robustflow.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
 
 
@@ -14,6 +14,17 @@ def test_what_needs_a_file_is_offered_only_with_one():
     assert offered[:2] == ["dis", "farneback"]
     assert not {"onnx", "torch_export", "precomputed"} & set(offered)
     assert Models([ModelSpec("mine.onnx")]).names[0] == "mine.onnx"
+
+
+def _needs_weights():
+    raise ModelError("model 'net' needs its checkpoint: get it, and give its path as --checkpoint")
+
+
+def test_an_error_of_loading_names_the_field_and_no_option(monkeypatch):
+    models = Models([ModelSpec("net")])
+    monkeypatch.setattr(ModelSpec, "load", lambda spec: _needs_weights())
+    with pytest.raises(ModelError, match=r"give its path in the field Checkpoint$"):
+        models.load("net")
 
 
 def test_a_name_that_is_not_offered_is_refused():

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -146,6 +147,20 @@ def test_interrupt_in_the_middle_of_a_prediction(tmp_path):
         _, error = running.process.communicate(timeout=30)
         connection.close()
         assert (running.process.returncode, error) == (0, "")
+
+
+def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path):
+    """No Python runs then, no signal handler either. The issue's limit is 15 s."""
+    with running_app(tmp_path, "--model", "models_for_app:HoldsTheLock") as running:
+        connection = http.client.HTTPConnection(running.host, timeout=30)
+        request = {"page": "p", "source": "demo", "index": 0, "model": "models_for_app:HoldsTheLock", "seed": 0}
+        request |= {"layers": [{"name": "fog", "severity": 1}]}
+        headers = {"Cookie": running.cookie, "Origin": f"http://{running.host}"}
+        connection.request("POST", "/preview", json.dumps(request), headers)
+        time.sleep(1)
+        running.process.send_signal(signal.SIGINT)
+        running.process.communicate(timeout=15)
+        connection.close()
 
 
 def _once(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -191,7 +191,17 @@ def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
     page.get_by_role("button", name="Use these frames").click()
     expect(page.get_by_role("alert")).to_contain_text("notes.png: cannot be read as a picture")
     assert "\n" not in page.get_by_role("alert").inner_text()
-    expect(page.locator("#shown")).to_contain_text("Motorcycle")
+    expect(page.locator("#shown")).to_have_text("No frames: choose others, or the demo pair.")
+    expect(page.locator("#pictures figure")).to_have_count(0)
+    expect(page.locator("#numbers")).to_be_empty()
+    for field in ("#frame1", "#frame2"):
+        assert page.locator(field).evaluate("input => input.files.length") == 0
+    page.get_by_label("Model").select_option("farneback")
+    page.wait_for_timeout(600)  # longer than the pause before a request
+    expect(page.locator("#pictures figure")).to_have_count(0)
+    page.get_by_role("button", name="Use the demo pair").click()
+    expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
+    expect(page.get_by_role("alert")).to_be_hidden()
     refused = [line for line in seen.complaints if "400" not in line]
     assert refused == [], "the browser itself notes a refused request, and nothing else"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ..errors import ModelError, UsageError, unknown_name
+from ..errors import ModelError, RobustFlowError, UsageError, unknown_name
 from ..models import MODELS, FlowModel, ModelSpec
 from ..models.catalog import MethodEntry, checkpoints, is_installed, methods
 from ..models.construct import needed_options
@@ -80,11 +80,23 @@ class Models:
             spec = self._specs[name]
             if checkpoint:
                 spec = ModelSpec(name, tuple((dict(spec.options) | {"checkpoint": checkpoint}).items()))
-            model = spec.load()
+            try:
+                model = spec.load()
+            except RobustFlowError as error:
+                raise type(error)(_for_the_page(str(error))) from error
             if not isinstance(model, FlowModel):
                 raise ModelError(f"model '{name}' does not predict from two frames; choose another")
             self._loaded = ((name, checkpoint), model)
         return self._loaded[1]
+
+
+def _for_the_page(message: str) -> str:
+    """An error that names an option of the command line, for a page that has a field in its place.
+
+    >>> _for_the_page("model 'raft' needs its checkpoint: get it, and give its path as --checkpoint")
+    "model 'raft' needs its checkpoint: get it, and give its path in the field Checkpoint"
+    """
+    return message.replace("as --checkpoint", "in the field Checkpoint").replace("--checkpoint", "the field Checkpoint")
 
 
 def _runs_on_pairs(method: MethodEntry) -> bool:

@@ -14,6 +14,7 @@ import uvicorn
 from ..errors import UsageError
 from ..models import ModelSpec
 from .choices import Models
+from .ending import end_after_signal
 from .guard import Guard
 from .pairs import SourceStore
 from .prediction_queue import PredictionQueue
@@ -71,6 +72,7 @@ def serve(
     if browser:
         threading.Timer(0.5, webbrowser.open, (address,)).start()
     try:
+        end_after_signal()
         _Server(config, queue).run(sockets=[listening])
     except KeyboardInterrupt:
         pass  # how this server is meant to end

@@ -65,6 +65,18 @@ function request(chosen, withFrames) {
   };
 }
 
+// Neither the pair from before nor its results are what was asked for when an upload fails, and the file is not sent again.
+function forget() {
+  source = null;
+  framesShown = "";
+  clearResults();
+  for (const id of ["frame1", "frame2", "truth", "clip"]) $(id).value = "";
+  $("shown").textContent = "No frames: choose others, or the demo pair.";
+  $("pair-field").hidden = true;
+  $("use-demo").hidden = false;
+  $("sweep").disabled = true;
+}
+
 function use(found) {
   source = found;
   framesShown = "";
@@ -114,7 +126,7 @@ function later(pause = PAUSE_MS) {
   clearTimeout(timer);
   if (running) running.abort();
   running = null;
-  timer = setTimeout(() => whole(show), pause);
+  if (source !== null) timer = setTimeout(() => whole(show), pause);
 }
 
 async function whole(work) {
@@ -183,7 +195,14 @@ async function upload(files) {
   await whole(async (signal) => {
     if (bytes > choices.max_bytes) throw new Error(`more than ${Math.floor(choices.max_bytes / 2 ** 20)} MB; shrink it or take less`);
     say("Reading the files…");
-    use(await answer(await fetch("/upload", { method: "POST", body: form, signal })));
+    let found;
+    try {
+      found = await answer(await fetch("/upload", { method: "POST", body: form, signal }));
+    } catch (error) {
+      if (error.name !== "AbortError") forget();
+      throw error;
+    }
+    use(found);
   });
 }
 
