@@ -95,6 +95,20 @@ def _started(folder: str, node: dict[str, int]) -> Nodes:
     raise AssertionError
 
 
+def descendants(root: int) -> dict[int, str]:
+    """The processes that a process started, and those that they started, by number: their command lines."""
+    parents, lines = {}, {}
+    for folder in Path("/proc").iterdir():
+        with suppress(OSError, ValueError):
+            parents[int(folder.name)] = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+            lines[int(folder.name)] = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+    found, before = {root}, set()
+    while found != before:
+        before = set(found)
+        found |= {child for child, parent in parents.items() if parent in before}
+    return {number: lines[number] for number in found - {root} if number in lines}
+
+
 def still_running(mark: str, within_s: float = 20.0) -> list[str]:
     """Command lines of processes that name `mark` in them, if any is left after a while."""
     deadline = time.monotonic() + within_s

@@ -21,7 +21,7 @@ from robustflow.testing import ZeroFlow
 
 from .conftest import FAST
 from .interrupt import hears_ctrl_c
-from .ray_nodes import still_running
+from .ray_nodes import descendants, still_running
 
 pytestmark = pytest.mark.ray
 
@@ -142,6 +142,22 @@ def _start(folder: Path, *options: str, **variables: str) -> subprocess.Popen[st
 
 def _rows(folder: Path) -> int:
     return RunFolder(folder).rows().height if (folder / "manifest.json").exists() else 0
+
+
+@pytest.mark.slow
+def test_a_killed_agent_of_ray_ends_the_run_with_a_sentence(tmp_path):
+    run = _start(tmp_path / "run", "--no-examples")
+    while not _rows(tmp_path / "run"):
+        assert run.poll() is None, run.communicate()
+        time.sleep(0.1)
+    agents = [number for number, line in descendants(run.pid).items() if "RuntimeEnvAgent" in line]
+    assert agents
+    for agent in agents:
+        os.kill(agent, signal.SIGKILL)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 1
+    assert err.splitlines()[-1].startswith("robustflow: Ray ended this process")
+    assert _rows(tmp_path / "run")
 
 
 def test_a_killed_driver_is_resumed_by_another_engine(tmp_path, models_on_path):

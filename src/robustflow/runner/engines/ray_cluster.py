@@ -7,9 +7,11 @@ import os
 import shutil
 import signal
 import socket
+import subprocess
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from ...errors import RobustFlowError, RunError, UsageError
@@ -25,6 +27,11 @@ _SETTINGS = b"\4"
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0" + _SETTINGS + bytes(5)
 """The preface of an HTTP/2 client, which is what Ray's ports speak; a server answers with its settings (RFC 9113,
 3.4)."""
+_WATCH = "import sys; sys.stdin.buffer.read(1) or sys.exit(sys.argv[1])"
+_ENDED_BY_RAY = (
+    "robustflow: Ray ended this process, as it does when one of its own on this machine was killed or ran out of "
+    "memory; what is finished is kept: run the same command again to continue"
+)
 _NO_RAY = "the ray engine needs Ray, which is not installed here: pip install 'robustflow[ray]'"
 
 
@@ -75,7 +82,8 @@ def connected(address: str | None, cpus: int | None = None, sent_bytes: int = 0)
             else:
                 _join(ray, address)
         _restore(handler)  # Ray replaces the caller's
-        yield ray
+        with _last_words():
+            yield ray
     finally:
         with _quiet():
             ray.shutdown()
@@ -121,6 +129,23 @@ def _join(ray: Any, address: str) -> None:
         raise RunError(f"{cluster} does not answer like Ray; check the address and its port") from error
     except Exception as error:
         raise RunError(f"{cluster} cannot be joined from here: {_first_sentence(error)}") from error
+
+
+@contextmanager
+def _last_words() -> Iterator[None]:
+    """Within the block, a second process prints a line if this one ends without a word: Ray ends its driver, from code
+    that Python cannot catch, when one of its own processes on this machine is gone."""
+    arguments = [sys.executable, "-I", "-S", "-c", _WATCH, _ENDED_BY_RAY]
+    # in a session of its own, where Ctrl-C does not reach it
+    watching = subprocess.Popen(arguments, stdin=subprocess.PIPE, start_new_session=True)
+    assert watching.stdin is not None
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            watching.stdin.write(b".")
+            watching.stdin.close()
+        watching.wait()
 
 
 class _NoFolders(list[str]):
