@@ -27,7 +27,8 @@ class Effect:
 
     Attributes:
         difference: mean over seeds and pairs.
-        error: standard error; None, as the next three, with too few pairs or seeds.
+        error: standard error; None, as the next four, with too few pairs or seeds.
+        freedom: its degrees of freedom.
         low, high: ends of its 95 % interval for other pairs and seeds.
         p: two-sided, for no difference; not corrected.
         plain, value: means of both.
@@ -35,6 +36,7 @@ class Effect:
 
     difference: float
     error: float | None
+    freedom: float | None
     low: float | None
     high: float | None
     p: float | None
@@ -68,10 +70,11 @@ def effects(runs: Runs, dataset: str, seeds: Sequence[int]) -> pl.DataFrame:
                 lines.append({**about, "quantity": quantity, **asdict(effect)})
             if under != CLEAN:
                 ratios = [_relative(scores[which], under) for which in (PLAIN, name)]
-                effect = Effect(ratios[1] - ratios[0], None, None, None, None, *ratios)
+                effect = Effect(ratios[1] - ratios[0], None, None, None, None, None, *ratios)
                 lines.append({**about, "quantity": "crer", **asdict(effect)})
     return pl.DataFrame(
-        lines, schema_overrides=dict.fromkeys(("error", "low", "high", "p"), pl.Float64) | {"seen": pl.Boolean}
+        lines,
+        schema_overrides=dict.fromkeys(("error", "freedom", "low", "high", "p"), pl.Float64) | {"seen": pl.Boolean},
     )
 
 
@@ -95,9 +98,8 @@ def _unguarded(run: Run) -> str | None:
 
 
 def _effect(plain: Array, arm: Array) -> Effect:
-    of_mean = interval(arm - plain)
-    error, low, high, p = of_mean or (None, None, None, None)
-    return Effect(float((arm - plain).mean()), error, low, high, p, float(plain.mean()), float(arm.mean()))
+    error, freedom, low, high, p = interval(arm - plain) or (None, None, None, None, None)
+    return Effect(float((arm - plain).mean()), error, freedom, low, high, p, float(plain.mean()), float(arm.mean()))
 
 
 def _relative(scores: list[dict[str, dict[str, Array]]], under: str) -> float:

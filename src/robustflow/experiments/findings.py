@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import polars as pl
-from scipy.special import ndtri
+from scipy.special import stdtrit
 
 from ..analysis.uncertainty.holm import holm
 from ..datasets import dataset_facts
@@ -75,7 +75,7 @@ def _change(effect: dict[str, Any]) -> str:
 
 def _detectable(effect: dict[str, Any]) -> float:
     """The difference that two tests at half the level find with the power, if the standard error stays."""
-    return float((ndtri(1 - LEVEL / 4) + ndtri(_POWER)) * effect["error"])
+    return float(sum(stdtrit(effect["freedom"], level) for level in (1 - LEVEL / 4, _POWER)) * effect["error"])
 
 
 def _families(table: pl.DataFrame) -> str:

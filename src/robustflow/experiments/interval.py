@@ -19,9 +19,11 @@ _RESAMPLES = 4000
 
 
 class MeanInterval(NamedTuple):
-    """Standard error of a mean, its 95 % interval, and the two-sided p-value for a mean of 0."""
+    """Standard error of a mean and its degrees of freedom, the 95 % interval, and the two-sided p-value for a mean of
+    0."""
 
     error: float
+    freedom: float
     low: float
     high: float
     p: float
@@ -57,7 +59,7 @@ def interval(differences: Array, resamples: int = _RESAMPLES) -> MeanInterval | 
     )
     error = math.sqrt(of_seeds + of_pairs)
     if error == 0:
-        return MeanInterval(0.0, mean, mean, float(mean == 0))
+        return MeanInterval(0.0, math.inf, mean, mean, float(mean == 0))
     freedom = error**4 / (of_seeds**2 / (seeds - 1) + of_pairs**2 / (pairs - 1))
     ratios = _bootstrapped(differences, mean, resamples)
     low, high = np.quantile(ratios, [(1 + _LEVEL) / 2, (1 - _LEVEL) / 2])
@@ -65,7 +67,7 @@ def interval(differences: Array, resamples: int = _RESAMPLES) -> MeanInterval | 
     beyond = min((ratios >= mean / error).sum(), (ratios <= mean / error).sum())
     p = max(2 * (beyond + 1) / (len(ratios) + 1), 2 * stdtr(freedom, -abs(mean / error)))
     ends = mean - max(float(low), reach) * error, mean - min(float(high), -reach) * error
-    return MeanInterval(error, *ends, min(1.0, float(p)))
+    return MeanInterval(error, freedom, *ends, min(1.0, float(p)))
 
 
 def _bootstrapped(differences: Array, mean: float, resamples: int) -> Array:
