@@ -11,7 +11,9 @@ from robustflow.analysis.conclusion import conclusions
 from robustflow.analysis.doubts import ACCURATE_BELOW, clean_epe, doubted_runs, doubts, doubts_from_rows, zero_flow_epe
 from robustflow.analysis.uncertainty import compare_all, compare_rows
 from robustflow.api import evaluate
-from robustflow.experiments.effects import unguarded
+from robustflow.cli.compare import compare
+from robustflow.experiments.arms import PLAIN, arms
+from robustflow.experiments.effects import left_out
 from robustflow.images.io import write_image
 from robustflow.testing import ConstantFlow
 from robustflow.testing.datasets import TexturePairs
@@ -65,9 +67,9 @@ def test_experiments_and_rankings_use_one_guard():
         rows = _rows(24.9, 5.0)
 
     assert ACCURATE_BELOW == 0.5
-    assert unguarded({("all", "demo", 0): Arm, ("plain", "demo", 0): Better}, "demo") == [
-        "all, seed 0: clean EPE 25.10, zero flow's 50.00"
-    ]
+    runs = {(arm.name, "demo", seed): Better for arm in arms() for seed in (0, 1)}
+    runs[PLAIN, "demo", 1] = Arm
+    assert left_out(runs, "demo") == {1: f"{PLAIN}: clean EPE 25.10 px, zero flow's 50.00 px"}
     assert [bool(doubts_from_rows(one.rows)) for one in (Arm, Better)] == [True, False]
 
 
@@ -112,7 +114,8 @@ class ScaledDis:
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     folder = tmp_path_factory.mktemp("doubts")
-    models = {"dis": ScaledDis(1.0), "tenth": ScaledDis(0.1), "constant": ConstantFlow(-30.0, 0.0)}
+    models = {"dis": ScaledDis(1.0), "most": ScaledDis(0.9), "tenth": ScaledDis(0.1)}
+    models |= {"constant": ConstantFlow(-30.0, 0.0)}
     options = {"corruptions": ["fog", "gaussian_noise"], "severities": [1, 3], "examples": False, "workers": 1}
     return {name: evaluate(model, "demo", output=folder / name, **options) for name, model in models.items()}
 
@@ -124,6 +127,21 @@ def test_a_tenth_of_dis_and_a_constant_vector_are_doubted_and_dis_is_not(measure
     assert "is not below half of the 34.34 px of zero flow" in doubts(measured["tenth"])[0]
     assert clean_epe(measured["constant"].rows) < 0.5 * 34.34
     assert doubts(measured["constant"])[0].startswith("its flow hardly depends on the frames")
+
+
+@pytest.mark.parametrize("format", ["terminal", "markdown"])
+def test_compare_ranks_no_doubted_run_and_says_why(measured, capsys, format):
+    options = {"level": 0.95, "resamples": 199, "seed": 0, "metric": None, "output": None, "as_json": False}
+    compare([run.path for run in measured.values()], format=format, **options)
+    out = " ".join(capsys.readouterr().out.split())
+    ranking, _, rest = out.partition("possible ranks: a model is behind")
+    assert "1 x DIS" in ranking
+    assert "0.9 x DIS" in ranking
+    assert "0.1 x DIS" not in ranking
+    assert "ConstantFlow" not in ranking
+    assert "Not ranked: 0.1 x DIS, because its clean EPE of" in rest
+    compare([measured[name].path for name in ("dis", "tenth")], format=format, **options)
+    assert "Not ranked: 0.1 x DIS, because" in " ".join(capsys.readouterr().out.split())
 
 
 def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_doubted(tmp_path):

@@ -13,6 +13,7 @@ from ..metrics.rows import CLEAN
 from ..runs.comparable import sample_set
 from ..runs.means import clean_flow_length
 from ..runs.run import Run
+from ..text import plain
 from .run_names import run_names
 
 ACCURATE_BELOW = 0.5
@@ -58,6 +59,11 @@ def doubted_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
                     f"{median_low(others):.2f} px of the other models (median)"
                 )
     return {key: " and ".join(clauses) for key, clauses in reasons.items() if clauses}
+
+
+def not_ranked(runs: Sequence[Run]) -> dict[str, str]:
+    """Name -> why a run is not ranked, as a sentence."""
+    return {name: plain(f"Not ranked: {name}, because {why}.", None) for (_, name), why in doubted_runs(runs).items()}
 
 
 def sound_results(results: pl.DataFrame, doubted: Mapping[tuple[str, str], str]) -> pl.DataFrame:

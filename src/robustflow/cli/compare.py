@@ -1,6 +1,6 @@
 """`robustflow compare`: is one model really better than another?"""
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,7 +42,10 @@ def compare(
       robustflow compare runs/a runs/b runs/c --metric rcre
       robustflow compare runs/a runs/b --format latex -o comparison.tex
     """
+    import polars as pl
+
     from ..analysis.conditions import orders, seeds_of
+    from ..analysis.doubts import doubts, not_ranked
     from ..analysis.labels import METRIC_LABELS
     from ..analysis.run_names import run_names
     from ..analysis.uncertainty import compare_all, rank_stability, standings, variance_split
@@ -67,13 +70,15 @@ def compare(
         raise UsageError("one run cannot be compared: name two or more")
     loaded = [load_any_run(run) for run in runs]
     chosen = metric or ("rcre" if any(run.cre is None for run in loaded) else "cre")
+    unranked = not_ranked(loaded)
+    sound_runs = [run for run in loaded if not doubts(run)]
     across = None
     if (by_seed := seeds_of(loaded)) is not None:
         frame = variance_split(by_seed.rows, chosen)
         across = frame, variance_table(frame, chosen, loaded[0].name, by_seed.remark)
-    elif (order := orders(loaded, chosen)) is not None:
+    elif len(sound_runs) > 1 and (order := orders(sound_runs, chosen)) is not None:
         frame = rank_stability(order.scores)
-        across = frame, stability_table(frame, chosen, order.remark)
+        across = frame, stability_table(frame, chosen, " ".join(filter(None, (order.remark, *unranked.values()))))
     if across is not None:
         frame, shown = across
         text = frame.write_json() + "\n" if as_json else render(shown, format)
@@ -93,20 +98,24 @@ def compare(
         if table.is_empty():
             label = METRIC_LABELS[chosen]
             raise RunError(f"no two of these runs have an average {label} in common; compare two, or another --metric")
+        ranked = [name for name in rows if name not in unranked]
+        sound = table.filter(pl.col("first").is_in(ranked) & pl.col("second").is_in(ranked))
+        note = " ".join(filter(None, [note, *unranked.values()]))
     on_screen = format == "terminal" and output is None
     if as_json:
         text = table.write_json() + "\n"
     elif len(loaded) == 2:
         shown = comparison.table(metric or "")
+        shown = replace(shown, remarks=(*shown.remarks, *unranked.values()))
         text = for_stdout(shown) if on_screen else render(shown, format)
     elif format == "terminal":
-        ranking = for_stdout(standings_table(standings(table, list(rows)), chosen)) if _every_pair(table, rows) else ""
+        ranking = for_stdout(standings_table(standings(sound, ranked), chosen)) if _every_pair(sound, ranked) else ""
         sentences = (*table["sentence"], *filter(None, [note]))
         text = ranking + "".join(f"{plain(sentence, None)}\n" for sentence in sentences)
     else:
         shown_tables = [pairs_table(table, note)]
-        if format != "csv" and _every_pair(table, rows):  # a CSV file holds a single table
-            shown_tables.insert(0, standings_table(standings(table, list(rows)), chosen))
+        if format != "csv" and _every_pair(sound, ranked):  # a CSV file holds a single table
+            shown_tables.insert(0, standings_table(standings(sound, ranked), chosen))
         text = "\n".join(render(one, format) for one in shown_tables)
     if output is None:
         typer.echo(text, nl=False)
@@ -115,5 +124,5 @@ def compare(
         typer.echo(str(output))
 
 
-def _every_pair(table: "pl.DataFrame", rows: "Mapping[str, pl.DataFrame]") -> bool:
-    return table.height == len(rows) * (len(rows) - 1) // 2
+def _every_pair(table: "pl.DataFrame", names: list[str]) -> bool:
+    return len(names) > 1 and table.height == len(names) * (len(names) - 1) // 2

@@ -12,9 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from ..analysis.conclusion import conclusions, enough_to_compare, without_truth
-from ..analysis.doubts import doubts
+from ..analysis.doubts import doubts, not_ranked
 from ..analysis.labels import METRIC_LABELS
-from ..analysis.scores import run_names
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..benchmarks.facts import truth_remark
 from ..errors import unknown_name
@@ -96,10 +95,8 @@ def print_results(results: Sequence[Run]) -> None:
     console.print(table)
     for remark in {truth_remark(result.manifest["identity"]["protocol"]) for result in results} - {""}:
         console.print(f"Errors are on {remark}.")
-    for name, run in zip(run_names(results), results, strict=True):
-        if (reasons := doubts(run)) and not without_truth(run):
-            sentence = f"Not ranked: {name}, because {' and '.join(reasons)}."
-            console.print(plain(sentence, None), highlight=False, soft_wrap=True)
+    for sentence in not_ranked([run for run in results if not without_truth(run)]).values():
+        console.print(sentence, highlight=False, soft_wrap=True)
     _print_conclusions(console, results)
     if all(map(enough_to_compare, results)):
         folders = " ".join(shlex.quote(str(result.path)) for result in results)
