@@ -44,7 +44,7 @@ def test_runs_and_files_beside_them(robustflow, run):
     page = Path("site/index.html").read_text()
     assert "From mine.csv" in page
     assert "1 pair of the demo" in page
-    assert "another sample set: not comparable" in page
+    assert "other frames: not comparable with the other groups" in page
     assert "Tab. 2" in page
     robustflow("leaderboard", run, "--no-published", "-o", "alone")
     assert "Tab. 2" not in Path("alone/index.html").read_text()
@@ -80,7 +80,7 @@ def test_results_of_other_programs_stand_beside_a_run_and_say_that_they_cannot_b
         "Reference code, kitti-fc",
         "FlowBench, kitti-2015, severity 3",
         NOTE,
-        "2 imported lines",
+        "Not judged here: 1 imported line",
     ):
         assert said in page
     written = read_results("site/results.csv")
