@@ -68,6 +68,7 @@ SHAPES = {
     "provenance a list": _with([1], "provenance"),
     "no basis": _without("provenance", "basis"),
     "seconds a text": _with("long", "seconds"),
+    "packages a list": _with(["numpy"], "environment", "packages"),
     "left out a list": _with([1], "left_out"),
     "deep": _with(json.loads("[" * 900 + "]" * 900), "identity", "protocol", "x"),
 }

@@ -51,6 +51,10 @@ class _ProvenanceFields(_Shape):
     note: str = ""
 
 
+class _EnvironmentFields(_Shape):
+    packages: dict[str, str]
+
+
 class _ManifestFields(_Shape):
     identity: _IdentityFields
     identity_digest: Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
@@ -61,7 +65,7 @@ class _ManifestFields(_Shape):
     started: str = ""
     finished: str | None = None
     seconds: dict[str, float] = {}
-    environment: dict[str, Any] = {}
+    environment: _EnvironmentFields
     places: dict[str, int] = {}
     clips: list[dict[str, Any]] = []
 
