@@ -96,7 +96,7 @@ def test_seeds_on_the_command_line(tmp_path):
     """A folder each, the same as single runs with those seeds; compare shows how the order of models moves."""
     cli, folders = CliRunner(), []
     common = ["--corruptions", "gaussian_noise", "--severities", "3", "--no-examples"]
-    for model in ("dis", "farneback"):
+    for model in ("dis", "farneback", "tiny"):
         made = cli.invoke(app, ["run", "--model", model, *common, "--seeds", "2", "--output", str(tmp_path / model)])
         assert made.exit_code == 0, made.output
         folders += [str(tmp_path / model / f"seed{number}") for number in (0, 1)]
@@ -110,5 +110,13 @@ def test_seeds_on_the_command_line(tmp_path):
     assert moves.exit_code == 0, moves.output
     assert "seed 0" in moves.output
     assert "tau" in moves.output
+    assert "Tiny" in moves.output
+    order, _, reasons = moves.output.partition("Not ranked: ")
+    assert "Farneback" not in order
+    assert reasons.startswith("Farneback, because its clean EPE of 25.52 px")
+    alone_ranked = cli.invoke(app, ["compare", *folders[:4]])
+    assert "an order of models needs two that can be ranked; not ranked: Farneback, because" in str(
+        alone_ranked.exception
+    )
     one_image = cli.invoke(app, ["compare", *folders[:2]])
     assert "a split by image needs two" in str(one_image.exception) + one_image.output

@@ -34,9 +34,11 @@ def test_report_beside_the_published(robustflow, runs):
 
 
 def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):
-    """Two runs leave every observation open: shown where asked for, left out among all tables."""
+    """Two runs leave every observation open: shown where asked for, left out among all tables. Farneback, which misses
+    most of the pair's motion, is in none, and a remark says so."""
     code, out, _ = robustflow("report", *runs, "--published", "--table", "observations,effective", "-f", "markdown")
     assert code == 0
+    assert "Left out of trends and correlations: Farneback, because its clean EPE of 25.52 px is not below half" in out
     titles = [line for line in out.splitlines() if line.startswith("###")]
     assert titles == [
         "### The paper's observations: published models",

@@ -10,12 +10,14 @@ from functools import reduce
 import polars as pl
 
 from ..digest import digest_of_value
+from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..runs.aggregate import summarize
 from ..runs.comparable import SELECTION, differences, differing_parts, measured_cells, measured_in_words, sample_set_of
 from ..runs.identity import frames_part, model_part
 from ..runs.run import Run
-from ..text import joined
+from ..text import joined, plain
+from .doubts import doubts
 from .run_names import run_names
 
 
@@ -57,6 +59,9 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
     Args:
         runs: of any models.
         metric: "epe", "cre", "crer" or "rcre".
+
+    Raises:
+        RunError: doubts leave fewer than two models to order.
     """
     rows, remark = _in_all(runs)
     parts = [dict(one) for one in measured_in_words(runs)]
@@ -78,6 +83,16 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
     everywhere = set.intersection(*map(set, scores.values()))
     if len(scores) < 2 or len(everywhere) < 2:
         return None
+    against = {models[_model(run)]: found[0] for run in runs if (found := doubts(run))}
+    doubted = {name: against[base] for name in sorted(everywhere) if (base := name.partition(" #")[0]) in against}
+    reasons = "; ".join(f"{plain(name)}, because {reason}" for name, reason in doubted.items())
+    if len(everywhere) - len(doubted) < 2:
+        raise RunError(
+            f"an order of models needs two that can be ranked; not ranked: {reasons}; add runs of another model"
+        )
+    if doubted:
+        remark = " ".join(filter(None, (remark, f"Not ranked: {reasons}.")))
+        scores = {key: {name: one[name] for name in one if name not in doubted} for key, one in scores.items()}
     if others := sorted({name for one in scores.values() for name in one} - everywhere):
         remark = " ".join(filter(None, (remark, f"Left out, because not under every condition: {joined(others)}.")))
     return Orders(scores, remark)

@@ -1,6 +1,5 @@
 """`robustflow compare`: is one model really better than another?"""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -45,7 +44,7 @@ def compare(
     import polars as pl
 
     from ..analysis.conditions import orders, seeds_of
-    from ..analysis.doubts import doubts, not_ranked
+    from ..analysis.doubts import not_ranked
     from ..analysis.labels import METRIC_LABELS
     from ..analysis.run_names import run_names
     from ..analysis.uncertainty import compare_all, rank_stability, standings, variance_split
@@ -70,15 +69,13 @@ def compare(
         raise UsageError("one run cannot be compared: name two or more")
     loaded = [load_any_run(run) for run in runs]
     chosen = metric or ("rcre" if any(run.cre is None for run in loaded) else "cre")
-    unranked = not_ranked(loaded)
-    sound_runs = [run for run in loaded if not doubts(run)]
     across = None
     if (by_seed := seeds_of(loaded)) is not None:
         frame = variance_split(by_seed.rows, chosen)
         across = frame, variance_table(frame, chosen, loaded[0].name, by_seed.remark)
-    elif len(sound_runs) > 1 and (order := orders(sound_runs, chosen)) is not None:
+    elif (order := orders(loaded, chosen)) is not None:
         frame = rank_stability(order.scores)
-        across = frame, stability_table(frame, chosen, " ".join(filter(None, (order.remark, *unranked.values()))))
+        across = frame, stability_table(frame, chosen, order.remark)
     if across is not None:
         frame, shown = across
         text = frame.write_json() + "\n" if as_json else render(shown, format)
@@ -98,6 +95,7 @@ def compare(
         if table.is_empty():
             label = METRIC_LABELS[chosen]
             raise RunError(f"no two of these runs have an average {label} in common; compare two, or another --metric")
+        unranked = not_ranked(loaded)
         ranked = [name for name in rows if name not in unranked]
         sound = table.filter(pl.col("first").is_in(ranked) & pl.col("second").is_in(ranked))
         note = " ".join(filter(None, [note, *unranked.values()]))
@@ -106,7 +104,6 @@ def compare(
         text = table.write_json() + "\n"
     elif len(loaded) == 2:
         shown = comparison.table(metric or "")
-        shown = replace(shown, remarks=(*shown.remarks, *unranked.values()))
         text = for_stdout(shown) if on_screen else render(shown, format)
     elif format == "terminal":
         ranking = for_stdout(standings_table(standings(sound, ranked), chosen)) if _every_pair(sound, ranked) else ""

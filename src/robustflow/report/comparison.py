@@ -8,6 +8,7 @@ from typing import Any
 
 import polars as pl
 
+from ..analysis.doubts import not_ranked
 from ..analysis.labels import METRIC_LABELS, long_label, metric_label
 from ..analysis.run_names import run_names
 from ..analysis.uncertainty import compare_rows
@@ -33,7 +34,7 @@ class Comparison:
     Attributes:
         names: of the two runs.
         frame: everything, columns of `robustflow.analysis.uncertainty.paired.COMPARISON_SCHEMA`.
-        remark: what was left out and how the runs differ; "" if they measured the same.
+        remark: what was left out, how the runs differ, and why one is not ranked; "" if there is nothing to say.
     """
 
     names: tuple[str, str]
@@ -187,7 +188,7 @@ def compare(
     common = common_to(dict(zip(names, runs, strict=True)))
     one, other = common.rows.values()
     frame = compare_rows(one, other, names, level=level, resamples=resamples, seed=seed)
-    return Comparison(names, frame, common.remark)
+    return Comparison(names, frame, " ".join(filter(None, (common.remark, *not_ranked(runs).values()))))
 
 
 def _opened(run: AnyRun) -> Run:
