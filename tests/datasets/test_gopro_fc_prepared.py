@@ -190,7 +190,7 @@ def test_two_images_are_not_enough():
     from robustflow.corruptions import corrupt
 
     for name in CLIP:
-        with pytest.raises(UsageError, match="prepare gopro-fc"):
+        with pytest.raises(UsageError, match="--benchmark gopro-fc --data CLIP"):
             corrupt(grey, grey, name, 1)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.benchmarks import load_benchmark
-from robustflow.errors import RunError, UsageError
+from robustflow.errors import DataError, RunError, UsageError
 from robustflow.testing import ZeroFlow, check_dataset
 
 MODULE = """
@@ -175,5 +175,5 @@ def test_a_video_alone_is_a_folder(tmp_path):
 
     write_video(tmp_path / "clip.mp4", 6, 3)
     assert load_benchmark("demo", tmp_path / "clip.mp4").dataset.name == "folder"
-    with pytest.raises(UsageError, match="has its own pair"):
+    with pytest.raises(DataError, match="holds videos, not frames; give one file"):
         load_benchmark("demo", tmp_path)
