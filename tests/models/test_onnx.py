@@ -231,7 +231,7 @@ def test_identity_names_the_file_by_its_hash_and_what_changes_the_numbers(tmp_pa
 def test_without_a_file(tmp_path):
     with pytest.raises(ModelError, match=r"model 'onnx' needs its file"):
         rf.load_model("onnx")
-    with pytest.raises(ModelError, match=r"missing\.onnx: no such checkpoint"):
+    with pytest.raises(ModelError, match=r"missing\.onnx: no such file; give the path of the exported network"):
         rf.load_model(str(tmp_path / "missing.onnx"))
 
 
