@@ -64,8 +64,8 @@ def fair_limits(
         zero: whether 0 is on the axis, as for bars and curves; it is then an end if no value is beyond it.
         room: what is left free at either end, as a share of the span.
 
-    >>> fair_limits([2.64, 2.75], room=0)
-    (2.195, 3.195)
+    >>> fair_limits([2.5, 2.75], room=0)
+    (2.125, 3.125)
     >>> fair_limits([0.02, 0.11], zero=True, room=0)
     (0.0, 1.0)
     """
