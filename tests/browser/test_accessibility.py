@@ -27,7 +27,7 @@ def test_no_serious_violation(visit, pages, name, state, scheme):
     )
     page = visit(color_scheme=scheme).page
     page.goto(pages[name].as_uri() + state)
-    for summary in page.locator("details:visible > summary").all():
+    for summary in page.locator("details > summary:visible").all():
         summary.click()
     found = axe.Axe().run(page).response
     serious = [
