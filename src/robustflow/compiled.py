@@ -1,12 +1,14 @@
 """Compiled functions: the only file that imports numba.
 
 numba reads settings from `.numba_config.yaml` in the working folder, before every compilation, and unpickles compiled
-code from whatever folder they name. Here it does neither.
+code from whatever folder they name. Here it does neither. Its files of compiled code are safe to write from many
+processes at once only as `_CacheFiles` names them.
 """
 
 from __future__ import annotations
 
 import grp
+import hashlib
 import os
 import pwd
 import stat
@@ -24,6 +26,7 @@ sys.modules["yaml"] = None  # type: ignore[assignment]  # numba can read no sett
 try:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "A Numba config file is found")
+        import numba.core.caching
         import numba.core.config
         import numba.extending
 finally:
@@ -60,6 +63,10 @@ def njit(*signature: Any, **options: Any) -> Callable[[Function], Any]:
         compiled = numba.njit(**options)(function)
         if options.get("cache"):
             _check_folder(Path(compiled.stats.cache_path))
+            files = compiled._cache
+            files._cache_file = _CacheFiles(
+                files.cache_path, files._impl.filename_base, files._impl.locator.get_source_stamp()
+            )
         for types_of_arguments in signature:
             compiled.compile(types_of_arguments)
             compiled.disable_compile()
@@ -95,6 +102,29 @@ def njit_late(signature: Any, **options: Any) -> Callable[[Function], Function]:
         return call
 
     return decorate
+
+
+class _CacheFiles(numba.core.caching.IndexDataCacheFile):
+    """Files of compiled code, each named after the signature and processor it is for.
+
+    numba numbers them and keeps the numbers in an index. When two processes compile different signatures of a function
+    at once, both take the same number, and from then on code for contiguous arrays may run on strided ones: it reads
+    the wrong values and says nothing.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        self._save_data(self._name(key), (self._source_stamp, data))
+
+    def load(self, key: Any) -> Any:
+        try:
+            stamp, data = self._load_data(self._name(key))
+        except OSError:
+            return None
+        return data if stamp == self._source_stamp else None
+
+    def _name(self, key: Any) -> Any:
+        digest = hashlib.sha256(repr((self._version, key)).encode()).hexdigest()
+        return self._data_name(int(digest[:16], 16))
 
 
 @cache

@@ -1,0 +1,45 @@
+"""Compiled functions: their cache when several processes fill it at once."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import numpy as np
+
+_SOURCE = """
+from robustflow.compiled import njit
+
+@njit(cache=True)
+def total(x):
+    result = 0
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            result += x[i, j]
+    return result
+"""
+
+
+def test_cache_filled_by_two_processes_holds_both_signatures(tmp_path):
+    """Neither process sees the index that the other wrote, as when both compile at the same time."""
+    (tmp_path / "summed.py").write_text(_SOURCE)
+    contiguous = np.arange(12).reshape(3, 4)
+    strided = contiguous[:, ::2]
+
+    def process():
+        spec = importlib.util.spec_from_file_location("summed", tmp_path / "summed.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module.total
+
+    process()(strided)
+    index = {path: path.read_bytes() for path in tmp_path.rglob("*.nbi")}
+    for path in index:
+        path.unlink()
+    process()(contiguous)
+    for path, written in index.items():
+        path.write_bytes(written)
+
+    third = process()
+    assert third(strided) == strided.sum()
+    assert third(contiguous) == contiguous.sum()
+    assert sum(third.stats.cache_hits.values()) == 2
