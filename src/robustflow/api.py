@@ -219,6 +219,7 @@ def evaluate(
 
 def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     """Draw the example pictures once the numbers are safe: no failure here costs a run its rows."""
+    from .runner.cost import keep_cost
     from .runner.displacement import keep_displacement
     from .runner.engines.worker_process import errand
     from .runner.examples import write_examples
@@ -227,6 +228,7 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     result.write_means()
     figures = None
     try:
+        keep_cost(result, setup.model.model)
         if wanted:
             keep_displacement(result, setup.plan.benchmark)
         if are_current(result):

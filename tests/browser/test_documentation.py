@@ -66,6 +66,27 @@ def test_no_serious_violation_and_nothing_from_elsewhere(visit, site, name, sche
 
 
 @pytest.mark.browser
+def test_the_home_page_shows_a_picture(visit, site):
+    page = visit().page
+    page.goto((site / "index.html").as_uri())
+    picture = page.locator("article img").first
+    assert picture.evaluate("image => image.complete && image.naturalWidth > 600")
+    assert picture.bounding_box()["y"] < 900
+    assert "fog" in picture.get_attribute("alt") or "corruptions" in picture.get_attribute("alt")
+
+
+@pytest.mark.browser
+def test_the_tables_of_the_catalogue_fit_their_page(visit, site):
+    page = visit(width=1440).page
+    page.goto((site / "reference" / "catalogue.html").as_uri())
+    beyond = page.locator(".md-typeset__scrollwrap").evaluate_all(
+        "all => all.map(one => one.scrollWidth - one.clientWidth)"
+    )
+    assert len(beyond) == 5
+    assert max(beyond) <= 0
+
+
+@pytest.mark.browser
 @pytest.mark.parametrize("name", PAGES)
 def test_a_page_fits_a_phone(visit, site, name):
     page = visit(width=390, height=844).page

@@ -1,4 +1,4 @@
-"""`profile --into` keeps the cost of a run's model with the run."""
+"""A run keeps the cost of its network, and `profile --into` another size of it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from robustflow.cli.main import main
 from robustflow.models import ModelSpec
 from robustflow.profiling.counts import count
 from robustflow.profiling.network_of import network_of
+from robustflow.report.site.content import whole_content
 from robustflow.runs.costs import read_cost
+from robustflow.runs.run import Run
 
 pytestmark = pytest.mark.torch
 
@@ -36,6 +38,10 @@ def profile(monkeypatch, capsys):
 def test_the_cost_of_a_run(profile, tmp_path):
     spec = ModelSpec("arflow", (("checkpoint", "random"), ("device", "cpu")))
     run = evaluate(spec, "demo", output=tmp_path / "run", corruptions=["contrast"], severities=[1])
+    counted, known = read_cost(run), whole_content([Run(run.path)]).entries[0].texts
+    assert (counted.height, counted.width, counted.seconds) == (432, 720, None)
+    assert known["parameters", ""] == f"{counted.parameters_m:.2f}"
+    assert known["flops", ""] == f"{counted.flops_g:.1f}"
     code, out, err = profile("arflow", "--size", "128x192", "--repeat", 0, "--into", run.path)
     assert code == 0, err
     assert "kept in" in out

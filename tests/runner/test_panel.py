@@ -12,6 +12,7 @@ from hypothesis.extra.numpy import arrays
 from PIL import Image
 
 from robustflow.images.error_colours import HIGHEST, LOWEST, UNKNOWN_COLOUR, error_colours
+from robustflow.images.flow_colours import flow_colours
 from robustflow.images.sparse import REACH, SPARSE, thickened
 from robustflow.runner.panel import Panel, draw_panel, panel_title
 from robustflow.sample import Sample
@@ -74,6 +75,17 @@ def test_the_pictures_lie_where_they_belong():
     for box, frame in ((left, small[0]), (right, small[1])):
         assert abs(box.mean() - frame.mean()) < 3
     assert np.abs(left - right).mean() > 20
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_a_panel_has_the_colour_wheel_of_its_flows(truth):
+    """Its colours to the right and the left of the middle are those of a flow to the right and to the left."""
+    drawn = np.asarray(Image.open(io.BytesIO(draw_panel(_panel(70, 100, truth)))).convert("RGB"), float)
+    sides = flow_colours(np.array([[[1.0, 0.0], [-1.0, 0.0]]], np.float32), 1.0)[0].astype(float)
+    part = drawn[-92:, :100] if truth else drawn[-560:-92, 100:600]
+    found = [np.argwhere(np.abs(part - side).sum(axis=2) < 30) for side in sides]
+    assert all(len(places) > 5 for places in found)
+    assert found[0][:, 1].mean() > found[1][:, 1].mean() + 30
 
 
 @pytest.mark.parametrize(("height", "width"), [(4000, 30), (8, 900), (16, 16), (900, 16)])

@@ -15,6 +15,7 @@ from .tables import table
 def files() -> dict[str, str]:
     """One page."""
     parts = [
+        "---\nhide:\n  - toc\n---",
         "# Catalogue",
         "Everything that can be named on the command line; `robustflow list` prints the same, with what is installed "
         "here. The corruptions have [pages of their own](../corruptions/index.md).",
@@ -37,12 +38,19 @@ def files() -> dict[str, str]:
     return {"reference/catalogue.md": "\n\n".join(parts) + "\n"}
 
 
+def _compact(heading: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
+    """A table whose columns are as narrow as their words, so that it fits the page."""
+    return f'<div class="compact" markdown>\n\n{table(heading, rows)}\n\n</div>'
+
+
 def _methods() -> str:
     rows = [
         (f"`{m.model}`", m.method, m.year, m.type, m.frames, m.source, m.extra and f"`{m.extra}`", m.code_licence)
         for m in methods().values()
     ]
-    return table(("name", "method", "year", "type", "frames", "implementation", "extra", "licence of the code"), rows)
+    return _compact(
+        ("name", "method", "year", "type", "frames", "implementation", "extra", "licence of the code"), rows
+    )
 
 
 def _checkpoints() -> str:
@@ -50,7 +58,7 @@ def _checkpoints() -> str:
         (f"`{c.model}`", f"`{c.checkpoint}`", c.trained_on, setting_of(training_of_entry(c), "kitti-fc"), c.note)
         for c in checkpoints()
     ]
-    return table(("model", "checkpoint", "trained on", "on KITTI-FC", "note"), rows)
+    return _compact(("model", "checkpoint", "trained on", "on KITTI-FC", "note"), rows)
 
 
 def _benchmarks() -> str:
@@ -59,16 +67,17 @@ def _benchmarks() -> str:
         facts = benchmark_facts(name)
         measured = "EPE, CRE, CREr, RCRE" if facts.has_flow else "RCRE"
         rows.append((f"`{name}`", facts.description, measured, facts.data, len(facts.paper_corruptions)))
-    return table(("name", "what", "metrics", "`--data`", "corruptions in the paper's mean"), rows)
+    return _compact(("name", "what", "metrics", "`--data`", "corruptions in the paper's mean"), rows)
 
 
 def _datasets() -> str:
     rows = []
     for name in DATASETS.names():
         f = dataset_facts(name)
-        what = f"{f.title}. {f.description}".strip()
-        rows.append((f"`{name}`", what, f.pairs, f.ground_truth, f.clips, f.layout, f.licence, f.citation))
-    return table(("name", "what", "pairs", "ground truth", "further frames", "layout", "licence", "citation"), rows)
+        further = f.clips and f"Further frames: {f.clips}."
+        what = " ".join(filter(None, (f"{f.title}.", f.description, further, f.citation and f"*{f.citation}*")))
+        rows.append((f"`{name}`", what, f.pairs, f.ground_truth, f.layout, f.licence))
+    return _compact(("name", "what", "pairs", "ground truth", "layout", "licence"), rows)
 
 
 def _recipes() -> str:
@@ -77,4 +86,4 @@ def _recipes() -> str:
         for stage, r in recipes_of(name).items():
             crop, rate = f"{r.crop[0]}x{r.crop[1]}", f"{r.learning_rate:g}"
             rows.append((f"`{name}`", f"`{stage}`", r.updates, r.batch, crop, rate, r.start, r.mix))
-    return table(("model", "recipe", "updates", "pairs each", "crop", "learning rate", "begins with", "data"), rows)
+    return _compact(("model", "recipe", "updates", "pairs each", "crop", "learning rate", "begins with", "data"), rows)

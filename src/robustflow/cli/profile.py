@@ -145,8 +145,9 @@ _LINE = "{:13s} {:>9s} {:>7s} {:>7s} {:>7s} {:>7s} {:>8s} {:>8s} {:>7s} {:>8s}"
 
 
 def _print_paper() -> None:
-    from ..analysis.published.tables import COUNTED_SIZE, published_costs
+    from ..analysis.published.tables import published_costs
     from ..profiling.paper import count_as_the_paper
+    from ..runs.costs import COUNTED_SIZE
 
     groups = ("", "", "params", "(M)", "", "", "MACs", "(G)", "", "")
     typer.echo(_LINE.format(*groups).rstrip())

@@ -8,9 +8,9 @@ from dataclasses import replace
 import polars as pl
 
 from ..analysis.cost_ranks import Measured, cost_ranks, counted_size, measured_crer, run_ranks
-from ..analysis.published.tables import COUNTED_ITERATIONS, COUNTED_SIZE, PAPER, Cost
+from ..analysis.published.tables import COUNTED_ITERATIONS, PAPER, Cost
 from ..errors import UsageError
-from ..runs.costs import RunCost
+from ..runs.costs import COUNTED_SIZE, RunCost
 from .table import Column, Line, Section, Table, TableCell, number_text, with_doubt
 
 _COLUMNS = (

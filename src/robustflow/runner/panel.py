@@ -29,10 +29,12 @@ _WIDTH_IN = 14.0
 _TALLEST_IN = 7.0
 _TITLE_IN = 0.34
 _HEAD_IN = 0.4
-_BAR_IN = 0.66
+_BAR_IN = 0.92
+_WHEEL_IN = 0.8
 _TITLE_PT = 15  # readable when a page shows two panels side by side
 _DPI = 100
 _JPEG_QUALITY = 88
+_WHEEL_SAYS = "direction and length of the flow, as colours"
 
 
 @dataclass(frozen=True)
@@ -105,13 +107,18 @@ def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
         top = _HEAD_IN + row * (each + _TITLE_IN) + _TITLE_IN
         axes = figure.add_axes((0.005 + 0.5 * column, 1 - (top + each) / total, 0.4925, each / total))
         axes.axis("off")
-        if picture is None:
+        if picture is None:  # in place of ground truth
             _wheel(axes)
+            axes.set_title(_WHEEL_SAYS, fontsize=_TITLE_PT, pad=4)
         else:
             axes.imshow(picture, interpolation="antialiased")
             axes.set_anchor("W")
             axes.set_title(title, fontsize=_TITLE_PT, pad=4, loc="left")
-    _error_scale(figure, figure.add_axes((0.52, 0.36 / total, 0.46, 0.14 / total)))
+    if all(picture is not None for _, picture in pictures):
+        _wheel(figure.add_axes((0.005, 0.06 / total, _WHEEL_IN / _WIDTH_IN, _WHEEL_IN / total)))
+        beside = 0.005 + (_WHEEL_IN + 0.15) / _WIDTH_IN
+        figure.text(beside, (0.06 + _WHEEL_IN / 2) / total, _WHEEL_SAYS, va="center", fontsize=13)
+    _error_scale(figure, figure.add_axes((0.52, 0.5 / total, 0.46, 0.14 / total)))
     return figure
 
 
@@ -123,13 +130,13 @@ def _error_scale(figure: Figure, axes: Axes) -> None:
 
 
 def _wheel(axes: Axes) -> None:
-    """A key to the colours, shown in place of missing ground truth."""
+    """A key to the colours of the flow."""
     side = np.linspace(-1, 1, 161, dtype=np.float32)
     flow = np.stack(np.meshgrid(side, side), axis=2)
     colours = flow_colours(flow, 1.0)
     colours[np.hypot(*np.moveaxis(flow, 2, 0)) > 1] = 255
+    axes.axis("off")
     axes.imshow(colours, aspect="equal")
-    axes.set_title("direction and length of the flow, as colours", fontsize=_TITLE_PT, pad=4)
 
 
 def numbers_line(epe: float | None, cre: float | None, rcre: float | None) -> str:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from .run import Run
 
 PROFILE = "profile.json"
+COUNTED_SIZE = (432, 720)
+"""Height and width of the frames for which the paper counts."""
+
 _LARGEST = 1 << 16
 _COMMAND = "profile MODEL --into RUN"
 

@@ -11,7 +11,7 @@ from robustflow.analysis.labels import SETTING_LABELS
 from robustflow.analysis.published.tables import published_costs, published_results
 from robustflow.analysis.results import parse_results
 from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
-from robustflow.report.site.entries import default_order, entries_of
+from robustflow.report.site.entries import PLACE, default_order, entries_of
 from robustflow.report.tables import build_table
 
 _ENTRIES = entries_of(published_results(), published_costs())
@@ -111,3 +111,21 @@ def test_imported_lines_are_the_best_of_nothing():
         text = lines + "".join(f'{line},"{note}"\n' for _, line in numbers)
         entries = entries_of(parse_results(text, "r.csv", "file"), {})
         assert len([entry for entry in entries if ("epe", "fog") in entry.best]) == best
+
+
+def _measured(*models: tuple[str, str, float]):
+    cells = "".join(f"{setting},{name},epe,average,{value},here\n" for name, setting, value in models)
+    results = parse_results("setting,model,metric,corruption,value,sample_set\n" + cells, "mine.csv", "file")
+    first = [("kitti-fc", "here", setting, name, "") for name, setting, _ in models]
+    doubted = {("here", "Blind"): "it is blind"}
+    return {entry.name: entry.texts.get(PLACE) for entry in entries_of(results, {}, None, None, first, doubted)}
+
+
+def test_measured_models_of_every_setting_are_ranked_together_and_doubted_ones_not():
+    sound = [("DIS", "knowledge", 3.0), ("A", "OOD", 2.0), ("B", "ID", 3.0), ("C", "own", 4.0)]
+    ranks = _measured(*sound, ("Blind", "OOD", 1.0))
+    assert ranks == {"DIS": "2", "Blind": None, "A": "1", "B": "2", "C": "4"}
+
+
+def test_a_single_measured_model_has_no_rank():
+    assert _measured(("DIS", "knowledge", 3.0), ("Blind", "OOD", 1.0)) == {"DIS": None, "Blind": None}

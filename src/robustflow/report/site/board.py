@@ -19,7 +19,7 @@ from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
 from ...corruptions.names import MEMBERS
 from ...text import plain
-from .entries import COVERAGE, START, LeaderboardEntry, NumberKey, default_order
+from .entries import COVERAGE, PLACE, START, LeaderboardEntry, NumberKey, default_order
 
 OVERVIEW = "overview"
 COMPACT = "compact"
@@ -79,6 +79,7 @@ class Board:
 
 
 _OVERVIEW = (
+    BoardColumn(PLACE, "Rank", "Among the models measured here on the same frames, by EPE (else RCRE)", (OVERVIEW,)),
     BoardColumn(("epe", CLEAN), "Clean EPE", "End-point error on the clean frames", (OVERVIEW,), unit="px"),
     BoardColumn(("epe", AVERAGE), "EPE", "End-point error, mean over all corruptions", (OVERVIEW,), unit="px"),
     BoardColumn(("cre", AVERAGE), "CRE", "Corruption Robustness Error: EPE - clean EPE", (OVERVIEW,), unit="px"),

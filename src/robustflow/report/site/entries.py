@@ -11,6 +11,7 @@ from ...analysis.best import Compared, best_of_columns
 from ...analysis.cost_ranks import cost_ranks, measured_crer, run_ranks
 from ...analysis.imported import NOTE as IMPORTED
 from ...analysis.published.tables import PAPER, Cost
+from ...analysis.ranking import competition_ranks
 from ...analysis.results import AVERAGE, CLEAN
 from ...benchmarks import benchmark_facts
 from ...runs.costs import RunCost
@@ -20,10 +21,11 @@ from ..table import number_text
 from .slugs import Slugs
 
 NumberKey = tuple[str, str]
-"""(metric, corruption, "clean", "average", or a family); ("parameters", ""), ("flops", ""), ("rank", "") and
-`COVERAGE`."""
+"""(metric, corruption, "clean", "average", or a family); ("parameters", ""), ("flops", ""), ("rank", ""),
+`PLACE` and `COVERAGE`."""
 
 COVERAGE: NumberKey = ("coverage", "")
+PLACE: NumberKey = ("place", "")
 
 Interval = tuple[float, float]
 
@@ -136,6 +138,7 @@ def entries_of(
         entry.set(COVERAGE, (coverage or {}).get(run))
         entry.intervals = dict((intervals or {}).get(run, {}))
     _mark_best(list(entries.values()), doubted or {})
+    _rank_measured(list(entries.values()))
     return list(entries.values())
 
 
@@ -166,6 +169,21 @@ def _mark_best(entries: list[LeaderboardEntry], doubted: Mapping[tuple[str, str]
         lines.append(Compared(group, texts, (entry.sample_set, entry.name) in doubted))
     for entry, best in zip(entries, best_of_columns(lines), strict=True):
         entry.best |= best
+
+
+def _rank_measured(entries: list[LeaderboardEntry]) -> None:
+    """The place of each sound run among those on the same frames, whatever their setting, by the first of `START` that
+    all of them have; equal printed values share it."""
+    groups: dict[tuple[str, str], list[LeaderboardEntry]] = {}
+    for entry in entries:
+        if entry.measured and not entry.doubt:
+            groups.setdefault((entry.benchmark, entry.sample_set), []).append(entry)
+    for group in groups.values():
+        key = next((key for key in START if all(key in entry.texts for entry in group)), None)
+        if key is not None and len(group) > 1:
+            places = competition_ranks({entry.page: float(entry.texts[key]) for entry in group})
+            for entry in group:
+                entry.set(PLACE, places[entry.page], 0)
 
 
 def default_order(entry: LeaderboardEntry) -> tuple[bool, bool, float, str]:
