@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 import robustflow as rf
+from robustflow.benchmarks.demo import DEMO_CLASSES
 from robustflow.corruptions import load_corruption
 from robustflow.metrics import epe, rcre
 from robustflow.metrics.error_maps import epe_map, magnitude_map
@@ -47,7 +48,7 @@ def _direct(frames, truth, corruption, severity, seed, key, model="dis"):
         ([("fog", 3)], "fog", 3, 0),
         ([("impulse_noise", 2)], "impulse_noise", 2, 7),
         ([("fog", 2), ("jpeg_compression", 4)], "fog:2+jpeg_compression:4", 4, 1),
-        ([("frost", 3)], load_corruption("frost").with_textures("generated"), 3, 0),
+        ([("frost", 3)], load_corruption("frost", classes=DEMO_CLASSES), 3, 0),
     ],
 )
 def test_numbers_equal_those_of_the_library(app, layers, corruption, severity, seed):
@@ -69,7 +70,7 @@ def test_numbers_equal_those_of_the_library(app, layers, corruption, severity, s
     corrupted = rf.corrupt(*sample.frames, corruption, severity, seed=seed, key=sample.key)
     for name, frame in zip(("corrupted1", "corrupted2", "frame1", "frame2"), corrupted + sample.frames, strict=True):
         np.testing.assert_array_equal(shown[name], frame)
-    names = {"corrupt": rf.corrupt, "load_corruption": load_corruption}
+    names = {"corrupt": rf.corrupt, "load_corruption": load_corruption, "robustflow": rf}
     called = eval(result["call"], names, dict(zip(("frame1", "frame2"), sample.frames, strict=True)))
     np.testing.assert_array_equal(called, corrupted)
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.corruptions.api import load_corruption
-from robustflow.corruptions.weather.frost_textures import texture
+from robustflow.corruptions.weather.frost_textures import photograph
 from robustflow.errors import AssetError
 from robustflow.random.rng import Rng
 
@@ -19,7 +19,7 @@ NAMES += ["elastic_transform"]
 def need_textures(name):
     if name == "frost":
         try:
-            texture(0)
+            photograph(0)
         except AssetError as error:
             pytest.skip(f"no frost textures here: {error}")
 

@@ -13,7 +13,7 @@ import pytest
 from robustflow.cache import CACHE_VARIABLE, cache_folder
 from robustflow.corruptions.weather import frost_assets, frost_textures
 from robustflow.corruptions.weather.frost import Frost
-from robustflow.corruptions.weather.frost_textures import enlarged_shape, enlarged_texture, resize_cubic
+from robustflow.corruptions.weather.frost_textures import enlarged_shape, enlarged_texture, photograph, resize_cubic
 from robustflow.errors import AssetError
 from robustflow.random.rng import Rng
 
@@ -41,7 +41,7 @@ def invented(monkeypatch, tmp_path):
 
 
 def forget():
-    frost_textures.texture.cache_clear()
+    photograph.cache_clear()
     frost_textures._enlarged.clear()
 
 
@@ -182,10 +182,10 @@ def test_the_frame_is_mixed_with_a_cut_of_the_enlarged_texture(invented, monkeyp
     frame = np.random.default_rng(5).integers(0, 256, (*shape, 3), dtype=np.uint8)
     for severity in (1, 5):
         state = frost.draw(Rng.of("mix", severity), severity, shape)
-        height, width = enlarged_shape(state.slot, shape)
+        height, width = enlarged_shape(photograph, state.slot, shape)
         assert 0 <= state.top < height - shape[0] + 1
         assert 0 <= state.left < width - shape[1] + 1
-        cut = enlarged_texture(state.slot, shape)[state.top :, state.left :][: shape[0], : shape[1]]
+        cut = enlarged_texture(photograph, state.slot, shape)[state.top :, state.left :][: shape[0], : shape[1]]
         a, b = frost.parameter(severity)
         expected = np.clip(a * frame + b * cut.astype(np.float64), 0, 255)
         assert np.abs(frost.apply(frame, state, 0) - expected).max() < 0.501
@@ -202,10 +202,10 @@ def test_all_five_slots_are_drawn_and_cuts_differ(invented, monkeypatch):
 def test_enlarged_textures_are_kept_within_the_bound(invented, monkeypatch):
     monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
     monkeypatch.setattr(frost_textures, "_KEPT_BYTES", 100_000)
-    first = enlarged_texture(0, (50, 80))
-    assert enlarged_texture(0, (50, 80)) is first
+    first = enlarged_texture(photograph, 0, (50, 80))
+    assert enlarged_texture(photograph, 0, (50, 80)) is first
     for size in range(60, 120, 5):
-        enlarged_texture(1, (size, size))
+        enlarged_texture(photograph, 1, (size, size))
         assert sum(image.nbytes for image in frost_textures._enlarged.values()) <= 100_000 or (
             len(frost_textures._enlarged) == 1
         )
@@ -214,7 +214,7 @@ def test_enlarged_textures_are_kept_within_the_bound(invented, monkeypatch):
 def test_the_real_textures():
     forget()
     try:
-        pictures = [frost_textures.texture(slot) for slot in range(5)]
+        pictures = [photograph(slot) for slot in range(5)]
     except AssetError as error:
         pytest.skip(f"no frost textures here: {error}")
     assert all(picture.ndim == 3 and picture.dtype == np.uint8 for picture in pictures)

@@ -69,7 +69,6 @@ DIFFERENT = {
     "a variant": ({"variant": "reference"}, rows(), "reference corruptions"),
     "a scale": ({"severity_scale": "calibrated 00"}, rows(), "calibrated 00 severities"),
     "common draws": ({"common_draws": True}, rows(), "one draw for all severities"),
-    "textures": ({"frost": "generated 1"}, rows(), "generated 1 frost textures"),
     "lenses": ({"psf": "reference 00"}, rows(), "lenses reference 00"),
     "streams": ({"streams": 99}, rows(), "random streams 99"),
     "an edited corruption": ({"corruptions": {"tint": "ab"}}, rows(), " of tint"),

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 
 from robustflow import corrupt, load_dataset, load_model
+from robustflow.benchmarks.demo import DEMO_CLASSES
 from robustflow.corruptions import SEVERITIES, load_corruption
 from robustflow.corruptions.calibration.ssim import Ssim
 from robustflow.corruptions.registry import CLIP
-from robustflow.corruptions.textures import GENERATED
 from robustflow.video.object_motion import mean_of_windows
 from robustflow.video.short_clip import ShortClip
 
@@ -56,7 +56,7 @@ def seen(name: str) -> list[Seen]:
     clip = name in CLIP
     frames, truth, valid, clean = clean_pair(clip)
     similarity = [Ssim(frame) for frame in frames]
-    as_demo = load_corruption(name).with_textures(GENERATED)
+    as_demo = load_corruption(name, classes=DEMO_CLASSES)
     pairs = _clip_pairs(name) if clip else (corrupt(*frames, as_demo, severity, key=KEY) for severity in SEVERITIES)
     cells = []
     for severity, pair in zip(SEVERITIES, pairs, strict=True):

@@ -6,11 +6,14 @@ import secrets
 import shutil
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
 
-from ..corruptions.textures import GENERATED, PHOTOGRAPHS, Textures
+from ..benchmarks.demo import DEMO_CLASSES
+from ..corruptions import Corruption
 from ..datasets import load_dataset
 from ..datasets.video import Video
 from ..errors import UsageError
@@ -25,12 +28,12 @@ class PairSource(Protocol):
     """One or more pairs under one name.
 
     Attributes:
-        textures: of frost: as a run on these frames has them, so that the demo pair needs no network.
+        classes: of corruptions, as in a run on these frames (`Benchmark.classes`).
     """
 
     name: str
     pairs: int
-    textures: Textures
+    classes: Mapping[str, type[Corruption]]
 
     def sample(self, index: int) -> Sample:
         """Pair number `index`, from 0."""
@@ -45,7 +48,7 @@ class OnePair:
 
     name: str
     held: Sample
-    textures: Textures = PHOTOGRAPHS
+    classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
     pairs: int = 1
 
     def sample(self, index: int) -> Sample:
@@ -59,7 +62,7 @@ class OnePair:
 class UploadedClip:
     """The pairs of adjacent frames of the video at `path`, for which `folder` was made; it goes with them."""
 
-    textures: Textures = PHOTOGRAPHS
+    classes: Mapping[str, type[Corruption]] = MappingProxyType({})
 
     def __init__(self, name: str, path: Path, folder: Path) -> None:
         self.name = name
@@ -86,7 +89,7 @@ class SourceStore:
 
     def __init__(self, kept: int = KEPT) -> None:
         demo = load_dataset("motorcycle")
-        self._demo = OnePair("Motorcycle (Middlebury 2014)", demo.load(demo.keys()[0]), GENERATED)
+        self._demo = OnePair("Motorcycle (Middlebury 2014)", demo.load(demo.keys()[0]), DEMO_CLASSES)
         self._kept = kept
         self._sources: OrderedDict[str, PairSource] = OrderedDict()
         self._lock = threading.Lock()

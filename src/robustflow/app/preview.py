@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from ..corruptions import corrupt, load_corruption
+from ..corruptions import Corruption, corrupt, load_corruption
 from ..corruptions.stack import levels_of
-from ..corruptions.textures import PHOTOGRAPHS, Textures
 from ..errors import UsageError
 from ..images.error_colours import error_colours
 from ..images.flow_colours import flow_colours, flow_radius
@@ -104,7 +103,7 @@ class Previewer:
         model = self._models.load(wanted.model, wanted.checkpoint)
         stage("corrupting")
         name, severity = wanted.corruption
-        corruption = load_corruption(name).with_textures(source.textures)
+        corruption = load_corruption(name, classes=source.classes)
         corrupted = corrupt(sample.frames[0], sample.frames[1], corruption, severity, wanted.seed, sample.key)
         clean = self._clean_flow(wanted, sample, model, stage)
         stage("predicting the corrupted frames")
@@ -118,7 +117,7 @@ class Previewer:
             "size": [sample.shape[1], sample.shape[0]],
             "truth": sample.flow is not None,
             "seconds": round(seconds, 3),
-            "call": f"corrupt(frame1, frame2, {_described(wanted, source.textures)}, severity={severity}, "
+            "call": f"corrupt(frame1, frame2, {_described(wanted, source.classes)}, severity={severity}, "
             f"seed={wanted.seed}, key={sample.key!r})",
             **_numbers(sample, flow, clean, name, severity),
             **_pictures(sample, corrupted, flow, clean, wanted.frames),
@@ -136,12 +135,12 @@ class Previewer:
         return self._clean[place]
 
 
-def _described(wanted: PreviewRequest, textures: Textures) -> str:
+def _described(wanted: PreviewRequest, classes: Mapping[str, type[Corruption]]) -> str:
     """The corruption as a caller of the library writes it."""
     name, _ = wanted.corruption
-    if textures == PHOTOGRAPHS or all(layer.name != "frost" for layer in wanted.layers):
+    if all(layer.name not in classes for layer in wanted.layers):
         return f'"{name}"'
-    return f'load_corruption("{name}").with_textures("{textures}")'
+    return f'load_corruption("{name}", classes=robustflow.benchmarks.demo.DEMO_CLASSES)'
 
 
 def _numbers(sample: Sample, flow: Flow, clean: Flow, name: str, severity: int) -> dict[str, Any]:

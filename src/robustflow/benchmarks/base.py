@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_name, load_corruption
 from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import split_stack
-from ..corruptions.textures import PHOTOGRAPHS, Textures
 from ..datasets.base import Dataset, PreCorrupted
 from ..errors import UsageError
 from ..layout import VIDEO_SUFFIXES
@@ -32,7 +31,7 @@ class Benchmark:
         severities: 1 to 5 unless narrowed.
         protocol: everything else that determines the numbers (split, ground truth), for the run's identity.
         closed: whether the corrupted frames come from files, so that no other corruption or severity can be requested.
-        textures: of frost: "photographs" (the paper's, downloaded on first use) or "generated".
+        classes: corruption -> class that computes it here, where that is not the registered one.
         facts: title, whether there is ground truth, what the paper measured.
     """
 
@@ -43,7 +42,7 @@ class Benchmark:
     severities: tuple[int, ...] = SEVERITIES
     protocol: dict[str, Any] = field(default_factory=dict)
     closed: bool = False
-    textures: Textures = PHOTOGRAPHS
+    classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
     facts: BenchmarkFacts = NEUTRAL
 
     def narrowed(

@@ -18,7 +18,6 @@ from ..corruptions.api import STREAM_VERSION
 from ..corruptions.scale import calibration_digest
 from ..corruptions.sources import user_sources
 from ..corruptions.stack import levels_of
-from ..corruptions.textures import textures_record
 from ..datasets.released import DISK_NAMES
 from ..errors import DataError, RunError
 from ..flowio import write_flow
@@ -59,11 +58,10 @@ def export(
         DataError: a key that cannot be a file name.
     """
     scale = {"severity_scale": f"calibrated {calibration_digest()}"} if severity_scale == "calibrated" else {}
-    made = (load_corruption(name, variant, severity_scale) for name in benchmark.corruptions)
-    corruptions = [corruption.with_textures(benchmark.textures) for corruption in made]
+    corruptions = [load_corruption(name, variant, severity_scale, benchmark.classes) for name in benchmark.corruptions]
     draws: dict[str, object] = {"common_draws": True} if common_draws else {}
     settings = {"benchmark": benchmark.name, "seed": seed, "variant": variant, "streams": STREAM_VERSION}
-    _claim(output, settings | scale | draws | textures_record(benchmark.textures) | user_sources(variant))
+    _claim(output, settings | scale | draws | user_sources(variant))
     for key in benchmark.keys:
         if "/" in key or key.startswith("."):
             raise DataError(f"sample '{key}' cannot be written in the KITTI layout, whose files have no folders")

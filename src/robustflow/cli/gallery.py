@@ -9,9 +9,9 @@ from ..errors import UsageError
 from .options import Corruptions, PsfDir, Seed, SeverityScale, names, use_psf_dir
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from ..corruptions.textures import Textures
+    from ..corruptions import Corruption
     from ..report.gallery.clip import ClipCell
     from ..report.gallery.pictures import CorruptedPicture
     from ..sample import Frame, Sample
@@ -82,7 +82,7 @@ def _of_pair(
     output: Path,
     model: str | None,
 ) -> None:
-    from ..corruptions.textures import GENERATED, PHOTOGRAPHS
+    from ..benchmarks.demo import DEMO_CLASSES
     from ..datasets import load_dataset
     from ..images.io import read_image
     from ..report.gallery.page import render_page
@@ -97,15 +97,15 @@ def _of_pair(
         key, what = frames[0].stem, f"{frames[0].name}, {frames[1].name}"
         sample = Sample(key, (read_image(frames[0]), read_image(frames[1])))
     pair = sample.frames
-    textures = PHOTOGRAPHS if frames is not None else GENERATED  # the shipped pair needs no download
-    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale, textures))
+    classes = DEMO_CLASSES if frames is None else {}
+    cells = list(cells_of(pair[0], pair[1], SEVERITIES, wanted, seed, key, scale, classes))
     title = f"Corruptions of {what}, {scale} scale"
     at = [cell for cell in cells if cell.severity == severity]
     page = render_page(pair[0], cells, severity, title)
     _write(output, pair[0], at, f"{title}, severity {severity}", page)
     if model is not None:
         _write_strip(
-            output, sample, model, [cell.name for cell in at if cell.frame is not None], severity, seed, scale, textures
+            output, sample, model, [cell.name for cell in at if cell.frame is not None], severity, seed, scale, classes
         )
 
 
@@ -117,7 +117,7 @@ def _write_strip(
     severity: int,
     seed: int,
     scale: str,
-    textures: "Textures",
+    classes: "Mapping[str, type[Corruption]]",
 ) -> None:
     from ..atomic import write_bytes
     from ..corruptions import load_corruption
@@ -128,7 +128,7 @@ def _write_strip(
     loaded = load_model(model)
     if not isinstance(loaded, FlowModel):
         raise UsageError(f"model '{model}' does not predict from two frames; the strip needs a model that does")
-    chosen = [load_corruption(name, scale=scale).with_textures(textures) for name in corruptions]
+    chosen = [load_corruption(name, scale=scale, classes=classes) for name in corruptions]
     columns = strip_columns(sample.frames[:2], loaded.predict, chosen, severity, seed, sample.key)
     write_bytes(output / "strip.webp", draw_strip(sample, columns, model))
     typer.echo(str(output / "strip.webp"))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
+from types import MappingProxyType
 from typing import Any, overload
 
 from ..errors import UsageError, unknown_name
@@ -29,7 +30,10 @@ _PACKAGE = __name__.rpartition(".")[0] + "."
 
 
 def load_corruption(
-    name: str | Corruption | type[Corruption], variant: str = "default", scale: str = "paper"
+    name: str | Corruption | type[Corruption],
+    variant: str = "default",
+    scale: str = "paper",
+    classes: Mapping[str, type[Corruption]] = MappingProxyType({}),
 ) -> Corruption:
     """The corruption registered as `name`, or the stack described by a name such as `"fog+jpeg_compression:2"`.
 
@@ -40,6 +44,7 @@ def load_corruption(
         variant: "default", "reference", "reference-bgr" (as the published tables were measured: the corruptions were
             handed BGR frames for RGB) or "paper"; the calibrated scale exists for the default alone.
         scale: "paper" (its five severities) or "calibrated" (equal mean SSIM; see docs/severity-scales.md).
+        classes: name -> class used in place of the registered one, see `Benchmark.classes`.
 
     Raises:
         UsageError: unknown name, variant or scale, a severity of a stack's part that the scale lacks, or a corruption
@@ -57,14 +62,14 @@ def load_corruption(
             return name
         return load_corruption(adopt(name), variant, scale)
     if is_stack(name):
-        return Stack([(load_corruption(part, variant, scale), level) for part, level in parse_stack(name)])
+        return Stack([(load_corruption(part, variant, scale, classes), level) for part, level in parse_stack(name)])
     refuse_on_disk(name)
     own = own_corruption(name, variant)
     if own is not None:
         if scale == "paper":
             return own
         raise UsageError(f"the calibrated scale has no severities of '{name}'; use the paper's --severity-scale")
-    kind = CORRUPTIONS.get(name)
+    kind = classes.get(name) or CORRUPTIONS.get(name)
     if variant == BGR and scale == "paper":
         return ChannelsReversed(kind("reference"))
     if scale == "paper":

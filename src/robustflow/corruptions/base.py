@@ -15,7 +15,6 @@ from ..errors import UsageError
 from ..random.rng import Rng
 from ..sample import Frame
 from ..severity import SEVERITIES, check_severity
-from .textures import Textures
 
 VARIANTS = ("default", "reference", "paper")
 """`default`: the rule of docs/design/discrepancies.md; `reference`: what the reference code does; `paper`: the paper's
@@ -83,10 +82,6 @@ class Corruption(ABC):
         A class that overrides this also sets `source_key`.
         """
         return ""
-
-    def with_textures(self, textures: Textures) -> Corruption:
-        """The same corruption with other textures, if it uses any; only frost does."""
-        return self
 
     @abstractmethod
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:

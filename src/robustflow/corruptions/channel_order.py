@@ -9,7 +9,6 @@ import numpy as np
 from ..random.rng import Rng
 from ..sample import Frame
 from .base import BGR, Corruption
-from .textures import Textures
 
 
 class ChannelsReversed(Corruption):
@@ -39,10 +38,6 @@ class ChannelsReversed(Corruption):
     def source(self) -> str:
         """The inner corruption's."""
         return self._inner.source
-
-    def with_textures(self, textures: Textures) -> ChannelsReversed:
-        """The inner corruption with these textures."""
-        return ChannelsReversed(self._inner.with_textures(textures))
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> Any:
         """The inner corruption's state."""

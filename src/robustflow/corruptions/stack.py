@@ -19,7 +19,6 @@ from .on_disk import refuse_on_disk
 from .own import adopt_target, is_known
 from .registry import CORRUPTIONS, SHIPPED
 from .scale import calibrated_levels
-from .textures import Textures
 
 _PLUS, _COLON = "+", ":"
 
@@ -139,10 +138,6 @@ class Stack(Corruption):
         self._parts = parts
         names = (part.name if level is None else f"{part.name}{_COLON}{level}" for part, level in parts)
         self.name = _PLUS.join(names)  # type: ignore[misc]  # a stack's name is its own
-
-    def with_textures(self, textures: Textures) -> Stack:
-        """Every part with these textures."""
-        return Stack([(part.with_textures(textures), level) for part, level in self._parts])
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> list[Any]:
         """One state per part."""

@@ -71,7 +71,6 @@ class Identity(Untrusted):
     window: dict[str, JsonValue] | None = None
     corruptions: dict[_Text, _Text] | None = None
     common_draws: bool | None = None
-    frost: _Text | None = None
 
 
 class Selection(Untrusted):

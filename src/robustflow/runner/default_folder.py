@@ -6,12 +6,11 @@ import warnings
 from pathlib import Path
 
 from ..corruptions.sources import OWN_KEY
-from ..corruptions.textures import KEY as TEXTURES
 from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
 from ..layout import user_path
 from ..models import ModelSpec
-from ..runs.identity import describe_difference, differing, edited_corruptions
+from ..runs.identity import edited_corruptions
 from ..runs.plan import Plan
 from ..runs.store import RunFolder
 from ..text import file_name
@@ -28,15 +27,14 @@ def default_folder(plan: Plan, spec: ModelSpec | None, data: str | Path | None =
 
 
 def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
-    """Warn that a run starts in a new folder because the source of one of the user's corruptions was edited, or because
-    an earlier version used other textures for frost.
+    """Warn that a run starts in a new folder because the source of one of the user's corruptions was edited.
 
     Args:
         folder: the `default_folder` of the run.
         plan: of the run.
     """
     identity = plan.identity()
-    if folder.exists() or not {OWN_KEY, TEXTURES} & {*identity}:
+    if folder.exists() or OWN_KEY not in identity:
         return
     for other in sorted(folder.parent.glob(f"{folder.name.rpartition('_')[0]}_*")):
         try:
@@ -44,10 +42,6 @@ def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
         except RunError:
             continue
         edited = [] if before is None else edited_corruptions(identity, before["identity"])
-        if before is not None and differing(identity, before["identity"]) == TEXTURES:
-            why = describe_difference(identity, before["identity"])
-            warnings.warn(f"{other} is not continued: {why}; a new run starts in {folder}", stacklevel=3)
-            return
         if edited:
             warnings.warn(
                 f"the source of the corruption {', '.join(edited)} has changed since {other}; a new run starts "

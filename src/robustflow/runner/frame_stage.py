@@ -88,8 +88,9 @@ class FrameStage:
                 made = self._dataset if self._context is None else self._context
                 return made.corrupted(sample.key, name, severity)
             if name not in self._corruptions:
-                loaded = load_corruption(name, self._options.variant, self._options.severity_scale)
-                self._corruptions[name] = loaded.with_textures(self._options.textures)
+                self._corruptions[name] = load_corruption(
+                    name, self._options.variant, self._options.severity_scale, self._options.classes
+                )
             corruption = self._corruptions[name]
             seed, common = self._options.seed, self._options.common_draws
             if self._context is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,11 +11,11 @@ from typing import Any
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
 from ..benchmarks.setting import training_record
 from ..corruptions import load_corruption
+from ..corruptions.base import Corruption
 from ..corruptions.on_disk import on_disk
 from ..corruptions.own import is_known, own_among
 from ..corruptions.scale import calibration_digest
 from ..corruptions.sources import OWN_KEY, recorded_sources, user_sources
-from ..corruptions.textures import Textures, recorded_textures
 from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
@@ -83,7 +83,7 @@ def set_up(
     named = name_model(model)
     window = window_on(named.model, benchmark.dataset)
     options = _options(
-        seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws, benchmark.textures
+        seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws, benchmark.classes
     )
     training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
@@ -112,7 +112,7 @@ def set_up_again(run: Run, source: RunSource) -> Setup:
         named = name_model(source.model)
     except RobustFlowError as error:
         raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
-    options = _options_of(identity, window_on(named.model, benchmark.dataset))
+    options = _options_of(identity, benchmark.classes, window_on(named.model, benchmark.dataset))
     plan = Plan(benchmark, options, named.identity)
     if plan.digest() != run.manifest["identity_digest"]:
         raise RunError(
@@ -139,9 +139,8 @@ def set_up_frames(
             f"the run's data are {identity['dataset']} {identity['protocol']}, these are {benchmark.dataset.name} "
             f"{protocol}; give the data and data options of the run"
         )
-    options = _options_of(
-        {**identity, "allow_invalid": True}
-    )  # invalid pixels come from a model, which is not used here
+    # Invalid pixels come from a model, which is not used here.
+    options = _options_of({**identity, "allow_invalid": True}, benchmark.classes)
     if "severity_scale" in identity and identity["severity_scale"] != f"calibrated {calibration_digest()}":
         raise RunError("the run's calibrated severities are not those of this version; use the version that ran it")
     if dict(options.sources) != (recorded := recorded_sources(identity)):
@@ -179,7 +178,9 @@ def open_benchmark(
     return chosen
 
 
-def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOptions:
+def _options_of(
+    identity: dict[str, Any], classes: Mapping[str, type[Corruption]], window: Window | None = None
+) -> RunOptions:
     scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
     own = [str(name) for name in identity.get(OWN_KEY, {})]
     for name in own:
@@ -197,7 +198,7 @@ def _options_of(identity: dict[str, Any], window: Window | None = None) -> RunOp
         window,
         own,
         common_draws,
-        recorded_textures(identity),
+        classes,
     )
 
 
@@ -209,9 +210,9 @@ def _options(
     window: Window | None,
     corruptions: Sequence[str],
     common_draws: bool,
-    textures: Textures,
+    classes: Mapping[str, type[Corruption]],
 ) -> RunOptions:
     sources = user_sources(variant, corruptions)
     return RunOptions(
-        seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions), textures
+        seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions), classes
     )

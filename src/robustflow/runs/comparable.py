@@ -258,7 +258,6 @@ _IN_WORDS: dict[str, Callable[[Any], str]] = {
     "variant": lambda value: f"{value} corruptions",
     "severity_scale": lambda value: f"{value or 'paper'} severities",
     "common_draws": lambda value: "one draw for all severities" if value else "a draw for each severity",
-    "frost": lambda value: f"{value or 'photographs as'} frost textures",
     "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
     "streams": lambda value: f"random streams {value}",
 }

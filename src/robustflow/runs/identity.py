@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..corruptions.sources import OWN_KEY
-from ..corruptions.textures import KEY as TEXTURES
-from ..corruptions.textures import recorded_textures
 from ..digest import digest_of_value
 from ..errors import UsageError
 
@@ -63,13 +61,8 @@ def describe_difference(now: dict[str, Any], before: dict[str, Any]) -> str:
     'the source of the corruption rain has changed since'
     >>> describe_difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0})
     'it was begun without your corruption rain'
-    >>> describe_difference({"seed": 0, "frost": "generated 1"}, {"seed": 0})
-    'it differs in: frost, whose textures were photographs, and are generated now'
     """
     parts = differing(now, before)
-    if parts == TEXTURES:
-        then, today = recorded_textures(before), recorded_textures(now)
-        return f"it differs in: frost, whose textures were {then}, and are {today} now"
     if parts != OWN_KEY:
         return f"it differs in: {parts}"
     if edited := edited_corruptions(now, before):

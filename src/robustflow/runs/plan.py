@@ -10,9 +10,9 @@ from typing import Any
 
 from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
+from ..corruptions.base import Corruption
 from ..corruptions.scale import calibration_digest
 from ..corruptions.stack import levels_of
-from ..corruptions.textures import PHOTOGRAPHS, Textures, textures_record
 from ..datasets import DATASETS
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
@@ -55,8 +55,8 @@ class RunOptions:
     """Whether the five severities of a pair share one draw."""
     own: tuple[Any, ...] = ()
     """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
-    textures: Textures = PHOTOGRAPHS
-    """The textures of frost: the paper's photographs, or generated ones, which need no network."""
+    classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
+    """See `Benchmark.classes`."""
     pictures: Path | None = None
     """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
 
@@ -118,7 +118,6 @@ class Plan:
         return (
             scale
             | draws
-            | textures_record(self.options.textures)
             | dict(self.options.sources)
             | window
             | {

@@ -61,7 +61,7 @@ def test_the_embedded_pair_is_drawn_once(drawn):
 def test_the_embedded_pair_needs_no_photographs_of_frost(tmp_path, monkeypatch):
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    frost_textures.texture.cache_clear()
+    frost_textures.photograph.cache_clear()
     monkeypatch.setattr(embedded, "gallery", partial(gallery, corruptions=["frost"]))
     assert [name for name, _ in embedded.embedded_slider().corruptions] == ["Frost"]
 

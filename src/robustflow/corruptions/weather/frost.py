@@ -11,9 +11,8 @@ from ...images.contiguous import contiguous
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from ..textures import PHOTOGRAPHS, Textures, check_textures
 from .frost_assets import TEXTURES
-from .frost_textures import enlarged_shape, enlarged_texture
+from .frost_textures import enlarged_shape, enlarged_texture, photograph
 
 
 class FrostState(NamedTuple):
@@ -44,9 +43,7 @@ class Frost(Corruption):
     which are the same picture; the library's sixth is never drawn) is enlarged to 1.1 times the size that covers the
     frame, and cut at a random place: one cut for the pair.
 
-    The textures belong to the package `imagecorruptions` and are fetched on first use: see frost_assets. Five computed
-    ones (`with_textures("generated")`, see generated_frost) stand in for them in the benchmark `demo`, which fetches
-    nothing; a run's identity says so, and other benchmarks have the photographs.
+    The textures belong to the package `imagecorruptions` and are fetched on first use: see frost_assets.
 
     Raises:
         AssetError: from `draw` and `apply`, when the textures are not there and cannot be fetched.
@@ -57,32 +54,21 @@ class Frost(Corruption):
     level = FrostLevel
     paper_severities = ((1.0, 0.4), (0.8, 0.6), (0.7, 0.7), (0.65, 0.7), (0.6, 0.75))
 
-    def __init__(
-        self,
-        variant: str = "default",
-        severities: tuple[Any, ...] | None = None,
-        textures: Textures = PHOTOGRAPHS,
-    ) -> None:
-        """`textures`: "photographs", the paper's, or "generated"."""
-        super().__init__(variant, severities)
-        self.textures = check_textures(textures)
-
-    def with_textures(self, textures: Textures) -> Frost:
-        """The same severities with other textures."""
-        return Frost(self.variant, self.severities, textures)
+    texture = staticmethod(photograph)
+    """Return texture 0 to 4, RGB uint8."""
 
     def draw(self, rng: Rng, severity: int, shape: tuple[int, int]) -> FrostState:
         """The texture and the place it is cut at."""
         level: FrostLevel = self.parameter(severity)
         slot = rng.integer(0, len(TEXTURES))
-        height, width = enlarged_shape(slot, shape, self.textures)
+        height, width = enlarged_shape(self.texture, slot, shape)
         top, left = rng.integer(0, height - shape[0]), rng.integer(0, width - shape[1])
         return FrostState(slot, top, left, (shape[0], shape[1]), level.keep, level.add)
 
     def apply(self, frame: Frame, state: FrostState, index: int) -> Frame:
         """Put the frost over one frame."""
         height, width = state.shape
-        frost = enlarged_texture(state.slot, state.shape, self.textures)
+        frost = enlarged_texture(self.texture, state.slot, state.shape)
         source = contiguous(frame).reshape(height, 3 * width)
         out = np.empty_like(source)
         keep, add = np.float32(state.keep), np.float32(state.add)

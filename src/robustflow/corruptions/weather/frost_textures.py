@@ -1,8 +1,9 @@
-"""Frost textures decoded or computed once, enlarged to a frame's size, and kept within a bound."""
+"""Frost textures: the photographs decoded once, and any texture enlarged to a frame's size, within a bound."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable
 from functools import lru_cache
 from threading import Lock
 from typing import Any
@@ -14,23 +15,22 @@ import numpy.typing as npt
 from ...compiled import njit
 from ...errors import AssetError
 from ...sample import Frame
-from ..textures import GENERATED, PHOTOGRAPHS, Textures
 from .frost_assets import TEXTURES, read_texture
-from .generated_frost import generated_texture
+
+Texture = Callable[[int], Frame]
+"""A function that returns texture 0 to 4, RGB uint8."""
 
 _KEPT_BYTES = 128 << 20
 """Enlarged textures kept: every one for a few frame sizes of KITTI, three at 4K. The newest is always kept."""
 _MARGIN = 1.1
 
-_enlarged: OrderedDict[tuple[str, int, int, int], Frame] = OrderedDict()
+_enlarged: OrderedDict[tuple[Texture, int, int, int], Frame] = OrderedDict()
 _lock = Lock()
 
 
-@lru_cache(maxsize=2 * len(TEXTURES))
-def texture(slot: int, textures: Textures = PHOTOGRAPHS) -> Frame:
-    """Texture `slot` (0 to 4) as it was photographed, or computed, RGB uint8."""
-    if textures == GENERATED:
-        return generated_texture(slot)
+@lru_cache(maxsize=len(TEXTURES))
+def photograph(slot: int) -> Frame:
+    """Texture `slot` (0 to 4) as it was photographed, RGB uint8."""
     encoded = np.frombuffer(read_texture(slot), np.uint8)
     decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
     if decoded is None:
@@ -40,21 +40,21 @@ def texture(slot: int, textures: Textures = PHOTOGRAPHS) -> Frame:
     return np.ascontiguousarray(decoded[..., ::-1])
 
 
-def enlarged_shape(slot: int, shape: tuple[int, int], textures: Textures = PHOTOGRAPHS) -> tuple[int, int]:
+def enlarged_shape(texture: Texture, slot: int, shape: tuple[int, int]) -> tuple[int, int]:
     """(H, W) of the texture for frames of `shape`: 1.1 times the smallest scale, at least 1, that covers them."""
-    height, width = texture(slot, textures).shape[:2]
+    height, width = texture(slot).shape[:2]
     scale = max(1.0, shape[0] / height, shape[1] / width) * _MARGIN
     return int(np.ceil(height * scale)), int(np.ceil(width * scale))
 
 
-def enlarged_texture(slot: int, shape: tuple[int, int], textures: Textures = PHOTOGRAPHS) -> Frame:
+def enlarged_texture(texture: Texture, slot: int, shape: tuple[int, int]) -> Frame:
     """The texture for frames of `shape` (H, W), RGB uint8, from the cache where it is there."""
-    key = (textures, slot, *enlarged_shape(slot, shape, textures))
+    key = (texture, slot, *enlarged_shape(texture, slot, shape))
     with _lock:
         if key in _enlarged:
             _enlarged.move_to_end(key)
             return _enlarged[key]
-    fresh = resize_cubic(texture(slot, textures), key[2:])
+    fresh = resize_cubic(texture(slot), key[2:])
     with _lock:
         _enlarged[key] = fresh
         while len(_enlarged) > 1 and sum(image.nbytes for image in _enlarged.values()) > _KEPT_BYTES:

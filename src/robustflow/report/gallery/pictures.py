@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from ...corruptions import IMAGE_PAIR, Corruption, corrupt_clip, load_corruption
 from ...corruptions.calibration.ssim import Ssim
 from ...corruptions.stack import levels_of
-from ...corruptions.textures import PHOTOGRAPHS, Textures
 from ...sample import Frame, Sample
 
 
@@ -42,7 +42,7 @@ def gallery(
     seed: int = 0,
     key: str = "",
     scale: str = "paper",
-    textures: Textures = PHOTOGRAPHS,
+    classes: Mapping[str, type[Corruption]] = MappingProxyType({}),
 ) -> Iterator[CorruptedPicture]:
     """The cells, corruption by corruption.
 
@@ -52,7 +52,7 @@ def gallery(
         corruptions: names or stacks; every image-pair corruption by default.
         seed, key: of the draws; the frames equal those of `corrupt`.
         scale: "paper" or "calibrated".
-        textures: of frost; the generated ones need no network.
+        classes: see `load_corruption`.
 
     Raises:
         UsageError: an unknown corruption or scale, or one that needs a clip.
@@ -63,8 +63,8 @@ def gallery(
     [('contrast', 1, 0), ('contrast', 2, 0)]
     """
     pair = Sample(key or "pair", (frame1, frame2)).frames
-    loaded = (load_corruption(name, scale=scale) for name in (IMAGE_PAIR if corruptions is None else corruptions))
-    chosen = [corruption.with_textures(textures) for corruption in loaded]
+    wanted = IMAGE_PAIR if corruptions is None else corruptions
+    chosen = [load_corruption(name, scale=scale, classes=classes) for name in wanted]
     similarity = [Ssim(frame) for frame in pair]
     for corruption in chosen:
         for severity in severities:

@@ -51,7 +51,7 @@ def strip_columns(
     Args:
         pair: two frames, RGB uint8 (H, W, 3).
         predict: of the model.
-        corruptions: loaded, with the intended textures.
+        corruptions: loaded.
         severity: 1 to 5.
         seed, key: of the draws.
     """

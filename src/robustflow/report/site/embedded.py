@@ -10,8 +10,8 @@ from dataclasses import asdict
 from pydantic import TypeAdapter, ValidationError
 
 from ...atomic import make_folder, write_json
+from ...benchmarks.demo import DEMO_CLASSES
 from ...cache import cache_folder
-from ...corruptions.textures import GENERATED, textures_record
 from ...datasets import load_dataset
 from ...digest import digest_of_bytes, digest_of_value
 from ...errors import AssetError, DataError
@@ -42,16 +42,14 @@ def embedded_slider() -> Slider | None:
     kept = _read(source)
     if kept is None:
         kept = example_slider(
-            frames[0], gallery(frames[0], frames[1], SEVERITIES, key=_KEY, textures=GENERATED), _TITLE
+            frames[0], gallery(frames[0], frames[1], SEVERITIES, key=_KEY, classes=DEMO_CLASSES), _TITLE
         )
         _write(kept, source)
     return kept
 
 
 def _source(frames: tuple[Frame, ...]) -> str:
-    return digest_of_value(
-        [code_digest(), textures_record(GENERATED), *(digest_of_bytes(frame.tobytes()) for frame in frames)], size=16
-    )
+    return digest_of_value([code_digest(), *(digest_of_bytes(frame.tobytes()) for frame in frames)], size=16)
 
 
 def _read(source: str) -> Slider | None:
