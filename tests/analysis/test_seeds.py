@@ -7,9 +7,16 @@ import polars as pl
 import pytest
 from typer.testing import CliRunner
 
+from robustflow import evaluate
+from robustflow.analysis.conditions import seed_groups
 from robustflow.analysis.uncertainty import compare_all, rank_stability, standings, variance_split
 from robustflow.cli.main import app
+from robustflow.cli.tables import print_results
 from robustflow.errors import RunError, UsageError
+from robustflow.report.assemble import tables_of
+from robustflow.report.render import render
+from robustflow.runs.run import Run
+from tests.made_rows import made_run
 
 from .simulated import rows_of
 
@@ -99,6 +106,10 @@ def test_seeds_on_the_command_line(tmp_path):
     for model in ("dis", "farneback", "tiny"):
         made = cli.invoke(app, ["run", "--model", model, *common, "--seeds", "2", "--output", str(tmp_path / model)])
         assert made.exit_code == 0, made.output
+        assert f"{['DIS', 'Farneback', 'Tiny'][len(folders) // 2]} (seed 1)" in made.output
+        assert "2 seeds" in made.output
+        assert "Mean ± standard deviation over the seeds 0 and 1." in made.output
+        assert "robustflow compare" not in made.output  # one pair cannot be compared
         folders += [str(tmp_path / model / f"seed{number}") for number in (0, 1)]
     alone = cli.invoke(app, ["run", "--model", "dis", *common, "--seed", "1", "--output", str(tmp_path / "alone")])
     assert alone.exit_code == 0, alone.output
@@ -120,3 +131,66 @@ def test_seeds_on_the_command_line(tmp_path):
     )
     one_image = cli.invoke(app, ["compare", *folders[:2]])
     assert "a split by image needs two" in str(one_image.exception) + one_image.output
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory):
+    """`seeds(model, *means)`: runs of a model, one per seed, whose EPE is the clean one plus the value given."""
+    base = evaluate("dis", "demo", output=tmp_path_factory.mktemp("seeds"), corruptions=["contrast"], severities=[1])
+    clean = np.full(IMAGES, 1.0)
+    truth = (pl.col("n_valid") * 4.0).alias("zero_epe_sum")
+
+    def make(model: str, *means: float) -> list[Run]:
+        errors = [np.full((IMAGES, 3), 1.0 + mean) for mean in means]
+        return [
+            made_run(
+                base,
+                rows_of(clean, one, one).filter(pl.col("corruption") != "snow").with_columns(truth),
+                model,
+                seed=seed,
+            )
+            for seed, one in enumerate(errors)
+        ]
+
+    return make
+
+
+@pytest.mark.parametrize("format", ["terminal", "markdown", "latex", "html", "csv"])
+def test_tables_have_the_mean_and_the_standard_deviation_over_seeds(seeds, format):
+    """CRE 1, 2 and 6 px: mean 3, standard deviation sqrt(7)."""
+    runs = [*seeds("A", 1.0, 2.0, 6.0), *seeds("B", 4.0)]
+    pm = r" \textpm{} " if format == "latex" else " ± "
+    for name in ("cre", "means"):
+        (table,) = tables_of(runs, published=False, wanted=[name])
+        text = render(table, format)
+        assert all(f"A (seed {seed})" in text for seed in (0, 1, 2))
+        assert "A, 3 seeds" in text
+        assert f"3.00{pm}2.65" in text
+        assert "standard deviation over the seeds 0, 1 and 2" in text
+        assert "B, 1" not in text
+
+
+def test_runs_that_differ_in_more_than_the_seed_are_not_averaged(seeds):
+    one, other = seeds("A", 1.0, 2.0)
+    assert [group.label for group in seed_groups([one, other])] == ["A, 2 seeds"]
+    assert seed_groups([one, *seeds("B", 1.0, 2.0)[1:]]) == []
+    other.rows = other.rows.filter(pl.col("sample") != other.rows["sample"][0])
+    assert seed_groups([one, other]) == []
+
+
+@pytest.mark.parametrize(
+    ("models", "question"),
+    [
+        ({"A": (1.0, 2.0)}, "How much depends on the seed?"),
+        ({"A": (1.0, 2.0), "B": (2.0, 3.0)}, "Do the models keep their order with every seed?"),
+        ({"A": (1.0,), "B": (2.0,)}, "Is the difference real?"),
+    ],
+)
+def test_the_command_that_is_suggested_after_several_runs_works(seeds, capsys, monkeypatch, models, question):
+    runs = [run for name, means in models.items() for run in seeds(name, *means)]
+    print_results(runs)
+    assert f"{question} robustflow compare" in capsys.readouterr().out
+    by_path = dict(zip("abcd", runs, strict=False))
+    monkeypatch.setattr("robustflow.records.load.load_any_run", lambda path: by_path[str(path)])
+    compared = CliRunner().invoke(app, ["compare", *by_path])
+    assert compared.exit_code == 0, compared.output

@@ -13,7 +13,15 @@ from ..digest import digest_of_value
 from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..runs.aggregate import summarize
-from ..runs.comparable import SELECTION, differences, differing_parts, measured_cells, measured_in_words, sample_set_of
+from ..runs.comparable import (
+    SELECTION,
+    differences,
+    differing_parts,
+    measured_cells,
+    measured_in_words,
+    sample_set,
+    sample_set_of,
+)
 from ..runs.identity import frames_part, model_part
 from ..runs.run import Run
 from ..text import joined, plain
@@ -27,6 +35,31 @@ class BySeed:
 
     rows: Mapping[int, pl.DataFrame]
     remark: str
+
+
+@dataclass(frozen=True)
+class SeedGroup:
+    """Runs that differ in the seed alone.
+
+    Attributes:
+        name: of the model, with what distinguishes it from other models of the same name.
+        seeds: in the order of the runs.
+        runs: (sample set, name) of each, the name as `run_names` gives it.
+    """
+
+    name: str
+    seeds: tuple[int, ...]
+    runs: tuple[tuple[str, str], ...]
+
+    @property
+    def label(self) -> str:
+        """The heading of its means: "DIS, 3 seeds"."""
+        return f"{self.name}, {len(self.seeds)} seeds"
+
+    @property
+    def note(self) -> str:
+        """What its numbers are."""
+        return f"mean ± standard deviation over the seeds {joined(list(map(str, self.seeds)))}"
 
 
 @dataclass(frozen=True)
@@ -48,6 +81,23 @@ def seeds_of(runs: Sequence[Run]) -> BySeed | None:
     if any(len(set(each)) > 1 for each in one_of_each) or len(set(seeds)) < len(runs):
         return None
     return BySeed(dict(zip(seeds, rows, strict=True)), remark)
+
+
+def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
+    """The groups among runs that differ in the seed alone, and have every row in common."""
+    alike: dict[tuple[str, str], list[int]] = {}
+    for index, run in enumerate(runs):
+        recipe = frames_part(run.manifest["identity"])
+        recipe.pop("seed")
+        alike.setdefault((_model(run), digest_of_value(recipe)), []).append(index)
+    members = list(alike.values())
+    known = [seeds_of([runs[index] for index in one]) if len(one) > 1 else None for one in members]
+    names, models = run_names(runs), run_names([runs[one[0]] for one in members])
+    return [
+        SeedGroup(model, tuple(by_seed.rows), tuple((sample_set(runs[index]), names[index]) for index in one))
+        for one, model, by_seed in zip(members, models, known, strict=True)
+        if by_seed is not None and not by_seed.remark
+    ]
 
 
 def orders(runs: Sequence[Run], metric: str) -> Orders | None:

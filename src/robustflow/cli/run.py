@@ -218,7 +218,7 @@ def run(
                             progress=progress,
                         )
                     if not as_json:
-                        print_result(result)
+                        print_result(result, with_seed=seeds > 1)
                     results.append(result)
         except KeyboardInterrupt:
             typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)

@@ -12,8 +12,10 @@ from rich.console import Console
 from rich.table import Table
 
 from ..analysis.conclusion import conclusions, enough_to_compare, without_truth
+from ..analysis.conditions import seed_groups, seeds_of
 from ..analysis.doubts import doubts, not_ranked
 from ..analysis.labels import METRIC_LABELS
+from ..analysis.run_names import run_names
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
 from ..benchmarks.facts import truth_remark
 from ..errors import unknown_name
@@ -39,17 +41,18 @@ def as_json_text(results: Sequence[Run]) -> str:
     return json.dumps(facts, indent=2)
 
 
-def print_result(result: Run, metric: str = "all", *, report: bool = True) -> None:
-    """Print the overall scores and one line per corruption to stdout; `report`: where its page is, too."""
+def print_result(result: Run, metric: str = "all", *, report: bool = True, with_seed: bool = False) -> None:
+    """Print the overall scores and one line per corruption to stdout; `report`: where its page is, too; `with_seed`:
+    the seed, even if it is 0."""
     if metric != "all" and metric not in (*METRICS, *UNCOUPLED):
         raise unknown_name("metric", metric, (*METRICS, *UNCOUPLED, "all"))
-    summary = result.summary
+    summary, whose = result.summary, _whose(result, with_seed)
     # Names and folders may contain what rich would read as markup.
     console = Console(width=None if Console().is_terminal else 120, markup=False)
     if metric == "all":
-        console.print(_overview(result))
+        console.print(_overview(result, whose))
     else:
-        console.print(_by_severity(result, metric))
+        console.print(_by_severity(result, metric, whose))
     console.print(_sentence(result), highlight=False, soft_wrap=True)
     if metric in UNCOUPLED:
         overall = getattr(uncoupled(result.rows).overall, metric)
@@ -79,28 +82,47 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True) -> No
 
 
 def print_results(results: Sequence[Run]) -> None:
-    """Print one line per run, and the command that tells whether they differ, if there are pairs enough to tell."""
+    """Print one line per run, the mean and standard deviation over the seeds of a model, and the command that tells
+    whether the runs differ, if there are pairs enough to tell."""
     console = Console(width=None if Console().is_terminal else 120, markup=False)
     summaries = [result.summary for result in results]
     headings = {"epe_clean": "clean EPE", **{name: METRIC_LABELS[name] for name in ("epe", "cre", "crer", "rcre")}}
     if all(summary.epe_clean is None for summary in summaries):
         headings["clean_flow_length"] = "clean flow (px)"
     shown = [name for name in headings if any(getattr(summary, name) is not None for summary in summaries)]
-    table = Table(title=f"{len(results)} models", title_justify="left")
+    names, groups = run_names(results), seed_groups(results)
+    table = Table(title=f"{len(results)} {'runs' if groups else 'models'}", title_justify="left")
     table.add_column("model")
     for name in shown:
         table.add_column(headings[name], justify="right")
-    for result, summary in zip(results, summaries, strict=True):
-        table.add_row(plain(result.name), *(cell(getattr(summary, name)) for name in shown))
+    values = {name: [getattr(summary, key) for key in shown] for name, summary in zip(names, summaries, strict=True)}
+    for name, numbers in values.items():
+        table.add_row(plain(name), *map(cell, numbers))
+    for group in groups:
+        of_runs = zip(*(values[name] for _, name in group.runs), strict=True)
+        table.add_row(plain(group.label), *map(report_table.spread_text, of_runs), style="bold")
     console.print(table)
+    for note in dict.fromkeys(group.note for group in groups):
+        console.print(f"{note[0].upper()}{note[1:]}.", highlight=False)
     for remark in {truth_remark(result.manifest["identity"]["protocol"]) for result in results} - {""}:
         console.print(f"Errors are on {remark}.")
     for sentence in not_ranked([run for run in results if not without_truth(run)]).values():
         console.print(sentence, highlight=False, soft_wrap=True)
     _print_conclusions(console, results)
-    if all(map(enough_to_compare, results)):
+    if all(map(enough_to_compare, results)) and (question := _question(results, len(groups))):
         folders = " ".join(shlex.quote(str(result.path)) for result in results)
-        console.print(f"Is the difference real? robustflow compare {folders}", highlight=False, soft_wrap=True)
+        console.print(f"{question} robustflow compare {folders}", highlight=False, soft_wrap=True)
+
+
+def _question(results: Sequence[Run], groups: int) -> str:
+    """What `compare` can say about the runs; "" if it would refuse."""
+    if not groups:
+        return "Is the difference real?"
+    if seeds_of(results) is not None:
+        return "How much depends on the seed?"
+    if len(not_ranked(results)) == 0:
+        return "Do the models keep their order with every seed?"
+    return ""
 
 
 def _print_conclusions(console: Console, runs: Sequence[Run]) -> None:
@@ -115,9 +137,9 @@ def for_stdout(table: report_table.Table) -> str:
     return render_terminal(table, shutil.get_terminal_size().columns, colour=True)
 
 
-def _overview(result: Run) -> Table:
+def _overview(result: Run, whose: str) -> Table:
     summary = result.summary
-    table = Table(title=f"{_whose(result)}, {counted(summary.samples, 'pair')}", title_justify="left")
+    table = Table(title=f"{whose}, {counted(summary.samples, 'pair')}", title_justify="left")
     table.add_column("corruption")
     shown = [
         m
@@ -145,9 +167,9 @@ def _overview(result: Run) -> Table:
     return table
 
 
-def _by_severity(result: Run, metric: str) -> Table:
+def _by_severity(result: Run, metric: str, whose: str) -> Table:
     frame = uncoupled(result.rows).table(metric) if metric in UNCOUPLED else result.table(metric)
-    table = Table(title=f"{_whose(result)}, {metric}", title_justify="left")
+    table = Table(title=f"{whose}, {metric}", title_justify="left")
     for column in frame.columns:
         table.add_column(column, justify="left" if column in ("corruption", "family") else "right")
     for row in frame.iter_rows():
@@ -155,8 +177,9 @@ def _by_severity(result: Run, metric: str) -> Table:
     return table
 
 
-def _whose(result: Run) -> str:
-    return f"{plain(result.name)} ({result.setting})"
+def _whose(result: Run, with_seed: bool) -> str:
+    seed = result.manifest["identity"]["seed"]
+    return f"{plain(result.name)} ({result.setting}{f', seed {seed}' if with_seed or seed else ''})"
 
 
 def _sentence(result: Run) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from ..analysis import anatomy
+from ..analysis.conditions import SeedGroup
 from ..analysis.effective import effective_robustness
 from ..analysis.labels import METRIC_LABELS, SETTING_LABELS, long_label, metric_label
 from ..analysis.observations import observations
@@ -17,25 +18,32 @@ from ..analysis.run_names import run_names
 from ..analysis.scores import notes_of
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
-from .table import Column, Line, Section, Table, TableCell, number_text
+from .table import Column, Line, Section, Table, TableCell, number_text, spread_text
 
 if TYPE_CHECKING:
     from ..runs.run import Run
 
 
-def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0) -> Table:
+def means_table(runs: Sequence[Run], *, level: float = LEVEL, seed: int = 0, seeds: Sequence[SeedGroup] = ()) -> Table:
     """Overall means of runs with confidence intervals: "3.21 [2.50, 4.10]", without brackets if there are too few
-    images for one; a remark says so."""
+    images for one; a remark says so. `seeds` are groups of the runs; each gets a line of its mean and standard
+    deviation below its last run."""
     keys = (("epe", CLEAN), *((metric, AVERAGE) for metric in METRIC_LABELS))
     columns = [Column("clean EPE (px)")]
     columns += [Column(metric_label(metric)) for metric in METRIC_LABELS]
     lines, known = [], []
+    values: dict[str, list[float | None]] = {}
     for name, run, note in zip(run_names(runs), runs, notes_of(runs), strict=True):
         estimates = {
             (row["metric"], row["corruption"]): row for row in intervals(run.rows, level=level, seed=seed).to_dicts()
         }
         lines.append(Line(name, tuple(TableCell(_estimate(estimates.get(key))) for key in keys), note))
         known.append(any(row["low"] is not None for row in estimates.values()))
+        values[name] = [estimates[key]["estimate"] if key in estimates else None for key in keys]
+        for group in seeds:
+            if name == group.runs[-1][1]:
+                columns_of = zip(*(values[member] for _, member in group.runs), strict=True)
+                lines.append(Line(group.label, tuple(TableCell(spread_text(one)) for one in columns_of), group.note))
     needed = f"{fewest_clusters(level)} images, or sequences where pairs share one"
     remark = f"No intervals: they need at least {needed}."
     if any(known):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from ..analysis.conclusion import conclusions
+from ..analysis.conditions import seed_groups
 from ..analysis.cost_ranks import run_costs
 from ..analysis.displacements import displacements_of
 from ..analysis.doubts import doubted_runs, sound_results
@@ -67,7 +68,7 @@ def tables_of(
     about = results.filter(pl.col("sample_set") != PAPER) if only_own else results
 
     doubted, coverage = doubted_runs(runs), coverage_of(runs)
-    sound = sound_results(about, doubted)
+    sound, seeds = sound_results(about, doubted), seed_groups(runs)
     pairs = {sample_set(run): run.summary.samples for run in runs}
 
     def all_observations(part: pl.DataFrame) -> Table:
@@ -81,11 +82,11 @@ def tables_of(
         return table
 
     makers: dict[str, Callable[[], list[Table]]] = {
-        name: lambda name=name: [build_table(name, results, costs, run_costs(runs), doubted, coverage)]  # type: ignore[misc]
+        name: lambda name=name: [build_table(name, results, costs, run_costs(runs), doubted, coverage, seeds)]  # type: ignore[misc]
         for name in TABLES
     }
     makers |= {
-        "means": lambda: [means_table(_some(runs, "means"), seed=seed)],
+        "means": lambda: [means_table(_some(runs, "means"), seed=seed, seeds=seeds)],
         "uncoupled": lambda: [_without(uncoupled_table(_some(runs, "uncoupled"), doubted), doubted)],
         "effective": lambda: _by_sample_set(sound, effective_table, doubted),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
+from statistics import mean, stdev
 
 DASH = "-"
 """The text of a cell without a number."""
@@ -92,6 +94,16 @@ def with_doubt(note: str, reason: str | None) -> str:
     '3 pairs; not ranked: its weights are random'
     """
     return "; ".join(part for part in (note, reason and f"not ranked: {reason}") if part)
+
+
+def spread_text(values: Sequence[float | None]) -> str:
+    """The mean of two or more values and their standard deviation; a dash where one is missing.
+
+    >>> spread_text([1.0, 2.0, 3.0]), spread_text([1.0, None])
+    ('2.00 ± 1.00', '-')
+    """
+    known = [value for value in values if value is not None]
+    return DASH if len(known) < len(values) else f"{mean(known):.2f} ± {stdev(known):.2f}"
 
 
 def number_text(value: float | None, decimals: int | None) -> str:

@@ -5,11 +5,12 @@ A renderer (`robustflow.report.render`) writes what `build_table` makes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import polars as pl
 
 from ..analysis.best import Compared, best_of_columns
+from ..analysis.conditions import SeedGroup
 from ..analysis.labels import (
     METRIC_LABELS,
     SETTING_LABELS,
@@ -25,7 +26,7 @@ from ..errors import UsageError, unknown_name
 from ..runs.costs import RunCost
 from ..text import joined
 from .cost_table import cost_table
-from .table import Column, Line, Section, Table, TableCell, number_text, with_doubt
+from .table import Column, Line, Section, Table, TableCell, number_text, spread_text, with_doubt
 
 TABLES = ("epe", "cre", "rcre", "gopro-rcre", "cost")
 
@@ -37,6 +38,7 @@ def build_table(
     run_costs: Mapping[tuple[str, str], RunCost] | None = None,
     doubted: Mapping[tuple[str, str], str] | None = None,
     coverage: Mapping[tuple[str, str], float] | None = None,
+    seeds: Sequence[SeedGroup] = (),
 ) -> Table:
     """One of the paper's tables, from any results.
 
@@ -48,6 +50,7 @@ def build_table(
         doubted: by (sample set, name) of a run, why its model is not ranked; a footnote says so.
         coverage: by (sample set, name) of a run, the share of the pixels that its model predicted, if it left out any;
             shown in a separate column.
+        seeds: groups of runs whose mean and standard deviation get a line below the last of them.
 
     Raises:
         UsageError: an unknown table, or results without anything that belongs in it.
@@ -85,7 +88,7 @@ def build_table(
         sections.append(
             Section(
                 SETTING_LABELS.get(setting, setting),
-                _lines(lines, keys, setting != "knowledge", doubted or {}, gaps),
+                _lines(lines, keys, setting != "knowledge", doubted or {}, gaps, seeds),
             )
         )
     title = f"{METRIC_LABELS[metric]} on {_measured_on(chosen['benchmark'])}"
@@ -132,11 +135,14 @@ def _lines(
     marked: bool,
     doubted: Mapping[tuple[str, str], str],
     gaps: Mapping[tuple[str, str], float],
+    seeds: Sequence[SeedGroup],
 ) -> tuple[Line, ...]:
     lines: dict[tuple[str, str], tuple[str, dict[str, str]]] = {}
+    values: dict[tuple[str, str], dict[str, float]] = {}
     for row in results.iter_rows(named=True):
         _, cells = lines.setdefault((row["sample_set"], row["model"]), (row["note"], {}))
         cells[row["corruption"]] = number_text(row["value"], row["decimals"])
+        values.setdefault((row["sample_set"], row["model"]), {})[row["corruption"]] = row["value"]
     best = best_of_columns(
         [Compared(key[0], texts if marked else {}, key in doubted) for key, (_, texts) in lines.items()]
     )
@@ -145,4 +151,15 @@ def _lines(
         shown = texts | ({_COVERAGE: number_text(gaps[key], None)} if key in gaps else {})
         line = tuple(TableCell(shown.get(column, "-"), column in columns) for column in keys)
         out.append(Line(key[1], line, with_doubt(note, doubted.get(key))))
+        out += [_over_seeds(group, values, keys, doubted) for group in seeds if key == group.runs[-1]]
     return tuple(out)
+
+
+def _over_seeds(
+    group: SeedGroup,
+    values: Mapping[tuple[str, str], Mapping[str, float]],
+    keys: list[str],
+    doubted: Mapping[tuple[str, str], str],
+) -> Line:
+    cells = tuple(TableCell(spread_text([values[run].get(key) for run in group.runs])) for key in keys)
+    return Line(group.label, cells, with_doubt(group.note, doubted.get(group.runs[0])))

@@ -36,6 +36,7 @@ _SPECIAL = {
     "'": r"\textquotesingle{}",
     "`": r"\textasciigrave{}",
     "…": r"\dots{}",
+    "±": r"\textpm{}",
     # After the end of a row these two would be read as its arguments.
     "[": "{[}",
     "*": "{*}",
