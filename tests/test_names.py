@@ -7,7 +7,7 @@ from collections import defaultdict
 from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parent.parent / "src" / "robustflow"
-NETWORKS = SOURCE / "models" / "own"
+NETWORKS = SOURCE / "models" / "networks"
 """The blocks of a network are named after the original's, and most originals have an `Attention`."""
 
 

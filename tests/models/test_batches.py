@@ -14,7 +14,7 @@ import torch
 
 from robustflow import load_model
 from robustflow.models.construct import parameters_of
-from robustflow.models.own.networks import OWN_NETWORKS
+from robustflow.models.networks.table import NETWORKS
 from robustflow.models.ptlflow.clips import CLIPS
 from robustflow.models.ptlflow.pairs import BATCHED
 from robustflow.models.registry import MODELS
@@ -24,12 +24,12 @@ from .textures import textured_pair
 
 pytestmark = pytest.mark.torch
 
-NETWORKS = (*BATCHED, *OWN_NETWORKS, "raft_large", "raft_small", "tiny", "tiny_no_weather", "tiny_all")
+NAMES = (*BATCHED, *NETWORKS, "raft_large", "raft_small", "tiny", "tiny_no_weather", "tiny_all")
 PAIR_BY_PAIR = {"flowformer", "onnx", "torch_export", "farneback", "dis", "dis_rgb", "precomputed", *CLIPS}
 """Registered models that are not networks or get one pair at a time, files of a user's own unless they declare more."""
 LARGE = ("samflow_b", "samflow_h")
 SIZES, SMALLER = ((128, 136), (125, 187)), ((64, 72), (61, 93))
-WITHOUT_RAFTS_LIMIT = ("flowformer_pp", *OWN_NETWORKS)
+WITHOUT_RAFTS_LIMIT = ("flowformer_pp", *NETWORKS)
 """Networks that give numbers for smaller frames too."""
 PYRAMIDS = ("arflow", "upflow")
 """Networks whose flow hardly depends on the frames under smaller weights, see the README of the parity packs."""
@@ -53,7 +53,7 @@ def batch(*pairs):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LARGE else name for name in NETWORKS]
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LARGE else name for name in NAMES]
 )
 def test_pairs_of_a_batch_do_not_see_each_other(name):
     model = network(name)
@@ -91,4 +91,4 @@ def test_pairs_of_flowformer_pp_do_not_see_each_other_in_training():
 
 
 def test_every_registered_network_is_compared():
-    assert set(MODELS) - PAIR_BY_PAIR == set(NETWORKS)
+    assert set(MODELS) - PAIR_BY_PAIR == set(NAMES)

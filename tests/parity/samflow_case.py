@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import torch
 
-from robustflow.models.own.nets.samflow import SamFlow
+from robustflow.models.networks.samflow import SamFlow
 
 from .pack import Pack
 

@@ -10,7 +10,7 @@ import torch
 
 from robustflow.models.execution import Execution
 from robustflow.models.input_convention import InputConvention
-from robustflow.models.own.nets.arflow import ARFlow
+from robustflow.models.networks.arflow import ARFlow
 from robustflow.models.torch.model import NetworkModel
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch]

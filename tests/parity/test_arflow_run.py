@@ -13,7 +13,7 @@ import torch
 
 import robustflow as rf
 from robustflow.cli.main import main
-from robustflow.models.own.nets.arflow import ARFlow
+from robustflow.models.networks.arflow import ARFlow
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch, pytest.mark.slow]
 PACK = "arflow"

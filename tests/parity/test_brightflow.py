@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 
 from robustflow.models.input_convention import InputConvention
-from robustflow.models.own.nets.brightflow import BrightFlow
+from robustflow.models.networks.brightflow import BrightFlow
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "brightflow"

@@ -11,8 +11,8 @@ import torch
 import torch.nn.functional as F
 
 from robustflow.models.execution import Execution
-from robustflow.models.own.nets.flowdiffuser import FlowDiffuser
-from robustflow.models.own.networks import OWN_NETWORKS
+from robustflow.models.networks.flowdiffuser import FlowDiffuser
+from robustflow.models.networks.table import NETWORKS
 from robustflow.models.torch.model import NetworkModel
 
 from ..shared_data import shared_folder
@@ -30,7 +30,7 @@ def net():
 def test_features_and_steps(pack, net, case):
     expected = pack.expected(case)
     height, width = pack.image(f"{case}_im1").shape[2:]
-    sides = OWN_NETWORKS["flowdiffuser"].convention.padding_sides(height, width)
+    sides = NETWORKS["flowdiffuser"].convention.padding_sides(height, width)
     images = [F.pad(pack.image(f"{case}_im{i}"), sides, mode="replicate") for i in (1, 2)]
     features8, features4 = net.encode(net.fnet, torch.cat([2 * image / 255 - 1 for image in images]))
     pack.check_features(f"{case} fnet8", features8[:1, :8], expected["fnet8_im1_ch0to7"])
@@ -64,7 +64,7 @@ def test_the_adapter_pads_as_the_original_is_evaluated(pack, net, case):
     expected = pack.expected(case)
     if expected["flow"].shape[2] % 8 == expected["flow"].shape[3] % 8 == 0:
         pytest.skip("a case without padding")
-    noisy, convention = FromNoise(net, expected["noise"]), OWN_NETWORKS["flowdiffuser"].convention
+    noisy, convention = FromNoise(net, expected["noise"]), NETWORKS["flowdiffuser"].convention
     model = NetworkModel("flowdiffuser", noisy, convention, {}, Execution("cpu"))
     flow = model.predict(*(pack.frame(f"{case}_im{i}") for i in (1, 2)))
     pack.check_flow(f"{case} flow through the adapter", flow.transpose(2, 0, 1)[None], expected["flow"])

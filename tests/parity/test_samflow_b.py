@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.models.own.nets.samflow import SamFlow
+from robustflow.models.networks.samflow import SamFlow
 
 from ..shared_data import shared_folder
 from .pack import Pack

@@ -8,7 +8,7 @@ pytest.importorskip("torch", reason="needs the torch extra")
 
 import torch
 
-from robustflow.models.own.nets.upflow import Sampling, UPFlow
+from robustflow.models.networks.upflow import Sampling, UPFlow
 
 pytestmark = [pytest.mark.parity, pytest.mark.torch]
 PACK = "upflow"

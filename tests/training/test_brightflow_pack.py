@@ -18,7 +18,7 @@ import torch.nn.functional as F  # noqa: E402
 from torch import Tensor  # noqa: E402
 
 from robustflow.images.io import read_image  # noqa: E402
-from robustflow.models.own.networks import OWN_NETWORKS  # noqa: E402
+from robustflow.models.networks.table import NETWORKS  # noqa: E402
 from robustflow.training.corrector import Corrector  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
 from robustflow.training.losses import brightflow as losses  # noqa: E402
@@ -91,7 +91,7 @@ class Answers:
 
     def __init__(self, given: Given) -> None:
         self.given = given
-        self.convention = OWN_NETWORKS["brightflow"].convention
+        self.convention = NETWORKS["brightflow"].convention
         self.net = self
         self.asked: list[tuple[str, int, Tensor]] = []
         batch = given.batch

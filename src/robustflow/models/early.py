@@ -9,7 +9,7 @@ from typing import Any
 from .catalog import methods, published_names
 from .extras import require
 from .model_file import require_file
-from .own.networks import OWN_NETWORKS
+from .networks.table import NETWORKS
 from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
 
 
@@ -33,7 +33,7 @@ def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, s
         if Path(name).suffix.lower() in exported:
             require_file(Path(name).expanduser(), "file; give the path of the exported network")
         return
-    source = OWN_NETWORKS[name].source if name in OWN_NETWORKS else SOURCES.get(method.source)
+    source = NETWORKS[name].source if name in NETWORKS else SOURCES.get(method.source)
     if source is None:
         return
     names = published_names(name)

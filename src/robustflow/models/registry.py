@@ -7,7 +7,7 @@ from importlib.util import find_spec
 
 from ..registry import Registry
 from .base import AnyModel
-from .own.networks import OWN_NETWORKS
+from .networks.table import NETWORKS
 
 MODELS: Registry[Callable[..., AnyModel]] = Registry("model", entry_point_group="robustflow.models")
 MODELS.add("farneback", "robustflow.models.opencv:Farneback")
@@ -16,9 +16,9 @@ MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
 _TINY = ("tiny", "tiny_no_weather", "tiny_all")
 for _name in _TINY:
-    MODELS.add(_name, f"robustflow.models.own.tiny:{_name}")
-for _name in OWN_NETWORKS:
-    MODELS.add(_name, f"robustflow.models.own.networks:{_name}")
+    MODELS.add(_name, f"robustflow.models.networks.tiny_model:{_name}")
+for _name in NETWORKS:
+    MODELS.add(_name, f"robustflow.models.networks.table:{_name}")
 for _name in ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp"):
     MODELS.add(_name, f"robustflow.models.ptlflow.pairs:{_name}")
 for _name in ("videoflow_bof", "videoflow_mof", "memflow", "memflow_t", "streamflow", "memfof"):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..benchmarks.setting import setting_of
 from ..models import ModelSpec
 from ..models.catalog import CheckpointEntry, checkpoints, is_installed, methods
-from ..models.own.networks import OWN_NETWORKS
+from ..models.networks.table import NETWORKS
 from ..models.provenance import training_of_entry
 from ..models.torch.find_checkpoint import RANDOM
 from ..training.recipe import recipes_of, trained_methods
@@ -128,8 +128,8 @@ def _remedy(variant: Variant, benchmark: str) -> str:
     public = _nearest(variant, benchmark, checkpoints())
     if public is not None:
         ways.append(f"as a stand-in {public.address}")
-    elif variant.model in OWN_NETWORKS:
-        ways.append(f"{OWN_NETWORKS[variant.model].source}, saved as {variant.slug}.pth")
+    elif variant.model in NETWORKS:
+        ways.append(f"{NETWORKS[variant.model].source}, saved as {variant.slug}.pth")
     stages = recipes_of(variant.model) if variant.model in trained_methods() else {}
     stage = next((stage for stage in (variant.setting.lower(), "unsupervised") if stage in stages), None)
     if stage is not None:

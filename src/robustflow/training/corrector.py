@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from ..models.own.blocks.convex_upsample import convex_upsample, mask_layers
-from ..models.own.nets.residual_encoder import ResidualEncoder
+from ..models.networks.blocks.convex_upsample import convex_upsample, mask_layers
+from ..models.networks.residual_encoder import ResidualEncoder
 
 _FEATURES = 128
 

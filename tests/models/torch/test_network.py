@@ -33,9 +33,9 @@ def torch():
 @pytest.fixture
 def checkpoint(torch, tmp_path):
     """Writes a network's seeded weights as its authors would, in a folder of their own."""
-    from robustflow.models.own.nets.arflow import ARFlow
-    from robustflow.models.own.nets.brightflow import BrightFlow
-    from robustflow.models.own.nets.upflow import UPFlow
+    from robustflow.models.networks.arflow import ARFlow
+    from robustflow.models.networks.brightflow import BrightFlow
+    from robustflow.models.networks.upflow import UPFlow
 
     def write(name, folder="weights"):
         torch.manual_seed(0)

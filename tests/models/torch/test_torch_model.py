@@ -14,9 +14,9 @@ from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.models.base import FlowModel
 from robustflow.models.execution import Execution
 from robustflow.models.input_convention import InputConvention
-from robustflow.models.own.nets.arflow import ARFlow
-from robustflow.models.own.nets.brightflow import BrightFlow
-from robustflow.models.own.nets.upflow import UPFlow
+from robustflow.models.networks.arflow import ARFlow
+from robustflow.models.networks.brightflow import BrightFlow
+from robustflow.models.networks.upflow import UPFlow
 from robustflow.models.torch.model import NetworkModel, find_device
 
 pytestmark = pytest.mark.torch

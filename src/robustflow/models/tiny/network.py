@@ -1,4 +1,4 @@
-"""The small network's forward pass without PyTorch; `models/own/nets/tiny.py` is what is trained."""
+"""The small network's forward pass without PyTorch; `models/networks/tiny.py` is what is trained."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ...errors import UsageError
-from ...models.own.blocks.allpairs import pixel_grid
+from ...models.networks.blocks.allpairs import pixel_grid
 from ...random.rng import Rng
 from ..objectives import Range, Spatial
 

@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ...models.own.blocks.allpairs import pixel_grid
+from ...models.networks.blocks.allpairs import pixel_grid
 
 
 def dilated_warp(whole: Tensor, flow: Tensor, corners: Tensor, sizes: Tensor) -> tuple[Tensor, Tensor]:

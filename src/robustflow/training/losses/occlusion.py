@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ...models.own.blocks.allpairs import pixel_grid
-from ...models.own.blocks.warp import warp
+from ...models.networks.blocks.allpairs import pixel_grid
+from ...models.networks.blocks.warp import warp
 
 
 def seen_by_check(forward: Tensor, backward: Tensor, scale: float = 0.01, bias: float = 0.5) -> Tensor:

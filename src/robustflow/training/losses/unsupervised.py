@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from torch import Tensor
 from torch.nn import functional as F
 
-from ...models.own.blocks.warp import warp
+from ...models.networks.blocks.warp import warp
 from .occlusion import seen_by_check, seen_by_splat
 from .photometric import census_distance, ssim_distance
 from .smoothness import smoothness

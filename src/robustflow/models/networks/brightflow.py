@@ -1,0 +1,81 @@
+"""BrightFlow's network at inference (Marsal et al., WACV 2023): RAFT with instance normalisation in both encoders."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import torch
+from torch import Tensor, nn
+
+from .blocks.allpairs import CorrelationPyramid, pixel_grid
+from .blocks.convex_upsample import convex_upsample, mask_layers
+from .blocks.gru import SepConvGRU
+from .blocks.raft_update import FlowHead, MotionEncoder
+from .residual_encoder import ResidualEncoder
+
+LEVELS, RADIUS = 4, 4
+HIDDEN = CONTEXT = 128
+
+
+class UpdateBlock(nn.Module):
+    """One recurrent step, and the mask that upsamples its flow. Keys: `encoder gru flow_head mask.0 mask.2`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.encoder = MotionEncoder(LEVELS * (2 * RADIUS + 1) ** 2)
+        self.gru = SepConvGRU(HIDDEN, CONTEXT + 128)
+        self.flow_head = FlowHead(HIDDEN)
+        self.mask = mask_layers(HIDDEN)
+
+    def forward(self, state: Tensor, context: Tensor, correlation: Tensor, flow: Tensor) -> tuple[Tensor, Tensor]:
+        """The new state (N, 128, H, W) and the flow's residual (N, 2, H, W), in pixels of this resolution."""
+        motion = self.encoder(flow, correlation)
+        state = self.gru(state, torch.cat((context, motion), dim=1))
+        return state, self.flow_head(state)
+
+
+class BrightFlow(nn.Module):
+    """RAFT trained without labels. The brightness corrector that names the method is used in training only.
+
+    Images are RGB in -1..1, float (N, 3, H, W), H and W multiples of 8. Keys are those of the authors' files without
+    `module.`; they start with `model.`, next to `corrector.` and others that only training needs.
+
+    Args:
+        iterations: of the recurrent update.
+    """
+
+    def __init__(self, iterations: int = 12) -> None:
+        super().__init__()
+        self.iterations = iterations
+        self.model = nn.ModuleDict(
+            {"fnet": ResidualEncoder(), "cnet": ResidualEncoder(HIDDEN + CONTEXT), "update_block": UpdateBlock()}
+        )
+
+    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
+        """The flow from image 1 to image 2 after the last iteration, (N, 2, H, W) in pixels."""
+        for flow, state in self._iterate(image1, image2):
+            last = flow, state
+        return self._enlarge(*last)
+
+    def flows(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """The flow after each iteration, (N, 2, H, W) in pixels."""
+        return [self._enlarge(flow, state) for flow, state in self._iterate(image1, image2)]
+
+    def both(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], list[Tensor]]:
+        """The flows of both directions after each iteration."""
+        return self.flows(image1, image2), self.flows(image2, image1)
+
+    def _iterate(self, image1: Tensor, image2: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
+        features1, features2 = self.model["fnet"](image1), self.model["fnet"](image2)
+        state, context = self.model["cnet"](image1).split((HIDDEN, CONTEXT), dim=1)
+        state, context = torch.tanh(state), torch.relu(context)
+        correlation = CorrelationPyramid(features1, features2, LEVELS, RADIUS)
+        origin = target = pixel_grid(features1)
+        for _ in range(self.iterations):
+            state, residual = self.model["update_block"](state, context, correlation.lookup(target), target - origin)
+            target = target + residual
+            yield target - origin, state
+
+    def _enlarge(self, flow: Tensor, state: Tensor) -> Tensor:
+        # A quarter of the logits, as in RAFT, which balances the gradients in training.
+        return convex_upsample(flow, 0.25 * self.model["update_block"].mask(state), 8)

@@ -1,0 +1,83 @@
+"""The diffusion schedule of FlowDiffuser: cosine (Nichol and Dhariwal 2021), sampled deterministically (DDIM 2021)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from ...random.rng import Rng
+
+STEPS = 1000
+
+
+def cosine_betas(steps: int = STEPS, offset: float = 0.008) -> Tensor:
+    """Noise variances, float64 (steps,), at most 0.999 (Nichol and Dhariwal 2021, equation 17)."""
+    time = torch.linspace(0, steps, steps + 1, dtype=torch.float64) / steps
+    kept = torch.cos((time + offset) / (1 + offset) * math.pi / 2) ** 2
+    return (1 - kept[1:] / kept[:-1]).clamp(0, 0.999)
+
+
+def register_schedule(module: nn.Module) -> None:
+    """Give `module` the twelve float64 buffers of the checkpoints; only `alphas_cumprod` is used for prediction."""
+    betas = cosine_betas()
+    kept = torch.cumprod(1 - betas, dim=0)
+    before = torch.cat((kept.new_ones(1), kept[:-1]))
+    variance = betas * (1 - before) / (1 - kept)
+    buffers = {
+        "betas": betas,
+        "alphas_cumprod": kept,
+        "alphas_cumprod_prev": before,
+        "sqrt_alphas_cumprod": kept.sqrt(),
+        "sqrt_one_minus_alphas_cumprod": (1 - kept).sqrt(),
+        "log_one_minus_alphas_cumprod": (1 - kept).log(),
+        "sqrt_recip_alphas_cumprod": (1 / kept).sqrt(),
+        "sqrt_recipm1_alphas_cumprod": (1 / kept - 1).sqrt(),
+        "posterior_variance": variance,
+        "posterior_log_variance_clipped": variance.clamp(min=1e-20).log(),
+        "posterior_mean_coef1": betas * before.sqrt() / (1 - kept),
+        "posterior_mean_coef2": (1 - before) * (1 - betas).sqrt() / (1 - kept),
+    }
+    for name, values in buffers.items():
+        module.register_buffer(name, values)
+
+
+def sampling_times(rounds: int = 4) -> list[int]:
+    """The times at which the sampler denoises, from the noisiest down.
+
+    >>> sampling_times()
+    [999, 749, 499, 249]
+    """
+    return [STEPS - 1 - STEPS // rounds * i for i in range(rounds)]
+
+
+def initial_noise(seed: int, height: int, width: int) -> Tensor:
+    """What the sampler starts from: standard normal, float32 (1, 2, height, width), the same on every machine.
+
+    >>> initial_noise(0, 2, 3).equal(initial_noise(0, 2, 3))
+    True
+    """
+    values = Rng.of("flowdiffuser", seed, height, width).normals(2 * height * width)
+    return torch.from_numpy(values.astype(np.float32)).reshape(1, 2, height, width)
+
+
+def renoise(noisy: Tensor, clean: Tensor, kept: Tensor, kept_next: Tensor) -> Tensor:
+    """The sample at the next time, without fresh noise (Song et al. 2021, equation 12, sigma 0).
+
+    Args:
+        noisy: the sample now.
+        clean: the estimate of what it would be without noise; same shape.
+        kept: `alphas_cumprod` now, float64 scalar; the result is float64 too.
+        kept_next: `alphas_cumprod` at the next time.
+    """
+    noise = (noisy - kept.sqrt() * clean) / (1 - kept).sqrt()
+    return kept_next.sqrt() * clean + (1 - kept_next).sqrt() * noise
+
+
+def time_code(time: float, channels: int, like: Tensor) -> Tensor:
+    """Sinusoidal code of a time, (1, channels): sines, then cosines (Vaswani et al. 2017)."""
+    half = channels // 2
+    rates = torch.exp(torch.arange(half, device=like.device) * (-math.log(10000) / (half - 1)))
+    return torch.cat(((time * rates).sin(), (time * rates).cos()))[None].to(like.dtype)

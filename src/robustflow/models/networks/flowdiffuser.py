@@ -1,0 +1,169 @@
+"""FlowDiffuser (Luo et al., CVPR 2024): flow denoised from Gaussian noise by a recurrent decoder, refined at 1/4."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .blocks.allpairs import CorrelationPyramid, pixel_grid
+from .blocks.convex_upsample import convex_upsample
+from .blocks.twins import Twins
+from .denoiser import Denoiser
+from .diffusion import initial_noise, register_schedule, renoise, sampling_times
+from .pair_transformer import PairTransformer
+from .sk_update import MaskHead, SkUpdate
+from .window_volume import WindowVolume
+
+_ITERATIONS = 6
+_REACH = 0.1
+"""Fraction of the map's size by which a sample of 1 moves a pixel."""
+
+
+class FlowDiffuser(nn.Module):
+    """The published model; keys are those of the authors' checkpoints.
+
+    The number of steps is part of the method: four of denoising with six iterations each, then six at 1/4.
+
+    Args:
+        seed: of the noise where none is given.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        super().__init__()
+        self.seed = seed
+        # Constants that the checkpoints contain: a placeholder, and the factor between normalised flow and sample.
+        self.zero = nn.Parameter(torch.zeros(12), requires_grad=False)
+        self.scale = nn.Parameter(torch.full((1,), 0.5), requires_grad=False)
+        register_schedule(self)
+        self.fnet = Twins(large=True)
+        self.cnet = Twins(large=False)
+        self.trans = PairTransformer()
+        self.C_inp = nn.Conv2d(128, 128, 1)
+        self.C_net = nn.Conv2d(128, 128, 1)
+        self.update = SkUpdate()
+        self.um8 = MaskHead(8)
+        self.um4 = MaskHead(4)
+        self.update_dfm = Denoiser()
+
+    def encode(self, encoder: Twins, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Features at 1/8 and at 1/4: the second stage runs twice with the same weights."""
+        quarter = encoder.stage(0, image)
+        return encoder.stage(1, quarter), encoder.stage(1, quarter, dense=True)
+
+    def forward(self, image1: Tensor, image2: Tensor, noise: Tensor | None = None) -> Tensor:
+        """The flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
+        return self.flows(image1, image2, noise)[0][-1]
+
+    def flows(self, image1: Tensor, image2: Tensor, noise: Tensor | None = None) -> tuple[list[Tensor], Tensor]:
+        """The flow after each denoising step and after the refinement.
+
+        Args:
+            image1: RGB (N, 3, H, W) in 0..255; H and W multiples of 8.
+            image2: the same.
+            noise: (N, 2, H / 8, W / 8), from the standard normal distribution, the only source of randomness; by
+                default `initial_noise` of the seed, the same for every pair of one size.
+
+        Returns:
+            full-resolution flows (N, 2, H, W) in pixels, after each denoising step and after the refinement; and the
+            flow at 1/4 (N, 2, H / 4, W / 4), in its own pixels.
+        """
+        image1, image2 = 2 * image1 / 255 - 1, 2 * image2 / 255 - 1
+        pyramid, features4, context8, context4 = self._encoded(image1, image2)
+        if noise is None:
+            noise = initial_noise(self.seed, *context8.shape[2:]).to(image1.device).expand(len(image1), -1, -1, -1)
+        net, flow, flows = self._denoise(pyramid, context8, noise)
+        net, fine = self._refined(features4, context4, net, flow)[-1]
+        return [*flows, convex_upsample(fine, self.um4(net), factor=4)], fine
+
+    def denoised_predictions(
+        self, image1: Tensor, image2: Tensor, truth: Tensor, time: int, noise: Tensor
+    ) -> list[Tensor]:
+        """What it is trained on: one denoising step from the true flow under noise, and the refinement.
+
+        Args:
+            image1, image2: as for `flows`.
+            truth: (N, 2, H, W) in pixels.
+            time: of the noise, 0 (hardly any) to 999.
+            noise: standard normal, (N, 2, H / 8, W / 8).
+
+        Returns:
+            The flow after each iteration at full resolution: six of the denoising step, six of the refinement.
+        """
+        image1, image2 = 2 * image1 / 255 - 1, 2 * image2 / 255 - 1
+        pyramid, features4, context8, context4 = self._encoded(image1, image2)
+        inp, net, size = self.C_inp(context8), self.C_net(context8), _size(context8)
+        attention = self.update.aggregator.attention(inp)
+        start = pixel_grid(context8)
+        small = F.interpolate(truth, size=context8.shape[2:], mode="bilinear", align_corners=True) / 8
+        kept = self.alphas_cumprod[time]
+        sample = kept.sqrt() * self.scale * small / size + (1 - kept).sqrt() * noise
+        target = start + sample.clamp(-1, 1).to(start.dtype) * _REACH * size
+        coarse = self._rounds(pyramid, inp, attention, net, target, time)
+        net, target = coarse[-1]
+        fine = self._refined(features4, context4, net, target - start)
+        return [convex_upsample(moved - start, self.um8(state)) for state, moved in coarse] + [
+            convex_upsample(flow, self.um4(state), factor=4) for state, flow in fine
+        ]
+
+    def _encoded(self, image1: Tensor, image2: Tensor) -> tuple[CorrelationPyramid, Tensor, Tensor, Tensor]:
+        """Correlations at 1/8, both images' features at 1/4, the context at 1/8 and at 1/4, of values -1..1."""
+        features8, features4 = self.encode(self.fnet, torch.cat((image1, image2)))
+        context8, context4 = self.encode(self.cnet, image1)
+        features1, features2 = features8.chunk(2)
+        return CorrelationPyramid(*self.trans(features1, features2)), features4, context8, context4
+
+    def _denoise(
+        self, pyramid: CorrelationPyramid, context: Tensor, noise: Tensor
+    ) -> tuple[Tensor, Tensor, list[Tensor]]:
+        inp, net = self.C_inp(context), self.C_net(context)
+        start = target = pixel_grid(context)
+        attention = self.update.aggregator.attention(inp)
+        size = _size(context)
+        times = sampling_times()
+        sample, flows = noise, []
+        for step, time in enumerate(times):
+            shift = sample.clamp(-1, 1).to(target.dtype) * _REACH * size
+            target = target + (shift if step == 0 else 0.2 * shift)
+            net, target = self._rounds(pyramid, inp, attention, net, target, time)[-1]
+            flow = target - start
+            flows.append(convex_upsample(flow, self.um8(net)))
+            clean = (self.scale * flow / size).clamp(-0.5, 0.5)
+            following = times[step + 1] if step + 1 < len(times) else -1
+            sample = renoise(sample, clean, self.alphas_cumprod[time], self.alphas_cumprod[following])
+        return net, flow, flows
+
+    def _rounds(
+        self, pyramid: CorrelationPyramid, inp: Tensor, attention: Tensor, net: Tensor, target: Tensor, time: int
+    ) -> list[tuple[Tensor, Tensor]]:
+        """State and target after each iteration of a denoising step."""
+        start, states = pixel_grid(inp), []
+        for iteration in range(_ITERATIONS):
+            target = target.detach()
+            correlation = pyramid.lookup(target)
+            moment = int(time - time / _ITERATIONS * iteration)
+            net = self.update_dfm(self.update, net, inp, correlation, target - start, attention, moment)
+            target = target + self.update.flow_head(net)
+            states.append((net, target))
+        return states
+
+    def _refined(self, features: Tensor, context: Tensor, net: Tensor, flow: Tensor) -> list[tuple[Tensor, Tensor]]:
+        """State and flow at 1/4, in its own pixels, after each iteration of the refinement."""
+        enlarge = {"size": context.shape[2:], "mode": "bilinear", "align_corners": True}
+        flow, net = F.interpolate(2 * flow, **enlarge), F.interpolate(net, **enlarge)
+        start = pixel_grid(context)
+        target = start + flow
+        features1, features2 = features.chunk(2)
+        volume, states = WindowVolume(features1, features2, target), []
+        for _ in range(_ITERATIONS):
+            target = target.detach()
+            motion = self.update.encoder(target - start, volume.lookup(target))
+            net = self.update(net, context, motion, motion)
+            target = target + self.update.flow_head(net)
+            states.append((net, target - start))
+        return states
+
+
+def _size(context: Tensor) -> Tensor:
+    """(W, H) of a map (N, C, H, W), (2, 1, 1)."""
+    return context.new_tensor((context.shape[3], context.shape[2]))[:, None, None]

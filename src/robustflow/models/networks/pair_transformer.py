@@ -1,0 +1,135 @@
+"""The feature transformer of FlowDiffuser: each image in shifted windows, then each attending to the other."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .blocks.attention import attend
+from .blocks.windows import from_windows, to_windows
+
+_WIDTH, _WINDOW = 256, 8
+
+
+def mask_bias(labels: Tensor) -> Tensor:
+    """-100 on the logits of every pair with different labels: (..., N) to (..., N, N)."""
+    return (labels[..., :, None] != labels[..., None, :]).to(torch.float32) * -100
+
+
+class Attention(nn.Module):
+    """One head. Keys: `q k v proj`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.q = nn.Linear(_WIDTH, _WIDTH)
+        self.k = nn.Linear(_WIDTH, _WIDTH)
+        self.v = nn.Linear(_WIDTH, _WIDTH)
+        self.proj = nn.Linear(_WIDTH, _WIDTH)
+
+    def forward(self, x: Tensor, other: Tensor, bias: Tensor) -> Tensor:
+        """(..., N, 256) attending to (..., M, 256)."""
+        return self.proj(attend(self.q(x), self.k(other), self.v(other), bias=bias.to(x.dtype)))
+
+
+def _mlp() -> nn.Sequential:
+    return nn.Sequential(nn.Linear(_WIDTH, 4 * _WIDTH), nn.GELU(), nn.Linear(4 * _WIDTH, _WIDTH))
+
+
+class WindowBlock(nn.Module):
+    """Self-attention in windows of 8 x 8. Keys: `layer_norm1 layer_norm2 self_attn mlp`.
+
+    Args:
+        shift: pixels by which the windows are moved down and right; the map wraps around, masked.
+    """
+
+    def __init__(self, shift: int) -> None:
+        super().__init__()
+        self.shift = shift
+        self.layer_norm1 = nn.LayerNorm(_WIDTH)
+        self.layer_norm2 = nn.LayerNorm(_WIDTH)
+        self.self_attn = Attention()
+        self.mlp = _mlp()
+
+    def forward(self, x: Tensor, labels: Tensor) -> Tensor:
+        """(N, H, W, 256), H and W multiples of 8; pixels with different `labels` (H, W) do not attend to each other."""
+        height, width = labels.shape
+        if self.shift:
+            # In addition to the given labels, pixels that the shift brings together from opposite edges stay apart.
+            y, x_ = (torch.arange(size, device=x.device) for size in (height, width))
+            wrapped = 2 * (y < self.shift).long()[:, None] + (x_ < self.shift).long()
+            labels = 4 * labels + wrapped
+        roll = (-self.shift, -self.shift)
+        windows = to_windows(self.layer_norm1(x).roll(roll, (1, 2)), _WINDOW)
+        bias = mask_bias(to_windows(labels.roll(roll, (0, 1))[None, ..., None], _WINDOW)[..., 0])[:, :, None]
+        mixed = from_windows(self.self_attn(windows, windows, bias), height, width)
+        x = x + mixed.roll((self.shift, self.shift), (1, 2))
+        return x + self.mlp(self.layer_norm2(x))
+
+
+class CrossBlock(nn.Module):
+    """Global attention of one image to the other. Keys: `layer_norm1 layer_norm2 layer_norm3 cross_attn mlp`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layer_norm1 = nn.LayerNorm(_WIDTH)
+        self.layer_norm2 = nn.LayerNorm(_WIDTH)
+        self.layer_norm3 = nn.LayerNorm(_WIDTH)
+        self.cross_attn = Attention()
+        self.mlp = _mlp()
+
+    def forward(self, x: Tensor, other: Tensor, bias: Tensor) -> Tensor:
+        """Tokens (N, H * W, 256) of both images; `bias` (H * W, H * W)."""
+        x = x + self.cross_attn(self.layer_norm1(x), self.layer_norm2(other), bias)
+        return x + self.mlp(self.layer_norm3(x))
+
+
+class Layer(nn.Module):
+    """Two window blocks and, in the first layer only, a cross block. Keys: `blocks cross_transformer`."""
+
+    def __init__(self, cross: bool) -> None:
+        super().__init__()
+        self.blocks = nn.ModuleList((WindowBlock(0), WindowBlock(_WINDOW // 2)))
+        if cross:
+            self.cross_transformer = CrossBlock()
+
+    def forward(self, x: Tensor, labels: Tensor) -> Tensor:
+        """Image 1 and image 2 stacked, (2 * N, H, W, 256)."""
+        for block in self.blocks:
+            x = block(x, labels)
+        if not hasattr(self, "cross_transformer"):
+            return x
+        first, second = x.flatten(1, 2).chunk(2)
+        bias = mask_bias(labels.flatten())
+        # The block has its own residuals; the published model adds another around it.
+        second = second + self.cross_transformer(second, first, bias)
+        first = first + self.cross_transformer(first, second, bias)
+        return torch.cat((first, second)).view(x.shape)
+
+
+class _Body(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.blocks = nn.ModuleList((Layer(cross=True), Layer(cross=False)))
+
+
+class PairTransformer(nn.Module):
+    """Features of both images, each informed by the other. Keys: `tb.blocks`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tb = _Body()
+
+    def forward(self, features1: Tensor, features2: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, 256, H, W) each; any size: padded here to whole windows, at the top and on both sides, and masked."""
+        _, _, height, width = features1.shape
+        over_x, over_y = -width % _WINDOW, -height % _WINDOW
+        left = over_x // 2
+        x = torch.cat((features1, features2)).permute(0, 2, 3, 1)
+        x = F.pad(x, (0, 0, left, over_x - left, over_y, 0))
+        labels = torch.ones(x.shape[1:3], dtype=torch.long, device=x.device)
+        labels[over_y:, left : left + width] = 0
+        for layer in self.tb.blocks:
+            x = layer(x, labels)
+        x = x[:, over_y:, left : left + width].permute(0, 3, 1, 2)
+        return x.chunk(2)

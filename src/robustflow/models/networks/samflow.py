@@ -1,0 +1,98 @@
+"""SAMFlow (Zhou et al., AAAI 2024): FlowFormer with Segment Anything's features of image 1 in its context."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from .blocks.twins import Twins
+from .cost_memory import MemoryEncoder
+from .memory_decoder import MemoryDecoder
+from .sam_adapter import ContextAdapter, FusionBlock, TaskToken
+from .sam_vit import VIT_B, VIT_H, SamVit
+from .tiny_vit import TinyVit
+
+_SAM_MEAN, _SAM_STD = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)
+
+
+class _WeightedAdd(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.add_weight = nn.Parameter(torch.tensor([1.0, 0.0]))
+
+    def forward(self, first: Tensor, second: Tensor) -> Tensor:
+        return self.add_weight[0] * first + self.add_weight[1] * second
+
+
+class SamFlow(nn.Module):
+    """The published model in one of its four sizes; keys are those of the authors' checkpoints.
+
+    Args:
+        size: "tiny" (TinyViT), "base" (ViT-B), "huge" (ViT-H, trained on FlyingThings), or "huge_finetuned" (ViT-H,
+            fine-tuned on Sintel), which adds the adapter's output with learned weights and reads other rows of
+            SAM's position tables.
+        iterations: of the decoder; the authors train with 12 and evaluate with 24 on KITTI, 32 on Sintel.
+    """
+
+    def __init__(self, size: Literal["tiny", "base", "huge", "huge_finetuned"] = "tiny", iterations: int = 12) -> None:
+        super().__init__()
+        self.iterations = iterations
+        self.memory_encoder = MemoryEncoder()
+        self.memory_decoder = MemoryDecoder()
+        self.context_encoder = Twins(large=True)
+        if size == "tiny":
+            self.sam_encoder: nn.Module = TinyVit()
+        else:
+            self.sam_encoder = SamVit(VIT_B if size == "base" else VIT_H, first_rows=size == "huge_finetuned")
+        self.wadd_1 = None if size == "huge" else _WeightedAdd()
+        self.up_layer8 = nn.Sequential(
+            nn.Conv2d(256, 96, 3, padding=1), nn.Upsample(scale_factor=2, mode="bilinear", align_corners=False)
+        )
+        self.CFM = nn.Sequential(FusionBlock(256 + 96), FusionBlock(256))
+        self.LTSE = TaskToken()
+        self.CAM = ContextAdapter()
+        self.register_buffer("sam_mean", torch.tensor(_SAM_MEAN).view(3, 1, 1), persistent=False)
+        self.register_buffer("sam_std", torch.tensor(_SAM_STD).view(3, 1, 1), persistent=False)
+
+    @classmethod
+    def of(cls, size: Literal["tiny", "base", "huge"], finetuned: bool, iterations: int) -> SamFlow:
+        """The network of a size; `finetuned` is for the huge one only."""
+        return cls("huge_finetuned" if finetuned else size, iterations)
+
+    def fused_context(self, image1: Tensor) -> Tensor:
+        """The context network's and SAM's features of RGB (N, 3, H, W) in 0..255, fused: (N, 256, H / 8, W / 8)."""
+        sam = self.up_layer8(self.sam_encoder((image1 - self.sam_mean) / self.sam_std))
+        return self.CFM(torch.cat((self.context_encoder(2 * image1 / 255 - 1), sam), dim=1))
+
+    def context(self, image1: Tensor) -> Tensor:
+        """The sum of the fused context and the adapter's output for it."""
+        fused = self.fused_context(image1)
+        adapted = self.CAM(fused, self.LTSE.LTSE_embed.weight)
+        return fused + adapted if self.wadd_1 is None else self.wadd_1(fused, adapted)
+
+    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
+        """The flow from image 1 to image 2, (N, 2, H, W) in pixels; arguments as for `flows`."""
+        return self._decode(image1, image2, every=False)[0][-1]
+
+    def predictions(self, image1: Tensor, image2: Tensor) -> list[Tensor]:
+        """The flow after every iteration, for the loss; arguments as for `flows`."""
+        return self.flows(image1, image2)[0]
+
+    def flows(self, image1: Tensor, image2: Tensor) -> tuple[list[Tensor], Tensor]:
+        """The flow after every iteration, for the loss.
+
+        Args:
+            image1: RGB (N, 3, H, W) in 0..255; H and W multiples of 16.
+            image2: the same.
+
+        Returns:
+            full-resolution flows (N, 2, H, W) in pixels, and the last (N, 2, H / 8, W / 8) at 1/8, in its own pixels.
+        """
+        return self._decode(image1, image2, every=True)
+
+    def _decode(self, image1: Tensor, image2: Tensor, every: bool) -> tuple[list[Tensor], Tensor]:
+        context = self.context(image1)
+        cost_maps, memory = self.memory_encoder(2 * image1 / 255 - 1, 2 * image2 / 255 - 1, context)
+        return self.memory_decoder(cost_maps, memory, context, self.iterations, every)

@@ -1,0 +1,224 @@
+"""The networks written for this project, as one table: the net, the files it is for, its input and its options.
+
+Each entry is a model; its net is here. Building one needs the torch extra.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...errors import UsageError
+from ...size import parse_size
+from ..base import AnyModel
+from ..execution import Execution, with_execution
+from ..input_convention import InputConvention
+from ..option_checks import check_count, check_switch
+from ..tiling import tiled
+from ..torch.network import network_model
+
+
+class Option(NamedTuple):
+    """An option of a network.
+
+    Attributes:
+        default: its value if it is not given.
+        check: raises UsageError for a value it cannot have; called with the option's name and the value.
+        fit: for an option that changes how images are prepared, the convention for a value; other options are passed to
+            the net and are part of the model's identity.
+    """
+
+    default: Any
+    check: Callable[[str, Any], None]
+    fit: Callable[[InputConvention, Any], InputConvention] | None = None
+
+
+@dataclass(frozen=True)
+class Network:
+    """A network of the project.
+
+    Attributes:
+        net: "module:attribute" here that makes it; called with the options as keywords.
+        source: the file of its checkpoint, and where the authors publish it.
+        convention: the input that it expects.
+        options: by name.
+        fixed: further keywords, recorded like options.
+        scope: see `load_weights`.
+        tile: HEIGHTxWIDTH of the tiles it predicts in by default; None for a network without that option.
+    """
+
+    net: str
+    source: str
+    convention: InputConvention
+    options: Mapping[str, Option] = field(default_factory=dict)
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    scope: str | None = None
+    tile: str | None = None
+
+    def build(self, options: Mapping[str, Any]) -> Any:
+        """The net, with random weights."""
+        module, _, attribute = self.net.partition(":")
+        target: Any = import_module(f".{module}", __package__)
+        for part in attribute.split("."):
+            target = getattr(target, part)
+        return target(**options)
+
+
+def _seed(name: str, value: Any) -> None:
+    if type(value) is not int:  # True is an int to Python
+        raise UsageError(f"{name} must be a whole number, not {value!r}")
+
+
+def _fraction(name: str, value: Any) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= 1:
+        raise UsageError(f"{name} must be a number from 0 to 1, not {value!r}")
+
+
+def _vertical(name: str, value: Any) -> None:
+    if value not in ("bottom", "both"):
+        raise UsageError(f"{name} must be bottom (KITTI) or both (Sintel), not {value!r}")
+
+
+def _size(name: str, value: Any) -> None:
+    if value != "native":
+        parse_size(value, 64)
+
+
+def _stretched(convention: InputConvention, value: Any) -> InputConvention:
+    return replace(convention, size=None if value == "native" else parse_size(value, 64))
+
+
+_ITERATIONS = Option(12, check_count)
+_SAMFLOW = Network(
+    "samflow:SamFlow.of",
+    "the authors' file of this size, linked from https://github.com/zslzx/SAMFlow",
+    InputConvention(scale=1.0, fit="pad", multiple=16),
+    {"iterations": _ITERATIONS},  # SAMFlow's authors evaluate with 24 on KITTI and 32 on Sintel
+    tile="432x960",  # the ViT encoders take whole frames up to 1024 pixels
+)
+
+NETWORKS = {
+    # Liu et al., "Learning by Analogy", CVPR 2020. The paper profiles 256x832, its authors' size for KITTI; theirs
+    # for Sintel is 448x1024; "native" is the frame's own size, up to the next multiple of 64.
+    "arflow": Network(
+        "arflow:ARFlow",
+        "pwclite_ar.tar (or pwclite_raw.tar) from the folder checkpoints/ of https://github.com/lliuz/ARFlow",
+        InputConvention(fit="stretch", multiple=64),
+        {"size": Option("256x832", _size, _stretched)},
+    ),
+    # Luo et al., CVPR 2021. align_corners: the weights were trained with True; the authors' code uses False on PyTorch
+    # 1.3 and later. mask_threshold: features from beyond the frame are zeroed where their bilinear weights sum to
+    # less; the authors' 1.0 lets rounding zero pixels inside the frame, differently on every machine.
+    "upflow": Network(
+        "upflow:UPFlow.of",
+        "upflow_kitti2015.pth from https://github.com/coolbeam/UPFlow_pytorch",
+        InputConvention(mean=(104.920005, 110.1753, 114.785955), scale=0.0039216),
+        {"align_corners": Option(True, check_switch), "mask_threshold": Option(0.9999, _fraction)},
+    ),
+    # Marsal et al., WACV 2023: RAFT trained without labels. The file also holds a brightness corrector, left out.
+    "brightflow": Network(
+        "brightflow:BrightFlow",
+        "the RAFT checkpoint of https://github.com/CEA-LIST/BrightFlow",
+        InputConvention(mean=(127.5, 127.5, 127.5), scale=2 / 255, fit="pad", multiple=8),
+        {"iterations": _ITERATIONS},
+        scope="model.",
+    ),
+    # Zhou et al., AAAI 2024. The network fine-tuned on Sintel differs: its file holds `wadd_1.add_weight`.
+    "samflow_t": replace(_SAMFLOW, fixed={"size": "tiny", "finetuned": False}),
+    "samflow_b": replace(_SAMFLOW, fixed={"size": "base", "finetuned": False}),
+    "samflow_h": replace(
+        _SAMFLOW,
+        fixed={"size": "huge"},
+        options={"finetuned": Option(False, check_switch), "iterations": _ITERATIONS},
+    ),
+    # Luo et al., CVPR 2024, at the frame's own size; its numbers of steps and iterations are part of the method. Every
+    # pair of one size starts from the same noise, drawn from `seed`. vertical: where rows are added, "bottom" as the
+    # authors do on KITTI, "both" as on Sintel.
+    "flowdiffuser": Network(
+        "flowdiffuser:FlowDiffuser",
+        "the authors' file, linked from https://github.com/LA30/FlowDiffuser",
+        InputConvention(scale=1.0, fit="pad", multiple=8, vertical="bottom"),
+        {
+            "seed": Option(0, _seed),
+            "vertical": Option("bottom", _vertical, lambda convention, value: replace(convention, vertical=value)),
+        },
+    ),
+}
+"""Every network by the name it is loaded by."""
+
+_UNRECORDED = ("size",)
+"""Fixed keywords that are implied by the model's name."""
+
+
+@with_execution
+def load_network(
+    name: str,
+    checkpoint: str | Path | None = None,
+    *,
+    sha256: str | None = None,
+    execution: Execution,
+    **options: Any,
+) -> AnyModel:
+    """Load a network with its checkpoint.
+
+    Args:
+        name: of `NETWORKS`.
+        checkpoint: the authors' file, or "random".
+        sha256: the file's hash, or its first eight or more digits, to be checked.
+        execution: see `Execution`; its fields are options.
+        options: of this network; and `tile`, for those that predict in tiles.
+
+    Raises:
+        UsageError: an unknown option or value.
+        ModelError: no torch, no checkpoint, or one of another network.
+    """
+    network = NETWORKS[name]
+    tile = options.pop("tile", network.tile)
+    convention, keywords = network.convention, dict(network.fixed)
+    for key, option in network.options.items():
+        value = options.get(key, option.default)
+        option.check(key, value)
+        if option.fit is None:
+            keywords[key] = value
+        else:
+            convention = option.fit(convention, value)
+    model = network_model(
+        name,
+        lambda: network.build(keywords),
+        convention,
+        checkpoint,
+        source=network.source,
+        sha256=sha256,
+        scope=network.scope,
+        settings={key: value for key, value in keywords.items() if key not in _UNRECORDED},
+        execution=execution,
+    )
+    return model if network.tile is None else tiled(model, tile)
+
+
+def network_factory(name: str) -> Callable[..., AnyModel]:
+    """Return the factory of a network by name, with its options in its signature.
+
+    >>> [key for key in inspect.signature(network_factory("arflow")).parameters if key in ("size", "tile")]
+    ['size']
+    """
+    network, factory = NETWORKS[name], partial(load_network, name)
+    options = {key: option.default for key, option in network.options.items()}
+    options |= {"tile": network.tile} if network.tile is not None else {}
+    shared = inspect.signature(factory)
+    first, *rest = (one for one in shared.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD)
+    named = [inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=value) for key, value in options.items()]
+    factory.__signature__ = shared.replace(parameters=[first, *named, *rest])  # type: ignore[attr-defined]
+    return factory
+
+
+def __getattr__(name: str) -> Any:
+    """Attributes such as `table.arflow`, which the registry of models refers to."""
+    if name not in NETWORKS:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return network_factory(name)

@@ -1,0 +1,89 @@
+"""`tiny` and its variants: the small network of this project with the weights shipped in the package.
+
+With the torch extra PyTorch computes, otherwise NumPy. Both are single precision, whose rounding the network amplifies:
+on real pairs the flows differ by up to some 3e-3 px (docs/tiny.md), and a run's identity states which one was used.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from ...errors import UsageError, unknown_name
+from ..base import AnyModel
+from ..execution import Execution, with_execution
+from ..input_convention import InputConvention
+from ..tiny.model import NumpyTiny
+from ..tiny.plan import MULTIPLE
+from ..tiny.shipped import SHIPPED, shipped_weights
+from ..torch.network import network_model
+
+RUNTIMES = ("auto", "torch", "numpy")
+_CONVENTION = InputConvention(mean=(127.5, 127.5, 127.5), scale=2 / 255, fit="pad", multiple=MULTIPLE)
+
+
+@with_execution
+def small_network(
+    name: str,
+    checkpoint: str | Path | None = None,
+    *,
+    runtime: str = "auto",
+    sha256: str | None = None,
+    execution: Execution,
+) -> AnyModel:
+    """The small network.
+
+    Args:
+        name: of `SHIPPED`.
+        checkpoint: a file of `robustflow train tiny`, or "random"; the shipped weights by default.
+        runtime: "torch", "numpy", or "auto" for PyTorch if it is installed.
+        sha256: of `checkpoint`, or its first eight or more digits, to be checked.
+        execution: see `Execution`; its fields are options. NumPy runs only on the CPU in fp32.
+
+    Raises:
+        UsageError: an unknown runtime, or an option that NumPy does not have.
+        ModelError: torch is needed but not installed, or a checkpoint of another network.
+    """
+    if runtime not in RUNTIMES:
+        raise unknown_name("runtime", str(runtime), RUNTIMES)
+    if runtime == "auto":
+        runtime = "torch" if checkpoint is not None or find_spec("torch") is not None else "numpy"
+    if runtime == "numpy":
+        _check_for_numpy(name, checkpoint, execution)
+        return NumpyTiny(name, shipped_weights(name))
+    if checkpoint is None:
+        from ..torch.shipped import shipped_network
+
+        return shipped_network(name, shipped_weights(name), _net, _CONVENTION, execution)
+    source = "a file of robustflow train tiny"
+    return network_model(name, _net, _CONVENTION, checkpoint, source=source, sha256=sha256, execution=execution)
+
+
+def _net() -> Any:
+    from .tiny import Tiny as Network
+
+    return Network()
+
+
+def _check_for_numpy(name: str, checkpoint: str | Path | None, execution: Execution) -> None:
+    if checkpoint is not None:
+        raise UsageError(f"{name} with a checkpoint of your own needs PyTorch: leave out runtime=numpy")
+    if execution.device not in ("auto", "cpu") or execution.precision != "fp32" or execution.compile:
+        raise UsageError(
+            f"{name} without PyTorch runs on the CPU in fp32 only; leave out device, precision and compile, or install "
+            "the extra: pip install 'robustflow[torch]'"
+        )
+
+
+def __getattr__(name: str) -> Callable[..., AnyModel]:
+    """Attributes such as `tiny.tiny_all`, which the registry of models refers to."""
+    if name not in SHIPPED:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    factory = partial(small_network, name)
+    _, *rest = inspect.signature(small_network).parameters.values()
+    factory.__signature__ = inspect.Signature(rest)  # type: ignore[attr-defined]
+    return factory

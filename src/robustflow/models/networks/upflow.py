@@ -1,0 +1,165 @@
+"""UPFlow's network (Luo et al., "UPFlow: Upsampling Pyramid for Unsupervised Optical Flow Learning", CVPR 2021)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from ...errors import ModelError
+from ..torch.resize import resize, resize_flow
+from .blocks.local_correlation import WINDOW, local_correlation
+from .blocks.pwc import ContextNetwork, DenseEstimator, FeaturePyramid, conv
+from .blocks.warp import inside_mask, warp
+from .upflow_visibility import visible
+
+
+@dataclass(frozen=True)
+class BothFlows:
+    """What one pass over a pair gives.
+
+    Attributes:
+        forward: (N, 2, H, W), image 1 to image 2, in pixels.
+        backward: the same from image 2 to image 1.
+        levels: (forward, backward) per level, coarsest (1/64) first, in pixels of the level.
+    """
+
+    forward: Tensor
+    backward: Tensor
+    levels: list[tuple[Tensor, Tensor]]
+
+    def visible(self) -> tuple[Tensor, Tensor]:
+        """Where image 1 is seen in image 2, and image 2 in image 1: bool (N, 1, H, W); see `visible`."""
+        return visible(self.forward, self.backward), visible(self.backward, self.forward)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How the network's warps sample; the two settings in which PyTorch versions and machines differ.
+
+    Attributes:
+        align_corners: True is what the authors' weights were trained with (PyTorch 1.1); False is what their code
+            does on PyTorch 1.3 and later.
+        threshold: warped features are zeroed where their bilinear weights inside the map sum to less. The authors'
+            code compares with 1.0 exactly, so that float32 rounding zeroes some interior pixels.
+    """
+
+    align_corners: bool = True
+    threshold: float = 0.9999
+
+    def masked(self, maps: Tensor, flow: Tensor) -> Tensor:
+        """`maps` fetched along `flow`, zero where the flow leaves the map."""
+        return self.plain(maps, flow) * inside_mask(flow, self.threshold, self.align_corners)
+
+    def plain(self, maps: Tensor, flow: Tensor) -> Tensor:
+        """`maps` fetched along `flow`, fading to zero over the border pixel."""
+        return warp(maps, flow, align_corners=self.align_corners)
+
+
+class SelfGuidedUpsampler(nn.Module):
+    """Repairs an enlarged flow: each pixel may take its flow from the place that an interpolation flow points at.
+
+    Keys: `dense_estimator_mask.*`, and `upsample_output_conv.*` for the features at full resolution.
+    """
+
+    def __init__(self, sampling: Sampling) -> None:
+        super().__init__()
+        self.sampling = sampling
+        self.dense_estimator_mask = DenseEstimator(64, (32, 32, 32, 16, 8), 3)
+        self.upsample_output_conv = nn.Sequential(
+            conv(3, 16), conv(16, 16, stride=2), conv(16, 32), conv(32, 32, stride=2)
+        )
+
+    def forward(self, flow: Tensor, own: Tensor, other: Tensor, target: Tensor | None = None) -> Tensor:
+        """The repaired flow, of the size of `target` if there is one.
+
+        Args:
+            flow: (N, 2, H, W) in pixels.
+            own: (N, 32, H, W), features of the image the flow starts from.
+            other: (N, 32, H, W), of the image it goes to.
+            target: (N, 2, H', W'), the enlarged flow, to be repaired instead of `flow`.
+        """
+        both = torch.cat((own, self.sampling.masked(other, flow)), dim=1)
+        between, logit = self.dense_estimator_mask(both)[1].split((2, 1), dim=1)
+        keep = torch.sigmoid(logit)
+        if target is not None:
+            size = tuple(target.shape[2:])
+            flow, between, keep = target, resize_flow(between, size), resize(keep, size)
+        return self.sampling.plain(flow, between) * (1 - keep) + flow * keep
+
+
+class UPFlow(nn.Module):
+    """Both directions in one coarse-to-fine pass over five levels, with one decoder and one upsampler.
+
+    Images are RGB, float (N, 3, H, W), (value - mean) * 0.0039216 of 0..255, any size above 64 pixels. Keys are those
+    of the authors' files.
+    """
+
+    def __init__(self, sampling: Sampling | None = None) -> None:
+        super().__init__()
+        self.sampling = sampling or Sampling()
+        self.feature_pyramid_extractor = FeaturePyramid((3, 16, 32, 64, 96, 128, 196))
+        self.flow_estimators = DenseEstimator(WINDOW + 32 + 2, (128, 128, 96, 64, 32), 2)
+        self.context_networks = ContextNetwork(self.flow_estimators.channels + 2)
+        self.conv_1x1 = nn.ModuleList(conv(channels, 32, kernel=1) for channels in (196, 128, 96, 64, 32))
+        self.sgi_model = SelfGuidedUpsampler(self.sampling)
+
+    @classmethod
+    def of(cls, align_corners: bool, mask_threshold: float) -> UPFlow:
+        """The network with these two settings of `Sampling`."""
+        return cls(Sampling(align_corners, mask_threshold))
+
+    def forward(self, image1: Tensor, image2: Tensor) -> Tensor:
+        """The flow from image 1 to image 2, (N, 2, H, W) in pixels."""
+        return self.both(image1, image2).forward
+
+    def both(self, image1: Tensor, image2: Tensor) -> BothFlows:
+        """The flows of both directions, at full size and per level.
+
+        Raises:
+            ModelError: images so small that the coarsest level has one pixel, which has no variance.
+        """
+        if max(image1.shape[2:]) <= 64:
+            height, width = image1.shape[2:]
+            raise ModelError(
+                f"upflow needs frames wider or higher than 64 pixels, not {width} x {height}; enlarge them"
+            )
+        features1, features2 = (self.feature_pyramid_extractor(image)[:0:-1] for image in (image1, image2))
+        forward = backward = torch.zeros_like(features1[0][:, :2], dtype=torch.float32)
+        levels = []
+        for level, (f1, f2, reduce) in enumerate(zip(features1, features2, self.conv_1x1, strict=True)):
+            r1, r2 = reduce(f1), reduce(f2)
+            if level:
+                size = tuple(f1.shape[2:])
+                forward = self.sgi_model(resize_flow(forward, size), r1, r2)
+                backward = self.sgi_model(resize_flow(backward, size), r2, r1)
+                forward, backward = (
+                    self._decode(f1, self.sampling.masked(f2, forward), r1, forward),
+                    self._decode(f2, self.sampling.masked(f1, backward), r2, backward),
+                )
+            else:
+                forward, backward = self._decode(f1, f2, r1, forward), self._decode(f2, f1, r2, backward)
+            levels.append((forward, backward))
+        size = tuple(image1.shape[2:])
+        g1, g2 = (self.sgi_model.upsample_output_conv(image) for image in (image1, image2))
+        return BothFlows(
+            self.sgi_model(forward, g1, g2, target=resize_flow(forward, size)),
+            self.sgi_model(backward, g2, g1, target=resize_flow(backward, size)),
+            levels,
+        )
+
+    def _decode(self, own: Tensor, other: Tensor, reduced: Tensor, flow: Tensor) -> Tensor:
+        correlation = F.leaky_relu(local_correlation(_normalised(own), _normalised(other)), 0.1)
+        features, residual = self.flow_estimators(torch.cat((correlation, reduced, flow), dim=1))
+        flow = flow + residual
+        return flow + self.context_networks(torch.cat((features, flow), dim=1))
+
+
+def _normalised(features: Tensor) -> Tensor:
+    """Zero mean and unit variance over the pixels, per image and channel."""
+    features = features.float()
+    mean = features.mean(dim=(2, 3), keepdim=True)
+    variance = features.var(dim=(2, 3), keepdim=True)
+    return (features - mean) / torch.sqrt(variance + 1e-16)
