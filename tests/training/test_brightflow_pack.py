@@ -172,6 +172,33 @@ def test_terms_and_gradients_of_a_step_are_the_originals(given, case, number):
         assert (gradient - wanted).abs().max() <= GRADIENT * wanted.abs().max()
 
 
+def _alone(given: Given, pair: int) -> Given:
+    """The pack with one pair of its batch."""
+
+    def only(value: Any) -> Any:
+        if isinstance(value, WholeFrames):
+            return WholeFrames(*map(only, vars(value).values()))
+        return tuple(map(only, value)) if isinstance(value, tuple) else value if value is None else value[pair:][:1]
+
+    arrays = {name: only(given.arrays[name]) for name in ("flow", "student", "teacher", "offsets", "offsets_augmented")}
+    return Given(given.cases, arrays, Batch(**{name: only(value) for name, value in vars(given.batch).items()}))
+
+
+@pytest.mark.parametrize("case", RECIPES)
+def test_loss_of_a_batch_is_the_mean_of_its_pairs(given, case):
+    """So that a training of several processes, each with a share of the batch, makes the same updates; below the limit
+    of the self-supervision, which each process applies to the mean of its share."""
+    arrays = {**given.arrays, **{name: given.arrays[name] / 4 for name in ("student", "teacher")}}
+    whole = Given(given.cases, arrays, given.batch)
+    together, *singly = (step(one, case, 60000, gradients=True) for one in (whole, _alone(whole, 0), _alone(whole, 1)))
+    assert all(0 < one.terms["self"] < objective.FARTHEST for one in singly)
+    for name, value in together.terms.items():
+        assert value == pytest.approx(sum(one.terms[name] for one in singly) / 2, rel=1e-6), name
+    for name, gradient in together.gradients.items():
+        shares = torch.cat([one.gradients[name] for one in singly]) / 2
+        assert (gradient - shares).abs().max() <= 1e-4 * gradient.abs().max(), name
+
+
 @pytest.mark.parametrize("case", RECIPES)
 def test_masks_kept_offsets_and_corrector_input_are_the_originals(given, case, monkeypatch):
     expected, visible, kept = given.cases["cases"][case], [], []
