@@ -12,8 +12,8 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="needs the torch extra")
 
-from robustflow.models.own.nets import upflow  # noqa: E402
-from robustflow.models.own.nets.upflow import BothFlows, Sampling  # noqa: E402
+from robustflow.models.networks import upflow  # noqa: E402
+from robustflow.models.networks.upflow import BothFlows, Sampling  # noqa: E402
 from robustflow.models.torch.resize import resize_flow  # noqa: E402
 from robustflow.training.data.loader import Batch, WholeFrames  # noqa: E402
 from robustflow.training.losses.dilated_warp import leaves  # noqa: E402
