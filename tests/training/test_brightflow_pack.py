@@ -26,7 +26,7 @@ from robustflow.training.losses import dilated_warp, photometric, smoothness  # 
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.schedules import SCHEDULES  # noqa: E402
 from robustflow.training.unsupervised import brightflow as objective  # noqa: E402
-from robustflow.training.unsupervised.objective import Moment  # noqa: E402
+from robustflow.training.unsupervised.objective import TrainingStep  # noqa: E402
 
 from ..parity.weight_rule import digest, weights  # noqa: E402
 
@@ -143,7 +143,7 @@ def step(given: Given, case: str, number: int, gradients: bool = False) -> Outco
     answers: Any = Answers(given)
     module = objective.Brightflow(answers, recipe, recipe.objective)
     with torch.set_grad_enabled(gradients):
-        loss, numbers = module(given.batch, Moment(0, number, (0, 1), number / STEPS))
+        loss, numbers = module(given.batch, TrainingStep(0, number, (0, 1), number / STEPS))
     if gradients:
         loss.backward()
     terms = {name: numbers[key].item() if key in numbers else 0.0 for key, name in TERMS.items()}

@@ -22,7 +22,7 @@ from robustflow.training.losses.upflow import OneWay, upflow_terms  # noqa: E402
 from robustflow.training.recipe import load_recipe  # noqa: E402
 from robustflow.training.unsupervised import upflow as objective  # noqa: E402
 from robustflow.training.unsupervised.build import build_objective  # noqa: E402
-from robustflow.training.unsupervised.objective import Moment  # noqa: E402
+from robustflow.training.unsupervised.objective import TrainingStep  # noqa: E402
 
 from ..shared_data import shared_folder  # noqa: E402
 from .pack_steps import Step, TrainingPack, steps  # noqa: E402
@@ -71,7 +71,7 @@ def first_terms(network, batch: Batch | None = None) -> dict[str, float]:
     """The terms of the first step of "paper" with a network, or a batch, in which something is changed."""
     module = build_objective(network, recipe_of("paper"))
     with torch.no_grad():
-        _, terms = module(batch or batch_of(pack().header), Moment(0, 0, (), 0))
+        _, terms = module(batch or batch_of(pack().header), TrainingStep(0, 0, (), 0))
     return {name: value.item() for name, value in terms.items() if name != "flow"}
 
 
@@ -96,7 +96,7 @@ def made(case: str) -> Made:
             recipe,
             lambda number: batch_of(header),
             CASES[case],
-            lambda batch: module(batch, Moment(0, 0, (), 0)),
+            lambda batch: module(batch, TrainingStep(0, 0, (), 0)),
         ):
             step.numbers = {name: value.item() for name, value in step.numbers.items() if name != "flow"}
             taken.append(step)
@@ -147,7 +147,7 @@ def test_loss_of_the_originals_flows_has_the_originals_gradient_at_every_pixel(c
     levels = [[torch.from_numpy(arrays[f"level{level}_{way}"]) for way in ways] for level in (4, 3, 2, 1, 0)]
     network = pack().network(recipe)
     monkeypatch.setattr(network.net, "both", lambda *images: BothFlows(*flows, [(one, two) for one, two in levels]))
-    loss, terms = build_objective(network, recipe)(batch_of(pack().header), Moment(0, 0, (), 0))
+    loss, terms = build_objective(network, recipe)(batch_of(pack().header), TrainingStep(0, 0, (), 0))
     loss.backward()
     for name, value in expected.items():
         assert terms[name].item() == pytest.approx(value or 0.0, rel=_TERM[0]), name

@@ -31,7 +31,7 @@ from .optimizers import set_rate
 from .processes import Process
 from .recipe import Recipe
 from .schedules import rate_of
-from .unsupervised.objective import Moment
+from .unsupervised.objective import TrainingStep
 
 
 @dataclass(frozen=True)
@@ -126,14 +126,14 @@ def _update(
     state.optimizer.zero_grad(set_to_none=True)
     total: dict[str, float] = {}
     for part in range(recipe.accumulate):
-        step = update * recipe.accumulate + part
-        batch = next(stream).to(device)
-        batch = prepared(batch, recipe, training.seed, step, share.positions(step))
-        torch.manual_seed(key_of(training.seed, "network", step, share.rank) % 2**63)
-        moment = Moment(training.seed, step, tuple(share.positions(step)), update / recipe.updates)
+        number = update * recipe.accumulate + part
+        positions = share.positions(number)
+        batch = prepared(next(stream).to(device), recipe, training.seed, number, positions)
+        torch.manual_seed(key_of(training.seed, "network", number, share.rank) % 2**63)
+        step = TrainingStep(training.seed, number, tuple(positions), update / recipe.updates)
         last = part == recipe.accumulate - 1
         with nullcontext() if last or share.world == 1 else called.no_sync():
-            loss, numbers = called(batch, moment)
+            loss, numbers = called(batch, step)
             numbers["loss"] = loss.item()
             _check_finite("loss", numbers["loss"], update, batch)
             state.scaler.scale(loss / recipe.accumulate).backward()

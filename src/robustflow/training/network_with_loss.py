@@ -12,7 +12,7 @@ from .losses.sequence import end_point_error
 from .networks import TrainedNetwork
 from .recipe import Recipe
 from .unsupervised.build import build_objective
-from .unsupervised.objective import Moment
+from .unsupervised.objective import TrainingStep
 
 
 class NetworkWithLoss(nn.Module):
@@ -32,12 +32,12 @@ class NetworkWithLoss(nn.Module):
         self._recipe = recipe
         self._objective = None if recipe.objective is None else build_objective(network, recipe)
 
-    def forward(self, batch: Batch, moment: Moment) -> tuple[Tensor, dict[str, float]]:
+    def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, float]]:
         """See `loss_of_batch`, and for a recipe without labels `LabelFree`. Without labels there is an EPE in the log
         where the data have ground truth all the same."""
         if self._objective is None:
             return loss_of_batch(self.network, batch, self._recipe)
-        loss, terms = self._objective(batch, moment)
+        loss, terms = self._objective(batch, step)
         flow = terms.pop("flow").detach()
         numbers = {name: value.item() for name, value in terms.items()}
         error = end_point_error(flow, batch.flow, batch.valid).item()

@@ -79,7 +79,7 @@ class Recipe(Frozen):
         start: which weights it starts from: "random", or a stage.
         mix: of `recipes/mixes.toml`, or a file like it.
         steps: number of batches, as counted by the source.
-        one_more: whether the original makes one update more than `steps`.
+        extra_update: whether the original makes one more update than `steps`.
         batch: pairs per step, over all devices.
         accumulate: steps for one update of the weights.
         devices: over how many the original's batch was spread, which determines the share that a BatchNorm normalises
@@ -108,7 +108,7 @@ class Recipe(Frozen):
     start: str
     mix: str
     steps: int = Field(ge=1)
-    one_more: bool = False
+    extra_update: bool = False
     batch: int = Field(ge=1)
     accumulate: int = Field(1, ge=1)
     devices: int = Field(1, ge=1)
@@ -133,7 +133,7 @@ class Recipe(Frozen):
     @property
     def updates(self) -> int:
         """The number of updates of the weights."""
-        return self.steps // self.accumulate + self.one_more
+        return self.steps // self.accumulate + self.extra_update
 
     @property
     def pairs(self) -> int:
@@ -148,14 +148,14 @@ class Recipe(Frozen):
     def changed(self, **changes: Any) -> Recipe:
         """This recipe with other values, checked again; those that are None are left as they are.
 
-        With other `steps` there is no update more than stated: that belongs to the original's number.
+        Different `steps` drop the original's extra update.
 
         Raises:
             UsageError: an invalid value.
         """
         given = {key: value for key, value in changes.items() if value is not None}
         if "steps" in given:
-            given.setdefault("one_more", False)
+            given.setdefault("extra_update", False)
         return _validated({**self.model_dump(), **given})
 
 

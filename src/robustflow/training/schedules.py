@@ -56,5 +56,5 @@ SCHEDULES = {"one_cycle": one_cycle, "constant": constant, "constant_then_decay"
 
 def rate_of(recipe: Recipe, update: int) -> float:
     """The learning rate of an update, 0 for the first one, under a recipe."""
-    steps = recipe.updates - recipe.one_more
+    steps = recipe.updates - recipe.extra_update
     return SCHEDULES[recipe.schedule](update + recipe.schedule_ahead, steps, recipe.learning_rate)

@@ -15,7 +15,7 @@ from ..losses.unsupervised import UnsupervisedLoss, unsupervised_loss
 from ..networks import TrainedNetwork
 from ..objectives import ArflowObjective
 from ..recipe import Recipe
-from .objective import LabelFree, Moment
+from .objective import LabelFree, TrainingStep
 
 
 class Arflow(LabelFree):
@@ -28,45 +28,44 @@ class Arflow(LabelFree):
         super().__init__(network, recipe)
         self._settings = settings
 
-    def forward(self, batch: Batch, moment: Moment) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
         """See `LabelFree.forward`."""
         first, second = self.images(batch.image1), self.images(batch.image2)
         forward, backward = ([flow.float() for flow in flows] for flows in self.both(first, second))
-        terms = unsupervised_loss(forward, backward, first, second, self._weights(moment))
+        terms = unsupervised_loss(forward, backward, first, second, self._weights(step))
         loss = terms.total
         numbers = {"flow": forward[0], "photometric": terms.photometric, "smoothness": terms.smoothness}
         if self._settings.self_supervision:
             assert batch.changed is not None, "the loader gives the frames of the second pass"
             changed = (self.images(batch.changed[0]), self.images(batch.changed[1]))
-            supervision = self._second_pass(changed, forward[0].detach(), terms.seen, moment)
+            supervision = self._second_pass(changed, forward[0].detach(), terms.seen, step)
             loss = loss + self._settings.self_supervision * supervision
             numbers["self_supervision"] = supervision
         return loss, numbers
 
-    def _weights(self, moment: Moment) -> UnsupervisedLoss:
+    def _weights(self, step: TrainingStep) -> UnsupervisedLoss:
         settings = self._settings
         raw = UnsupervisedLoss(smooth=settings.smooth, second_order=settings.second_order)
-        if moment.share < settings.census_from:
+        if step.progress < settings.census_from:
             return raw
         return replace(raw, l1=0.0, ssim=0.0, census=1.0, splat=False)
 
-    def _second_pass(self, images: tuple[Tensor, Tensor], flow: Tensor, seen: Tensor, moment: Moment) -> Tensor:
+    def _second_pass(self, images: tuple[Tensor, Tensor], flow: Tensor, seen: Tensor, step: TrainingStep) -> Tensor:
         """How far the flow of the transformed frames is from the transformed flow, where the first frame is seen."""
         settings, (height, width) = self._settings.spatial, flow.shape[2:]
         moves = [
-            draw_moves(Rng.of(moment.seed, "moves", position), settings, (height, width))
-            for position in moment.positions
+            draw_moves(Rng.of(step.seed, "moves", position), settings, (height, width)) for position in step.positions
         ]
         first, second = moved(images[0], [one.first for one in moves]), moved(images[1], [one.second for one in moves])
         wanted, mask = moved_flow(flow, moves), moved(seen, [one.first for one in moves])
-        deviation = Rng.of(moment.seed, "second pass noise", moment.step).uniform(0.0, settings.noise)
-        first, second = (_noisy(image, deviation, moment, which) for which, image in enumerate((first, second)))
+        deviation = Rng.of(step.seed, "second pass noise", step.number).uniform(0.0, settings.noise)
+        first, second = (_noisy(image, deviation, step, which) for which, image in enumerate((first, second)))
         with self.autocast(first):
             flows = self.network.net(first, second)
         return ((flows.float() - wanted).abs() * mask).mean() / (mask.mean() + 1e-7)
 
 
-def _noisy(images: Tensor, deviation: float, moment: Moment, which: int) -> Tensor:
+def _noisy(images: Tensor, deviation: float, step: TrainingStep, which: int) -> Tensor:
     shape = images.shape[1:]
-    drawn = [normal(key_of(moment.seed, "second pass", position, which), shape) for position in moment.positions]
+    drawn = [normal(key_of(step.seed, "second pass", position, which), shape) for position in step.positions]
     return (images + deviation * torch.stack(drawn).to(images.device)).clamp(0.0, 1.0)

@@ -24,7 +24,7 @@ from ..losses.smoothness import robust_smoothness
 from ..networks import TrainedNetwork
 from ..objectives import BrightflowObjective
 from ..recipe import Recipe
-from .objective import LabelFree, Moment
+from .objective import LabelFree, TrainingStep
 
 FARTHEST = 100.0
 """Pixels: the self-supervision's loss counts no more."""
@@ -55,7 +55,7 @@ class Brightflow(LabelFree):
         super().__init__(network, recipe)
         self._settings = settings
 
-    def forward(self, batch: Batch, moment: Moment) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
         """See `LabelFree.forward`."""
         assert batch.whole is not None, "the loader gives the whole frames"
         assert batch.plain is not None, "the loader gives the frames in their own colours"
@@ -65,9 +65,9 @@ class Brightflow(LabelFree):
         plain = _Frames((batch.plain.image1, batch.plain.image2), crops)
         ways = self._ways(augmented, place)
         sources, numbers = plain.whole, {}
-        if settings.corrector > 0 and moment.share >= settings.corrector_from:
+        if settings.corrector > 0 and step.progress >= settings.corrector_from:
             numbers["corrector"] = _mean(self._correction(frame, augmented, ways, place) for frame in (0, 1))
-            if moment.share >= settings.corrected_from:
+            if step.progress >= settings.corrected_from:
                 sources = (self._corrected(0, plain, ways, place), self._corrected(1, plain, ways, place))
         numbers["photometric"] = settings.census * _mean(
             _census(plain.crops[frame], sources[1 - frame], ways[frame], place) for frame in (0, 1)
@@ -76,7 +76,7 @@ class Brightflow(LabelFree):
         loss = numbers["photometric"] + settings.smooth * numbers["smoothness"]
         if "corrector" in numbers:
             loss = loss + settings.corrector * numbers["corrector"]
-        weight = self._self_supervision(moment)
+        weight = self._self_supervision(step)
         if weight:
             numbers["self_supervision"] = self._students(batch, plain)
             loss = loss + weight * numbers["self_supervision"].clamp(0, FARTHEST)
@@ -131,10 +131,10 @@ class Brightflow(LabelFree):
         second_order = self._settings.second_order
         return over_iterations([robust_smoothness(flow, image, ALPHA, second_order) for flow in way.flows])
 
-    def _self_supervision(self, moment: Moment) -> float:
+    def _self_supervision(self, step: TrainingStep) -> float:
         """Its weight: 0, then rising."""
         begins, ends = self._settings.self_supervision_from, self._settings.self_supervision_to
-        risen = (moment.share - begins) / max(ends - begins, 1e-9)
+        risen = (step.progress - begins) / max(ends - begins, 1e-9)
         return self._settings.self_supervision * min(max(risen, 0.0), 1.0)
 
     def _students(self, batch: Batch, plain: _Frames) -> Tensor:

@@ -17,20 +17,20 @@ from ..recipe import Recipe
 
 
 @dataclass(frozen=True)
-class Moment:
-    """Where a training is.
+class TrainingStep:
+    """Which step of a training a batch belongs to.
 
     Attributes:
         seed: of every draw.
-        step: batches before this one.
+        number: of the step, from 0.
         positions: of the batch's pairs, see `Share`.
-        share: of the training's updates that are made, 0 to 1.
+        progress: fraction of the training's updates that are made, 0 to 1.
     """
 
     seed: int
-    step: int
+    number: int
     positions: tuple[int, ...]
-    share: float
+    progress: float
 
 
 class LabelFree(nn.Module):
@@ -56,7 +56,7 @@ class LabelFree(nn.Module):
         self._convention = replace(network.convention, fit="none", multiple=1, size=None)
         self._precision = recipe.precision
 
-    def forward(self, batch: Batch, moment: Moment) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss, and numbers for the log; `flow` among them is the final flow, (N, 2, H, W)."""
         raise NotImplementedError
 

@@ -10,7 +10,7 @@ from ..losses.upflow import OneWay, upflow_terms
 from ..networks import TrainedNetwork
 from ..objectives import UpflowObjective
 from ..recipe import Recipe
-from .objective import LabelFree, Moment
+from .objective import LabelFree, TrainingStep
 
 
 class Upflow(LabelFree):
@@ -20,7 +20,7 @@ class Upflow(LabelFree):
         super().__init__(network, recipe)
         self._settings = settings
 
-    def forward(self, batch: Batch, moment: Moment) -> tuple[Tensor, dict[str, Tensor]]:
+    def forward(self, batch: Batch, step: TrainingStep) -> tuple[Tensor, dict[str, Tensor]]:
         """See `LabelFree.forward`."""
         assert batch.whole is not None, "the loader gives the whole frames"
         first, second = self.images(batch.image1), self.images(batch.image2)
