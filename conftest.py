@@ -1,11 +1,18 @@
 """Without their extras the modules that need them are not collected for doctests; their tests skip, with a reason."""
 
-import ast
+import os
+import re
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+# Tests start hundreds of processes; without compiled files each would compile the package's sources.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
 _ROOT = Path(__file__).parent
 _EXTRAS = ("torch", "onnx", "starlette", "uvicorn")
+_IMPORT = re.compile(r"^(?:from (\S+) import (\([^)]*\)|[^\n(#]+)|import ([^\n#]+))", re.MULTILINE)
 _TORCH_INSIDE = ("safetensors.torch",)  # modules of other libraries that import torch
 
 
@@ -20,13 +27,14 @@ def _imports(path: Path) -> set[str]:
     """What a module imports as it is imported itself: names of modules, and of what is taken from them."""
     package = _module(path) if path.name == "__init__.py" else _module(path)[:-1]
     names = set()
-    for node in ast.parse(path.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            above = package[: len(package) - node.level + 1] if node.level else ()
-            module = ".".join([*above, *([node.module] if node.module else [])])
-            names |= {module, *(f"{module}.{alias.name}" for alias in node.names)}
+    for source, taken, modules in _IMPORT.findall(path.read_text(encoding="utf-8")):
+        if modules:
+            names |= {part.split()[0] for part in modules.split(",")}
+            continue
+        level = len(source) - len(source.lstrip("."))
+        above = package[: len(package) - level + 1] if level else ()
+        module = ".".join([*above, *filter(None, [source[level:]])])
+        names |= {module, *(f"{module}.{part.split()[0]}" for part in taken.strip("()").split(",") if part.strip())}
     return names
 
 

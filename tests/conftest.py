@@ -1,8 +1,12 @@
-"""One OpenMP thread per process, and one way to find the shared real data."""
+"""One OpenMP thread per process, runs without pictures, and one way to find the shared real data."""
 
 from __future__ import annotations
 
+import io
 import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import cache
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
@@ -10,6 +14,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 import cv2
 import hypothesis
 import pytest
+from PIL import Image
 
 from .shared_data import shared_folder
 
@@ -22,3 +27,32 @@ hypothesis.settings.load_profile("untimed")
 def shared():
     """Find a folder of the shared data: `shared("data/kitti2015")`; skips, with the reason, where it is absent."""
     return shared_folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def real_pictures() -> Iterator[Callable[[], AbstractContextManager[None]]]:
+    """Runs draw no `report.html`, and blank example panels, but in `with real_pictures():`; a page and two panels take
+    ten times as long as a small run."""
+    from robustflow import api  # not in the process that only deals tests out
+    from robustflow.runner import panel
+
+    real = {(api, "write_report"): api.write_report, (panel, "draw_panel"): panel.draw_panel}
+
+    @contextmanager
+    def drawn() -> Iterator[None]:
+        with pytest.MonkeyPatch.context() as patch:
+            for (module, name), function in real.items():
+                patch.setattr(module, name, function)
+            yield
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(api, "write_report", lambda *_: None)
+        patch.setattr(panel, "draw_panel", lambda _, form="png": _blank(form))
+        yield drawn
+
+
+@cache
+def _blank(form: str) -> bytes:
+    out = io.BytesIO()
+    Image.new("RGB", (14, 10)).save(out, form)
+    return out.getvalue()

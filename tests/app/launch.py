@@ -130,10 +130,12 @@ def running_app(folder: Path, *arguments: str, start: tuple[str, ...] = ("-c", _
         assert found, f"{line!r} {process.communicate(timeout=30)}"
         yield App(process, found[2], found[1])
     finally:
-        if process.poll() is None:
+        running = process.poll() is None
+        if running:
             process.send_signal(signal.SIGINT)
         try:
             process.communicate(timeout=30)
+            assert not running or process.returncode == 0
         except subprocess.TimeoutExpired:
             process.kill()
             process.communicate()

@@ -6,14 +6,16 @@ import http.client
 import json
 import signal
 import socket
-import subprocess
-import sys
 import time
 
 import pytest
 
+from robustflow.cli.main import main
+
 from ..video import clips
-from .launch import running_app
+from .launch import App, running_app
+
+SLOW = "models_for_app:Slow"
 
 
 def test_the_address_gives_a_cookie_and_loses_its_token(app):
@@ -85,18 +87,23 @@ def test_methods_that_have_no_meaning(app):
     assert app.ask("GET", "/preview")[0] == 405
 
 
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
-def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop):
+@pytest.mark.parametrize(("stop", "predicting"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
+def test_interrupt_ends_it_without_a_word(tmp_path, monkeypatch, stop, predicting):
     monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))
     (tmp_path / "scratch").mkdir()
-    with running_app(tmp_path) as running:
+    with running_app(tmp_path, "--model", SLOW) as running:
         clip = clips.clip(tmp_path / "clip.mp4", 3).path.read_bytes()
         assert running.upload(clip=("clip.mp4", clip))[0] == 200
         assert list((tmp_path / "scratch").iterdir()), "a clip is decoded as it is asked for"
+        connection = _begin_preview(running, SLOW) if predicting else None
+        if connection:
+            connection.getresponse().readline()
         running.process.send_signal(stop)
         out, error = running.process.communicate(timeout=30)
         assert (running.process.returncode, out, error) == (0, "", "")
         assert not list((tmp_path / "scratch").iterdir())
+        if connection:
+            connection.close()
 
 
 def test_a_killed_app_leaves_nothing_for_good(tmp_path, monkeypatch):
@@ -135,49 +142,46 @@ def test_half_sent_requests_do_not_shut_others_out(app):
             one.close()
 
 
-def test_interrupt_in_the_middle_of_a_prediction(tmp_path):
-    with running_app(tmp_path, "--model", "models_for_app:Slow") as running:
-        connection = http.client.HTTPConnection(running.host, timeout=30)
-        request = {"page": "p", "source": "demo", "index": 0, "model": "models_for_app:Slow", "seed": 0}
-        request |= {"layers": [{"name": "fog", "severity": 1}]}
-        headers = {"Cookie": running.cookie, "Origin": f"http://{running.host}"}
-        connection.request("POST", "/preview", json.dumps(request), headers)
-        connection.getresponse().readline()
-        running.process.send_signal(signal.SIGINT)
-        _, error = running.process.communicate(timeout=30)
-        connection.close()
-        assert (running.process.returncode, error) == (0, "")
+def _begin_preview(running: App, model: str) -> http.client.HTTPConnection:
+    """Ask for a preview whose answer is not waited for."""
+    connection = http.client.HTTPConnection(running.host, timeout=30)
+    request = {"page": "p", "source": "demo", "index": 0, "model": model, "seed": 0}
+    request |= {"layers": [{"name": "fog", "severity": 1}]}
+    headers = {"Cookie": running.cookie, "Origin": f"http://{running.host}"}
+    connection.request("POST", "/preview", json.dumps(request), headers)
+    return connection
 
 
 def test_interrupt_ends_it_while_a_model_that_holds_the_lock_is_loaded(tmp_path):
     """No Python runs then, no signal handler either. The issue's limit is 15 s."""
     with running_app(tmp_path, "--model", "models_for_app:HoldsTheLock") as running:
-        connection = http.client.HTTPConnection(running.host, timeout=30)
-        request = {"page": "p", "source": "demo", "index": 0, "model": "models_for_app:HoldsTheLock", "seed": 0}
-        request |= {"layers": [{"name": "fog", "severity": 1}]}
-        headers = {"Cookie": running.cookie, "Origin": f"http://{running.host}"}
-        connection.request("POST", "/preview", json.dumps(request), headers)
+        connection = _begin_preview(running, "models_for_app:HoldsTheLock")
         time.sleep(1)
         running.process.send_signal(signal.SIGINT)
         running.process.communicate(timeout=15)
         connection.close()
 
 
-def _once(*arguments: str) -> subprocess.CompletedProcess[str]:
-    main = "from robustflow.cli.main import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", main, "app", "--no-browser", *arguments], capture_output=True, text=True, timeout=60
-    )
+@pytest.fixture
+def refusal(capsys, monkeypatch):
+    """What the command says that cannot serve: `refusal("--port", "70000")`."""
+
+    def start(*arguments: str) -> str:
+        monkeypatch.setattr("sys.argv", ["robustflow", "app", "--no-browser", *arguments])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        said = capsys.readouterr().err
+        assert (stopped.value.code, said.count("\n")) == (2, 1)
+        return said
+
+    return start
 
 
-def test_a_port_that_is_taken():
+def test_a_port_that_is_taken(refusal):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        found = _once("--port", str(taken.getsockname()[1]))
-    assert found.returncode == 2
-    assert "cannot listen on 127.0.0.1 port" in found.stderr
-    assert found.stderr.count("\n") == 1
+        assert "cannot listen on 127.0.0.1 port" in refusal("--port", str(taken.getsockname()[1]))
 
 
 @pytest.mark.parametrize(
@@ -188,11 +192,8 @@ def test_a_port_that_is_taken():
         (("-O", "preset=fast"), "preset is an option of a model"),
     ],
 )
-def test_what_cannot_be_served(arguments, says):
-    found = _once(*arguments)
-    assert found.returncode == 2
-    assert says in found.stderr
-    assert found.stderr.count("\n") == 1
+def test_what_cannot_be_served(refusal, arguments, says):
+    assert says in refusal(*arguments)
 
 
 def test_other_machines_only_when_requested_and_with_a_warning(tmp_path):

@@ -15,31 +15,11 @@ from PIL import Image
 import robustflow as rf
 from robustflow.benchmarks.demo import DEMO_CLASSES
 from robustflow.corruptions import load_corruption
-from robustflow.metrics import epe, rcre
-from robustflow.metrics.error_maps import epe_map, magnitude_map
 
 from .launch import running_app
+from .library import direct_numbers
 
 SLOW = "models_for_app:Slow"
-
-
-def _direct(frames, truth, corruption, severity, seed, key, model="dis"):
-    """The same without the app."""
-    flow_of = rf.load_model(model).predict
-    clean = flow_of(*frames)
-    flow = flow_of(*rf.corrupt(*frames, corruption, severity, seed=seed, key=key))
-    if truth is None:
-        return {"epe": None, "epe_clean": None, "cre": None, "crer": None, "rcre": rcre(flow, clean), "fl": None}
-    before, after = epe(clean, *truth), epe(flow, *truth)
-    errors, lengths = epe_map(flow, truth[0])[truth[1]], magnitude_map(truth[0])[truth[1]]
-    return {
-        "epe": after,
-        "epe_clean": before,
-        "cre": after - before,
-        "crer": (after - before) / before,
-        "rcre": rcre(flow, clean, truth[1]),
-        "fl": 100 * np.mean((errors > 3) & (errors > 0.05 * lengths)),
-    }
 
 
 @pytest.mark.parametrize(
@@ -58,7 +38,9 @@ def test_numbers_equal_those_of_the_library(app, layers, corruption, severity, s
     result = messages[-1]["result"]
     sample = rf.load_dataset("motorcycle").load("motorcycle")
     truth = (sample.flow, sample.valid)
-    assert result["numbers"] == pytest.approx(_direct(sample.frames, truth, corruption, severity, seed, sample.key))
+    assert result["numbers"] == pytest.approx(
+        direct_numbers(sample.frames, truth, corruption, severity, seed, sample.key)
+    )
     assert (result["truth"], result["size"], result["invalid"]) == (True, [741, 500], 0)
     stages = [message["stage"] for message in messages[:-1]]
     assert stages[0] == "starting"

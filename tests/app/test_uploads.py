@@ -16,7 +16,7 @@ from robustflow.app.pairs import KEPT
 from robustflow.flowio.flo import flo_bytes
 
 from ..video import clips
-from .test_preview import _direct
+from .library import direct_numbers
 
 MAX_BYTES = 64 * 2**20
 RNG = np.random.default_rng(0)
@@ -49,7 +49,7 @@ def test_numbers_of_an_uploaded_pair_are_those_of_the_library(app, with_truth):
     layers = [{"name": "impulse_noise", "severity": 3}]
     result = app.preview(source=found["source"], layers=layers)[1][-1]["result"]
     flow[~valid] = 0
-    expected = _direct((FRAME, OTHER), (flow, valid) if with_truth else None, "impulse_noise", 3, 0, "a")
+    expected = direct_numbers((FRAME, OTHER), (flow, valid) if with_truth else None, "impulse_noise", 3, 0, "a")
     assert result["numbers"] == {name: pytest.approx(value) for name, value in expected.items()}
     assert result["truth"] is with_truth
 
@@ -62,7 +62,7 @@ def test_every_pair_of_a_clip(app, tmp_path):
     for index in (4, 0):
         sample = video.load(video.keys()[index])
         result = app.preview(source=found["source"], index=index)[1][-1]["result"]
-        expected = _direct(sample.frames, None, "fog", 3, 0, sample.key)
+        expected = direct_numbers(sample.frames, None, "fog", 3, 0, sample.key)
         assert result["numbers"]["rcre"] == pytest.approx(expected["rcre"])
     assert "does not exist: it has 5" in app.preview(source=found["source"], index=5)[1][-1]["error"]
 

@@ -84,10 +84,11 @@ def test_kitti_fc_without_flow_occ_is_refused(only_noc, tmp_path):
         load_benchmark("kitti-fc", tmp_path / "released")
 
 
-def test_non_occluded_ground_truth_is_named_wherever_a_result_is(kitti, only_noc, tmp_path):
+def test_non_occluded_ground_truth_is_named_wherever_a_result_is(kitti, only_noc, tmp_path, real_pictures):
     few = {"corruptions": ["contrast"], "severities": [1]}
-    noc = rf.evaluate("dis", "kitti2015", only_noc, tmp_path / "noc_run", **few)
-    occ = rf.evaluate("dis", "kitti2015", kitti, tmp_path / "occ_run", **few)
+    with real_pictures():
+        noc = rf.evaluate("dis", "kitti2015", only_noc, tmp_path / "noc_run", **few)
+        occ = rf.evaluate("dis", "kitti2015", kitti, tmp_path / "occ_run", **few)
     words = "non-occluded ground truth"
     assert noc.manifest["identity"]["protocol"] == {"ground_truth": "non-occluded"}
     assert occ.manifest["identity"]["protocol"] == {}

@@ -23,11 +23,12 @@ _CELLS = "setting,model,metric,corruption,value\n" + "".join(
 
 
 @pytest.fixture(scope="module")
-def pages(tmp_path_factory) -> dict[str, Path]:
+def pages(tmp_path_factory, real_pictures) -> dict[str, Path]:
     """report.html of a run with pictures, the published leaderboard, and one with hostile names."""
     folder = tmp_path_factory.mktemp("pages")
     options = {"corruptions": ["contrast", "impulse_noise"], "severities": [1, 2, 5]}
-    run = evaluate("dis", "demo", output=folder / "run", examples=True, **options)
+    with real_pictures():
+        run = evaluate("dis", "demo", output=folder / "run", examples=True, **options)
     hostile = parse_results(_CELLS, "made.csv", "file").with_columns(
         model=pl.col("model").replace({"A": HOSTILE}), note=pl.lit(HOSTILE)
     )

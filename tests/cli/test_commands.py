@@ -298,9 +298,10 @@ def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
     assert "things undeclared, sintel undeclared, kitti undeclared, spring undeclared" in out
 
 
-def test_the_setting_stands_beside_the_name(robustflow):
+def test_the_setting_stands_beside_the_name(robustflow, real_pictures):
     command = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1", "-o", "run")
-    assert "DIS (knowledge), 1 pair" in robustflow(*command)[1]
+    with real_pictures():
+        assert "DIS (knowledge), 1 pair" in robustflow(*command)[1]
     page = Path("run/report.html").read_text()
     assert "nothing: it learns nothing" in page
     assert "not declared" not in page

@@ -9,24 +9,37 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from robustflow.api import evaluate
 from robustflow.images.io import write_image
+from robustflow.models import ModelSpec
 
 RUN = ("run", "-m", "dis", "-O", "preset=ultrafast", "-c", "contrast", "-s", "1,3", "-o", "run")
 
 
-def test_run_draws_and_examples_draws_the_same(robustflow):
-    assert robustflow(*RUN)[0] == 0
-    before = {path.name: path.read_bytes() for path in Path("run/examples").iterdir()}
-    shutil.rmtree("run/examples")
-    code, out, _ = robustflow("examples", "run")
+def test_run_draws_and_examples_draws_the_same(robustflow, real_pictures):
+    with real_pictures():
+        assert robustflow(*RUN)[0] == 0
+        before = {path.name: path.read_bytes() for path in Path("run/examples").iterdir()}
+        shutil.rmtree("run/examples")
+        code, out, _ = robustflow("examples", "run")
     assert (code, out.strip()) == (0, "run/examples")
     assert {path.name: path.read_bytes() for path in Path("run/examples").iterdir()} == before
 
 
-def test_no_examples_then_one_cell(robustflow):
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """The same run, without examples."""
+    folder = tmp_path_factory.mktemp("measured") / "run"
+    model = ModelSpec("dis", (("preset", "ultrafast"),))
+    return evaluate(model, output=folder, corruptions=["contrast"], severities=[1, 3]).path
+
+
+def test_no_examples_then_one_cell(robustflow, real_pictures):
     assert robustflow(*RUN, "--no-examples")[0] == 0
     assert not Path("run/examples").exists()
-    code, out, _ = robustflow("examples", "run", "--sample", "motorcycle", "-c", "contrast", "-s", 3, "-o", "cell.png")
+    cell = ("--sample", "motorcycle", "-c", "contrast", "-s", 3)
+    with real_pictures():
+        code, out, _ = robustflow("examples", "run", *cell, "-o", "cell.png")
     assert (code, out.strip()) == (0, "cell.png")
     with Image.open("cell.png") as picture:
         assert (picture.format, picture.width) == ("PNG", 1400)
@@ -46,9 +59,8 @@ def test_no_examples_then_one_cell(robustflow):
         (("-m", "no_such_module:net"), 1, "can no longer be loaded: cannot import 'no_such_module'"),
     ],
 )
-def test_what_cannot_be_drawn_is_one_line(robustflow, arguments, code, says):
-    robustflow(*RUN, "--no-examples")
-    got, _, error = robustflow("examples", "run", *arguments)
+def test_what_cannot_be_drawn_is_one_line(robustflow, measured, arguments, code, says):
+    got, _, error = robustflow("examples", measured, *arguments)
     assert got == code
     assert says in error
     assert error.startswith("robustflow: ")

@@ -18,9 +18,10 @@ _RESULTS = "setting,model,metric,corruption,value\nOOD,Mine,epe,clean,2.50\nOOD,
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory, real_pictures):
     folder = tmp_path_factory.mktemp("runs") / "dis"
-    return evaluate("dis", "demo", output=folder, examples=True, corruptions=["contrast"], severities=[1, 5]).path
+    with real_pictures():
+        return evaluate("dis", "demo", output=folder, examples=True, corruptions=["contrast"], severities=[1, 5]).path
 
 
 def test_the_published_results_alone(robustflow, monkeypatch):

@@ -85,9 +85,22 @@ def test_decoys_that_python_itself_looks_at_run(place):
     assert place.what_ran() == ["multiprocessing"]
 
 
-def test_run_and_report_in_a_folder_of_decoys_run_none(place, tmp_path):
-    _run(place, tmp_path / "run", "--engine", "processes", "--workers", 2)
-    _finishes(place, "report", tmp_path / "run")
+def test_run_and_report_in_a_folder_of_decoys_import_a_model_and_a_corruption_there_and_no_decoy(place, tmp_path):
+    (place.here / "mine.py").write_text(
+        "import helper\nimport numpy as np\n"
+        "class Still:\n"
+        "    def predict(self, frame1, frame2):\n"
+        "        return np.zeros((*frame1.shape[:2], 2), np.float32)\n"
+        "class Darker:\n"
+        "    def draw(self, rng, severity, shape):\n"
+        "        return severity\n"
+        "    def apply(self, frame, state, index):\n"
+        "        return frame // state\n"
+    )
+    (place.here / "helper.py").write_text("")
+    run = ("run", "-m", "dis", "-m", "mine:Still", "-c", "fog,mine:Darker", "-s", 3, "-o", tmp_path / "runs")
+    assert "darker" in _finishes(place, *run, "--engine", "processes", "--workers", 2)
+    _finishes(place, "report", *(tmp_path / "runs").iterdir())
 
 
 @pytest.mark.slow
@@ -135,23 +148,6 @@ def test_a_training_plan_in_a_folder_of_decoys_runs_none(place, tmp_path):
     plan = ("train", "raft", "--recipe", "chairs", "--data", tmp_path, "--init", "random", "--plan")
     place.command(*plan)
     assert place.what_ran() == []
-
-
-def test_a_model_and_a_corruption_of_the_working_folder_are_imported_and_no_decoy(place, tmp_path):
-    (place.here / "mine.py").write_text(
-        "import helper\nimport numpy as np\n"
-        "class Still:\n"
-        "    def predict(self, frame1, frame2):\n"
-        "        return np.zeros((*frame1.shape[:2], 2), np.float32)\n"
-        "class Darker:\n"
-        "    def draw(self, rng, severity, shape):\n"
-        "        return severity\n"
-        "    def apply(self, frame, state, index):\n"
-        "        return frame // state\n"
-    )
-    (place.here / "helper.py").write_text("")
-    run = ("run", "-m", "mine:Still", "-c", "fog,mine:Darker", "-s", 3, "-o", tmp_path / "run")
-    assert "darker" in _finishes(place, *run, "--engine", "processes", "--workers", 2)
 
 
 def test_a_module_of_the_working_folder_that_an_installed_one_hides_is_named(place):
@@ -218,8 +214,9 @@ def _check_groups(tmp_path, monkeypatch):
         compiled._check_folder.__wrapped__(tmp_path / "shared")
 
 
-@pytest.mark.parametrize("content", [b"axes.facecolor: red\nfont.size: 31\nlines.linewidth: 9\n", b"\xff\xfe broken"])
-def test_matplotlibrc_of_the_working_folder_changes_no_figure(tmp_path, content):
+@pytest.fixture(scope="module")
+def draw():
+    """Draw a figure as a command in a folder would; returns what is printed and said."""
     script = (
         "import sys\nfrom hashlib import sha256\nfrom robustflow.cli.main import main\n"
         "sys.argv = ['robustflow', '--version']\ntry:\n    main()\nexcept SystemExit:\n    pass\n"
@@ -229,13 +226,22 @@ def test_matplotlibrc_of_the_working_folder_changes_no_figure(tmp_path, content)
         "print(sha256(figure_bytes(figure, 'svg')).hexdigest())\n"
     )
 
-    def draw() -> tuple[str, str]:
-        done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, check=False)
+    def run(folder: Path) -> tuple[str, str]:
+        done = subprocess.run([sys.executable, "-c", script], cwd=folder, capture_output=True, text=True, check=False)
         return done.stdout, done.stderr
 
-    without = draw()
+    return run
+
+
+@pytest.fixture(scope="module")
+def drawn_elsewhere(draw, tmp_path_factory):
+    return draw(tmp_path_factory.mktemp("empty"))
+
+
+@pytest.mark.parametrize("content", [b"axes.facecolor: red\nfont.size: 31\nlines.linewidth: 9\n", b"\xff\xfe broken"])
+def test_matplotlibrc_of_the_working_folder_changes_no_figure(tmp_path, draw, drawn_elsewhere, content):
     (tmp_path / "matplotlibrc").write_bytes(content)
-    assert draw() == without
+    assert draw(tmp_path) == drawn_elsewhere
 
 
 def _two_clips(folder: Path) -> Path:

@@ -26,8 +26,9 @@ def _run(folder, **options):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    return _run(tmp_path_factory.mktemp("whole") / "run")
+def whole(tmp_path_factory, real_pictures):
+    with real_pictures():
+        return _run(tmp_path_factory.mktemp("whole") / "run")
 
 
 def test_rows_summary_and_report_are_there(whole):

@@ -32,8 +32,9 @@ CELLS = {"corruptions": ["contrast", "over_exposure"], "severities": [2, 5]}
 
 
 @pytest.fixture(scope="module")
-def drawn(tmp_path_factory):
-    return rf.evaluate(DIS, output=tmp_path_factory.mktemp("examples") / "run", examples=True, **CELLS)
+def drawn(tmp_path_factory, real_pictures):
+    with real_pictures():
+        return rf.evaluate(DIS, output=tmp_path_factory.mktemp("examples") / "run", examples=True, **CELLS)
 
 
 def _files(run) -> dict[str, bytes]:
@@ -68,8 +69,9 @@ def test_slider_pictures_are_the_corrupted_frames(drawn):
         assert np.abs(np.asarray(picture, float) - small).mean() < 3
 
 
-def test_the_same_bytes_whatever_the_engine(drawn, tmp_path):
-    again = rf.evaluate(DIS, output=tmp_path / "run", examples=True, workers=2, **CELLS)
+def test_the_same_bytes_whatever_the_engine(drawn, tmp_path, real_pictures):
+    with real_pictures():
+        again = rf.evaluate(DIS, output=tmp_path / "run", examples=True, workers=2, **CELLS)
     assert _files(again) == _files(drawn)
 
 

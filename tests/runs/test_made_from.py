@@ -26,6 +26,12 @@ from .edited import edit_manifest
 MODEL = ConstantFlow(1, 1)
 
 
+@pytest.fixture(autouse=True)
+def _pages(real_pictures):
+    with real_pictures():
+        yield
+
+
 @pytest.fixture
 def folder(tmp_path):
     run = rf.evaluate(MODEL, output=tmp_path / "run", corruptions=["contrast", "high_light"], severities=[1])
