@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 from .version import VERSION
 
 if TYPE_CHECKING:
-    from . import corruptions, datasets, metrics, models, testing
+    from . import attacks, corruptions, datasets, metrics, models, testing
     from .api import Result, evaluate, load_run
+    from .attacks import Attacked, attack, list_attacks
     from .benchmarks import Benchmark
     from .corruptions import Corruption, corrupt, corrupt_clip, list_corruptions
     from .datasets import load_dataset
@@ -26,9 +27,12 @@ if TYPE_CHECKING:
 
 __version__ = VERSION
 
-_MODULES = ("corruptions", "datasets", "metrics", "models", "testing")
+_MODULES = ("attacks", "corruptions", "datasets", "metrics", "models", "testing")
 
 _HOMES = {
+    "Attacked": "attacks",
+    "attack": "attacks",
+    "list_attacks": "attacks",
     "Benchmark": "benchmarks",
     "Corruption": "corruptions",
     "list_corruptions": "corruptions",
@@ -50,6 +54,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Attacked",
     "Benchmark",
     "Comparison",
     "Corruption",
@@ -57,12 +62,15 @@ __all__ = [
     "RobustFlowError",
     "Sample",
     "TorchModel",
+    "attack",
+    "attacks",
     "compare",
     "corrupt",
     "corrupt_clip",
     "corruptions",
     "datasets",
     "evaluate",
+    "list_attacks",
     "list_corruptions",
     "list_models",
     "load_dataset",

@@ -41,7 +41,7 @@ def benchmarks(incomplete: str) -> list[str]:
     return _beginning((*BENCHMARKS.names(), *DATASETS.names()), incomplete)
 
 
-KINDS = ("models", "corruptions", "benchmarks", "datasets", "recipes")
+KINDS = ("models", "corruptions", "attacks", "benchmarks", "datasets", "recipes")
 """What `list` lists."""
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..errors import unknown_name
+from ..severity import SEVERITIES
 from . import complete
 from .complete import KINDS
 
@@ -28,7 +29,7 @@ def list_things(
         ),
     ] = "all",
 ) -> None:
-    """List models, corruptions, benchmarks, datasets or training recipes.
+    """List models, corruptions, attacks, benchmarks, datasets or training recipes.
 
     \b
     Example:
@@ -115,6 +116,19 @@ def _corruptions() -> list[str]:
     return lines
 
 
+def _attacks() -> list[str]:
+    from ..attacks import load_attack
+    from ..attacks.registry import ATTACKS
+
+    lines = []
+    for name in ATTACKS.names():
+        one = load_attack(name)
+        budgets = ", ".join(f"{one.budget(severity):g}" for severity in SEVERITIES)
+        needs = "gradients" if one.needs_gradients else "nothing" if one.control else "any model"
+        lines.append(f"{name:14s} {one.norm:5s} {needs:10s} {budgets}")
+    return [*lines, "Budgets of severities 1 to 5 in grey levels of 255; docs: attacks."]
+
+
 def _benchmarks() -> list[str]:
     from ..benchmarks import BENCHMARKS, benchmark_facts
     from ..datasets import DATASETS, dataset_facts
@@ -164,6 +178,7 @@ def _recipes() -> list[str]:
 _LISTERS = {
     "models": _models,
     "corruptions": _corruptions,
+    "attacks": _attacks,
     "benchmarks": _benchmarks,
     "datasets": _datasets,
     "recipes": _recipes,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .base import ClipModel, FlowLookup, FlowModel
+from .base import ClipModel, Differentiable, FlowLookup, FlowModel
 from .construct import FunctionModel
 from .loading import ModelSpec, list_models, load_model
 from .registry import MODELS
@@ -11,6 +11,7 @@ from .window import Window
 __all__ = [
     "MODELS",
     "ClipModel",
+    "Differentiable",
     "FlowLookup",
     "FlowModel",
     "FunctionModel",

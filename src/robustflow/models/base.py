@@ -71,6 +71,26 @@ class ClipModel(Protocol):
 
 
 @runtime_checkable
+class Differentiable(Protocol):
+    """A model whose flow has a gradient with respect to its frames, which white-box attacks need.
+
+    Padding, scaling and the order of the colours are inside: a perturbation belongs to the frame as a file holds it.
+    """
+
+    def differentiable(self, images1: Any, images2: Any) -> Any:
+        """The flow of a pair as part of PyTorch's graph, on the device of the images or on the model's own.
+
+        Args:
+            images1: tensor (1, 3, H, W), float32, RGB in 0..1.
+            images2: as `images1`.
+
+        Returns:
+            Tensor (1, 2, H, W), (u right, v down) in pixels.
+        """
+        ...
+
+
+@runtime_checkable
 class FlowLookup(Protocol):
     """A model whose flows were computed elsewhere: they are looked up by sample instead of predicted from frames."""
 

@@ -14,7 +14,7 @@ from ..execution import Execution
 from ..input_convention import InputConvention
 from ..pairs import predict_by_size
 from ..where import where_raised
-from .fit import fitted_images, unfitted_flow
+from .fit import fitted_images, fitted_values, unfitted_flow
 from .reproducible import reproducible
 
 
@@ -52,6 +52,11 @@ class NetworkModel:
         self._execution = execution
         self._call = torch.compile(self.net) if execution.compile else self.net
 
+    @property
+    def threads(self) -> int:
+        """Threads that it computes with on the CPU, forward and backward."""
+        return self._execution.threads
+
     def identity(self) -> dict[str, Any]:
         """Everything that changes the numbers: the network's settings, its input, and how it is executed."""
         return {
@@ -88,6 +93,20 @@ class NetworkModel:
         if self.device.type == "cpu":
             return [self.run([frame1], [frame2])[0] for frame1, frame2 in zip(frames1, frames2, strict=True)]
         return self.run(frames1, frames2)
+
+    def differentiable(self, images1: Tensor, images2: Tensor) -> Tensor:
+        """See `Differentiable`.
+
+        Raises:
+            ModelError: images of a size that the network cannot take, or the network fails on them.
+        """
+        height, width = images1.shape[2:]
+        self.convention.fitted_size(height, width)
+        values = (255 * image.to(self.device) for image in (images1, images2))
+        fitted = [fitted_values(value, self.convention) for value in values]
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self._execution.precision == "bf16"):
+            flow = self._ask(fitted, {}, height, width)
+        return unfitted_flow(flow.float(), self.convention, height, width)
 
     def run(self, *batches: list[Frame], **arguments: Any) -> list[Flow]:
         """One call of the network.

@@ -1,0 +1,67 @@
+"""APGD: PGD with momentum that halves its own step (Croce and Hein 2020, the rule of AutoAttack)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..random.rng import Rng
+from .base import Attack
+from .images import Images
+from .problem import Problem
+
+_MOMENTUM = 0.75
+"""Weight of the projected step; the rest is that of the step before."""
+_IMPROVED = 0.75
+"""The step is halved if a smaller share of the steps since the last check raised the score."""
+_FIRST, _SHORTER, _SHORTEST = 0.22, 0.03, 0.06
+"""Shares of all steps: before the first check, by which the time to the next one shrinks, and its minimum."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Apgd(Attack):
+    """Projected gradient ascent without a step to choose: it begins with twice the budget and is halved, from the best
+    pair so far, whenever too few steps improved or nothing was gained since the last check.
+
+    Args:
+        steps: gradients for each start, without the first one.
+        starts: random starts; the best pair of all is kept.
+    """
+
+    name: ClassVar[str] = "apgd"
+
+    steps: int = 100
+    starts: int = 1
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`."""
+        for number in range(self.starts):
+            self._climb(problem, problem.ball.random(rng.spawn(number)))
+        return problem.best if problem.best is not None else problem.ball.clean
+
+    def _climb(self, problem: Problem, images: Images) -> None:
+        ball, size = problem.ball, 2 * problem.ball.budget
+        score, gradient = problem.slope(images)
+        before = images
+        best, best_score, best_gradient = images, score, gradient
+        pause, shortest = max(int(_FIRST * self.steps), 1), max(int(_SHORTEST * self.steps), 1)
+        at_last_check, halved, since, improved = best_score, True, 0, 0
+        for number in range(self.steps):
+            stepped = ball.step(images, gradient, size)
+            weight = _MOMENTUM if number else 1.0
+            moved = ball.project(images + (stepped - images) * weight + (images - before) * (1 - weight))
+            before, images = images, moved
+            last, (score, gradient) = score, problem.slope(images)
+            improved += score > last
+            if score > best_score:
+                best, best_score, best_gradient = images, score, gradient
+            since += 1
+            if since < pause:
+                continue
+            stuck = not halved and at_last_check >= best_score
+            halved = improved <= _IMPROVED * since or stuck
+            if halved:
+                size /= 2
+                images, gradient = best, best_gradient
+            at_last_check, since, improved = best_score, 0, 0
+            pause = max(pause - max(int(_SHORTER * self.steps), 1), shortest)

@@ -1,0 +1,179 @@
+"""How far the frames may be moved: balls around the clean pair, measured in grey levels of the 8-bit frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import UsageError
+from ..random.rng import Rng
+from ..sample import Frame
+from .images import WHITE, Images, grey_levels_of, images_of
+
+NORMS = ("linf", "rms")
+"""`linf`: the largest change of a value; `rms`: the root of the mean squared change over the values that may move."""
+
+MOVED = ("both", "first", "second", "joint")
+"""Which frames are perturbed: both, each by itself; one of them; or both by the same change."""
+
+_SLACK = 1e-6
+"""Relative rounding error up to which float images are inside a ball."""
+_HALVINGS = 30
+"""Of the interval that the factor for 8-bit frames is searched in."""
+
+
+@dataclass(frozen=True)
+class Ball:
+    """The pairs within a budget of the clean one.
+
+    Args:
+        frame1, frame2: the clean pair, RGB uint8 (H, W, 3).
+        budget: grey levels of 255.
+        norm: one of `NORMS`.
+        moved: one of `MOVED`.
+        per_frame: "rms" holds for each frame by itself, instead of for both together.
+
+    Raises:
+        UsageError: an unknown norm or choice of frames, or a budget that is not above 0.
+
+    >>> black = np.zeros((4, 6, 3), np.uint8)
+    >>> ball = Ball(black, black, 8)
+    >>> int(ball.to_8_bits(ball.project(ball.clean + 1)).max())
+    8
+    """
+
+    frame1: Frame
+    frame2: Frame
+    budget: float
+    norm: str = "linf"
+    moved: str = "both"
+    per_frame: bool = False
+
+    def __post_init__(self) -> None:
+        for what, value, choice in (("norm", self.norm, NORMS), ("moved frames", self.moved, MOVED)):
+            if value not in choice:
+                raise UsageError(f"unknown {what} '{value}' of an attack: choose from {', '.join(choice)}")
+        if not 0 < self.budget <= WHITE:
+            raise UsageError(f"a budget is more than 0 and at most {WHITE} grey levels, not {self.budget}")
+
+    @cached_property
+    def clean(self) -> Images:
+        """The clean pair."""
+        return images_of(self.frame1, self.frame2)
+
+    @property
+    def radius(self) -> np.float32:
+        """The budget in units of `Images`."""
+        return np.float32(self.budget / WHITE)
+
+    @property
+    def _kept(self) -> slice:
+        """The frames that are perturbed."""
+        return {"first": slice(0, 1), "second": slice(1, 2)}.get(self.moved, slice(0, 2))
+
+    def size_of(self, change: npt.NDArray[np.float32]) -> float:
+        """The norm of a change (2, 3, H, W), in the change's units."""
+        moved = change[self._kept].astype(np.float64)
+        if self.norm == "linf":
+            return float(np.abs(moved).max())
+        means = (moved**2).mean(axis=(1, 2, 3))
+        return float(np.sqrt(means.max() if self.per_frame else means.mean()))
+
+    def holds(self, images: Images) -> bool:
+        """Whether images are inside, apart from rounding errors of float32."""
+        inside = images.min() >= 0 and images.max() <= 1
+        return bool(inside and self.size_of(images - self.clean) <= float(self.radius) * (1 + _SLACK) + 1e-7)
+
+    def project(self, images: Images) -> Images:
+        """Images inside: the change cut to the ball, then the values to 0..1."""
+        change = np.zeros_like(images)
+        change[self._kept] = (images - self.clean)[self._kept]
+        if self.moved == "joint":
+            change[:] = change.mean(axis=0)
+        change = self._shortened(change)
+        if self.moved == "joint":
+            change = np.clip(change, -self.clean.min(axis=0), 1 - self.clean.max(axis=0))
+        return np.clip(self.clean + change, 0, 1).astype(np.float32)
+
+    def _shortened(self, change: Images) -> Images:
+        if self.norm == "linf":
+            return np.clip(change, -self.radius, self.radius)
+        parts = change if self.per_frame else change[None]
+        for part, moved in zip(parts, parts if self.per_frame else [change[self._kept]], strict=True):
+            size = np.sqrt((moved.astype(np.float64) ** 2).mean())
+            if size > self.radius:
+                part *= np.float32(self.radius / size)
+        return change
+
+    def step(self, images: Images, gradient: Images, size: float) -> Images:
+        """One step uphill, and back into the ball.
+
+        Args:
+            images: where it begins.
+            gradient: of what is to grow.
+            size: of the step in the ball's norm, in grey levels: along the sign of the gradient for "linf", along the
+                gradient for "rms".
+        """
+        if self.moved == "joint":
+            gradient = np.broadcast_to(gradient.sum(axis=0), gradient.shape)
+        length = np.float32(size / WHITE)
+        if self.norm == "linf":
+            return self.project(np.asarray(images + length * np.sign(gradient), np.float32))
+        squares = (gradient[self._kept].astype(np.float64) ** 2).mean(axis=(1, 2, 3), keepdims=True)
+        squares = squares if self.per_frame else squares.mean(axis=0, keepdims=True)
+        norms = np.sqrt(squares)
+        direction = np.zeros_like(gradient)
+        np.divide(gradient[self._kept], norms, out=direction[self._kept], where=norms > 0, casting="unsafe")
+        return self.project(images + length * direction)
+
+    def random(self, rng: Rng) -> Images:
+        """A random start inside: uniform values for "linf", a uniform direction of full length for "rms"."""
+        shape = self.clean.shape
+        count = self.clean.size
+        if self.norm == "linf":
+            change = (2 * rng.uniforms(count) - 1) * float(self.radius)
+        else:
+            change = rng.normals(count) * float(self.radius)
+        images: Images = self.clean + change.astype(np.float32).reshape(shape)
+        return self.project(self._whole_length(images))
+
+    def _whole_length(self, images: Images) -> Images:
+        """With "rms", the change brought to the ball's surface, before values are cut to 0..1."""
+        size = self.size_of(images - self.clean)
+        if self.norm == "linf" or size == 0:
+            return images
+        return self.clean + (images - self.clean) * np.float32(float(self.radius) / size)
+
+    def to_8_bits(self, images: Images) -> npt.NDArray[np.int16]:
+        """Images as a file holds them, inside the budget, int16 (2, 3, H, W).
+
+        Rounding can leave the ball. For "linf" the change is then cut to whole grey levels; for "rms" it is shortened
+        by the largest factor with which the rounded frames are inside.
+        """
+        clean = grey_levels_of(self.clean)
+        if self.norm == "linf":
+            most = int(np.floor(self.budget))
+            change = np.clip(self._rounded(images, clean, 1.0), -most, most)
+            return (clean + change).astype(np.int16)
+        low, high = 0.0, 1.0
+        if self._within(self._rounded(images, clean, high)):
+            low = high
+        else:
+            for _ in range(_HALVINGS):
+                middle = (low + high) / 2
+                if self._within(self._rounded(images, clean, middle)):
+                    low = middle
+                else:
+                    high = middle
+        return (clean + self._rounded(images, clean, low)).astype(np.int16)
+
+    def _rounded(self, images: Images, clean: npt.NDArray[np.int16], factor: float) -> npt.NDArray[np.int16]:
+        """`factor` times the change, in whole grey levels; the same in both frames where they move together."""
+        change = np.rint((images - self.clean).astype(np.float64) * WHITE * factor)
+        return np.asarray(np.clip(clean + change, 0, WHITE) - clean, np.int16)
+
+    def _within(self, change: npt.NDArray[np.int16]) -> bool:
+        return self.size_of(change.astype(np.float32)) <= self.budget

@@ -1,0 +1,23 @@
+"""BIM: PGD from the clean pair (Kurakin et al. 2017)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from .pgd import Pgd
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bim(Pgd):
+    """Projected gradient ascent that begins at the clean pair.
+
+    In the variant "flowbench" every step is the whole budget, because its code overwrites the step that it is given.
+    """
+
+    name: ClassVar[str] = "bim"
+    at_random: ClassVar[bool] = False
+
+    def step_size(self, budget: float) -> float:
+        """The step for a budget, both in grey levels."""
+        return budget if self.variant == "flowbench" else super().step_size(budget)

@@ -1,0 +1,33 @@
+"""Projected gradient ascent with a fixed step: what FGSM, BIM, PGD and CosPGD share."""
+
+from __future__ import annotations
+
+from ..random.rng import Rng
+from .images import Images
+from .problem import Problem
+
+
+def start_of(problem: Problem, rng: Rng, at_random: bool) -> Images:
+    """Where an attack begins: the clean pair, or a random one of the ball.
+
+    At the clean frames the distance to the clean flow is zero and has no direction, so an attack against that flow
+    always begins at random.
+    """
+    return problem.ball.random(rng) if at_random or problem.from_clean else problem.ball.clean
+
+
+def climb(problem: Problem, images: Images, steps: int, size: float, keep_best: bool) -> Images:
+    """Take steps uphill inside the ball.
+
+    Args:
+        problem: model, ball and loss.
+        images: where to begin, inside the ball.
+        steps: how many.
+        size: of a step, in grey levels of the ball's norm.
+        keep_best: return the best images that were seen, and not the last.
+    """
+    for _ in range(steps):
+        _, gradient = problem.slope(images)
+        images = problem.ball.step(images, gradient, size)
+    problem.score(images)
+    return problem.best if keep_best and problem.best is not None else images

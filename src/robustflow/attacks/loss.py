@@ -1,0 +1,123 @@
+"""What an attack makes grow: a distance of the flow to a reference, over the pixels that count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import UsageError
+from ..sample import Flow, Mask
+
+LOSSES = ("epe", "mse", "cosine", "capped")
+"""`epe`: mean end-point error; `mse`: mean squared difference of u and v; `cosine`: 1 minus the cosine between flow and
+reference; `capped`: the end-point error of a pixel counted up to the frame's diagonal, so that pixels sent far outside
+the frame cannot make the mean."""
+
+_Map = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Loss:
+    """The mean distance of a flow to a reference over the pixels of a mask.
+
+    Args:
+        reference: float32 (H, W, 2), pixels: the ground truth, the clean flow, or a target.
+        valid: bool (H, W), the pixels that count; None for all.
+        kind: one of `LOSSES`.
+        towards: the flow is to come near the reference, a target, instead of going away from it.
+        agreeing: pixels count by CosPGD's weight: the cosine between the softmax of (u, v) and of the reference's, or
+            1 minus it if `towards`; no gradient goes through the weight.
+
+    Raises:
+        UsageError: an unknown kind, or a mask without a pixel.
+
+    >>> flow = np.full((2, 3, 2), (3, 4), np.float32)
+    >>> Loss(np.zeros_like(flow)).of(flow)
+    5.0
+    """
+
+    reference: Flow
+    valid: Mask | None = None
+    kind: str = "epe"
+    towards: bool = False
+    agreeing: bool = False
+
+    def __post_init__(self) -> None:
+        if self.kind not in LOSSES:
+            raise UsageError(f"unknown loss '{self.kind}' of an attack: choose from {', '.join(LOSSES)}")
+        if self.valid is not None and not self.valid.any():
+            raise UsageError("the ground truth marks no pixel as valid, so there is nothing to attack")
+
+    def of(self, flow: Flow, weighted: bool = True) -> float:
+        """The loss of a flow float32 (H, W, 2); without `weighted`, CosPGD's weight is left out."""
+        values, _ = self._parts(flow, weighted)
+        return float(values[self._counted].mean())
+
+    def slope(self, flow: Flow) -> tuple[float, Flow]:
+        """The loss of a flow and its derivative with respect to the flow, float32 (H, W, 2)."""
+        values, slopes = self._parts(flow, True)
+        counted = self._counted
+        slopes = np.where(counted[..., None], slopes, 0) / np.count_nonzero(counted)
+        return float(values[counted].mean()), slopes.astype(np.float32)
+
+    def score(self, loss: float) -> float:
+        """What is to grow: the loss, or minus the loss `towards` a target."""
+        return -loss if self.towards else loss
+
+    @property
+    def _counted(self) -> Mask:
+        return np.ones(self.reference.shape[:2], bool) if self.valid is None else self.valid
+
+    def _parts(self, flow: Flow, weighted: bool) -> tuple[_Map, _Map]:
+        """The loss of each pixel (H, W) and its derivative (H, W, 2)."""
+        values, slopes = _DISTANCES[self.kind](flow.astype(np.float64), self.reference.astype(np.float64))
+        if not (self.agreeing and weighted):
+            return values, slopes
+        first, second = _softmax(flow), _softmax(self.reference)
+        weight = (first * second).sum(axis=-1) / (np.linalg.norm(first, axis=-1) * np.linalg.norm(second, axis=-1))
+        weight = 1 - weight if self.towards else weight
+        return weight * values, weight[..., None] * slopes
+
+
+def _epe(flow: _Map, reference: _Map) -> tuple[_Map, _Map]:
+    difference = flow - reference
+    lengths = np.hypot(difference[..., 0], difference[..., 1])
+    return lengths, _divided(difference, lengths[..., None])
+
+
+def _capped(flow: _Map, reference: _Map) -> tuple[_Map, _Map]:
+    lengths, slopes = _epe(flow, reference)
+    most = float(np.hypot(*flow.shape[:2]))
+    return np.minimum(lengths, most), np.where(lengths[..., None] < most, slopes, 0)
+
+
+def _mse(flow: _Map, reference: _Map) -> tuple[_Map, _Map]:
+    difference = flow - reference
+    return (difference**2).mean(axis=-1), difference
+
+
+def _cosine(flow: _Map, reference: _Map) -> tuple[_Map, _Map]:
+    lengths = np.linalg.norm(flow, axis=-1, keepdims=True)
+    along = _divided(flow, lengths)
+    direction = _divided(reference, np.linalg.norm(reference, axis=-1, keepdims=True))
+    cosines = (along * direction).sum(axis=-1)
+    return 1 - cosines, _divided(cosines[..., None] * along - direction, lengths)
+
+
+_DISTANCES = {"epe": _epe, "mse": _mse, "cosine": _cosine, "capped": _capped}
+
+
+def _divided(above: _Map, below: _Map) -> _Map:
+    """A quotient that is 0 where the divisor is 0."""
+    out: _Map = np.divide(above, below, out=np.zeros_like(above), where=below > 0)
+    return out
+
+
+def _softmax(flow: npt.NDArray[Any]) -> _Map:
+    """Over (u, v) of each pixel."""
+    powers: _Map = np.exp((flow - flow.max(axis=-1, keepdims=True)).astype(np.float64))
+    out: _Map = powers / powers.sum(axis=-1, keepdims=True)
+    return out

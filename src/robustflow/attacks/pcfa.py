@@ -1,0 +1,172 @@
+"""PCFA: the flow brought to a target by LBFGS, with a penalty for leaving the budget (Schmalfuss et al. 2022)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from ..errors import UsageError, unknown_name
+from ..random.rng import Rng
+from .base import Attack
+from .images import Images
+from .problem import Problem
+from .result import saturated
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+BOXES = ("change", "clipping")
+_INSIDE = 1e-7
+"""How far the change of variables stays away from 0 and 1."""
+_WEIGHT = 2500.0
+"""Of the penalty, over the bound; 1.5 times that for a target that is not zero."""
+_SATURATED = 0.05
+_ITERATIONS = 10
+"""Of LBFGS in each step."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pcfa(Attack):
+    """Minimise the distance to the target plus a penalty on the mean square of the change above the squared budget.
+
+    After every step, a pair outside the budget is cut to the ball and evaluated there; the pair nearest to the target
+    is kept. In the variant "original" nothing is cut but the pair that is kept in the end: the nearest to the target
+    among those inside the budget, or the one with the smallest change if none is.
+
+    Args:
+        steps: calls of LBFGS, each of ten evaluations.
+        box: how values stay in 0..1: "change" of variables (tanh, with which values of 0 and 255 cannot move), or
+            "clipping".
+    """
+
+    name: ClassVar[str] = "pcfa"
+    norms: ClassVar[tuple[str, ...]] = ("rms",)
+    targets: ClassVar[tuple[str, ...]] = ("zero", "negative")
+    variants: ClassVar[tuple[str, ...]] = ("default", "original")
+
+    norm: str = "rms"
+    target: str = "zero"
+    steps: int = 20
+    box: str = "change"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.box not in BOXES:
+            raise unknown_name("box of attack pcfa", self.box, BOXES)
+        if self.moved == "joint" and self.box != "clipping":
+            raise UsageError("pcfa moves both frames by the same change only with box=clipping; give that")
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`; nothing is random."""
+        search = _Search(self, problem)
+        if self.box == "change" and saturated(problem.ball.clean) > _SATURATED:
+            problem.troubles.add("saturated")
+        search.run(self.steps)
+        if self.variant == "default" and problem.best is not None:
+            return problem.best
+        return problem.ball.project(search.kept)
+
+
+class _Search:
+    """The variables, their objective, and the best pair so far."""
+
+    def __init__(self, attack: Pcfa, problem: Problem) -> None:
+        import torch
+
+        self._problem = problem
+        self._cut = attack.variant == "default"
+        self._clean = torch.from_numpy(problem.ball.clean)
+        self._bound = problem.ball.budget / 255
+        self._weight = _WEIGHT / self._bound * (1.0 if attack.target == "zero" else 1.5)
+        self._moved = {"first": [0], "second": [1]}.get(attack.moved, [0, 1])
+        frames = [self._clean[place].clone() for place in self._moved]
+        if attack.moved == "joint":
+            self.variables = [torch.zeros_like(frames[0])]
+            self._pair: Callable[[], tuple[Tensor, Tensor]] = self._joint
+        elif attack.box == "clipping":
+            self.variables, self._pair = frames, self._clipped
+        else:
+            kept = 1 - _INSIDE
+            self.variables = [torch.atanh(2 * kept * frame - kept) for frame in frames]
+            self._pair = self._changed
+        for variable in self.variables:
+            variable.requires_grad_()
+        self.kept: Images = problem.ball.clean
+        self._kept_size, self._kept_loss = np.inf, np.inf
+
+    def run(self, steps: int) -> None:
+        """Call LBFGS `steps` times, and look at the pair before each call and after the last."""
+        import torch
+
+        optimizer = torch.optim.LBFGS(self.variables, max_iter=_ITERATIONS)
+        for _ in range(steps):
+            known: list[float] = [self.objective(keep=True)]
+            optimizer.step(lambda known=known: known.pop() if known else self.objective())
+        self.objective(keep=True)
+
+    def objective(self, keep: bool = False) -> float:
+        """Distance plus penalty at the variables, with the gradient in them; `keep` compares the pair with the best."""
+        import torch
+
+        for variable in self.variables:
+            variable.grad = None
+        with torch.enable_grad():
+            images, change = self._pair()
+            square = (change**2).sum() / change.numel()
+            over = torch.clamp(square - self._bound**2, min=0)
+        here = np.ascontiguousarray(images.detach().numpy())
+        loss, _, gradient = self._problem.loss_and_gradient(here)
+        if keep:
+            self._keep(here, float(torch.sqrt(square.detach())), loss)
+        else:
+            self._problem.trace.append(loss)
+        total = images.mul(torch.from_numpy(gradient)).sum() + self._weight * over
+        total.backward()
+        return loss + self._weight * float(over.detach())
+
+    def _keep(self, images: Images, size: float, loss: float) -> None:
+        self._problem.note(images, loss)
+        inside = size <= self._bound
+        if self._cut and not inside:
+            self._problem.score(self._problem.ball.project(images))
+        if self._kept_size <= self._bound:
+            better = inside and loss < self._kept_loss
+        else:
+            better = inside or size < self._kept_size
+        if better:
+            self.kept, self._kept_size, self._kept_loss = images, size, loss
+
+    def _changed(self) -> tuple[Tensor, Tensor]:
+        """The pair and its change under the change of variables."""
+        import torch
+
+        kept = 1 - _INSIDE
+        frames = [(torch.tanh(variable) + kept) / (2 * kept) for variable in self.variables]
+        change = torch.stack([frame - self._clean[place] for frame, place in zip(frames, self._moved, strict=True)])
+        return self._whole([frame.clamp(0, 1) for frame in frames]), change
+
+    def _clipped(self) -> tuple[Tensor, Tensor]:
+        import torch
+
+        frames = [variable.clamp(0, 1) for variable in self.variables]
+        change = torch.stack([frame - self._clean[place] for frame, place in zip(frames, self._moved, strict=True)])
+        return self._whole(frames), change
+
+    def _joint(self) -> tuple[Tensor, Tensor]:
+        import torch
+
+        (field,) = self.variables
+        images = (self._clean + field).clamp(0, 1)
+        low, high = self._clean.amin(dim=0), self._clean.amax(dim=0)
+        change = ((field + high).clamp(0, 1) - high + low).clamp(0, 1) - low
+        return images, torch.stack([change, change])
+
+    def _whole(self, frames: list[Any]) -> Tensor:
+        """Both frames, those that do not move as they are."""
+        import torch
+
+        every = dict(zip(self._moved, frames, strict=True))
+        return torch.stack([every.get(place, self._clean[place]) for place in (0, 1)])

@@ -1,0 +1,146 @@
+"""What an attack may ask about a pair: its loss, its gradient, and what it has cost so far."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..errors import ModelError
+from ..models.base import AnyModel, Differentiable, FlowModel, model_identity, predict_checked
+from ..sample import Flow, Frame
+from .ball import Ball
+from .images import Images, images_of
+from .loss import Loss
+
+
+@dataclass
+class Problem:
+    """A pair, a model, a loss and a ball.
+
+    Args:
+        model: that is attacked.
+        ball: around the clean pair.
+        loss: that is to grow.
+        key: of the sample, for messages.
+        from_clean: the loss is the distance to the clean flow, which has no gradient at the clean pair.
+
+    Attributes:
+        evaluations: flows that were computed for the attack, those with a gradient included.
+        gradients: how many of them had a gradient.
+        trace: the loss at each of them, without CosPGD's weight.
+        best: the images inside the ball with the highest score so far; None before any.
+        troubles: what happened that makes a result doubtful, as keys of `result.WARNINGS`.
+    """
+
+    model: AnyModel
+    ball: Ball
+    loss: Loss
+    key: str = ""
+    from_clean: bool = False
+    evaluations: int = 0
+    gradients: int = 0
+    trace: list[float] = field(default_factory=list)
+    best: Images | None = None
+    best_score: float = -np.inf
+    troubles: set[str] = field(default_factory=set)
+
+    def need_gradients(self, attack: str) -> None:
+        """Raise unless the model offers gradients.
+
+        Raises:
+            ModelError: it does not.
+        """
+        if not isinstance(self.model, Differentiable):
+            name = model_identity(self.model).get("name") or type(self.model).__name__
+            raise ModelError(
+                f"model '{name}' offers no gradient of its flow, which the attack {attack} follows; choose square, "
+                "which only asks for flows, or give the model a method differentiable(images1, images2)"
+            )
+
+    def loss_at(self, images: Images) -> float:
+        """The loss at images, without CosPGD's weight; computed only if it is not known. Not noted."""
+        if images is self.best:
+            return self.loss.score(self.best_score)
+        return self.loss.of(self.flow(images), weighted=False)
+
+    def score(self, images: Images) -> float:
+        """The score at images, which become the best if they are inside the ball and score higher."""
+        return self.note(images, self.loss.of(self.flow(images), weighted=False))
+
+    def score_of_frames(self, frames: tuple[Frame, Frame]) -> float:
+        """The score of 8-bit frames, for attacks that need no gradient."""
+        self.evaluations += 1
+        assert isinstance(self.model, FlowModel)
+        flow = predict_checked(self.model, frames, self.key, "an attacked pair", 0)
+        return self.note(images_of(*frames), self.loss.of(flow))
+
+    def flow(self, images: Images) -> Flow:
+        """The flow at images between the grey levels, float32 (H, W, 2)."""
+        self.evaluations += 1
+        flow, _ = self._called(images, gradient=False)
+        return _as_flow(flow)
+
+    def slope(self, images: Images) -> tuple[float, Images]:
+        """The score at images, noted as by `score`, and the gradient of what the attack follows.
+
+        The gradient is that of the loss with CosPGD's weight, if the loss has it.
+        """
+        loss, flow, gradient = self.loss_and_gradient(images)
+        plain = self.loss.of(flow, weighted=False) if self.loss.agreeing else loss
+        return self.note(images, plain), -gradient if self.loss.towards else gradient
+
+    def loss_and_gradient(self, images: Images) -> tuple[float, Flow, Images]:
+        """The loss at images, the flow (H, W, 2), and the loss's gradient with respect to the images; not noted."""
+        import torch
+
+        self.evaluations += 1
+        self.gradients += 1
+        flow, tensor = self._called(images, gradient=True)
+        there = _as_flow(flow)
+        loss, slopes = self.loss.slope(there)
+        above = torch.from_numpy(np.ascontiguousarray(slopes.transpose(2, 0, 1)))[None].to(flow)
+        with self._reproducible():
+            (pulled,) = torch.autograd.grad(flow, tensor, above)
+        gradient: Images = pulled.cpu().numpy()
+        if not np.isfinite(gradient).all():
+            self.troubles.add("gradient_not_finite")
+            gradient = np.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
+        if not gradient.any():
+            self.troubles.add("gradient_zero")
+        return loss, there, gradient
+
+    def _called(self, images: Images, gradient: bool) -> tuple[Any, Any]:
+        """The model's flow at images and the tensor of images, both PyTorch's."""
+        import torch
+
+        assert isinstance(self.model, Differentiable)
+        tensor = torch.from_numpy(images.copy()).requires_grad_(gradient)
+        with self._reproducible(), torch.set_grad_enabled(gradient):
+            flow = self.model.differentiable(tensor[:1], tensor[1:])
+        expected = (1, 2, *images.shape[2:])
+        if tuple(flow.shape) != expected or (gradient and not flow.requires_grad):
+            what = "a flow without a gradient" if tuple(flow.shape) == expected else f"{tuple(flow.shape)}"
+            raise ModelError(
+                f"the model's method differentiable returned {what}; expected a tensor {expected} computed from the "
+                "images inside PyTorch's graph"
+            )
+        return flow, tensor
+
+    def _reproducible(self) -> Any:
+        from ..models.torch.reproducible import reproducible
+
+        return reproducible(getattr(self.model, "threads", 1))
+
+    def note(self, images: Images, loss: float) -> float:
+        """Record a loss that is known; the images become the best if they are inside the ball and score higher."""
+        self.trace.append(loss)
+        score = self.loss.score(loss)
+        if score > self.best_score and self.ball.holds(images):
+            self.best, self.best_score = images, score
+        return score
+
+
+def _as_flow(flow: Any) -> Flow:
+    return np.ascontiguousarray(flow.detach().float().cpu().numpy()[0].transpose(1, 2, 0))

@@ -1,0 +1,29 @@
+"""Control: every value moved by the whole budget, up or down at random."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..random.rng import Rng
+from .base import Attack
+from .images import Images
+from .problem import Problem
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomSign(Attack):
+    """Random noise with the norm of the attacks under "linf"; it asks the model nothing."""
+
+    name: ClassVar[str] = "random_sign"
+    needs_gradients: ClassVar[bool] = False
+    norms: ClassVar[tuple[str, ...]] = ("linf",)
+    control: ClassVar[bool] = True
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`."""
+        ball = problem.ball
+        up = (rng.bits(ball.clean.size) & np.uint64(1)).astype(np.float32).reshape(ball.clean.shape)
+        return ball.project(ball.clean + (2 * up - 1) * ball.radius)

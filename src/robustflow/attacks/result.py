@@ -1,0 +1,87 @@
+"""What an attack on a pair gave: frames, flows, what it cost, and what makes it doubtful."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..sample import Flow, Frame
+from .images import WHITE, Images
+
+WARNINGS = {
+    "gradient_not_finite": "the gradient was NaN or infinite somewhere",
+    "gradient_zero": "the gradient was zero everywhere: the model may hide it",
+    "not_deterministic": "the model answered the same frames differently",
+    "still_rising": "the loss still changed by more than 2 % in the last quarter of the steps",
+    "rounding": "rounding to 8 bits changes the effect by more than 5 %",
+    "saturated": "more than 5 % of the values are 0 or 255, which the change of variables cannot move",
+}
+"""What can be wrong with the number of one attack, by a short name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attacked:
+    """An attacked pair.
+
+    Attributes:
+        attack: its name.
+        budget: in grey levels.
+        norm: in which the budget holds, "linf" or "rms".
+        frames: the attacked pair as a file holds it, RGB uint8 (H, W, 3): inside the budget.
+        flow: of these frames, float32 (H, W, 2), pixels.
+        clean_flow: of the clean frames, likewise.
+        images: the attacked pair before rounding to 8 bits, float32 (2, 3, H, W) in 0..1.
+        loss, clean_loss: of the 8-bit frames and of the clean ones.
+        float_loss: of `images`; None if the attack works on 8-bit frames.
+        linf, rms: norms of the change of the 8-bit frames over both frames, grey levels.
+        changed: share of the values that changed, 0..1.
+        trace: the loss at each evaluation, in order.
+        evaluations, gradients: flows computed by the attack, and those of them with a gradient.
+        warnings: keys of `WARNINGS`.
+    """
+
+    attack: str
+    budget: float
+    norm: str
+    frames: tuple[Frame, Frame]
+    flow: Flow
+    clean_flow: Flow
+    images: Images
+    loss: float
+    clean_loss: float
+    float_loss: float | None
+    linf: float
+    rms: float
+    changed: float
+    trace: tuple[float, ...]
+    evaluations: int
+    gradients: int
+    warnings: tuple[str, ...]
+
+    @property
+    def moved(self) -> float:
+        """Mean distance between the flows of the attacked and of the clean frames over all pixels, px (RCRE)."""
+        difference = self.flow.astype(np.float64) - self.clean_flow
+        return float(np.hypot(difference[..., 0], difference[..., 1]).mean())
+
+
+def norms_of(frames: tuple[Frame, Frame], clean: tuple[Frame, Frame]) -> tuple[float, float, float]:
+    """Largest change and root mean square, in grey levels, and share of the values that changed; over both frames.
+
+    >>> black = np.zeros((2, 2, 3), np.uint8)
+    >>> norms_of((black + 2, black), (black, black))
+    (2.0, 1.4142135623730951, 0.5)
+    """
+    change = np.stack(frames).astype(np.int16) - np.stack(clean)
+    squares = np.square(change, dtype=np.float64)
+    return float(np.abs(change).max()), float(np.sqrt(squares.mean())), float(np.count_nonzero(change) / change.size)
+
+
+def saturated(clean: Images) -> float:
+    """Share of the clean values that are 0 or 1.
+
+    >>> saturated(np.array([0.0, 0.5, 1.0, 1.0], np.float32))
+    0.75
+    """
+    return float(np.mean((clean == 0) | (clean >= np.float32((WHITE - 0.5) / WHITE))))

@@ -1,0 +1,75 @@
+"""Square: random squares that are kept if they help; asks only for flows (Andriushchenko et al. 2020)."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..random.rng import Rng
+from .base import Attack
+from .images import WHITE, Images, frames_of, grey_levels_of
+from .problem import Problem
+
+_LARGEST = 0.8
+"""Share of the frame that a square covers in the beginning."""
+_HALVED = (10, 50, 200, 500, 1000, 2000, 4000, 6000, 8000)
+"""Queries out of 10 000 after which that share is halved."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Square(Attack):
+    """Vertical stripes at first, then one square at a random place of one frame for each query, kept if the loss grows.
+
+    All frames that it asks about are 8-bit frames, so it needs no gradient and fits every model.
+
+    Args:
+        queries: flows that it asks for.
+    """
+
+    name: ClassVar[str] = "square"
+    needs_gradients: ClassVar[bool] = False
+    norms: ClassVar[tuple[str, ...]] = ("linf",)
+
+    queries: int = 1000
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`."""
+        ball = problem.ball
+        clean, budget = grey_levels_of(ball.clean), int(ball.budget)
+        _, channels, height, width = clean.shape
+        moved = {"first": (0,), "second": (1,)}.get(self.moved, (0, 1))
+        joint = self.moved == "joint"
+        signs = np.zeros_like(clean)
+        count = len(moved) * channels * width
+        stripes = _signs(rng, count).reshape(len(moved), channels, 1, width)
+        signs[list(moved)] = stripes[:1] if joint else stripes
+        best = self._inside(clean, signs * budget, joint)
+        score = problem.score_of_frames(frames_of(best))
+        for query in range(1, self.queries):
+            part = _LARGEST / 2 ** bisect_right(_HALVED, query * 10_000 // self.queries)
+            side = min(max(round(float(np.sqrt(part * height * width))), 1), height, width)
+            top, left = rng.integer(0, height - side + 1), rng.integer(0, width - side + 1)
+            chosen = [moved[rng.integer(0, len(moved))]] if not joint else list(moved)
+            tried = signs.copy()
+            tried[chosen, :, top : top + side, left : left + side] = _signs(rng, channels)[:, None, None]
+            levels = self._inside(clean, tried * budget, joint)
+            now = problem.score_of_frames(frames_of(levels))
+            if now > score:
+                best, score, signs = levels, now, tried
+        return best.astype(np.float32) / np.float32(WHITE)
+
+    @staticmethod
+    def _inside(
+        clean: np.typing.NDArray[np.int16], change: np.typing.NDArray[np.int16], joint: bool
+    ) -> np.typing.NDArray[np.int16]:
+        if joint:
+            change = np.clip(change, -clean.min(axis=0), WHITE - clean.max(axis=0))
+        return np.clip(clean + change, 0, WHITE)
+
+
+def _signs(rng: Rng, count: int) -> np.typing.NDArray[np.int16]:
+    """-1 or 1 at random, int16 (count,)."""
+    return 2 * (rng.bits(count) & np.uint64(1)).astype(np.int16) - 1

@@ -1,0 +1,342 @@
+"""Budgets, optima, costs and refusals of the attacks."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import robustflow as rf
+from robustflow.attacks import Attack, load_attack
+from robustflow.attacks.ball import MOVED, Ball
+from robustflow.attacks.images import frames_of, images_of
+from robustflow.attacks.loss import LOSSES, Loss
+from robustflow.attacks.registry import SHIPPED
+from robustflow.attacks.result import norms_of
+from robustflow.errors import DataError, ModelError, UsageError
+from robustflow.random.rng import Rng
+
+torch = pytest.importorskip("torch", reason="needs the torch extra")
+
+from .smooth_net import Given, linear_model, random_pair, smooth_model  # noqa: E402
+
+FEW = {"pgd": {"steps": 4}, "bim": {"steps": 4}, "cospgd": {"steps": 4}, "apgd": {"steps": 12}} | {
+    "pcfa": {"steps": 2},
+    "square": {"queries": 30},
+}
+"""Options with which an attack is quick."""
+
+
+def _attacked(name: str, model=None, severity: int = 4, seed: int = 0, **options):
+    pair = random_pair()
+    truth = np.zeros((8, 10, 2), np.float32)
+    options = {**FEW.get(name, {}), **options}
+    return pair, rf.attack(*pair, model or smooth_model(), name, severity, flow=truth, seed=seed, **options)
+
+
+@settings(max_examples=60)
+@given(
+    st.sampled_from(["linf", "rms"]),
+    st.sampled_from(MOVED),
+    st.floats(0.3, 40),
+    st.integers(0, 10**6),
+    st.booleans(),
+)
+def test_projected_frames_never_exceed_the_budget_in_8_bits(norm, moved, budget, seed, per_frame):
+    ball = Ball(*random_pair(seed=seed), budget, norm, moved, per_frame)
+    images = ball.project(ball.clean + np.random.default_rng(seed).normal(0, 0.3, ball.clean.shape).astype(np.float32))
+
+    frames = frames_of(ball.to_8_bits(images))
+
+    change = np.stack(frames).astype(np.float64) - np.stack([ball.frame1, ball.frame2])
+    parts = {"first": change[:1], "second": change[1:]}.get(moved, change)
+    squares = (parts**2).mean(axis=(1, 2, 3))
+    rms = np.sqrt(squares.max() if per_frame else squares.mean())
+    assert ball.holds(images)
+    assert (np.abs(parts).max() if norm == "linf" else rms) <= budget
+    still = {"first": 1, "second": 0}.get(moved)
+    assert still is None or not change[still].any()
+    assert moved != "joint" or np.array_equal(change[0], change[1])
+
+
+@pytest.mark.parametrize("severity", [1, 3, 5])
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_attack_stays_inside_its_budget(name, severity):
+    clean, attacked = _attacked(name, severity=severity)
+
+    norms = dict(zip(("linf", "rms"), norms_of(attacked.frames, clean), strict=False))
+    assert 0 < norms[attacked.norm] <= attacked.budget == load_attack(name).budget(severity)
+    assert (attacked.linf, attacked.rms) == (norms["linf"], norms["rms"])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_same_seed_gives_the_same_frames_and_another_gives_others(name):
+    first, again, other = (_attacked(name, seed=seed)[1].frames for seed in (1, 1, 2))
+
+    assert np.array_equal(first, again)
+    drawn = name not in ("fgsm", "bim", "pcfa", "apgd")  # apgd reaches the same corner from both starts
+    assert np.array_equal(first, other) != drawn
+
+
+@pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd"])
+def test_sign_attacks_on_a_linear_model_reach_the_optimum(name):
+    model, clean, budget = linear_model(), random_pair(), 4
+    _, attacked = _attacked(name, model, severity=3, **({"steps": 20} if name in ("bim", "pgd") else {}))
+
+    levels = np.stack(clean).astype(int).transpose(0, 3, 1, 2)
+    best = np.clip(levels + budget * np.sign(model.weights).astype(int), 0, 255)  # u is positive and away from 0
+    assert np.array_equal(np.stack(attacked.frames).transpose(0, 3, 1, 2), best)
+
+
+@pytest.mark.parametrize("name", ["bim", "apgd"])
+def test_attacks_under_rms_on_a_linear_model_reach_the_optimum_of_the_sphere(name):
+    model = linear_model()
+    grey = np.full((2, 8, 10, 3), 128, np.uint8)  # far from 0 and 255, so that only the ball binds
+    truth = np.zeros((8, 10, 2), np.float32)
+
+    attacked = rf.attack(*grey, model, name, 4, flow=truth, norm="rms", steps=60)
+
+    change = attacked.images - images_of(*grey)
+    optimum = model.weights / np.sqrt((model.weights**2).mean()) * 5 / 255
+    assert np.abs(change - optimum).max() < 1e-3 * np.abs(optimum).max()
+
+
+@pytest.mark.parametrize("name", ["pgd", "cospgd", "apgd"])
+def test_more_starts_never_lower_the_loss(name):
+    losses = [_attacked(name, starts=starts)[1].float_loss for starts in (1, 2, 4)]
+
+    assert losses == sorted(losses)
+
+
+@pytest.mark.parametrize("name", ["bim", "pgd", "apgd", "square"])
+def test_the_best_pair_that_was_seen_is_kept(name):
+    _, attacked = _attacked(name)
+
+    found = attacked.loss if attacked.float_loss is None else attacked.float_loss
+    assert found == pytest.approx(max(attacked.trace), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "cospgd", "apgd", "square"])
+def test_attacks_beat_random_noise_of_the_same_norm(name):
+    noise = _attacked("random_sign")[1].loss
+
+    assert _attacked(name, **({"queries": 300} if name == "square" else {}))[1].loss > noise
+
+
+@pytest.mark.parametrize(("target", "steps"), [("zero", 5), ("negative", 20)])
+def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target, steps):
+    _, attacked = _attacked("pcfa", target=target, steps=steps)
+    _, noise = _attacked("random_gauss", target=target)
+
+    assert attacked.clean_loss - attacked.loss > 10 * abs(attacked.clean_loss - noise.loss)
+
+
+def test_attacks_count_what_they_ask_for():
+    costs = {name: _attacked(name)[1] for name in SHIPPED}
+
+    assert {name: (one.evaluations, one.gradients) for name, one in costs.items()} == {
+        "random_sign": (0, 0),
+        "random_gauss": (0, 0),
+        "fgsm": (1, 1),
+        "bim": (5, 4),
+        "pgd": (5, 4),
+        "cospgd": (5, 4),
+        "apgd": (13, 13),
+        "pcfa": (23, 21),
+        "square": (30, 0),
+    }
+
+
+@pytest.mark.parametrize("agreeing", [False, True])
+@pytest.mark.parametrize("kind", LOSSES)
+def test_the_slope_of_a_loss_is_its_derivative(kind, agreeing):
+    rng = np.random.default_rng(0)
+    flow, reference = (rng.normal(0, 2, (5, 6, 2)).astype(np.float32) for _ in range(2))
+    valid = rng.random((5, 6)) < 0.6
+    loss = Loss(reference, valid, kind, agreeing=agreeing)
+    weight = loss._parts(flow, True)[0] / np.maximum(loss._parts(flow, False)[0], 1e-30)
+    plain = Loss(reference, valid, kind)
+
+    value, slope = loss.slope(flow)
+
+    numbers = np.zeros_like(slope)
+    for at in np.ndindex(*flow.shape):  # the weight of CosPGD is held fixed
+        step = np.zeros(flow.shape)
+        step[at] = 1e-4
+        ahead, behind = (plain._parts((flow + sign * step).astype(np.float64), False)[0] for sign in (1, -1))
+        numbers[at] = ((ahead - behind) * weight)[valid].mean() / 2e-4
+    assert value == pytest.approx((plain._parts(flow, False)[0] * weight)[valid].mean())
+    assert np.abs(slope - numbers).max() < 1e-3 * np.abs(numbers).max()
+    assert not slope[~valid].any()
+
+
+def test_a_capped_pixel_counts_the_diagonal_and_pulls_no_more():
+    flow = np.zeros((3, 4, 2), np.float32)
+    flow[0, 0] = (300, 400)
+
+    value, slope = Loss(np.zeros_like(flow), kind="capped").slope(flow)
+
+    assert value == pytest.approx(5 / 12)
+    assert not slope.any()
+
+
+def test_pixels_without_truth_do_not_steer_an_attack_and_do_in_flowbench():
+    pair, model = random_pair(), smooth_model()
+    truth = np.zeros((8, 10, 2), np.float32)
+    valid = np.zeros((8, 10), bool)
+    valid[:, :5] = True
+    other = truth.copy()
+    other[~valid] = 50
+
+    def frames(flow, variant):
+        return rf.attack(*pair, model, "pgd", 4, flow=flow, valid=valid, steps=4, variant=variant).frames
+
+    assert np.array_equal(frames(truth, "default"), frames(other, "default"))
+    without_mask = rf.attack(*pair, model, "pgd", 4, flow=truth, steps=4, variant="flowbench").frames
+    assert np.array_equal(frames(other, "flowbench"), without_mask)  # flow 0 where there is no truth, and counted
+
+
+@pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "apgd"])
+def test_without_truth_an_attack_begins_at_random_and_moves_the_flow(name):
+    pair, model = random_pair(), smooth_model()
+
+    attacked = rf.attack(*pair, model, name, 4, **FEW.get(name, {}))
+    noise = rf.attack(*pair, model, "random_sign", 4)
+
+    assert attacked.moved > noise.moved > 0
+    assert "gradient_zero" not in attacked.warnings
+
+
+def test_a_model_that_hides_its_gradient_is_noticed():
+    def hidden(images1, images2):
+        return 3 * (images1 + images2).round()[:, :2] + 0 * images1[:, :2]
+
+    _, attacked = _attacked("pgd", Given(hidden))
+
+    assert "gradient_zero" in attacked.warnings
+
+
+def test_a_gradient_that_is_nan_is_noticed():
+    def root(images1, images2):
+        return torch.sqrt(images1 * 0)[:, :2] + images2[:, :2]
+
+    _, attacked = _attacked("pgd", Given(root))
+
+    assert "gradient_not_finite" in attacked.warnings
+
+
+def test_an_attack_that_has_not_converged_says_so():
+    def bowl(images1, images2):  # grows ever faster: each step adds more
+        return (torch.exp(8 * images1) * torch.exp(8 * images2))[:, :2]
+
+    grey = np.full((2, 8, 10, 3), 100, np.uint8)
+    truth = np.zeros((8, 10, 2), np.float32)
+    rising = rf.attack(*grey, Given(bowl), "pgd", 5, flow=truth, steps=12, variant="flowbench")
+    done = rf.attack(*grey, linear_model(), "pgd", 2, flow=truth, steps=40)
+
+    assert "still_rising" in rising.warnings
+    assert "still_rising" not in done.warnings
+
+
+@pytest.mark.parametrize("name", ["tiny", "raft_small", "ptlflow:raft_small", "arflow"])
+def test_the_differentiable_flow_of_a_model_is_its_prediction(name):
+    if name == "raft_small":
+        pytest.importorskip("torchvision", reason="needs torchvision")
+    if name.startswith("ptlflow"):
+        pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    options = {} if name == "tiny" else {"checkpoint": "random"}
+    model = rf.load_model(name, device="cpu", **options)
+    pair = random_pair(125, 133)
+    predicted = model.predict(*pair)
+
+    images = torch.from_numpy(images_of(*pair)).requires_grad_()
+    flow = model.differentiable(images[:1], images[1:])
+    flow.sum().backward()
+
+    assert np.abs(flow[0].permute(1, 2, 0).detach().numpy() - predicted).max() < 2e-3
+    assert torch.isfinite(images.grad).all()
+    assert images.grad[0].any()
+    assert images.grad[1].any()
+    assert images.grad[:, :, :, -1].any()
+    assert images.grad[:, :, -1].any()
+
+
+def test_a_model_without_gradients_gets_one_sentence_and_square():
+    pair = random_pair(40, 48)
+    dis = rf.load_model("dis")
+
+    with pytest.raises(ModelError, match=r"^model 'dis' offers no gradient .* choose square") as refused:
+        rf.attack(*pair, dis, "pgd")
+    assert "\n" not in str(refused.value)
+    assert rf.attack(*pair, dis, "square", 3, queries=5).linf == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "message"),
+    [
+        ({"name": "pdg"}, UsageError, "unknown attack 'pdg': did you mean 'pgd'"),
+        ({"norm": "l2"}, UsageError, "norm of attack pgd 'l2'"),
+        ({"steps": 0}, UsageError, "steps of attack pgd is a whole number from 1, not 0"),
+        ({"target": "up"}, UsageError, "target of attack pgd 'up'"),
+        ({"name": "square", "norm": "rms"}, UsageError, "norm of attack square 'rms'"),
+        ({"name": "pcfa", "moved": "joint"}, UsageError, "box=clipping"),
+        ({"reference": "truth"}, UsageError, "there is none; give the flow"),
+        ({"budget": 0}, UsageError, "more than 0 and at most 255 grey levels"),
+        ({"budget": 3, "severity": 2}, UsageError, "not both"),
+        ({"valid": np.ones((8, 10), bool)}, UsageError, "give the flow, too"),
+        ({"flow": np.zeros((3, 4, 2), np.float32)}, DataError, r"ground truth is \(3, 4, 2\)"),
+        ({"flow": np.zeros((8, 10, 2), np.float32), "valid": np.zeros((8, 10), bool)}, UsageError, "no pixel as valid"),
+    ],
+)
+def test_what_cannot_be_attacked_is_refused_in_one_line(change, error, message):
+    arguments = {"name": "pgd", **change}
+
+    with pytest.raises(error, match=message) as refused:
+        rf.attack(*random_pair(), smooth_model(), **arguments)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_flow_outside_the_graph_is_refused():
+    detached = Given(lambda images1, images2: images1[:, :2].detach())
+
+    with pytest.raises(ModelError, match="without a gradient"):
+        _attacked("pgd", detached)
+
+
+def test_the_room_and_square_need_no_torch():
+    code = (
+        "import sys; sys.modules['torch'] = None\n"
+        "import numpy as np, robustflow as rf\n"
+        "from robustflow.attacks.registry import ATTACKS\n"
+        "assert [ATTACKS.get(name) for name in rf.list_attacks()]\n"
+        "frame = (np.arange(40 * 48 * 3) % 251).astype(np.uint8).reshape(40, 48, 3)\n"
+        "print(rf.attack(frame, frame, 'dis', 'square', 2, queries=3).linf)"
+    )
+
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert done.stdout == "2.0\n"
+
+
+def test_every_attack_is_documented_and_has_the_severities_of_its_norm():
+    for name in SHIPPED:
+        attack = load_attack(name)
+        assert isinstance(attack, Attack)
+        assert attack.name == name
+        assert type(attack).__doc__
+        budgets = [attack.budget(severity) for severity in range(1, 6)]
+        assert budgets == ([1, 2, 4, 8, 16] if attack.norm == "linf" else [0.5, 1.25, 2.5, 5, 12.5])
+
+
+def test_a_ball_moves_uphill_by_the_size_of_its_step():
+    ball = Ball(*(np.full((2, 4, 5, 3), 128, np.uint8)), 10, "rms")
+    gradient = Rng.of(0).normals(ball.clean.size).astype(np.float32).reshape(ball.clean.shape)
+
+    change = ball.step(ball.clean, gradient, 3) - ball.clean
+
+    assert ball.size_of(change) * 255 == pytest.approx(3, rel=1e-4)
+    assert np.corrcoef(change.ravel(), gradient.ravel())[0, 1] > 0.9999

@@ -1,0 +1,224 @@
+"""Against outputs of FlowBench's and PCFA's code, at the tolerances of the packs' READMEs."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+from robustflow import TorchModel, load_model
+from robustflow.attacks import load_attack
+from robustflow.attacks.ball import Ball
+from robustflow.attacks.climb import climb
+from robustflow.attacks.loss import Loss
+from robustflow.attacks.pcfa import _Search
+from robustflow.attacks.problem import Problem
+from robustflow.random.rng import Rng
+
+from ..parity.pack import Pack
+from ..shared_data import shared_root
+from .smooth_net import SmoothNet
+
+pytestmark = pytest.mark.filterwarnings("ignore::robustflow.models.torch.user_model.ConventionWarning")
+"""The networks have no trained weights, which the check of their input notices."""
+SIGN, PCFA = "attack_fgsm_bim_pgd_cospgd", "attack_pcfa"
+
+
+def _cases(folder: str, net: str) -> list[dict]:
+    path = shared_root() / "parity" / folder / "cases.json"
+    if not path.is_file():
+        return [pytest.param(None, marks=pytest.mark.skip(reason=f"shared data 'parity/{folder}' not found"))]
+    cases = json.loads(path.read_text())["cases"]
+    mine = cases[net] if isinstance(cases, dict) else [case for case in cases if case["name"].startswith(net)]
+    return [pytest.param(case, id=case["name"]) for case in mine]
+
+
+def _smooth(pack: Pack) -> TorchModel:
+    return TorchModel(
+        pack.fill(SmoothNet(), "keys_tiny.json"), scaling="0-1", order="rgb", layout="pair", multiple=1, device="cpu"
+    )
+
+
+def _raft_small(pack: Pack):
+    """ptlflow's network flips the colours once more than the adapter undoes: give it RGB as the pack did."""
+    pytest.importorskip("ptlflow", reason="needs the ptlflow extra")
+    model = load_model("ptlflow:raft_small", checkpoint="random", iterations=6, device="cpu")
+    pack.fill(model.net.model, "keys_raft_small.json")
+    return model
+
+
+def _problem(pack: Pack, net: str, model, case: dict, reversed_colours: bool = False) -> Problem:
+    frames = [pack.frame(f"{net}_{i}") for i in (1, 2)]
+    if reversed_colours:
+        frames = [np.ascontiguousarray(frame[..., ::-1]) for frame in frames]
+    with np.load(pack.folder / f"{net}_truth.npz") as arrays:
+        truth = arrays["flow"][0].transpose(1, 2, 0)
+    height, width = truth.shape[:2]
+    norm = "rms" if case.get("norm") == "two" else "linf"
+    unit = 255 / np.sqrt(3 * height * width) if norm == "rms" else 255
+    ball = Ball(*frames, case["eps"] * unit, norm, per_frame=True)
+    problem = Problem(model, ball, Loss(truth))
+    clean = problem.flow(ball.clean)
+    reference = {"zero": np.zeros_like(clean), "negative": -clean}.get(case.get("target", ""), truth)
+    reference = clean if case.get("optim") == "initial_flow" else reference
+    kind, agreeing = case.get("loss", "epe"), case["attack"] == "cospgd"
+    problem.loss = Loss(reference, None, kind, towards="target" in case, agreeing=agreeing)
+    problem.trace.clear()
+    return problem
+
+
+def _expected(pack: Pack, net: str, name: str) -> dict[str, np.ndarray]:
+    arrays = {}
+    for path in sorted(pack.folder.glob(f"{net}_expected*.npz")):
+        with np.load(path) as file:
+            arrays |= {key.removeprefix(f"{name}."): file[key] for key in file.files if key.startswith(f"{name}.")}
+    return arrays
+
+
+def _run(problem: Problem, case: dict, start, losses: list[float]):
+    """The attack as FlowBench runs it, and the loss with CosPGD's weight before each step."""
+    asked = problem.loss_and_gradient
+
+    def noted(images):
+        answer = asked(images)
+        losses.append(answer[0])
+        return answer
+
+    problem.loss_and_gradient = noted
+    unit = problem.ball.budget / case["eps"]
+    if case["attack"] == "fgsm":
+        return load_attack("fgsm", variant="flowbench", norm=problem.ball.norm).run(problem, Rng.of(0))
+    size = problem.ball.budget if case["attack"] == "bim" else case["alpha"] * unit
+    assert case["attack"] != "bim" or load_attack("bim", variant="flowbench").step_size(3.5) == 3.5
+    images = problem.ball.clean if case["attack"] == "bim" else start
+    images = climb(problem, images, case["iters"], size, keep_best=False)
+    losses.append(problem.trace[-1])
+    return images
+
+
+@pytest.mark.parametrize("case", _cases(SIGN, "tiny"))
+def test_sign_attacks_on_the_smooth_network_follow_flowbench(shared, case):
+    pack = Pack(shared(f"parity/{SIGN}"))
+    problem = _problem(pack, "tiny", _smooth(pack), case)
+    expected = _expected(pack, "tiny", case["name"])
+    starts = _expected(pack, "tiny", f"pgd_{case['norm']}_gt")
+    singular = case["name"] == "pgd_inf_initial"
+    if "grad0" in expected:
+        begin = starts["start"] if case["attack"] in ("pgd", "cospgd") else problem.ball.clean
+        gradient = problem.loss_and_gradient(begin)[2]
+        assert np.abs(gradient - expected["grad0"]).max() <= 1e-4 * np.abs(expected["grad0"]).max()
+
+    losses: list[float] = []
+    images = _run(problem, case, starts.get("start"), losses)
+
+    assert np.allclose(losses, expected["loss"], rtol=5e-3 if singular else 1e-5, atol=0)
+    assert np.mean(np.abs(images - expected["adv"]) > 1e-6) <= (0.1 if singular else 0.002)
+    flow = problem.flow(images)
+    assert np.abs(flow.transpose(2, 0, 1) - expected["flow_after"][0]).max() <= (3 if singular else 0.2)
+    with np.load(pack.folder / "tiny_truth.npz") as arrays:
+        truth, valid = arrays["flow"][0].transpose(1, 2, 0), arrays["valid"][0].astype(bool)
+    assert abs(Loss(truth, valid).of(flow) - expected["epe_gt"][-1]) <= (0.05 if singular else 1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", _cases(SIGN, "raft_small"))
+def test_sign_attacks_on_raft_small_take_flowbench_first_step(shared, case):
+    pack = Pack(shared(f"parity/{SIGN}"))
+    problem = _problem(pack, "raft_small", _raft_small(pack), case, reversed_colours=True)
+    expected = _expected(pack, "raft_small", case["name"])
+    with np.load(pack.folder / "raft_small_frames.npz") as arrays:
+        start, before, after = (
+            arrays[name] for name in ("pgd_inf_gt.start", "cospgd_inf_gt.iter5", "cospgd_inf_gt.iter6")
+        )
+    start, before = (np.ascontiguousarray(images[:, ::-1]) for images in (start, before))
+    if "grad0" in expected:
+        gradient = problem.loss_and_gradient(problem.ball.clean)[2][:, ::-1, ::2, ::2]
+        apart = np.abs(gradient - expected["grad0"]) > 1e-4 * np.abs(expected["grad0"]).max()
+        assert np.mean(apart) <= 0.001
+    if "iter1" in expected and case["norm"] == "inf":
+        size = case["alpha"] * 255
+        first = climb(problem, start, 1, size, keep_best=False)[:, ::-1, ::2, ::2]
+        assert np.mean(np.abs(first - expected["iter1"]) > 1e-6) <= 3e-4
+    if case["name"] == "cospgd_inf_gt":
+        sixth = climb(problem, before, 1, case["alpha"] * 255, keep_best=False)[:, ::-1, ::2, ::2]
+        assert np.mean(np.abs(sixth - after) > 1e-6) <= 3e-4
+    if case["norm"] == "inf":
+        losses: list[float] = []
+        flow = problem.flow(_run(problem, case, start, losses))
+        assert np.allclose(losses, expected["loss"], rtol=0.04, atol=0)
+        with np.load(pack.folder / "raft_small_truth.npz") as arrays:
+            truth, valid = arrays["flow"][0].transpose(1, 2, 0), arrays["valid"][0].astype(bool)
+        assert abs(Loss(truth, valid).of(flow) - expected["epe_gt"][-1]) <= 1
+
+
+def _pcfa(pack: Pack, net: str, model, case: dict, reversed_colours: bool) -> tuple[_Search, Problem, list[float]]:
+    attack = load_attack(
+        "pcfa",
+        variant="original",
+        target="zero" if case["target"] == "zero" else "negative",
+        box="clipping" if case.get("box") == "clipping" else "change",
+        moved="joint" if case.get("joint") else "both",
+        steps=case["steps"],
+    )
+    problem = _problem(pack, net, model, {"attack": "pcfa", "eps": 1.0}, reversed_colours)
+    ball = Ball(problem.ball.frame1, problem.ball.frame2, case["bound"] * 255, "rms", attack.moved)
+    problem.ball = ball
+    clean = problem.flow(ball.clean)
+    reference = -clean if attack.target == "negative" else np.zeros_like(clean)
+    kind = {"aee": "epe"}.get(case.get("loss", "aee"), case.get("loss", "aee"))
+    problem.loss = Loss(reference, None, kind, towards=True)
+    search = _Search(attack, problem)
+    objectives: list[float] = []
+    asked = search.objective
+
+    def noted(keep: bool = False) -> float:
+        objectives.extend([value := asked(keep)] * (1 + keep))  # the original asks once more where LBFGS begins
+        return value
+
+    search.objective = noted
+    return search, problem, objectives
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", _cases(PCFA, "tiny"))
+def test_pcfa_on_the_smooth_network_follows_the_original(shared, case):
+    pack = Pack(shared(f"parity/{PCFA}"))
+    search, problem, objectives = _pcfa(pack, "tiny", _smooth(pack), case, False)
+    expected, joint, strict = _expected(pack, "tiny", case["name"]), case.get("joint", False), case["strict"]
+
+    search.run(case["steps"])
+
+    few = 6 if joint else 11 * strict
+    assert np.allclose(objectives[:few], expected["loss_evals"][:few], rtol=1e-4 if joint else 1e-5, atol=0)
+    size = problem.ball.size_of(search.kept - problem.ball.clean)
+    assert size <= case["bound"] * (1 + 1e-6)
+    distance = Loss(problem.loss.reference).of(problem.flow(search.kept))
+    assert distance == pytest.approx(expected["aee_adv_tgt_best"][-1], rel=0.01)
+
+    search, problem, _ = _pcfa(pack, "tiny", _smooth(pack), case, False)
+    search.run(strict)
+    images, change = (tensor.detach().numpy() for tensor in search._pair())
+    for number in (1, 2):
+        found = change[number - 1]
+        assert np.abs(found - expected[f"step{strict}_delta{number}_final"][0]).max() <= (1e-4 if joint else 3e-6)
+    flow = problem.flow(np.ascontiguousarray(images)).transpose(2, 0, 1)
+    assert np.abs(flow - expected[f"step{strict}_flow_pred_final"][0]).max() <= (1e-3 if joint else 2e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", _cases(PCFA, "raft"))
+def test_pcfa_on_raft_small_agrees_for_the_first_evaluations(shared, case):
+    pack = Pack(shared(f"parity/{PCFA}"))
+    search, problem, objectives = _pcfa(pack, "raft_small", _raft_small(pack), case, True)
+    expected = _expected(pack, "raft_small", case["name"])
+
+    search.run(case["steps"])
+
+    assert np.allclose(objectives[:3], expected["loss_evals"][:3], rtol=1e-5, atol=0)
+    assert np.allclose(objectives[:6], expected["loss_evals"][:6], rtol=1e-3, atol=0)
+    assert problem.ball.size_of(search.kept - problem.ball.clean) <= case["bound"] * (1 + 1e-6)
+    distance = Loss(problem.loss.reference).of(problem.flow(search.kept))
+    assert distance == pytest.approx(expected["aee_adv_tgt_best"][-1], rel=0.1)
