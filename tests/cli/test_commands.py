@@ -287,15 +287,30 @@ def test_the_list_of_models_says_what_their_checkpoints_have_seen(robustflow):
     assert "kitti LEAKED" in lines["raft"]
     assert "2020" in lines["raft"]
     assert "BSD-3-Clause" in lines["raft"]
-    assert "undeclared" in lines["arflow"]
+    assert "UNKNOWN" in lines["arflow"]
     assert "knowledge" in lines["farneback"]
     assert lines["dis"].endswith("learns nothing")
     assert lines["tiny"].endswith("shipped OOD")
     assert "things288960 OOD" in lines["flowformer_pp"]
-    assert "ptlflow:splatflow (cupy, for CUDA)" in out
+    assert "splatflow (cupy, for CUDA)" in out
     for name in ("precomputed", *EXPORTED.values()):
-        assert re.search(r"^\w+ +any +your files +(yes|needs \[\w+\]) +a.* undeclared$", lines[name])
-    assert "things undeclared, sintel undeclared, kitti undeclared, spring undeclared" in out
+        assert re.search(r"^\w+ +any +your files +(yes|needs \[\w+\]) +a.* UNKNOWN$", lines[name])
+    assert lines["memfof"].endswith("kitti LEAKED, sintel LEAKED, spring LEAKED, tartan OOD, things OOD, tskh LEAKED")
+
+
+def test_search_for_models_lists_what_each_of_their_checkpoints_saw(robustflow):
+    _, out, _ = robustflow("list", "models", "sea_raft_m")
+    lines = out.splitlines()
+    spring = next(index for index, line in enumerate(lines) if line.startswith("sea_raft_m spring: "))
+    assert lines[spring].startswith(
+        "sea_raft_m spring: LEAKED on kitti-fc, LEAKED on sintel, OOD on gopro-fc; trained on"
+    )
+    assert lines[spring + 1].startswith("    confidence high: the name hides KITTI")
+    assert robustflow("list", "models", "farneback")[1] == "farneback: no published checkpoints\n"
+    for arguments in (("models", "sea_rafd"), ("corruptions", "fog")):
+        code, _, error = robustflow("list", *arguments)
+        assert code != 0
+        assert len(error.splitlines()) == 1
 
 
 def test_the_setting_stands_beside_the_name(robustflow, real_pictures):

@@ -94,7 +94,7 @@ def test_springs_training_sequences_are_its_domain_but_not_its_frames():
     settings = {"spring": "ID", "flyingchairs": "OOD"}
     for trained, setting in settings.items():
         assert setting_of(Training((trained,), "declared"), "robustspring") == setting
-    assert setting_of(Training(None, "undeclared"), "robustspring") == "undeclared"
+    assert setting_of(Training(None, "undeclared"), "robustspring") == "UNKNOWN"
 
 
 def test_names_cannot_be_taken_for_this_projects():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from robustflow.benchmarks import BENCHMARKS, benchmark_facts
 from robustflow.benchmarks.setting import setting_of
 from robustflow.datasets import DATASETS, dataset_facts
-from robustflow.models.catalog import checkpoints, methods
+from robustflow.models.catalog import CheckpointEntry, checkpoints, methods
 from robustflow.models.provenance import training_of_entry
 from robustflow.training.recipe import recipes_of, trained_methods
 
@@ -21,11 +21,12 @@ def files() -> dict[str, str]:
         "here. The corruptions have [pages of their own](../corruptions/index.md).",
         "## Models",
         "Besides these: `module.path:Attribute` of your own, an exported network (`.onnx`), a folder of flow "
-        "files, and any other model of ptlflow as `ptlflow:NAME`.",
+        "files, and every model of ptlflow by its name there.",
         _methods(),
         "### Checkpoints",
-        "What each published checkpoint has seen, and so its setting on KITTI-FC: OOD saw nothing of KITTI, ID none of "
-        "the pairs that are evaluated, LEAKED those pairs.",
+        "What each published checkpoint has seen, and so its setting on a benchmark: OOD saw nothing of its domain, ID "
+        "none of the pairs that are evaluated, LEAKED those pairs. UNKNOWN, which is never ranked with OOD: the "
+        "authors do not say, and `?` marks what it may have seen.",
         _checkpoints(),
         "## Benchmarks",
         _benchmarks(),
@@ -55,10 +56,18 @@ def _methods() -> str:
 
 def _checkpoints() -> str:
     rows = [
-        (f"`{c.model}`", f"`{c.checkpoint}`", c.trained_on, setting_of(training_of_entry(c), "kitti-fc"), c.note)
+        (f"`{c.model}`", f"`{c.checkpoint}`", c.trained_on.replace("+", ", "), *_settings(c), c.confidence, c.note)
         for c in checkpoints()
     ]
-    return _compact(("model", "checkpoint", "trained on", "on KITTI-FC", "note"), rows)
+    columns = ("model", "checkpoint", "trained on", *_BENCHMARKS.values(), "confidence", "evidence")
+    return _compact(columns, rows)
+
+
+_BENCHMARKS = {"kitti-fc": "on KITTI-FC", "sintel": "on Sintel", "gopro-fc": "on GoPro-FC"}
+
+
+def _settings(entry: CheckpointEntry) -> list[str]:
+    return [setting_of(training_of_entry(entry), name) for name in _BENCHMARKS]
 
 
 def _benchmarks() -> str:

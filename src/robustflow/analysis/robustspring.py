@@ -103,4 +103,4 @@ def _setting(manifest: Mapping[str, Any]) -> str:
     """What the model's training means for RobustSpring's frames, whatever the run was on."""
     identity = {**manifest["identity"], "benchmark": ROBUSTSPRING.dataset}
     setting = str(manifest_provenance({**manifest, "identity": identity})["setting"])
-    return OWN_SETTING if setting == "undeclared" else setting
+    return OWN_SETTING if setting == "UNKNOWN" else setting

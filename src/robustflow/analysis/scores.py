@@ -82,7 +82,7 @@ def coverage_of(runs: Sequence[Run]) -> dict[tuple[str, str], float]:
 
 def run_setting(run: Run) -> str:
     """The setting of a run, by what its model was trained on; "own" if that was not declared."""
-    return OWN_SETTING if run.setting == "undeclared" else run.setting
+    return OWN_SETTING if run.setting == "UNKNOWN" else run.setting
 
 
 def notes_of(runs: Sequence[Run], beside_published: bool = False) -> list[str]:

@@ -61,8 +61,8 @@ def setting_of(
     """The setting of a model on a benchmark, which says how to read its numbers.
 
     "OOD": trained on nothing of its domain. "ID": trained on its domain, but on none of the evaluated frames. "LEAKED":
-    trained on evaluated frames. "knowledge": learns nothing. "untrained": random weights. "undeclared": not declared,
-    unknown, or the frames are the user's own. Arguments as for `training_record`.
+    trained on evaluated frames. "knowledge": learns nothing. "untrained": random weights. "UNKNOWN": not declared,
+    not known, or the frames are the user's own. Arguments as for `training_record`.
 
     >>> setting_of(Training(("flyingchairs", "kitti2015"), "declared"), "kitti-fc")
     'LEAKED'
@@ -93,9 +93,12 @@ def _judge(
         return ("untrained" if training.basis == RANDOM else "knowledge"), []
     facts = benchmark_facts(benchmark)
     if training.sets is None or not (facts.training_set or facts.same_domain):
-        return "undeclared", []
+        return "UNKNOWN", []
     if facts.training_set in training.sets:
         return "LEAKED", []
+    perhaps = [name for name in (facts.training_set, *facts.same_domain) if f"{name}?" in training.sets]
+    if perhaps:
+        return "UNKNOWN", [f"it may have been trained on {', '.join(perhaps)}"]
     if keys is None and facts.training_set == _KITTI:
         keys = kitti_split(KITTI_KEYS).evaluation if facts.published else KITTI_KEYS
     parts = [name.partition(":")[2] for name in training.sets if name.startswith(f"{facts.training_set}:")]
@@ -107,7 +110,7 @@ def _judge(
             setting, note = _kitti_part(part, keys, protocol)
             settings.add(setting)
             notes.append(note)
-    worst = next(one for one in ("LEAKED", "undeclared", "ID", "OOD") if one in settings)
+    worst = next(one for one in ("LEAKED", "UNKNOWN", "ID", "OOD") if one in settings)
     return worst, [f"{_PAIRS_NOTE}{note}" for note in notes if note]
 
 
@@ -116,11 +119,11 @@ def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -
     released = protocol.get("frames") == _RELEASED
     if released != (part == _RELEASED):
         own = "the released KITTI-FC has a split of its own, which K:released names"
-        return "undeclared", f"whether K:{part} holds evaluated pairs is unknown; {own}"
+        return "UNKNOWN", f"whether K:{part} holds evaluated pairs is unknown; {own}"
     if part == _RELEASED:
         return "ID", ""
     if not {*keys} <= {*KITTI_KEYS}:
-        return "undeclared", f"whether K:{part} holds evaluated pairs is unknown; they are not named as in KITTI"
+        return "UNKNOWN", f"whether K:{part} holds evaluated pairs is unknown; they are not named as in KITTI"
     trained = KITTI_SPLITS[part](KITTI_KEYS).training
     seen = {*keys} & {*trained}
     if seen:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import unknown_name
+from ..errors import UsageError, unknown_name
 from ..severity import SEVERITIES
 from . import complete
 from .complete import KINDS
@@ -28,18 +28,32 @@ def list_things(
             autocompletion=complete.kinds, help="models, corruptions, benchmarks, datasets or recipes; all by default."
         ),
     ] = "all",
+    search: Annotated[
+        str,
+        typer.Argument(
+            help="with models: a part of a name; lists every published checkpoint of the models that have it."
+        ),
+    ] = "",
 ) -> None:
     """List models, corruptions, attacks, benchmarks, datasets or training recipes.
 
     \b
-    Example:
+    Examples:
       robustflow list corruptions
+      robustflow list models sea_raft
     """
     from rich.console import Console
+
+    if search and kind != "models":
+        raise UsageError(f"'{search}': only models are searched; write list models {search}")
 
     if kind != "all" and kind not in KINDS:
         raise unknown_name("kind", kind, (*KINDS, "all"))
     console = Console(soft_wrap=True)
+    if search:
+        for line in _published(search):
+            console.print(line, highlight=False, markup=False)
+        return
     for name in KINDS if kind == "all" else (kind,):
         if kind == "all":
             console.print(f"\n[bold]{name}[/bold]")
@@ -50,7 +64,7 @@ def list_things(
 def _models() -> list[str]:
     from ..benchmarks.setting import setting_of
     from ..models import MODELS
-    from ..models.catalog import checkpoints, is_installed, methods
+    from ..models.catalog import checkpoints, is_in_ptlflow, is_installed, methods
     from ..models.provenance import DECLARED, Training, parse_training_sets, training_of_entry
     from ..models.ptlflow.pairs import BESIDES
     from ..models.tiny.shipped import SHIPPED, shipped_weights
@@ -67,42 +81,66 @@ def _models() -> list[str]:
         if name in _OF_FILES:
             what, extra = _OF_FILES[name]
             here = "yes" if not extra or find_spec(extra) else f"needs [{extra}]"
-            lines.append((name, "any", "", "", "your files", "", here, f"{what}, undeclared"))
+            lines.append((name, "any", "", "", "your files", "", here, f"{what}, UNKNOWN"))
             continue
         if name not in known:
             lines.append((name, *[""] * 7))
             continue
         method = known[name]
         here = "yes" if is_installed(method) else f"needs [{method.extra}]"
-        undeclared = [f"{checkpoint} undeclared" for checkpoint in method.undeclared.split("+") if checkpoint]
         if name in SHIPPED:
             sets = parse_training_sets(shipped_weights(name).trained_on)
             public = f"shipped {setting_of(Training(sets, DECLARED), 'kitti-fc')}"
         elif method.type == "knowledge":
             public = "learns nothing"
         else:
-            public = ", ".join([*seen.get(name, []), *undeclared]) or "the authors' file, undeclared"
+            public = ", ".join(seen.get(name, [])) or "the authors' file, UNKNOWN"
         kind = method.type if method.frames == 2 else "multi-frame"
         year = str(method.year)
         lines.append((name, method.method, year, kind, method.source, method.code_licence, here, public))
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    aligned = [
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
-    ]
-    others = [f"{name} ({', '.join(of_name)})" for name, of_name in seen.items() if name not in known]
+    others = [name for name in seen if is_in_ptlflow(name)]
     return [
-        *aligned,
-        f"Any other model of ptlflow as ptlflow:NAME; of known training: {'; '.join(others)}.",
+        *_aligned(lines),
+        f"{len(others)} more of ptlflow: {', '.join(others)}.",
+        "'robustflow list models NAME' has what the checkpoints of a model saw, and the evidence.",
         "Some of those need more than ptlflow installs: "
-        + "; ".join(f"ptlflow:{name} ({needs})" for name, needs in BESIDES.items())
+        + "; ".join(f"{name} ({needs})" for name, needs in BESIDES.items())
         + ".",
         "OOD: trained on nothing of KITTI; ID: on KITTI, but on none of the evaluated pairs; LEAKED: on evaluated "
-        "pairs; undeclared: unknown, declare it with --trained-on C+T.",
+        "pairs; UNKNOWN: not documented, or declared by nobody (--trained-on C+T).",
         "multi-frame: supervised, and sees up to "
         f"{max(method.frames for method in known.values())} frames, including the pair; needs data with clips.",
         "Hardly any of the published weights state a licence.",
         "Your own: module.path:Attribute, an exported network (.onnx) or a folder of flow files.",
     ]
+
+
+def _published(search: str) -> list[str]:
+    """The published checkpoints of models with `search` in their name, and what each has seen."""
+    from ..benchmarks.setting import setting_of
+    from ..models import MODELS
+    from ..models.catalog import checkpoints, entries_of
+    from ..models.provenance import training_of_entry
+
+    names = sorted({*MODELS.names(), *(entry.model for entry in checkpoints())})
+    found = [name for name in names if search.lower() in name]
+    if not found:
+        raise unknown_name("model", search, names)
+    lines = []
+    for name in found:
+        entries = entries_of(name)
+        lines += [] if entries else [f"{name}: no published checkpoints"]
+        for entry in entries:
+            training = training_of_entry(entry)
+            settings = ", ".join(f"{setting_of(training, one)} on {one}" for one in ("kitti-fc", "sintel", "gopro-fc"))
+            lines.append(f"{name} {entry.checkpoint}: {settings}; trained on {entry.trained_on.replace('+', ', ')}")
+            lines.append(f"    confidence {entry.confidence}: {entry.note or 'as the authors state it'}")
+    return lines
+
+
+def _aligned(lines: list[tuple[str, ...]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]
 
 
 def _corruptions() -> list[str]:

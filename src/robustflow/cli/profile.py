@@ -81,8 +81,7 @@ def _print_model(
     into: Path | None,
 ) -> "tuple[Counts, PredictionCost | None]":
     from ..models import ModelSpec
-    from ..models.catalog import methods
-    from ..models.registry import PTLFLOW
+    from ..models.catalog import entries_of, methods
     from ..models.torch.find_checkpoint import RANDOM
     from ..profiling.counts import count
     from ..profiling.measure import measure_prediction
@@ -94,7 +93,7 @@ def _print_model(
     run = None if into is None else Run(into)
     height, width = parse_size(size)
     method = methods().get(name)
-    learns = name.startswith(PTLFLOW) or (method is not None and method.type != "knowledge")
+    learns = bool(entries_of(name)) or (method is not None and method.type != "knowledge")
     asked = {**({"checkpoint": RANDOM} if learns else {}), **dict(options)}
     if iterations is not None:
         asked["iterations"] = iterations

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .catalog import methods, published_names
+from .catalog import is_in_ptlflow, methods, published_names
 from .extras import require
 from .model_file import require_file
 from .networks.table import NETWORKS
@@ -32,14 +32,16 @@ def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, s
     if method is None:
         if Path(name).suffix.lower() in exported:
             require_file(Path(name).expanduser(), "file; give the path of the exported network")
-        return
-    source = NETWORKS[name].source if name in NETWORKS else SOURCES.get(method.source)
+        if not is_in_ptlflow(name):
+            return
+    library = "ptlflow" if method is None else method.source
+    source = NETWORKS[name].source if name in NETWORKS else SOURCES.get(library)
     if source is None:
         return
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, source, strict=False)
-    if method.source in SOURCES:
-        require(method.source, method.extra, f"model '{name}'")
+    if library in SOURCES:
+        require(library, method.extra if method else library, f"model '{name}'")
     else:
         require("torch", "torch", f"model '{name}'")
     if checkpoint is None:

@@ -12,10 +12,11 @@ from ..digest import digest_of_bytes
 from ..errors import ModelError, UsageError, unknown_name
 from ..target import import_target, source_of_target
 from .base import AnyModel, model_identity
+from .catalog import PTLFLOW, is_in_ptlflow, methods
 from .construct import as_model, construct, is_module, parameters_of, takes_two_frames
 from .early import refuse_early
 from .provenance import DECLARED
-from .registry import EXPORTED, MODELS, PTLFLOW, TORCHSCRIPT
+from .registry import EXPORTED, MODELS, TORCHSCRIPT
 from .tiling import tiled
 
 TORCH_OPTIONS = (
@@ -26,7 +27,8 @@ TORCH_OPTIONS = (
 
 
 def list_models() -> list[str]:
-    """Return the registered names that `load_model` knows, those of installed packages included; `ptlflow:NAME` is not.
+    """Return the registered names that `load_model` knows, those of installed packages included; ptlflow has further
+    ones (`robustflow list models`).
 
     >>> "dis" in list_models()
     True
@@ -38,9 +40,9 @@ def load_model(name: str, **options: Any) -> AnyModel:
     """Load a model.
 
     Args:
-        name: a registered name (`robustflow list models`), `ptlflow:NAME` for any model of that library,
-            `module.path:Attribute` (an object with `predict`, a PyTorch module, a class or factory that makes one, or
-            a function of two frames), an exported network (a .onnx file), or a folder of flow files.
+        name: a name of `robustflow list models`, among them every model of ptlflow; `module.path:Attribute` (an object
+            with `predict`, a PyTorch module, a class or factory that makes one, or a function of two frames); an
+            exported network (a .onnx file); or a folder of flow files.
         options: passed to the model's constructor (`preset="fast"` for `dis`). Every model also takes
             `tile="HEIGHTxWIDTH"`, to predict in tiles (see `tiling.TiledModel`).
 
@@ -67,10 +69,13 @@ def load_model(name: str, **options: Any) -> AnyModel:
     if "tile" in options and not (registered and "tile" in parameters_of(MODELS.get(name))):
         tile = options.pop("tile")
         return tiled(load_model(name, **options), tile)
-    if name.startswith(PTLFLOW):
-        from .ptlflow.clips import ptlflow_factory
-
-        return construct(ptlflow_factory(name, name.removeprefix(PTLFLOW)), name, options)
+    architecture = name.removeprefix(PTLFLOW)
+    if name.startswith(PTLFLOW) and (architecture not in methods() or methods()[architecture].frames > 2):
+        raise UsageError(
+            f"unknown model '{name}': write {architecture}; the prefix is for names that have another meaning"
+        )
+    if architecture != name or is_in_ptlflow(name):
+        return _load_from_ptlflow(name, architecture, options)
     if ":" in name and not Path(name).exists():
         return _load_attribute(name, options)
     if not registered and Path(name).expanduser().is_dir():
@@ -81,7 +86,7 @@ def load_model(name: str, **options: Any) -> AnyModel:
         from .ptlflow.pairs import is_of_ptlflow
 
         if is_of_ptlflow(name):
-            raise UsageError(f"unknown model '{name}': the library ptlflow has a model of this name, {PTLFLOW}{name}")
+            return _load_from_ptlflow(name, name, options)
     return construct(MODELS.get(name), name, options)
 
 
@@ -143,6 +148,12 @@ class ModelSpec:
         if source is not None:
             identity |= {"spec": self.name, "source": digest_of_bytes(source)}
         return identity
+
+
+def _load_from_ptlflow(name: str, architecture: str, options: dict[str, Any]) -> AnyModel:
+    from .ptlflow.clips import ptlflow_factory
+
+    return construct(ptlflow_factory(name, architecture), name, options)
 
 
 def _no_such_path(name: str) -> UsageError:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from ..errors import UsageError, unknown_name
-from .catalog import CheckpointEntry, checkpoints, methods
+from .catalog import CheckpointEntry, entries_of, methods
 from .torch.find_checkpoint import RANDOM
 
-Setting = Literal["knowledge", "OOD", "ID", "LEAKED", "untrained", "undeclared"]
+Setting = Literal["knowledge", "OOD", "ID", "LEAKED", "untrained", "UNKNOWN"]
 
 TRAINING_SETS = {
     "C": "flyingchairs",
@@ -33,7 +33,8 @@ TRAINING_SETS = {
     "X": "other",
 }
 """Training sets by their letters in the literature. `SET:train` is the part that a benchmark does not evaluate (see
-`PARTS`); "other" is anything that shares no frames and no scenes with any benchmark."""
+`PARTS`), `SET?` one that may have been used; "other" is anything that shares no frames and no scenes with any
+benchmark."""
 
 DECLARED = "trained_on"
 """The option of every model, and the attribute of a user's own, that declares its training sets."""
@@ -51,7 +52,8 @@ class Training:
     """What a model was trained on.
 
     Attributes:
-        sets: names among `TRAINING_SETS`, perhaps with ":train" or another of `PARTS`; None if unknown.
+        sets: names among `TRAINING_SETS`, perhaps with ":train" or another of `PARTS`, or with "?" if it may have been
+            used; None if unknown.
         basis: how that is known.
         note: what is uncertain.
         trained: False for methods that learn nothing and for random weights.
@@ -84,8 +86,8 @@ def training_of(identity: Mapping[str, Any], declared: str | None = None) -> Tra
         return Training(None, RANDOM, trained=False)
     if method is not None and method.type == "knowledge":
         return Training(None, KNOWLEDGE, trained=False)
-    for entry in checkpoints():
-        if entry.model == name and re.fullmatch("[0-9a-f]{64}", digest) and digest.startswith(entry.sha256):
+    for entry in entries_of(name):
+        if re.fullmatch("[0-9a-f]{64}", digest) and digest.startswith(entry.sha256):
             return training_of_entry(entry)
     if sets is not None:
         return Training(sets, "declared")
@@ -102,6 +104,8 @@ def parse_training_sets(text: str) -> tuple[str, ...]:
 
     >>> parse_training_sets("C+T>K:train")
     ('flyingchairs', 'flyingthings3d', 'kitti2015:train')
+    >>> parse_training_sets("C+T+K?")
+    ('flyingchairs', 'flyingthings3d', 'kitti2015?')
     >>> parse_training_sets("Sintel, other")
     ('sintel', 'other')
 
@@ -110,7 +114,8 @@ def parse_training_sets(text: str) -> tuple[str, ...]:
     """
     sets: list[str] = []
     for part in re.split(r"[+>,\s]+", str(text).strip()):
-        name, colon, which = part.partition(":")
+        certain = part.removesuffix("?")
+        name, colon, which = certain.partition(":")
         known = TRAINING_SETS.get(name.upper(), name.lower())
         if known not in TRAINING_SETS.values():
             raise unknown_name("training set", name, [*TRAINING_SETS.values(), *TRAINING_SETS])
@@ -120,5 +125,5 @@ def parse_training_sets(text: str) -> tuple[str, ...]:
                 f"unknown part of a training set in '{part}': write {known}, or {known}:train for what is not "
                 f"evaluated; parts of it are {', '.join(parts)}"
             )
-        sets.append(known + colon + which)
+        sets.append(known + colon + which + part[len(certain) :])
     return tuple(dict.fromkeys(sets))

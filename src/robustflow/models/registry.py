@@ -27,9 +27,6 @@ MODELS.add("raft_large", "robustflow.models.torch.torchvision:raft_large")
 MODELS.add("raft_small", "robustflow.models.torch.torchvision:raft_small")
 MODELS.add("onnx", "robustflow.models.onnx:OnnxModel")
 
-PTLFLOW = "ptlflow:"
-"""Prefix of the names of ptlflow's models."""
-
 EXPORTED = {".onnx": "onnx"}
 """Extensions of files that are a model by themselves, and the model that reads them."""
 

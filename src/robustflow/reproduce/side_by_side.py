@@ -54,7 +54,7 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
     here = _values(run_results([run], beside_published=True))
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
     levels = run.manifest["selection"]["severities"]
-    setting = "training not stated" if run.setting == "undeclared" else run.setting
+    setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
     differs = setting not in (runnable.variant.setting, "untrained")
     notes = (
         runnable.weights,

@@ -20,8 +20,9 @@ from typing import Any
 
 from ..atomic import write_json
 from ..errors import RunError
+from ..models.catalog import PTLFLOW, is_in_ptlflow
 from ..models.loading import ModelSpec
-from ..models.registry import MODELS, PTLFLOW
+from ..models.registry import MODELS
 from ..text import plain
 
 FILE = "source.json"
@@ -96,7 +97,7 @@ _LIKE_A_PATH = re.compile(r"[/\\:~]|\.[A-Za-z]\w*$")
 
 
 def _registered(name: str) -> bool:
-    return name in MODELS.names() or (name.startswith(PTLFLOW) and name.removeprefix(PTLFLOW).isidentifier())
+    return name.removeprefix(PTLFLOW) in MODELS.names() or is_in_ptlflow(name)
 
 
 def _option(key: str) -> str:

@@ -6,7 +6,6 @@ import csv
 from functools import cache
 from importlib.resources import files
 
-from ..models.registry import PTLFLOW
 from .recipe import Recipe
 
 TABLE = "memory.csv"
@@ -26,7 +25,7 @@ def expected_memory(recipe: Recipe) -> float | None:
     >>> 13 < expected_memory(recipe) < 15, expected_memory(recipe.changed(batch=1)) < 2.6
     (True, True)
     """
-    row = _table().get(recipe.method.removeprefix(PTLFLOW))
+    row = _table().get(recipe.method)
     if row is None:
         return None
     pixels, rounds = recipe.crop[0] * recipe.crop[1], recipe.iterations or 1

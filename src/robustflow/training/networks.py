@@ -12,8 +12,9 @@ from torch import Tensor, nn
 
 from ..errors import UsageError
 from ..models import load_model
+from ..models.catalog import PTLFLOW
 from ..models.construct import parameters_of
-from ..models.registry import MODELS, PTLFLOW
+from ..models.registry import MODELS
 from ..models.tiling import TiledModel
 from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.fit import fitted_values, unfitted_flow

@@ -23,10 +23,7 @@ NAMES = (
     "videoflow_mof",
     "memflow",
     "streamflow",
-    *(
-        pytest.param(name, marks=pytest.mark.slow)
-        for name in ("videoflow_bof", "memflow_t", "memfof", "ptlflow:starflow")
-    ),
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("videoflow_bof", "memflow_t", "memfof", "starflow")),
 )
 LENGTH = 7
 
@@ -90,7 +87,7 @@ def fresh(ptlflow, name):
     """The library's own model, built and set as a user of the library would, with the adapter's weights."""
     model = adapter(name)
     with contextlib.redirect_stdout(io.StringIO()):
-        reference = ptlflow.get_model_reference(name.removeprefix("ptlflow:"))
+        reference = ptlflow.get_model_reference(name)
         options = {"backbone_weights": None} if name == "memfof" else {}
         if "starflow" not in name:
             options["iters" if name in ("streamflow", "memfof") else "decoder_depth"] = 2
@@ -113,7 +110,7 @@ def from_the_library(net, name, first):
         elif name == "streamflow":
             start = min(max(first - 2, 0), LENGTH - 4)
             wanted = net({"images": images_of(frames[start : start + 4])})["flows"][0, first - start]
-        elif name == "ptlflow:starflow":
+        elif name == "starflow":
             wanted = net({"images": images_of(frames[max(0, first - 2) : first + 2])})["flows"][0, -1]
         elif name == "videoflow_mof":
             wanted = videoflow(net, [frames[0], *frames], first + 1)
@@ -152,7 +149,7 @@ def test_bit_equal_to_the_library_anywhere_in_a_sequence(library, capsys, name):
 
 
 @pytest.mark.torch
-@pytest.mark.parametrize("name", ["memflow", pytest.param("ptlflow:starflow", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["memflow", pytest.param("starflow", marks=pytest.mark.slow)])
 def test_models_that_begin_with_two_frames(library, name):
     model = adapter(name)
     assert isinstance(model, FlowModel)
@@ -183,7 +180,7 @@ def test_models_that_need_more(library, name):
 @pytest.mark.torch
 def test_how_many_frames_the_memory_gets(library):
     assert load_model("memflow", checkpoint="random").window == CLIPS["memflow"].window
-    assert load_model("ptlflow:memflow", checkpoint="random", before=2).window.before == 2
+    assert load_model("memflow", checkpoint="random", before=2).window.before == 2
     for wrong in (0, 1.5):
         with pytest.raises(UsageError, match="before must be a whole number"):
             load_model("memflow", checkpoint="random", before=wrong)

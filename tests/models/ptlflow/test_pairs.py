@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import inspect
 import subprocess
 import sys
@@ -16,6 +15,7 @@ import pytest
 from robustflow import load_model
 from robustflow.errors import ModelError, UsageError
 from robustflow.models import ModelSpec
+from robustflow.models.catalog import PTLFLOW
 from robustflow.models.ptlflow.pairs import BESIDES
 from robustflow.models.registry import MODELS
 
@@ -24,7 +24,7 @@ from ..textures import textured_pair
 PAPER = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", "flowformer_pp")
 
 
-@pytest.mark.parametrize("name", [*PAPER, "ptlflow:dpflow"])
+@pytest.mark.parametrize("name", [*PAPER, "dpflow"])
 def test_without_the_extra_the_message_names_it(name, monkeypatch):
     find = util.find_spec
     monkeypatch.setattr(
@@ -142,10 +142,8 @@ def test_any_other_model_by_its_name(library):
     model = load_model("ptlflow:raft_small", checkpoint="random", iterations=1, device="cpu")
     assert model.predict(*frames).shape == (128, 160, 2)
     assert load_model("ptlflow:raft", checkpoint="random").identity()["iterations"] == 32
-    with pytest.raises(UsageError, match="did you mean 'dpflow'"):
-        load_model("ptlflow:dpflo")
     with pytest.raises(UsageError, match="no single number of iterations"):
-        load_model("ptlflow:pwcnet", checkpoint="random", iterations=3)
+        load_model("pwcnet", checkpoint="random", iterations=3)
     spec = ModelSpec("ptlflow:raft_small", (("checkpoint", "random"),))
     assert "source" not in spec.identity(model), "the library is known by its version, not by a file's hash"
 
@@ -203,14 +201,14 @@ def test_a_checkpoint_as_the_librarys_trainer_writes_it(library, tmp_path):
 def test_what_a_memory_network_keeps_beside_its_weights_is_set(library, tmp_path):
     import torch
 
-    state = load_model("ptlflow:memflow", checkpoint="random").net.model.state_dict()
+    state = load_model("memflow", checkpoint="random").net.model.state_dict()
     for value, says in ((4000, None), ("4000", "its train_avg_length is '4000'")):
         torch.save({"state_dict": state, "hyper_parameters": {"train_avg_length": value}}, tmp_path / "memory.ckpt")
         if says:
             with pytest.raises(ModelError, match=says):
-                load_model("ptlflow:memflow", checkpoint=tmp_path / "memory.ckpt")
+                load_model("memflow", checkpoint=tmp_path / "memory.ckpt")
         else:
-            model = load_model("ptlflow:memflow", checkpoint=tmp_path / "memory.ckpt")
+            model = load_model("memflow", checkpoint=tmp_path / "memory.ckpt")
             assert model.net.model.train_avg_length == model.identity()["train_avg_length"] == value
 
 
@@ -267,7 +265,7 @@ def test_the_first_import_is_silent(library):
 def test_constructors_that_write_into_their_defaults(library, capsys, name):
     """They get lists, as from the library's own loader; recover_rn takes its own through those of its base."""
     frames = textured_pair(128, 136)
-    model = load_model(f"ptlflow:{name}", checkpoint="random", iterations=2, device="cpu")
+    model = load_model(name, checkpoint="random", iterations=2, device="cpu")
     assert model.identity()["iterations"] == 2
     expected = from_the_library(library, name, model, frames, 2)
     np.testing.assert_array_equal(model.predict(*frames), expected)
@@ -280,8 +278,8 @@ def test_what_ptlflow_does_not_install_is_named_before_a_checkpoint_is_sought(li
 
     splatflow = sys.modules["ptlflow.models.splatflow.splatflow"]
     monkeypatch.setattr(splatflow, "forward_warping", None)  # as ptlflow sets it where there is no cupy
-    with pytest.raises(ModelError, match=r"'ptlflow:splatflow' needs cupy, for CUDA, .*splatflow/README\.md") as error:
-        load_model("ptlflow:splatflow", checkpoint=checkpoint)
+    with pytest.raises(ModelError, match=r"'splatflow' needs cupy, for CUDA, .*splatflow/README\.md") as error:
+        load_model("splatflow", checkpoint=checkpoint)
     assert "\n" not in str(error.value)
 
 
@@ -302,22 +300,33 @@ def test_what_else_a_constructor_lacks_is_one_line(library, monkeypatch):
 
 
 @pytest.mark.torch
-def test_a_name_without_its_prefix(library):
-    with pytest.raises(UsageError, match=r"unknown model 'splatflow': .* ptlflow:splatflow"):
-        load_model("splatflow")
+def test_prefix_of_a_name_that_has_one_meaning_is_refused(library):
+    for name in ("dpflow", "memflow"):
+        with pytest.raises(UsageError, match=f"unknown model 'ptlflow:{name}': write {name}"):
+            load_model(f"ptlflow:{name}")
     with pytest.raises(UsageError, match="unknown model 'splatflov': did you mean"):
         load_model("splatflov")
 
 
 @pytest.mark.slow
 @pytest.mark.torch
-def test_every_model_of_the_library_is_built_or_says_what_it_needs(library):
+def test_every_model_of_the_library_predicts_or_says_what_it_needs(library):
     names = library.get_model_names()
     assert set(BESIDES) <= set(names)
+    frames = textured_pair(128, 192)
     for name in names:
         needs = BESIDES.get(name)
-        expected = (
-            contextlib.nullcontext() if needs is None else pytest.raises(ModelError, match=f"needs {needs}, which")
-        )
-        with expected:
-            assert load_model(f"ptlflow:{name}", checkpoint="random", device="cpu").identity()["checkpoint"] == "random"
+        known = f"{PTLFLOW}{name}" if name == "raft_small" else name
+        if needs is not None:
+            with pytest.raises(ModelError, match=f"needs {needs}, which"):
+                load_model(known, checkpoint="random", device="cpu")
+            continue
+        model = load_model(known, checkpoint="random", device="cpu")
+        assert model.identity()["name"] == known
+        if hasattr(model, "predict"):
+            flow = model.predict(*frames)
+        else:
+            offsets = model.window.offsets(range(-5, 7))
+            flow = model.predict_clip([frames[offset % 2] for offset in offsets], offsets.index(0))
+        assert flow.shape == (128, 192, 2)
+        assert np.isfinite(flow).all(), name

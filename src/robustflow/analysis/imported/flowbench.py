@@ -25,7 +25,7 @@ from typing import Any
 from ...benchmarks.setting import setting_of
 from ...errors import DataError
 from ...metrics.rows import CLEAN
-from ...models.catalog import checkpoints
+from ...models.catalog import PTLFLOW, entries_of
 from ...models.provenance import training_of_entry
 from ...severity import SEVERITIES
 from ...text import plain
@@ -166,7 +166,7 @@ def _experiment(entry: dict[str, Any], where: str) -> Experiment:
 
 def _setting(dataset: str, model: str, checkpoint: str) -> str:
     """What the catalogue says of the checkpoint of this name: FlowBench takes its models from ptlflow."""
-    for entry in checkpoints():
-        if (entry.model.removeprefix("ptlflow:"), entry.checkpoint) == (model, checkpoint):
+    for entry in entries_of(f"{PTLFLOW}{model}"):
+        if entry.checkpoint == checkpoint:
             return setting_of(training_of_entry(entry), FLOWBENCH_DATASETS[dataset])
     return OWN_SETTING

@@ -1,7 +1,7 @@
 """What is known about the methods and their public checkpoints, as data: `methods.csv` and `checkpoints.csv`.
 
-The training sets of a checkpoint are those that its authors state; if they contradict themselves, `note` says so and
-the larger set is used.
+The training sets of a checkpoint are what its authors' code, documentation and answers say. A set that it may have seen
+has a question mark: `kitti2015?`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,10 @@ from typing import Literal
 from pydantic import Field
 
 from ...validated import Frozen
+
+PTLFLOW = "ptlflow:"
+"""Prefix of ptlflow's models whose names mean something else here: `raft` takes the paper's 12 iterations,
+`ptlflow:raft` the library's 32; `raft_small` is torchvision's."""
 
 _ADDRESSES = {
     "ptlflow": "https://github.com/hmorimitsu/ptlflow/releases/download/weights1/",
@@ -36,7 +40,6 @@ class MethodEntry(Frozen):
         extra: the extra of the installation that it needs, "" for none.
         frames: the most that it is given: 2, or more for a multi-frame method.
         code_licence: of that implementation; hardly any weights state one.
-        undeclared: names of its public checkpoints whose training sets the catalogue does not know, joined by "+".
     """
 
     model: str
@@ -47,28 +50,29 @@ class MethodEntry(Frozen):
     extra: Literal["", "torch", "ptlflow"]
     code_licence: str
     frames: int = Field(default=2, ge=2)
-    undeclared: str = ""
 
 
 class CheckpointEntry(Frozen):
     """A public checkpoint.
 
     Attributes:
-        model: the name of the model it is for.
+        model: the name of the model it is for; `ptlflow:NAME` where NAME is another library's model.
         checkpoint: its name.
         file: its file's name.
         sha256: the first eight digits of the file's hash.
-        trained_on: training sets, in the words of `provenance.TRAINING_SETS`, separated by "+".
-        confidence: of `trained_on`.
-        note: what is uncertain, or what else it was trained on.
+        trained_on: training sets, in the words of `provenance.TRAINING_SETS`, separated by "+"; one that it may have
+            seen ends in "?".
+        confidence: of `trained_on`: "high" for the authors' code, documentation or answer; "medium" for their naming, a
+            reproduction by others, or an accuracy that fits; "low" if it is not documented.
+        note: the evidence, and what is uncertain.
     """
 
     model: str
     checkpoint: str
     file: str
     sha256: str = Field(pattern="^[0-9a-f]{8}$")
-    trained_on: str = Field(pattern=r"^[a-z0-9+-]+$")
-    confidence: Literal["high", "medium"]
+    trained_on: str = Field(pattern=r"^[a-z0-9+?-]+$")
+    confidence: Literal["high", "medium", "low"]
     note: str
 
     @property
@@ -102,15 +106,32 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
     return tuple(map(CheckpointEntry.model_validate, _lines("checkpoints")))
 
 
+def entries_of(model: str) -> list[CheckpointEntry]:
+    """The public checkpoints of a model; `ptlflow:NAME` has those of NAME, unless NAME is another library's model.
+
+    >>> entries_of("ptlflow:raft") == entries_of("raft"), entries_of("ptlflow:raft_small") == entries_of("raft_small")
+    (True, False)
+    """
+    named = [entry for entry in checkpoints() if entry.model == model]
+    return named or [entry for entry in checkpoints() if entry.model == model.removeprefix(PTLFLOW)]
+
+
+def is_in_ptlflow(model: str) -> bool:
+    """Whether a name that is not registered is one of ptlflow's models with public checkpoints.
+
+    >>> is_in_ptlflow("sea_raft_m"), is_in_ptlflow("dis")
+    (True, False)
+    """
+    return model not in methods() and any(entry.model == model for entry in checkpoints())
+
+
 def published_names(model: str) -> list[str]:
     """Names of the public checkpoints of a model, as far as the catalogue knows them.
 
     >>> published_names("raft_small")
     ['C_T_V1', 'C_T_V2']
     """
-    method = methods().get(model)
-    undeclared = method.undeclared.split("+") if method and method.undeclared else []
-    return [entry.checkpoint for entry in checkpoints() if entry.model == model] + undeclared
+    return [entry.checkpoint for entry in entries_of(model)]
 
 
 def is_installed(method: MethodEntry) -> bool:

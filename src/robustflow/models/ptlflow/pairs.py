@@ -1,4 +1,4 @@
-"""Models of the library ptlflow: the paper's eight under their names, any other as `ptlflow:NAME`.
+"""Models of the library ptlflow, by its names.
 
 Needs the ptlflow extra when a model is built. Its import takes seconds and prints, so it is late and silenced.
 """
@@ -107,7 +107,7 @@ def ptlflow_network(
     execution: Execution,
 ) -> NetworkModel:
     """A network of ptlflow as `wrap` makes it callable; arguments and errors as of `ptlflow_model`."""
-    names = published_names(architecture)
+    names = published_names(name)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
     require("ptlflow", "ptlflow", f"model '{name}'")
     if checkpoint is None and names:
