@@ -10,6 +10,7 @@ from .catalog import is_in_ptlflow, methods, published_names
 from .extras import require
 from .model_file import require_file
 from .networks.table import NETWORKS
+from .ptlflow.pairs import BESIDES
 from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
 
 
@@ -44,5 +45,5 @@ def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, s
         require(library, method.extra if method else library, f"model '{name}'")
     else:
         require("torch", "torch", f"model '{name}'")
-    if checkpoint is None:
+    if checkpoint is None and name not in BESIDES:
         raise needs_checkpoint(name, names, source)

@@ -313,7 +313,7 @@ def test_prefix_of_a_name_that_has_one_meaning_is_refused(library):
 def test_every_model_of_the_library_predicts_or_says_what_it_needs(library):
     names = library.get_model_names()
     assert set(BESIDES) <= set(names)
-    frames = textured_pair(128, 192)
+    frames = textured_pair(256, 384)  # the least that all take
     for name in names:
         needs = BESIDES.get(name)
         known = f"{PTLFLOW}{name}" if name == "raft_small" else name
@@ -328,5 +328,5 @@ def test_every_model_of_the_library_predicts_or_says_what_it_needs(library):
         else:
             offsets = model.window.offsets(range(-5, 7))
             flow = model.predict_clip([frames[offset % 2] for offset in offsets], offsets.index(0))
-        assert flow.shape == (128, 192, 2)
+        assert flow.shape == (256, 384, 2)
         assert np.isfinite(flow).all(), name

@@ -110,7 +110,7 @@ def ptlflow_network(
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
     require("ptlflow", "ptlflow", f"model '{name}'")
-    if checkpoint is None and names:
+    if checkpoint is None and names and architecture not in BESIDES:
         raise needs_checkpoint(name, names, _SOURCE)  # checked first: the library takes seconds to import
     with _silence():
         import ptlflow
@@ -128,6 +128,8 @@ def ptlflow_network(
 
     if architecture in BESIDES:
         build()  # fails before a checkpoint is requested and fetched in vain
+        if checkpoint is None and names:
+            raise needs_checkpoint(name, names, _SOURCE)
     return network_model(
         name,
         build,
