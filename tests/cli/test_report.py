@@ -148,6 +148,18 @@ def test_a_comparison_in_a_format_for_papers(robustflow, runs, format):
     assert Path("two.txt").read_text() == render(compare(*map(Result, runs)).table(), format)
 
 
+def test_power_of_what_has_no_variance_is_one_line(robustflow, runs):
+    for wrong, exit_code in (
+        (runs, 1),  # a single pair
+        ((*runs, "--effect", "0"), 2),
+        ((runs[0],), 2),
+        ((*runs, "--format", "csv", "--json"), 2),
+    ):
+        code, _, error = robustflow("power", *wrong)
+        assert code == exit_code
+        assert len(error.splitlines()) == 1
+
+
 def test_many_are_compared_in_a_line_each(robustflow, runs):
     third = (*runs, runs[0])  # the same run twice: told apart by a number
     code, out, _ = robustflow("compare", *third, "--metric", "epe", "--format", "csv")

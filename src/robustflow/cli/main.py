@@ -27,6 +27,7 @@ from .leaderboard import leaderboard
 from .listing import list_things
 from .optics import app as optics
 from .pack import pack
+from .power import power
 from .predict import predict
 from .prepare import prepare
 from .profile import profile
@@ -40,7 +41,13 @@ from .verify import verify
 _PANELS: dict[str, dict[str, Callable[..., None] | typer.Typer]] = {
     "Measure": {"run": run, "predict": predict, "show": show, "profile": profile},
     "Look": {"report": report, "gallery": gallery, "examples": examples},
-    "Compare and share": {"compare": compare, "leaderboard": leaderboard, "pack": pack, "verify": verify},
+    "Compare and share": {
+        "compare": compare,
+        "power": power,
+        "leaderboard": leaderboard,
+        "pack": pack,
+        "verify": verify,
+    },
     "Train": {"train": train, "experiment": experiment},
     "The paper": {"reproduce": reproduce, "audit": audit, "displacement": displacement},
     "Make": {"corrupt": corrupt, "export": export, "calibrate": calibrate, "prepare": prepare, "optics": optics},

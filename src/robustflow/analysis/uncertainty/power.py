@@ -1,0 +1,153 @@
+"""How many pairs a comparison of two models needs, planned from what was measured.
+
+With G clusters (drives or sequences, or single pairs where they are independent) the difference of two means has the
+standard error s / sqrt(G). If the models differ by `effect`, the difference over its estimated standard error follows,
+to first order, the noncentral t distribution with G - 1 degrees of freedom and noncentrality sqrt(G) effect / s. The
+test finds the difference when that exceeds the t distribution's quantile. More pairs mean more clusters like those
+measured: more frames of the same drives say less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from ...errors import RunError, UsageError
+from ...runs.comparable import common_rows
+from ...text import counted
+from .bootstrap import LEVEL
+from .sums import AVERAGE, ClusterSums
+
+POWER = 0.8
+PLANNED_METRICS = ("epe", "cre", "rcre")
+_MOST_CLUSTERS = 10**9
+
+POWER_SCHEMA: dict[str, Any] = {
+    "first": pl.String,
+    "second": pl.String,
+    "metric": pl.String,
+    "difference": pl.Float64,
+    "standard_error": pl.Float64,
+    "images": pl.Int64,
+    "clusters": pl.Int64,
+    "detectable": pl.Float64,
+    "effect": pl.Float64,
+    "power": pl.Float64,
+    "images_needed": pl.Int64,
+    "clusters_needed": pl.Int64,
+}
+"""`detectable`: the difference that these clusters find with the wanted power, pixels. `power`: of finding `effect`
+with these clusters. `images_needed` and `clusters_needed`: to find `effect` with the wanted power."""
+
+
+def power_of(effect: float, deviation: float, clusters: int, level: float = LEVEL) -> float:
+    """The probability that the paired test finds a difference, whichever model is better.
+
+    Args:
+        effect: the true difference, pixels.
+        deviation: s above, the standard deviation of a cluster's contribution, pixels.
+        clusters: G, at least 2.
+        level: 1 minus the significance of the test.
+
+    >>> round(power_of(0.5, 1.0, 34), 3)
+    0.808
+    """
+    from scipy.stats import nct, t
+
+    if deviation == 0:
+        return 1.0 if effect else 1 - level
+    freedom = clusters - 1
+    noncentrality = abs(effect) * math.sqrt(clusters) / deviation
+    quantile = float(t.ppf((1 + level) / 2, freedom))
+    if noncentrality > quantile + 10:
+        return 1.0
+    return float(nct.sf(quantile, freedom, noncentrality) + np.nan_to_num(nct.cdf(-quantile, freedom, noncentrality)))
+
+
+def clusters_needed(effect: float, deviation: float, power: float = POWER, level: float = LEVEL) -> int | None:
+    """The fewest clusters with which the test has the wanted power; None if a billion are too few.
+
+    >>> clusters_needed(0.5, 1.0)
+    34
+    """
+    few, many = 1, 2
+    while power_of(effect, deviation, many, level) < power:
+        few, many = many, 2 * many
+        if many > _MOST_CLUSTERS:
+            return None
+    while many - few > 1:
+        middle = (few + many) // 2
+        few, many = (few, middle) if power_of(effect, deviation, middle, level) >= power else (middle, many)
+    return many
+
+
+def detectable(deviation: float, clusters: int, power: float = POWER, level: float = LEVEL) -> float:
+    """The smallest difference, pixels, that the test finds with the wanted power.
+
+    >>> round(detectable(1.0, 34), 3)
+    0.495
+    """
+    from scipy.optimize import brentq
+
+    if deviation == 0:
+        return 0.0
+    scale = deviation / math.sqrt(clusters)
+    most = scale
+    while power_of(most, deviation, clusters, level) < power:
+        most *= 2
+    return float(brentq(lambda effect: power_of(effect, deviation, clusters, level) - power, 0.0, most))
+
+
+def plan_pairs(
+    runs: Mapping[str, pl.DataFrame], effect: float, *, power: float = POWER, level: float = LEVEL
+) -> pl.DataFrame:
+    """How many pairs find a difference, for every two models and for the averages of EPE, CRE and RCRE.
+
+    Args:
+        runs: name -> rows; only what both models of a comparison measured on the same frames and ground truth counts.
+        effect: the difference to be found, pixels.
+        power: the probability of finding it.
+        level: 1 minus the significance of the test.
+
+    Returns:
+        Columns of `POWER_SCHEMA`; metrics that were not measured are left out.
+
+    Raises:
+        UsageError: an effect that is not positive; a power or level that is not a probability; fewer than two runs.
+        RunError: fewer than two clusters, which have no variance; nothing in common.
+    """
+    if not (math.isfinite(effect) and effect > 0):
+        raise UsageError(f"effect {effect:g}: give a difference in pixels above 0")
+    for name, value in (("power", power), ("level", level)):
+        if not 0 < value < 1:
+            raise UsageError(f"{name} {value:g}: give a probability between 0 and 1")
+    if len(runs) < 2:
+        raise UsageError("one run has no difference to plan for: give the runs of two models or more")
+    records = []
+    for names in combinations(runs, 2):
+        first, second = (ClusterSums.of(rows) for rows in common_rows([runs[name] for name in names], list(names))[0])
+        count = len(first.clusters)
+        if count < 2:
+            raise RunError(
+                f"{names[0]} and {names[1]} have {counted(first.images, 'pair')} of one sequence in common, which has "
+                "no variance: run both on pairs of two sequences or more"
+            )
+        for metric in PLANNED_METRICS:
+            if not (first.measured(metric, AVERAGE) and second.measured(metric, AVERAGE)):
+                continue
+            whole = (first.statistic(metric, AVERAGE) - second.statistic(metric, AVERAGE))(np.ones((1, count)))
+            difference, error = float(whole.theta[0]), float(whole.standard_error[0])
+            deviation = error * math.sqrt(count)
+            wanted = clusters_needed(effect, deviation, power, level)
+            pairs = None if wanted is None else math.ceil(wanted * first.images / count)
+            known = (difference, error, first.images, count, detectable(deviation, count, power, level))
+            planned = (effect, power_of(effect, deviation, count, level), pairs, wanted)
+            records.append((*names, metric, *known, *planned))
+    if not records:
+        raise RunError("these runs have no average in common: run them on the same pairs under the same corruptions")
+    return pl.DataFrame(records, schema=POWER_SCHEMA, orient="row")

@@ -1,0 +1,52 @@
+"""The table of how many pairs a comparison needs."""
+
+from __future__ import annotations
+
+import polars as pl
+
+from ..analysis.labels import METRIC_LABELS
+from ..text import plain
+from .table import Column, Line, Section, Table, TableCell
+
+
+def power_table(plan: pl.DataFrame, power: float, level: float) -> Table:
+    """The plan of `analysis.uncertainty.power.plan_pairs`: a section per metric, a line per comparison."""
+    effect = plan["effect"][0]
+    columns = (
+        Column("difference (px)"),
+        Column("detectable now (px)"),
+        Column("pairs now"),
+        Column("groups now"),
+        Column(f"power for {effect:g} px"),
+        Column(f"pairs for {effect:g} px"),
+        Column("groups"),
+    )
+    sections = []
+    for metric in plan["metric"].unique(maintain_order=True):
+        lines = tuple(
+            Line(
+                f"{plain(row['first'])} - {plain(row['second'])}",
+                (
+                    TableCell(f"{row['difference']:+.3f}"),
+                    TableCell(f"{row['detectable']:.3f}"),
+                    TableCell(f"{row['images']:,}"),
+                    TableCell(f"{row['clusters']:,}"),
+                    TableCell(f"{100 * row['power']:.0f} %"),
+                    TableCell(_count(row["images_needed"])),
+                    TableCell(_count(row["clusters_needed"])),
+                ),
+            )
+            for row in plan.filter(metric=metric).iter_rows(named=True)
+        )
+        sections.append(Section(f"Average {METRIC_LABELS[metric]}", lines))
+    about = (
+        f"detectable: the difference that a paired test at the {100 * (1 - level):g} % level finds with a probability "
+        f"of {100 * power:g} %. A group is a drive or a sequence, or a pair that belongs to none; the numbers of pairs "
+        "are for as many pairs a group as here. They are estimates from the variance of these runs: with few groups "
+        "they can be far off."
+    )
+    return Table("power", "Pairs that a comparison needs", columns, tuple(sections), (about,), "Comparison")
+
+
+def _count(number: int | None) -> str:
+    return "over 10^9" if number is None else f"{number:,}"

@@ -1,0 +1,87 @@
+"""How many pairs a comparison needs: the plan against simulated tests."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.analysis.uncertainty.power import clusters_needed, detectable, plan_pairs, power_of
+from robustflow.datasets.kitti_drives import drive_groups
+from robustflow.datasets.split import kitti_split
+from robustflow.errors import RunError, UsageError
+from robustflow.report.power_table import power_table
+from robustflow.report.render import render
+
+from .simulated import rows_of
+
+KEYS = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
+DRIVES = [drive_groups("kitti2015")[key] for key in KEYS]
+
+
+def _simulated(effect: float, of_drive: float, of_pair: float, repeats: int = 20_000) -> tuple[np.ndarray, np.ndarray]:
+    """Mean differences of two models, of either sign, and their standard errors, for pairs in KITTI's drives."""
+    rng = np.random.default_rng(3)
+    sizes = np.unique(DRIVES, return_counts=True)[1]
+    signs = np.where(np.arange(repeats) % 2, effect, -effect)[:, None]
+    totals = sizes * (signs + of_drive * rng.normal(size=(repeats, len(sizes))))
+    totals += of_pair * np.sqrt(sizes) * rng.normal(size=(repeats, len(sizes)))
+    means = totals.sum(axis=1) / len(KEYS)
+    influence = (totals - means[:, None] * sizes) / len(KEYS)
+    return means, np.sqrt(len(sizes) / (len(sizes) - 1) * np.square(influence).sum(axis=1))
+
+
+@pytest.mark.parametrize(("of_drive", "of_pair"), [(0.0, 1.0), (0.3, 0.6), (0.3, 0.3)])
+@pytest.mark.parametrize("planned", [0.6, 0.8, 0.9])
+def test_planned_power_is_that_of_simulated_tests_on_the_drives_of_kitti(of_drive, of_pair, planned):
+    """Planned from the standard error that a run on these drives has on average."""
+    from scipy.stats import t
+
+    count = len(set(DRIVES))
+    error = np.sqrt(np.mean(np.square(_simulated(0.0, of_drive, of_pair)[1])))
+    effect = detectable(error * np.sqrt(count), count, planned)
+    means, errors = _simulated(effect, of_drive, of_pair)
+    found = np.mean(np.abs(means / errors) > t.ppf(0.975, count - 1))
+    assert abs(found - planned) <= 0.03
+
+
+@given(st.floats(0.01, 2), st.floats(0.01, 2), st.floats(0.5, 0.95))
+def test_number_of_clusters_is_the_least_with_the_wanted_power(effect, deviation, wanted):
+    number = clusters_needed(effect, deviation, wanted)
+    assert power_of(effect, deviation, number) >= wanted
+    assert number == 2 or power_of(effect, deviation, number - 1) < wanted
+    assert detectable(deviation, number, wanted) <= effect * (1 + 1e-9)
+
+
+def test_plan_has_the_standard_error_of_the_difference_of_the_pairs():
+    rng = np.random.default_rng(0)
+    clean, corrupted, moved = rng.gamma(4, 1, 40), rng.gamma(4, 1, (40, 3)), rng.gamma(4, 1, (40, 3))
+    other = corrupted + rng.normal(0.2, 0.5, (40, 3))
+    plan = plan_pairs({"a": rows_of(clean, other, moved), "b": rows_of(clean, corrupted, moved)}, 0.1)
+    epe = plan.filter(metric="epe").row(0, named=True)
+    weights = np.array([0.25, 0.25, 0.5])  # fog at two severities, then snow
+    differences = (other - corrupted) @ weights
+    assert epe["difference"] == pytest.approx(differences.mean())
+    assert epe["standard_error"] == pytest.approx(differences.std(ddof=1) / np.sqrt(40))
+    assert epe["clusters_needed"] == epe["images_needed"] == clusters_needed(0.1, differences.std(ddof=1))
+    assert plan["metric"].to_list() == ["epe", "cre", "rcre"]
+    table = render(power_table(plan, 0.8, 0.95), "csv")
+    assert f"{epe['difference']:+.3f},{epe['detectable']:.3f},40,40," in table
+    assert "pairs for 0.1 px" in table
+
+
+def test_plan_without_a_variance_says_so():
+    one = rows_of(np.ones(1), np.ones((1, 3)), np.ones((1, 3)))
+    with pytest.raises(RunError, match="1 pair of one sequence in common, which has no variance"):
+        plan_pairs({"a": one, "b": one}, 0.1)
+    for wrong in (
+        {"effect": 0.0},
+        {"effect": float("nan")},
+        {"effect": 0.1, "power": 1.0},
+        {"effect": 0.1, "level": 0},
+    ):
+        with pytest.raises(UsageError, match="give a"):
+            plan_pairs({"a": one, "b": one}, **wrong)
+    with pytest.raises(UsageError, match="two models"):
+        plan_pairs({"a": one}, 0.1)
