@@ -16,7 +16,7 @@ import robustflow
 import robustflow.metrics
 import robustflow.testing
 from robustflow.cli.main import app
-from robustflow.errors import ModelError
+from robustflow.errors import AssetError
 
 _METRICS = ("epe", "fl_all", "rcre")
 """Those of `robustflow.metrics` that are for a user's arrays."""
@@ -38,7 +38,7 @@ def _python(module: ModuleType, names: Iterable[str]) -> Iterator[str]:
     for name in names:
         try:
             thing = getattr(module, name)
-        except ModelError:  # it needs an extra that is not installed
+        except AssetError:  # it needs an extra that is not installed
             continue
         if inspect.ismodule(thing):
             continue

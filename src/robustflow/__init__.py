@@ -96,7 +96,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'robustflow' has no attribute '{name}'")
     if name == "TorchModel":
-        from .models.extras import require
+        from .extras import require
 
-        require("torch", "torch", "TorchModel")
+        require("torch", "TorchModel")
     return getattr(import_module(f".{_HOMES[name]}", __name__), name)

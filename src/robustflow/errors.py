@@ -31,7 +31,7 @@ class DataError(RobustFlowError):
 
 
 class AssetError(RobustFlowError):
-    """Something that a corruption or model needs (textures, weights) is not on this machine."""
+    """Something that a corruption, model or command needs (textures, weights, a library) is not on this machine."""
 
 
 class ModelError(RobustFlowError):

@@ -11,7 +11,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from .errors import RobustFlowError, UsageError, unknown_name
+from .errors import AssetError, UsageError, unknown_name
+from .extras import EXTRAS, install_command
 
 MODULES = "ROBUSTFLOW_MODULES"
 """Environment variable that names a folder whose modules can be imported, too; child processes inherit it."""
@@ -47,15 +48,15 @@ def is_target(text: str) -> bool:
     return bool(colon) and all(name.isidentifier() for name in f"{module}.{attribute}".split("."))
 
 
-def import_target(target: str, kind: str, error: type[RobustFlowError] = UsageError) -> Any:
+def import_target(target: str, kind: str) -> Any:
     """The attribute of a module that is installed or in the working folder.
 
     Args:
         kind: what it should be, for messages.
-        error: raised where the module cannot be imported.
 
     Raises:
-        UsageError: the module has no such attribute.
+        UsageError: the module cannot be imported, or has no such attribute.
+        AssetError: it needs an extra of this package that is not installed.
 
     >>> import_target("json:loads", "data set")("[1]")
     [1]
@@ -70,24 +71,22 @@ def import_target(target: str, kind: str, error: type[RobustFlowError] = UsageEr
         Exception,
         SystemExit,
     ) as cause:  # SystemExit: a script that reads its arguments on import
-        raise error(f"cannot import '{name}' for {kind} '{target}': {_reason(name, cause)}") from cause
+        missing = cause.name.partition(".")[0] if isinstance(cause, ModuleNotFoundError) and cause.name else ""
+        if missing in EXTRAS:
+            command = install_command(missing)
+            raise AssetError(f"{kind} '{target}' needs {missing}, which is not installed: {command}") from cause
+        raise UsageError(f"cannot import '{name}' for {kind} '{target}': {_reason(name, cause, missing)}") from cause
     for part in attribute.split("."):
         if not hasattr(value, part):
-            _refuse_hidden(name, here, kind, target, error)
+            _refuse_hidden(name, here, kind, target)
             raise unknown_name(f"attribute of {name}", part, [key for key in vars(value) if key[0] != "_"])
         value = getattr(value, part)
     return value
 
 
-_EXTRAS = {"torch": "torch", "torchvision": "torch", "ptlflow": "ptlflow", "onnxruntime": "onnx"}
-
-
-def _reason(name: str, cause: BaseException) -> str:
+def _reason(name: str, cause: BaseException, missing: str) -> str:
     """What went wrong on import, and what to do about it."""
     what = f"{type(cause).__name__}: {cause}"
-    missing = cause.name.partition(".")[0] if isinstance(cause, ModuleNotFoundError) and cause.name else ""
-    if missing in _EXTRAS:
-        return f"{what}; install the extra: pip install 'robustflow[{_EXTRAS[missing]}]'"
     if missing == name.partition(".")[0]:
         return f"{what}; run from the folder that holds it, or install its package"
     if missing:
@@ -97,12 +96,12 @@ def _reason(name: str, cause: BaseException) -> str:
     return f"{what}, while it was imported"
 
 
-def _refuse_hidden(name: str, here: Path, kind: str, target: str, error: type[RobustFlowError]) -> None:
+def _refuse_hidden(name: str, here: Path, kind: str, target: str) -> None:
     """Raise if an installed module hides the one of the working folder that the user means."""
     file, first = getattr(sys.modules[name], "__file__", None), name.partition(".")[0]
     mine = next((path for path in (here / f"{first}.py", here / first) if path.exists()), None)
     if mine is not None and (file is None or not Path(file).is_relative_to(here)):
-        raise error(
+        raise UsageError(
             f"'{name}' for {kind} '{target}' is {file or 'part of Python'}, not {mine}: an installed module takes "
             f"precedence; rename {mine.name}"
         )

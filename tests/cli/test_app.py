@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import robustflow.cli.app as command
+from robustflow import extras
 
 
 def test_without_its_extra_it_says_how_to_get_it(robustflow, monkeypatch):
-    monkeypatch.setattr(command, "find_spec", lambda name: None)
+    monkeypatch.setattr(extras, "find_spec", lambda name: None)
     code, _, error = robustflow("app", "--no-browser")
     assert code == 1
     assert "pip install 'robustflow[app]'" in error

@@ -7,6 +7,7 @@ import math
 import re
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow import load_run
+from robustflow import extras, load_run
 from robustflow.errors import DataError
 from robustflow.models.registry import EXPORTED
 from robustflow.testing import ZeroFlow
@@ -75,6 +76,49 @@ def test_a_module_that_needs_an_extra_names_it(robustflow, tmp_path, monkeypatch
     monkeypatch.setitem(sys.modules, "ptlflow", None)
     (tmp_path / "needs_extra.py").write_text("import ptlflow\n")
     assert "pip install 'robustflow[ptlflow]'" in robustflow("check", "needs_extra:Net")[2]
+
+
+@pytest.mark.parametrize(
+    ("library", "extra", "command"),
+    [
+        ("ray", "ray", "run -m dis --engine ray --output made"),
+        ("onnxruntime", "onnx", "run -m net.onnx --output made"),
+        ("ptlflow", "ptlflow", "run -m raft --checkpoint things --output made"),
+        ("torch", "torch", "run -m arflow --output made"),
+        ("torch", "torch", "run -m needs:Net --output made"),
+        ("torch", "torch", "run -m dis -c needs:Rain --output made"),
+        ("torch", "torch", "check needs:Net"),
+        ("torch", "torch", "profile arflow"),
+        ("torch", "torch", "train raft --recipe ood --data x --output made"),
+        ("h5py", "h5", "run -m dis --benchmark spring --data . --output made"),
+        ("uvicorn", "app", "app"),
+    ],
+)
+def test_a_missing_extra_is_refused_before_anything_is_announced(
+    robustflow, tmp_path, monkeypatch, library, extra, command
+):
+    """One line that names the extra, one exit code, and no folder."""
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == library else find_spec(name))
+    monkeypatch.setitem(sys.modules, library, None)
+    monkeypatch.delitem(sys.modules, "needs", raising=False)
+    (tmp_path / "needs.py").write_text(f"import {library}\n")
+    (tmp_path / "net.onnx").write_bytes(b"")
+    (tmp_path / "train/0001/frame_left").mkdir(parents=True)
+    code, out, err = robustflow(*command.split())
+    assert (code, out) == (1, "")
+    assert f"pip install 'robustflow[{extra}]'" in err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "made").exists()
+
+
+def test_verify_of_what_is_no_record_is_one_line(robustflow, tmp_path):
+    (tmp_path / "text").write_text("not a zip")
+    for name, why in (("nowhere", "No such file"), ("text", "not a record"), (".", "not a file")):
+        code, out, _ = robustflow("verify", name)
+        assert code == 1
+        assert out.startswith("not verified: ")
+        assert why in out
+        assert out.count("\n") == 1
 
 
 def test_check_tries_a_model_a_corruption_and_a_data_set(robustflow):

@@ -11,10 +11,10 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
+from robustflow import extras
 from robustflow.cli.main import app
 from robustflow.datasets import dataset_facts
 from robustflow.errors import UsageError
-from robustflow.models import extras
 from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe
 

@@ -78,7 +78,7 @@ def test_module_and_attribute(module, attribute, options, value):
         ("{module}:Broken", {}, ModelError, "weights are missing"),
         ("{module}:Script", {}, ModelError, "SystemExit: 2"),
         ("{module}:number", {}, ModelError, "no method predict"),
-        ("no_such_module_here:Model", {}, ModelError, "cannot import 'no_such_module_here'"),
+        ("no_such_module_here:Model", {}, UsageError, "cannot import 'no_such_module_here'"),
         ("tools/net.py:Model", {}, UsageError, "name its module, .* tools.net:Model"),
         ("nowhere/flows", {}, UsageError, "'nowhere/flows': no such file or folder"),
         ("nowhere.ckpt", {}, UsageError, "'nowhere.ckpt': no such file or folder"),
@@ -164,5 +164,5 @@ def test_what_a_model_says_of_itself_fits_a_manifest(tmp_path):
 def test_a_script_that_ends_the_program_when_imported(tmp_path, monkeypatch):
     (tmp_path / "script_for_test.py").write_text("import sys\nsys.exit(2)\n")
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ModelError, match=r"cannot import 'script_for_test'.*SystemExit: 2"):
+    with pytest.raises(UsageError, match=r"cannot import 'script_for_test'.*SystemExit: 2"):
         load_model("script_for_test:Model")

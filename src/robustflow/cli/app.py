@@ -2,12 +2,12 @@
 
 import signal
 import sys
-from importlib.util import find_spec
 from typing import Annotated
 
 import typer
 
-from ..errors import AssetError, UsageError, plain_warning
+from ..errors import UsageError, plain_warning
+from ..extras import require
 from .options import Checkpoint, Device, ModelOptions, Precision, PsfDir, model_options, use_psf_dir
 
 
@@ -38,8 +38,8 @@ def app(
       robustflow app --model raft --checkpoint things --device cuda
       robustflow app --model mypackage.flow:MyModel --no-browser --port 9000
     """
-    if any(find_spec(name) is None for name in ("starlette", "uvicorn", "python_multipart")):
-        raise AssetError("the app needs starlette, uvicorn and python-multipart: pip install 'robustflow[app]'")
+    for library in ("starlette", "uvicorn", "python_multipart"):
+        require(library, "the app")
     from ..app.serve import serve
     from ..models import ModelSpec
 

@@ -35,9 +35,9 @@ def robust_training(
       robustflow experiment robust-training
       robustflow experiment robust-training --data middlebury=~/middlebury --seeds 10
     """
-    from ..models.extras import require
+    from ..extras import require
 
-    require("torch", "torch", "training")
+    require("torch", "training")
     from ..atomic import write_bytes
     from ..experiments.findings import findings
     from ..experiments.robust_training import TrainingExperiment, evaluation_sets, run_experiment

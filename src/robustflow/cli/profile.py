@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import ModelError, UsageError
+from ..errors import UsageError
 from ..text import plain
 from . import complete
 from .options import Device, ModelOptions, Precision, model_options
@@ -51,10 +51,9 @@ def profile(
       robustflow profile raft --into runs/kitti-fc_raft_1a2b3c4d
       robustflow profile --paper
     """
-    from importlib.util import find_spec
+    from ..extras import require
 
-    if find_spec("torch") is None:
-        raise ModelError("profiling needs PyTorch, which is not installed: pip install 'robustflow[torch]'")
+    require("torch", "profiling")
     if paper and into is not None:
         raise UsageError("--paper profiles many models, --into stores the cost of one; leave out one of them")
     if paper and models:

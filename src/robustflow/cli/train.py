@@ -103,10 +103,10 @@ def train(
       robustflow train raft --recipe kitti --data kitti2015=~/kitti --init random --steps 100 --batch-size 2
       torchrun --nproc-per-node 2 -m robustflow train gma --recipe ood --data ~/flow --init gma-things.pth
     """
-    from ..models.extras import require
+    from ..extras import require
     from ..size import parse_size
 
-    require("torch", "torch", "training")
+    require("torch", "training")
     from ..training.recipe import load_recipe
 
     original = load_recipe(like or method, recipe)

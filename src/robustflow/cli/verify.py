@@ -110,6 +110,10 @@ def _print(result: "Verification") -> None:
     from ..records.verify import VERIFICATION_CHECKS
     from ..text import plain
 
+    container, *others = result.checks
+    if container.status == "failed" and not any(check.status == "ok" for check in others):
+        typer.echo(f"not verified: {plain(container.says, None)}")  # no record, so nothing else could be looked at
+        return
     typer.echo(plain(result.file, 200))
     for check in result.checks:
         about = f"{VERIFICATION_CHECKS[check.name]}{f': {check.says}' if check.says else ''}"

@@ -14,6 +14,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import DataError
+from ..extras import require
 from ..flowio import read_flow
 from ..layout import choice, consecutive, folders, locate, numbered, partner
 from .facts import DatasetFacts
@@ -46,6 +47,7 @@ class Spring(PairDataset):
     def __init__(self, root: str | Path, side: str = "left", direction: str = "FW") -> None:
         choice("side", side, ("left", "right"))
         choice("direction", direction, ("FW", "BW"))
+        require("h5py", "Spring's ground truth")
         expected = f"train/0001/frame_{side}/ and train/0001/flow_{direction}_{side}/"
         folder = _train(Path(root), expected)
         pairs: dict[str, Pair] = {}

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import AssetError, DataError, first_line
+from ..errors import DataError, first_line
+from ..extras import require
 from ..sample import Flow, Mask
 from .arrays import claimed_size, known
 
@@ -58,10 +59,7 @@ def _values(h5py: Any, path: Path, node: Any) -> Any:
 
 
 def _h5py() -> Any:
-    try:
-        import h5py
-    except ImportError as error:
-        raise AssetError(
-            "reading and writing .flo5 needs h5py, which is not installed: pip install 'robustflow[h5]'"
-        ) from error
+    require("h5py", "reading and writing .flo5")
+    import h5py
+
     return h5py

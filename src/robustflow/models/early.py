@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from ..extras import require
 from .catalog import is_in_ptlflow, methods, published_names
-from .extras import require
 from .model_file import require_file
 from .networks.table import NETWORKS
 from .ptlflow.pairs import BESIDES
@@ -25,7 +25,8 @@ def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, s
         exported: extensions of files that are a model by themselves.
 
     Raises:
-        ModelError: one of these.
+        ModelError: the file or the checkpoint is missing.
+        AssetError: the library is.
 
     >>> refuse_early("dis", {}, {})
     """
@@ -33,6 +34,7 @@ def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, s
     if method is None:
         if Path(name).suffix.lower() in exported:
             require_file(Path(name).expanduser(), "file; give the path of the exported network")
+            require("onnxruntime", f"model '{name}'")
         if not is_in_ptlflow(name):
             return
     library = "ptlflow" if method is None else method.source
@@ -41,9 +43,6 @@ def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, s
         return
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, source, strict=False)
-    if library in SOURCES:
-        require(library, method.extra if method else library, f"model '{name}'")
-    else:
-        require("torch", "torch", f"model '{name}'")
+    require(library if library in SOURCES else "torch", f"model '{name}'")
     if checkpoint is None and name not in BESIDES:
         raise needs_checkpoint(name, names, source)

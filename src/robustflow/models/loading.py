@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..digest import digest_of_bytes
-from ..errors import ModelError, UsageError, unknown_name
+from ..errors import UsageError, unknown_name
 from ..target import import_target, source_of_target
 from .base import AnyModel, model_identity
 from .catalog import PTLFLOW, is_in_ptlflow, methods
@@ -172,7 +172,7 @@ def _load_attribute(name: str, options: dict[str, Any]) -> AnyModel:
     if module_name.endswith(".py"):
         meant = f"{module_name.removesuffix('.py').replace('/', '.')}:{attribute}"
         raise UsageError(f"model '{name}' names a file; name its module, from the folder it is in: {meant}")
-    target = import_target(name, "model", ModelError)
+    target = import_target(name, "model")
     if is_module(target) and not isinstance(target, AnyModel):
         return _as_torch_model(target, name, options)
     if inspect.isclass(target) or (callable(target) and not takes_two_frames(target)):

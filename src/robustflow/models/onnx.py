@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from ..digest import sha256_of_file
 from ..errors import ModelError, UsageError, first_line, unknown_name
+from ..extras import require
 from ..sample import Flow, Frame
-from .extras import require
 from .input_convention import InputConvention, named_convention
 from .model_file import damaged, opened, require_file
 from .option_checks import check_count
@@ -82,7 +82,7 @@ class OnnxModel:
         path = Path(checkpoint).expanduser()
         require_file(path, "file; give the path of the exported network")
         for library in ("onnxruntime", "onnx"):
-            require(library, "onnx", "model 'onnx'")
+            require(library, "model 'onnx'")
         with opened(path, sha256) as (file, digest):
             model = _parse(path, file.read())
         beside = _external_files(path, model)

@@ -14,7 +14,7 @@ from typing import Any
 
 from torch import Tensor, nn
 
-from ..errors import ModelError
+from ..errors import AssetError, ModelError
 from ..models import load_model
 from ..models.catalog import methods
 from ..models.torch.find_checkpoint import RANDOM
@@ -67,7 +67,7 @@ def count_as_the_paper(published: Iterable[str], frames: tuple[int, int]) -> Ite
         name = names[method]
         try:
             model = network_of(load_model(name, checkpoint=RANDOM, device="cpu"))
-        except ModelError as error:
+        except (AssetError, ModelError) as error:
             yield Counted(method, name, frames, None, str(error))
             continue
         if name in _UNPADDED:

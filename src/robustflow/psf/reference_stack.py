@@ -21,6 +21,7 @@ import numpy.typing as npt
 from ..atomic import make_folder, write_bytes
 from ..cache import cache_folder
 from ..errors import AssetError, DataError
+from ..extras import require
 from ..sealed import sealed_bytes, unsealed_bytes
 from .psf_field import SHAPE, PsfField
 
@@ -82,12 +83,9 @@ def _read_kept(path: Path, source: str) -> npt.NDArray[np.float32] | None:
 
 
 def _read_tensor(path: Path, data: bytes) -> npt.NDArray[np.float32]:
-    try:
-        import torch
-    except ImportError as error:
-        raise AssetError(
-            f"reading {path} for the first time needs torch; install it with: pip install 'robustflow[torch]'"
-        ) from error
+    require("torch", f"reading {path} for the first time")
+    import torch
+
     _check_declared(path, data)
     try:
         tensor = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.errors import ModelError, UsageError
+from robustflow.errors import AssetError, ModelError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.models.catalog import PTLFLOW
 from robustflow.models.ptlflow.pairs import BESIDES
@@ -27,11 +27,9 @@ PAPER = ("raft", "gma", "csflow", "skflow", "gmflownet", "craft", "flowformer", 
 @pytest.mark.parametrize("name", [*PAPER, "dpflow"])
 def test_without_the_extra_the_message_names_it(name, monkeypatch):
     find = util.find_spec
-    monkeypatch.setattr(
-        "robustflow.models.extras.find_spec", lambda library: None if library == "ptlflow" else find(library)
-    )
+    monkeypatch.setattr("robustflow.extras.find_spec", lambda library: None if library == "ptlflow" else find(library))
     with pytest.raises(
-        ModelError, match=rf"model '{name}' needs ptlflow.*pip install 'robustflow\[ptlflow\]'"
+        AssetError, match=rf"model '{name}' needs ptlflow.*pip install 'robustflow\[ptlflow\]'"
     ) as error:
         load_model(name)
     assert "\n" not in str(error.value)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.errors import ModelError, UsageError
+from robustflow.errors import AssetError, ModelError, UsageError
 from robustflow.models import ModelSpec
 
 NAMES = ("arflow", "upflow", "brightflow")
@@ -18,10 +18,8 @@ NAMES = ("arflow", "upflow", "brightflow")
 @pytest.mark.parametrize("name", NAMES)
 def test_without_the_extra_the_message_names_it(name, monkeypatch):
     find = util.find_spec
-    monkeypatch.setattr(
-        "robustflow.models.extras.find_spec", lambda library: None if library == "torch" else find(library)
-    )
-    with pytest.raises(ModelError, match=rf"model '{name}' needs PyTorch.*pip install 'robustflow\[torch\]'"):
+    monkeypatch.setattr("robustflow.extras.find_spec", lambda library: None if library == "torch" else find(library))
+    with pytest.raises(AssetError, match=rf"model '{name}' needs PyTorch.*pip install 'robustflow\[torch\]'"):
         load_model(name)
 
 

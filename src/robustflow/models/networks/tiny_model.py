@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import UsageError, unknown_name
+from ...extras import install_command
 from ..base import AnyModel
 from ..execution import Execution, with_execution
 from ..input_convention import InputConvention
@@ -75,7 +76,7 @@ def _check_for_numpy(name: str, checkpoint: str | Path | None, execution: Execut
     if execution.device not in ("auto", "cpu") or execution.precision != "fp32" or execution.compile:
         raise UsageError(
             f"{name} without PyTorch runs on the CPU in fp32 only; leave out device, precision and compile, or install "
-            "the extra: pip install 'robustflow[torch]'"
+            f"PyTorch: {install_command('torch')}"
         )
 
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import ModelError, unknown_name
+from ...extras import require
 from ..catalog import published_names
 from ..execution import Execution, with_execution
-from ..extras import require
 from ..input_convention import RAFT_SMALLEST, InputConvention
 from ..torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
 from ..torch.network import network_model
@@ -109,7 +109,7 @@ def ptlflow_network(
     """A network of ptlflow as `wrap` makes it callable; arguments and errors as of `ptlflow_model`."""
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
-    require("ptlflow", "ptlflow", f"model '{name}'")
+    require("ptlflow", f"model '{name}'")
     if checkpoint is None and names and architecture not in BESIDES:
         raise needs_checkpoint(name, names, _SOURCE)  # checked first: the library takes seconds to import
     with _silence():

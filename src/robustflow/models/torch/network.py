@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import UsageError
+from ...extras import require
 from ..execution import Execution
-from ..extras import require
 from ..input_convention import InputConvention
 from .find_checkpoint import RANDOM, find_checkpoint, refuse_missing_file
 
@@ -63,13 +63,14 @@ def network_model(
         execution: device, precision, compilation, threads.
 
     Raises:
-        ModelError: without torch, without a checkpoint, or with one that does not fit.
+        AssetError: without torch.
+        ModelError: without a checkpoint, or with one that does not fit.
         UsageError: a name that is not published.
     """
     if checkpoint == RANDOM and sha256 is not None:
         raise UsageError("random weights have no file: leave out sha256, or give a checkpoint")
     refuse_missing_file(name, checkpoint, published or {}, source)
-    require("torch", "torch", f"model '{name}'")
+    require("torch", f"model '{name}'")
     settings = dict(settings or {})
     if checkpoint == RANDOM:
         from .model import NetworkModel

@@ -6,9 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...extras import require
 from ..catalog import published_names
 from ..execution import Execution, with_execution
-from ..extras import require
 from ..input_convention import RAFT_SMALLEST, InputConvention
 from ..option_checks import check_count
 from .find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
@@ -41,7 +41,7 @@ def _raft(
     check_count("iterations", iterations)
     names = published_names(name)
     refuse_missing_file(name, checkpoint, names, _SOURCE, strict=False)
-    require("torchvision", "torch", f"model '{name}'")
+    require("torchvision", f"model '{name}'")
     if checkpoint is None and names:
         raise needs_checkpoint(name, names, _SOURCE)  # checked first: the library takes seconds to import
     from torchvision import __version__ as version

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 from ...errors import UsageError, unknown_name
+from ...extras import require
 from ...models.devices import devices_of
 from ...runs.plan import Unit
 from ...text import counted
@@ -50,6 +51,7 @@ def choose_engine(
 
     Raises:
         UsageError: an unknown name, or workers or a timeout that the engine does not support.
+        AssetError: Ray is not installed.
     """
     if workers is not None and workers < 1:
         raise UsageError(f"--workers {workers} is out of range: give 1 or more")
@@ -70,6 +72,7 @@ def choose_engine(
     if name not in ENGINES:
         raise unknown_name("engine", name, ENGINES)
     if name == "ray":
+        require("ray", "the ray engine")  # before the run is announced
         return _ray(workers, timeout, address)
     if name == "processes" and devices:
         return _staged(devices, workers, timeout)

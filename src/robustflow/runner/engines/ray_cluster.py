@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from ...errors import RobustFlowError, RunError, UsageError
+from ...extras import require
 from ...safe_path import safe_path
 
 REACH_S = 10.0
@@ -32,7 +33,6 @@ _ENDED_BY_RAY = (
     "robustflow: Ray ended this process, as it does when one of its own on this machine was killed or ran out of "
     "memory; what is finished is kept: run the same command again to continue"
 )
-_NO_RAY = "the ray engine needs Ray, which is not installed here: pip install 'robustflow[ray]'"
 
 
 def ray_module() -> Any:
@@ -41,10 +41,9 @@ def ray_module() -> Any:
     Raises:
         UsageError: it is not installed.
     """
-    try:
-        import ray
-    except ImportError as error:
-        raise UsageError(_NO_RAY) from error
+    require("ray", "the ray engine")
+    import ray
+
     return ray
 
 
