@@ -33,8 +33,8 @@ if __name__ == "__main__":  # the processes that only predict load this file too
     from robustflow.datasets import load_dataset
     from robustflow.metrics.rows import CLEAN
     from robustflow.models import ModelSpec
+    from robustflow.runner.compute_missing import compute_missing
     from robustflow.runner.engines.choose import choose_engine
-    from robustflow.runner.fill import fill
     from robustflow.runner.frame_stage import FrameStage
     from robustflow.runner.measure_stage import MeasureStage
     from robustflow.runner.seconds import no_seconds
@@ -105,7 +105,7 @@ def run(benchmark: Benchmark, milliseconds: float, engine: str, workers: int | N
         folder = RunFolder(Path(scratch) / "run")
         folder.lock()
         before = cpu_seconds()
-        fill(folder, setup, chosen, 1, clock)
+        compute_missing(folder, setup, chosen, 1, clock)
         spent = cpu_seconds() - before
         folder.unlock()
     cells = sum(rows for _, rows in clock.done)

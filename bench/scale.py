@@ -2,10 +2,10 @@
 
     python bench/scale.py [--cells 1000 100000 1000000] [--folder DIR]
 
-A run of that many cells (101 a sample: 20 corruptions at 5 severities, and clean) goes through `runner/fill.py` with
-an engine that hands out units as engines do and answers at once: clean rows are measured on tiny frames, the others
-follow from a counter. Each step runs in a process of its own: wall-clock and CPU seconds, memory before the step, over
-its time and at its peak, and the number of files of rows.
+A run of that many cells (101 a sample: 20 corruptions at 5 severities, and clean) goes through
+`runner/compute_missing.py` with an engine that hands out units as engines do and answers at once: clean rows are
+measured on tiny frames, the others follow from a counter. Each step runs in a separate process: wall-clock and CPU
+seconds, memory before the step, over its time and at its peak, and the number of files of rows.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from robustflow.benchmarks.base import Benchmark
 from robustflow.corruptions.registry import PAPER_ORDER
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import CLEAN, measure
+from robustflow.runner.compute_missing import compute_missing
 from robustflow.runner.engines.base import Engine, FinishedUnit, Job
 from robustflow.runner.engines.schedule import Schedule
-from robustflow.runner.fill import fill
 from robustflow.runner.frame_stage import frames_digest
 from robustflow.runner.setup import set_up
 from robustflow.runs.plan import Unit
@@ -124,7 +124,7 @@ def drive(folder: Path, cells: int) -> list[float]:
     setup, watch = set_up(still, benchmark(cells)), Watch()
     store = RunFolder(folder)
     store.lock()
-    fill(store, setup, Engine(lambda units: "no work", answers), 1, watch)
+    compute_missing(store, setup, Engine(lambda units: "no work", answers), 1, watch)
     store.unlock()
     return watch.memory
 

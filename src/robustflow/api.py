@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .benchmarks import Benchmark
-from .datasets.registry import with_whole_paths
+from .datasets.registry import with_absolute_paths
 from .errors import RobustFlowError
 from .models import ModelSpec
 from .models.base import AnyModel
@@ -174,13 +174,13 @@ def evaluate(
     ...     evaluate(still, "demo", output=folder, corruptions=["contrast"], severities=[1]).rcre
     0.0
     """
+    from .runner.compute_missing import compute_missing
     from .runner.default_folder import default_folder, warn_of_a_fresh_start
     from .runner.engines.child import refuse_unguarded_script
     from .runner.engines.choose import choose_engine
-    from .runner.fill import fill
     from .runner.progress import shown
     from .runner.setup import open_benchmark, set_up
-    from .runner.slider_pictures import pictures_kept
+    from .runner.slider_pictures import capture_slider_pictures
     from .runs.source import RunSource
     from .runs.store import RunFolder
 
@@ -204,12 +204,12 @@ def evaluate(
     folder = RunFolder(output)
     folder.lock()
     try:
-        with pictures_kept(setup) if examples else nullcontext(setup) as keeping:
+        with capture_slider_pictures(setup) if examples else nullcontext(setup) as keeping:
             with shown(progress) as listener:
-                fill(folder, keeping, compute, batch_size, listener)
+                compute_missing(folder, keeping, compute, batch_size, listener)
             if isinstance(benchmark, str):
                 where = Path(data) if data is not None else None
-                options = with_whole_paths(benchmark, data_options or {})
+                options = with_absolute_paths(benchmark, data_options or {})
                 RunSource(setup.model.spec, where, options).write(folder.path)
             _draw(Result(folder.path), keeping, examples)
     finally:

@@ -14,7 +14,7 @@ from robustflow.benchmarks.setting import setting_of
 from robustflow.corruptions import CORRUPTIONS, load_corruption
 from robustflow.corruptions.names import MEMBERS, ORDER
 from robustflow.corruptions.on_disk import ROBUSTSPRING
-from robustflow.corruptions.own import adopt
+from robustflow.corruptions.own import register_custom
 from robustflow.datasets import load_dataset
 from robustflow.datasets.base import CorruptedClips
 from robustflow.datasets.robustspring import RobustSpring
@@ -100,7 +100,7 @@ def test_springs_training_sequences_are_its_domain_but_not_its_frames():
 def test_names_cannot_be_taken_for_this_projects():
     ours = set(CORRUPTIONS.names())
     assert not ours & set(ROBUSTSPRING.names)
-    assert {ROBUSTSPRING.there(name) for name in ROBUSTSPRING.names} - ours == {
+    assert {ROBUSTSPRING.dataset_name(name) for name in ROBUSTSPRING.names} - ours == {
         "brightness",
         "motion_blur",
         "rain",
@@ -124,7 +124,7 @@ def test_names_cannot_be_taken_for_this_projects():
             return frame
 
     with pytest.raises(UsageError, match="has the name of the corruption"):
-        adopt(Mine)
+        register_custom(Mine)
 
 
 def _apart(root: Path, where: str) -> dict[str, str]:

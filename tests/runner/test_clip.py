@@ -163,10 +163,10 @@ def test_video_and_folder_from_the_command_line(tmp_path, models_on_path, monkey
 
 
 def test_example_pictures_are_drawn_from_the_clip(whole, folder, tmp_path, models_on_path):
-    from robustflow.runner.setup import set_up_again
+    from robustflow.runner.setup import restore_setup
     from robustflow.runs.source import RunSource
 
-    setup = set_up_again(whole, RunSource.read(whole.path))
+    setup = restore_setup(whole, RunSource.read(whole.path))
     assert setup.options.window == Window(2, 1)
     assert model_identity(setup.model.model)["object"].endswith("FiveFrames")
     drawn = run(MODEL, folder, tmp_path / "drawn", examples=True)

@@ -22,7 +22,7 @@ from robustflow.images.io import write_image
 from robustflow.models import ModelSpec
 from robustflow.runner import examples as examples_module
 from robustflow.runner.recheck import recheck
-from robustflow.runner.setup import set_up_again
+from robustflow.runner.setup import restore_setup
 from robustflow.runs.source import RunSource
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ZeroFlow
@@ -142,9 +142,9 @@ def test_a_model_that_answers_otherwise_is_not_drawn(tmp_path):
 def test_what_a_run_cannot_be_set_up_again_from(tmp_path):
     run = rf.evaluate(ZeroFlow(), output=tmp_path / "run", corruptions=["contrast"], severities=[1])
     with pytest.raises(RunError, match="was run with a Python object, which has no name; give --model"):
-        set_up_again(run, RunSource.read(run.path))
+        restore_setup(run, RunSource.read(run.path))
     with pytest.raises(RunError, match="differs in: model"):
-        set_up_again(run, RunSource(DIS))
+        restore_setup(run, RunSource(DIS))
     (run.path / "source.json").write_text("{")
     with pytest.raises(RunError, match="is damaged; delete it"):
         RunSource.read(run.path)
@@ -196,7 +196,7 @@ def test_a_benchmark_that_a_run_names_is_not_code(drawn):
     run = rf.load_run(drawn.path)
     run.manifest["identity"]["benchmark"] = "marker_module:touch"
     with pytest.raises(RunError, match="no code is loaded because a run names it"):
-        set_up_again(run, RunSource.read(run.path))
+        restore_setup(run, RunSource.read(run.path))
     with pytest.raises(RunError, match="no code is loaded because a run names it"):
         recheck(run.manifest["identity"], run.rows)
 

@@ -15,7 +15,7 @@ from robustflow.benchmarks import Benchmark
 from robustflow.errors import RunError
 from robustflow.metrics.regions import Regions
 from robustflow.metrics.rows import measure
-from robustflow.runner.kept_rows import check_same_data, check_same_model
+from robustflow.runner.clean_row_check import check_same_data, check_same_model
 from robustflow.sample import Sample
 from robustflow.testing import TexturePairs
 

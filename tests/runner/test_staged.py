@@ -106,7 +106,7 @@ def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
     cells = iter([("0", "clean", 0), *(("0", "contrast", 1 + number % 5) for number in range(300))])
     for _ in range(cells_ahead(1)):
         driver.send(("cell", next(cells)))
-    questions, made = [], 0
+    requests, made = [], 0
     while driver.poll(3) or device.poll():
         if driver.poll():
             kind, _ = driver.recv()
@@ -114,11 +114,11 @@ def test_a_feeder_makes_no_more_than_its_slots_hold(tmp_path):
             made += 1
             driver.send(("cell", next(cells)))
         while device.poll():
-            questions += device.recv()
-    assert made == len(questions) == slots.count == 128 * 2**20 // slots.slot_bytes
+            requests += device.recv()
+    assert made == len(requests) == slots.count == 128 * 2**20 // slots.slot_bytes
     assert slots.free == 0
-    assert questions[0].cell == ("0", "clean", 0)
-    slots.flow(questions[0].slot, questions[0].slot_bytes, (*size, 2))[:] = 0
+    assert requests[0].cell == ("0", "clean", 0)
+    slots.flow(requests[0].slot, requests[0].slot_bytes, (*size, 2))[:] = 0
     device.send(0.01)
     assert driver.poll(60)
     assert driver.recv()[0] == "row"

@@ -104,7 +104,7 @@ def short_label(corruption: str) -> str:
     ('Gaussian', 'Fog', 'RS fog')
     """
     if (files := on_disk(corruption)) is not None:
-        return f"{files.abbreviation} {inside(short_label(files.there(corruption)))}"
+        return f"{files.abbreviation} {inside(short_label(files.dataset_name(corruption)))}"
     return _SHORT.get(corruption, corruption.replace("_", " ").capitalize())
 
 
@@ -115,7 +115,7 @@ def long_label(corruption: str) -> str:
     ('PSF blur', 'H.264 CRF', 'RobustSpring zoom blur')
     """
     if (files := on_disk(corruption)) is not None:
-        return f"{files.title} {inside(long_label(files.there(corruption)))}"
+        return f"{files.title} {inside(long_label(files.dataset_name(corruption)))}"
     words = corruption.replace("_", " ").capitalize()
     return (
         words.replace("Jpeg", "JPEG")

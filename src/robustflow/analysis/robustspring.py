@@ -56,7 +56,7 @@ def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> pl.DataFrame:
     moved: dict[str, list[float]] = {}
     for flow in flows:
         if flow.moved is not None:
-            moved.setdefault(ROBUSTSPRING.here(flow.condition), []).append(flow.moved[0])
+            moved.setdefault(ROBUSTSPRING.local_name(flow.condition), []).append(flow.moved[0])
     means = {name: fsum(values) / len(values) for name, values in moved.items()}
     few = joined([inside(long_label(name)) for name in moved]) if len(moved) <= _MOST_NAMED else ""
     pairs = min(len(values) for values in moved.values())
@@ -78,8 +78,8 @@ def robustness_means(moved: Mapping[str, Sequence[Sequence[float]]]) -> dict[str
     Args:
         moved: RobustSpring's own name of a corruption -> of each pair the numbers of `ROBUSTNESS`.
     """
-    means = {ROBUSTSPRING.here(own): _columns(values) for own, values in moved.items()}
-    pairs = {ROBUSTSPRING.here(own): len(values) for own, values in moved.items()}
+    means = {ROBUSTSPRING.local_name(own): _columns(values) for own, values in moved.items()}
+    pairs = {ROBUSTSPRING.local_name(own): len(values) for own, values in moved.items()}
     table = {name: (pairs[name], values) for name, values in means.items()}
     return table | {AVERAGE: (min(pairs.values()), _columns(list(means.values())))}
 

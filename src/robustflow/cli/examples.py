@@ -58,7 +58,7 @@ def examples(
     from ..models import ModelSpec
     from ..report.site.write import write_report
     from ..runner.examples import draw_example, write_examples
-    from ..runner.setup import set_up_again
+    from ..runner.setup import restore_setup
     from ..runs.example_list import FOLDER
     from ..runs.run import Run
     from ..runs.source import RunSource
@@ -78,7 +78,7 @@ def examples(
     given = model_options(option, checkpoint=checkpoint, device=device, precision=precision)
     spec = before.model_to_reuse(dict(given)) if model is None else ModelSpec(model, tuple(given))
     source = RunSource(spec, data or before.data, before.data_options | dict(keyword_options(data_option)))
-    setup = set_up_again(result, source)
+    setup = restore_setup(result, source)
     if sample is not None and corruption is not None and severity is not None:
         target = output or Path(f"{sample.replace('/', '_')}_{corruption}_{severity}.png")
         write_bytes(target, draw_example(result, setup, sample, corruption, severity))

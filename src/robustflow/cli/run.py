@@ -172,7 +172,7 @@ def run(
         raise UsageError(f"--seeds {seeds}: give 1 or more")
     specs = [ModelSpec(each, options) for each in model]
     for spec in specs:
-        spec.refuse_early()  # checked before the imports below, which take seconds
+        spec.preflight()  # checked before the imports below, which take seconds
     from ..models.registry import known_single_threaded
     from ..runner.engines.worker_process import kept_processes
 

@@ -13,12 +13,12 @@ from ..sample import Frame, Sample
 from ..severity import check_severity
 from .base import BGR, SCALES, Corruption
 from .channel_order import ChannelsReversed
-from .given_images import as_frame, like_given
+from .given_images import as_frame, to_input_type
 from .on_disk import refuse_on_disk
-from .own import OwnCorruption, adopt, own_corruption
+from .own import OwnCorruption, own_corruption, register_custom
 from .registry import CORRUPTIONS
 from .scale import calibrated_severities
-from .stack import Stack, is_stack, parse_stack, with_targets_adopted
+from .stack import Stack, is_stack, parse_stack, with_targets_registered
 
 STREAM_VERSION = 2
 """Part of every run's identity: incremented when any corruption's bytes change, so that results never mix."""
@@ -60,7 +60,7 @@ def load_corruption(
     if not isinstance(name, str):
         if type(name).__module__.startswith(_PACKAGE) and isinstance(name, Corruption):
             return name
-        return load_corruption(adopt(name), variant, scale)
+        return load_corruption(register_custom(name), variant, scale)
     if is_stack(name):
         return Stack([(load_corruption(part, variant, scale, classes), level) for part, level in parse_stack(name)])
     refuse_on_disk(name)
@@ -101,7 +101,7 @@ def corruption_name(spec: str | Corruption | type[Corruption]) -> str:
     >>> corruption_name("fog"), corruption_name("fog:2 + snow")
     ('fog', 'fog:2+snow')
     """
-    return with_targets_adopted(spec) if isinstance(spec, str) else load_corruption(spec).name
+    return with_targets_registered(spec) if isinstance(spec, str) else load_corruption(spec).name
 
 
 def stream_for(corruption: Corruption, severity: int, seed: int, key: str, common_draws: bool = False) -> Rng:
@@ -176,7 +176,7 @@ def corrupt(
     frames = tuple(as_frame(frame) for frame in given)
     Sample(key or "pair", (frames[0], frames[-1]))
     clip = corrupt_clip(frames, corruption, severity, seed, key, variant, scale, common_draws=common_draws)
-    out = tuple(like_given(frame, one) for frame, one in zip(clip, given, strict=True))
+    out = tuple(to_input_type(frame, one) for frame, one in zip(clip, given, strict=True))
     return out if len(out) > 1 else out[0]
 
 

@@ -29,6 +29,6 @@ def as_frame(image: Any) -> Frame:
     return np.asarray(image.convert("RGB"))
 
 
-def like_given(frame: Frame, given: Any) -> Any:
-    """A corrupted frame as what it was made from: an image of Pillow, or an array."""
+def to_input_type(frame: Frame, given: Any) -> Any:
+    """Convert a corrupted frame to the type of the input: an image of Pillow, or an array."""
     return Image.fromarray(frame) if isinstance(given, Image.Image) else frame

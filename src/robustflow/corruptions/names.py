@@ -11,7 +11,7 @@ from .on_disk import SETS
 from .registry import FAMILIES
 
 MEMBERS: dict[str, tuple[str, ...]] = {
-    family: (*names, *(each.here(own) for each in SETS for own in each.families.get(family, ())))
+    family: (*names, *(each.local_name(own) for each in SETS for own in each.families.get(family, ())))
     for family, names in FAMILIES.items()
 }
 """Family -> its corruptions. No benchmark has both a paper's corruption and one of files, so no mean mixes them."""

@@ -1,10 +1,10 @@
-"""Corruptions that exist only as files: the frames of a data set that is distributed corrupted, under names of its own.
+"""Corruptions that exist only as files: the frames of a data set that is distributed corrupted.
 
-A row tells a corruption by its name alone, and RobustSpring's `fog` is not this project's: the program that made it,
-its strength and its consistency in time and depth are others. So each gets a name of its own here, the data set's and
-its own joined by "_": `robustspring_fog`. That is a name like any other, which may stand in the name of a file, an
-address, a table of LaTeX and a CSV file; ":" and "+" would mean a severity and a stack, "/" a folder. It is never
-computed: `load_corruption` refuses it, and only a benchmark whose frames come with it can run it.
+Rows identify corruptions by name, and RobustSpring's `fog` is not this project's: it was made by another program, with
+another strength and consistency in time and depth. So each gets a local name, the data set's name and the corruption's
+joined by "_": `robustspring_fog`. Such a name can be part of a file name, an address, a LaTeX table and a CSV file; ":"
+and "+" would mean a severity and a stack, "/" a folder. `load_corruption` refuses it, and only a benchmark that has the
+corrupted frames can run it.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ class OnDisk:
     """The corruptions of one such data set, each at a single strength.
 
     Attributes:
-        dataset: its name, with which the names here begin.
+        dataset: its name, the prefix of the local names.
         title: its authors' name for it.
         abbreviation: of the title, for headings of columns.
-        families: family of this project -> its own names for its corruptions.
+        families: family of this project -> the data set's names of its corruptions.
 
-    >>> ROBUSTSPRING.here("fog"), ROBUSTSPRING.there("robustspring_fog"), len(ROBUSTSPRING.names)
+    >>> ROBUSTSPRING.local_name("fog"), ROBUSTSPRING.dataset_name("robustspring_fog"), len(ROBUSTSPRING.names)
     ('robustspring_fog', 'fog', 20)
     """
 
@@ -36,15 +36,15 @@ class OnDisk:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of its corruptions here, family by family."""
-        return tuple(self.here(own) for names in self.families.values() for own in names)
+        """The local names of its corruptions, family by family."""
+        return tuple(self.local_name(name) for names in self.families.values() for name in names)
 
-    def here(self, own: str) -> str:
-        """The name here of one of its corruptions."""
-        return f"{self.dataset}_{own}"
+    def local_name(self, dataset_name: str) -> str:
+        """The name in this project of one of its corruptions."""
+        return f"{self.dataset}_{dataset_name}"
 
-    def there(self, name: str) -> str:
-        """Its own name for one of `names`."""
+    def dataset_name(self, name: str) -> str:
+        """The data set's name for one of `names`."""
         return name.removeprefix(f"{self.dataset}_")
 
 

@@ -95,8 +95,8 @@ class OwnCorruption(Corruption):
         return UsageError(f"corruption '{self.name}' failed in {method}: {type(error).__name__}: {error}{hint}")
 
 
-def adopt(made: Made) -> str:
-    """Make a class or an object known by its name, and return that name; the newest of a name counts.
+def register_custom(made: Made) -> str:
+    """Register a class or an object under its name, and return that name; a later registration replaces an earlier one.
 
     Raises:
         UsageError: it has no `draw` and `apply`, an unusable name, or one of this package's.
@@ -113,13 +113,13 @@ def adopt(made: Made) -> str:
     return name
 
 
-def adopt_target(target: str) -> str:
-    """Import `module.path:Attribute`, make it known, and return its name.
+def register_target(target: str) -> str:
+    """Import `module.path:Attribute`, register it, and return its name.
 
     Raises:
         UsageError: it cannot be imported, or is not a corruption.
     """
-    return adopt(import_target(target, "corruption"))
+    return register_custom(import_target(target, "corruption"))
 
 
 def own_corruption(name: str, variant: str) -> OwnCorruption | None:
@@ -140,12 +140,12 @@ def own_corruption(name: str, variant: str) -> OwnCorruption | None:
 
 
 def is_known(name: str) -> bool:
-    """Whether a corruption has this name: a shipped one, an installed package's or one that was adopted."""
+    """Whether a corruption has this name: a shipped one, an installed package's or one that was registered."""
     return name in _own or name in CORRUPTIONS.names()
 
 
 def own_among(names: Iterable[str]) -> tuple[Made, ...]:
-    """The adopted corruptions among some names, or parts of stacks, for another process to `adopt`."""
+    """The registered corruptions among some names, or parts of stacks, for another process to `register_custom`."""
     parts = {part.partition(":")[0] for name in names for part in name.split("+")}
     return tuple(made for name, made in _own.items() if name in parts)
 

@@ -16,7 +16,7 @@ from ..severity import SEVERITIES, check_severity
 from ..target import is_target
 from .base import Corruption
 from .on_disk import refuse_on_disk
-from .own import adopt_target, is_known
+from .own import is_known, register_target
 from .registry import CORRUPTIONS, SHIPPED
 from .scale import calibrated_levels
 
@@ -67,13 +67,13 @@ def split_stack(name: str) -> list[tuple[str, int | None]]:
     return parts
 
 
-def with_targets_adopted(name: str) -> str:
+def with_targets_registered(name: str) -> str:
     """A name in which every `module.path:Attribute` is imported and replaced by its corruption's name.
 
     Raises:
         UsageError: what is named cannot be imported, or is not a corruption.
 
-    >>> with_targets_adopted("fog:2 + snow")
+    >>> with_targets_registered("fog:2 + snow")
     'fog:2+snow'
     """
     parts = []
@@ -81,7 +81,7 @@ def with_targets_adopted(name: str) -> str:
         head, _, tail = part.rpartition(_COLON)
         target, level = (head.strip(), f"{_COLON}{tail.strip()}") if tail.strip().isdecimal() else (part, "")
         if is_target(target) and target.partition(_COLON)[0] not in SHIPPED:
-            part = adopt_target(target) + level
+            part = register_target(target) + level
         parts.append(part)
     return _PLUS.join(parts)
 

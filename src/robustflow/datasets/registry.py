@@ -82,10 +82,10 @@ def needs_folder(name: str) -> bool:
     return "root" in inspect.signature(DATASETS.get(name)).parameters
 
 
-def with_whole_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a data set in which those that name a folder do so from anywhere; others stay as they are.
+def with_absolute_paths(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Make the folders among the options of a data set absolute; other options stay as they are.
 
-    >>> with_whole_paths("robustspring", {"spring": "/data/spring"}), with_whole_paths("sintel", {"step": 2})
+    >>> with_absolute_paths("robustspring", {"spring": "/data/spring"}), with_absolute_paths("sintel", {"step": 2})
     ({'spring': PosixPath('/data/spring')}, {'step': 2})
     """
     folders = dataset_facts(name).folder_options

@@ -59,7 +59,7 @@ class RobustSpring(Samples):
         self._clean = {direction: Condition(self.root, CLEAN, direction, spring) for direction in DIRECTIONS}
         self._condition_of = {key: pairs for pairs in self._clean.values() for key in pairs.keys()}  # noqa: SIM118
         self._corrupted = {
-            ROBUSTSPRING.here(own): condition_folder(self.root, own)
+            ROBUSTSPRING.local_name(own): condition_folder(self.root, own)
             for own in CORRUPTIONS
             if (self.root / own).is_dir()
         }

@@ -27,7 +27,7 @@ from .pairs import Pair, PairDataset
 
 CLEAN = "clean"
 
-CORRUPTIONS = tuple(sorted(map(ROBUSTSPRING.there, ROBUSTSPRING.names)))
+CORRUPTIONS = tuple(sorted(map(ROBUSTSPRING.dataset_name, ROBUSTSPRING.names)))
 """Its corruptions, at one strength each, by its own names for them."""
 
 SEQUENCES = {3: 131, 19: 111, 28: 39, 29: 135, 31: 73, 34: 47, 35: 120, 40: 111, 42: 116, 46: 117}

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import ModelError, RobustFlowError, first_line
 from ..sample import Flow, Frame
-from .where import where_raised
+from .traceback_hint import traceback_hint
 from .window import Window
 
 
@@ -145,7 +145,7 @@ def predict_checked(
     Raises:
         ModelError: the model raised, or returned something that is not float (H, W, 2).
     """
-    where = place(key, corruption, severity)
+    where = describe_cell(key, corruption, severity)
     with _named(where):
         if isinstance(model, FlowLookup):
             flow = model.lookup(key, corruption, severity)
@@ -158,7 +158,7 @@ def predict_clip_checked(
     model: ClipModel, frames: tuple[Frame, ...], index: int, key: str, corruption: str, severity: int
 ) -> Flow:
     """Like `predict_checked`, for a multi-frame model; `index` is that of frame 1 of the pair."""
-    where = place(key, corruption, severity)
+    where = describe_cell(key, corruption, severity)
     with _named(where):
         flow = model.predict_clip(_copies(frames), index)
     return _checked(flow, frames, where)
@@ -168,34 +168,36 @@ def predict_batch_checked(
     model: BatchedFlowModel, pairs: Sequence[tuple[Frame, ...]], cells: Sequence[tuple[str, str, int]]
 ) -> list[Flow]:
     """Like `predict_checked`, for several pairs in one call of the model; each cell is (key, corruption, severity)."""
-    where = places(cells)
+    where = describe_cells(cells)
     with _named(where):
         flows = list(model.predict_batch(*([frames[i].copy() for frames in pairs] for i in (0, 1))))
     if len(flows) != len(pairs):
         raise ModelError(f"the model returned {len(flows)} flows for {len(pairs)} pairs on {where}; expected one each")
-    return [_checked(flow, frames, place(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)]
+    return [
+        _checked(flow, frames, describe_cell(*cell)) for flow, frames, cell in zip(flows, pairs, cells, strict=True)
+    ]
 
 
-def place(key: str, corruption: str, *severities: int) -> str:
+def describe_cell(key: str, corruption: str, *severities: int) -> str:
     """Where something happened, in words.
 
-    >>> place("a", "fog", 1, 2), place("a", "clean", 0)
+    >>> describe_cell("a", "fog", 1, 2), describe_cell("a", "clean", 0)
     ("sample 'a', fog severity 1, 2", "sample 'a', clean")
     """
     levels = ", ".join(str(severity) for severity in severities if severity)
     return f"sample '{key}', {corruption}" + (f" severity {levels}" if levels else "")
 
 
-def places(cells: Sequence[tuple[str, str, int]]) -> str:
+def describe_cells(cells: Sequence[tuple[str, str, int]]) -> str:
     """Like `place`, for several cells (key, corruption, severity).
 
-    >>> places([("a", "fog", 1), ("a", "fog", 2), ("a", "snow", 1)])
+    >>> describe_cells([("a", "fog", 1), ("a", "fog", 2), ("a", "snow", 1)])
     "sample 'a', fog severity 1, 2; sample 'a', snow severity 1"
     """
     severities: dict[tuple[str, str], list[int]] = {}
     for key, corruption, severity in cells:
         severities.setdefault((key, corruption), []).append(severity)
-    return "; ".join(place(*name, *levels) for name, levels in severities.items())
+    return "; ".join(describe_cell(*name, *levels) for name, levels in severities.items())
 
 
 @contextmanager
@@ -210,7 +212,7 @@ def _named(where: str) -> Iterator[None]:
         if isinstance(error, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
             raise
         raise ModelError(
-            f"the model raised {type(error).__name__} on {where}: {error or 'no message'}{where_raised(error)}; "
+            f"the model raised {type(error).__name__} on {where}: {error or 'no message'}{traceback_hint(error)}; "
             "give --debug for the full traceback"
         ) from error
     finally:

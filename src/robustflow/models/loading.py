@@ -14,7 +14,7 @@ from ..target import import_target, source_of_target
 from .base import AnyModel, model_identity
 from .catalog import PTLFLOW, is_in_ptlflow, methods
 from .construct import as_model, construct, is_module, parameters_of, takes_two_frames
-from .early import refuse_early
+from .preflight import preflight
 from .provenance import DECLARED
 from .registry import EXPORTED, MODELS, TORCHSCRIPT
 from .tiling import tiled
@@ -125,9 +125,9 @@ class ModelSpec:
         kept = [(key, value) for key, value in self.options if key != "device"]
         return ModelSpec(self.name, (*kept, ("device", device)))
 
-    def refuse_early(self) -> None:
+    def preflight(self) -> None:
         """Raise if something is missing, without importing the libraries that would read it; see `early`."""
-        refuse_early(self.name, dict(self.options), EXPORTED)
+        preflight(self.name, dict(self.options), EXPORTED)
 
     @property
     def is_own(self) -> bool:

@@ -12,7 +12,7 @@ import polars as pl
 
 from ..benchmarks import Benchmark
 from ..errors import DataError, ModelError, RunError, UsageError
-from ..models.base import AnyModel, FlowLookup, FlowModel, place, predict_checked
+from ..models.base import AnyModel, FlowLookup, FlowModel, describe_cell, predict_checked
 from ..runs.displacement_file import GROUND_TRUTH, read_displacement, write_displacement
 from ..runs.run import Run
 from ..sample import Flow, Mask, Sample
@@ -133,6 +133,6 @@ def _of_truth(benchmark: Benchmark, sample: Sample) -> tuple[Flow, Mask]:
 def _of_model(model: FlowModel | FlowLookup, sample: Sample) -> tuple[Flow, Mask]:
     flow = predict_checked(model, sample.frames, sample.key, "clean", 0)
     if broken := int((~np.isfinite(flow).all(axis=-1)).sum()):
-        where = place(sample.key, "clean", 0)
+        where = describe_cell(sample.key, "clean", 0)
         raise ModelError(f"the model returned {broken} pixels that are NaN or infinite on {where}; fix the model")
     return flow, np.ones(sample.shape, np.bool_)

@@ -16,7 +16,7 @@ from ..atomic import TEMPORARY, make_folder, write_bytes, write_json
 from ..errors import DataError, RunError, UsageError, unknown_name
 from ..images.io import jpeg_bytes, shrunk
 from ..metrics.rows import CLEAN
-from ..models.base import place
+from ..models.base import describe_cell
 from ..random.rng import key_of
 from ..runs.example_cells import CellScores, cell_scores
 from ..runs.example_list import EXAMPLES_FILE, FOLDER, are_current, drop_examples, example_list
@@ -110,7 +110,7 @@ def _picture(rows: pl.DataFrame, worker: Worker, cell: Cell, why: str, form: Lit
     key, corruption, severity = cell
     row, clean = _row(rows, cell), _row(rows, (key, CLEAN, 0))
     scores = cell_scores(row, clean)
-    view = worker.look(*cell)
+    view = worker.inspect_cell(*cell)
     _check_same(view, row, scores)
     numbers = numbers_line(scores.epe, scores.cre, scores.rcre)
     title = panel_title(key, corruption, severity, why)
@@ -139,7 +139,7 @@ def _no_such_cell(rows: pl.DataFrame, cell: Cell) -> UsageError:
 
 def _check_same(view: View, row: dict[str, Any], scores: CellScores) -> None:
     """Raise unless a picture shows exactly what its numbers were measured on."""
-    where = place(row["sample"], row["corruption"], row["severity"])
+    where = describe_cell(row["sample"], row["corruption"], row["severity"])
     if view.row["frames_digest"] != row["frames_digest"]:
         raise RunError(f"the frames of {where} are not those that the run measured; give the data that it was run on")
     again = cell_scores(view.row, None)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..corruptions.api import corrupt_clip, load_corruption
 from ..corruptions.base import Corruption
-from ..corruptions.own import adopt
+from ..corruptions.own import register_custom
 from ..datasets.base import Clips, Dataset, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..errors import DataError
@@ -15,8 +15,8 @@ from ..models.window import place_of_pair
 from ..runs.plan import Cell, RunOptions
 from ..sample import Frame, Sample
 from .frames_digest import frames_digest
-from .question import Question
-from .seconds import Seconds, spent
+from .predict_stage import PredictionRequest
+from .seconds import Seconds, timed
 from .slider_pictures import keep_picture
 
 
@@ -27,12 +27,12 @@ class Loaded:
     Attributes:
         sample: with its clean frames; those around the pair come after it.
         regions: of its ground truth; None without ground truth.
-        made_of: identifies what its clean flow is computed from: the key and the digest of the frames.
+        clean_flow_key: identifies what its clean flow is computed from: the key and the digest of the frames.
     """
 
     sample: Sample
     regions: Regions | None
-    made_of: str
+    clean_flow_key: str
 
 
 class FrameStage:
@@ -53,7 +53,7 @@ class FrameStage:
             assert isinstance(dataset, Clips)
             self._context = ContextFrames(dataset, options.window)
         for made in options.own:
-            adopt(made)
+            register_custom(made)
         self._corruptions: dict[str, Corruption] = {}
 
     def load(self, key: str) -> Loaded:
@@ -62,7 +62,7 @@ class FrameStage:
         Raises:
             DataError: a file is damaged, or contains nothing to measure.
         """
-        with spent(self._seconds, "load"):
+        with timed(self._seconds, "load"):
             sample = self._dataset.load(key)
             if self._context is not None:
                 sample = self._context.add(sample)
@@ -82,7 +82,7 @@ class FrameStage:
         return frames
 
     def _corrupted(self, sample: Sample, name: str, severity: int) -> tuple[Frame, ...]:
-        with spent(self._seconds, "corrupt"):
+        with timed(self._seconds, "corrupt"):
             paper = self._options.severity_scale == "paper"  # frames corrupted beforehand have the paper's severities
             if paper and isinstance(self._dataset, PreCorrupted) and self._dataset.has_corrupted(name):
                 made = self._dataset if self._context is None else self._context
@@ -97,9 +97,9 @@ class FrameStage:
                 return self._context.corrupt(sample, corruption, severity, seed, common)
             return tuple(corrupt_clip(sample.frames, corruption, severity, seed, sample.key, common_draws=common))
 
-    def question(self, cell: Cell, frames: tuple[Frame, ...]) -> Question:
-        """The question to the model about the frames of a sample."""
+    def request(self, cell: Cell, frames: tuple[Frame, ...]) -> PredictionRequest:
+        """The request for the flow of these frames, in the order that the model expects."""
         if self._context is None:
-            return Question(cell, frames)
+            return PredictionRequest(cell, frames)
         key = cell[0]
-        return Question(cell, self._context.in_order(key, frames), place_of_pair(self._context.offsets(key)))
+        return PredictionRequest(cell, self._context.in_order(key, frames), place_of_pair(self._context.offsets(key)))

@@ -8,14 +8,14 @@ from typing import Any
 
 from ..errors import ModelError
 from ..metrics.rows import CLEAN, measure
-from ..models.base import place
+from ..models.base import describe_cell
 from ..runs.clean_flows import read_clean, write_clean
 from ..runs.plan import Cell, RunOptions
 from ..sample import Flow
+from .clean_row_check import check_same_data, check_same_model
 from .frame_stage import Loaded
 from .frames_digest import frames_digest
-from .kept_rows import check_same_data, check_same_model
-from .seconds import Seconds, spent
+from .seconds import Seconds, timed
 
 
 class MeasureStage:
@@ -24,7 +24,7 @@ class MeasureStage:
     Args:
         options: of the run.
         clean_path: where a sample's clean flow is stored between units, so that it is computed once per sample.
-        kept: clean rows measured earlier, by sample (see `kept_rows`).
+        kept: clean rows measured earlier, by sample (see `clean_row_check`).
         seconds: where "measure" is counted.
     """
 
@@ -46,7 +46,7 @@ class MeasureStage:
         Raises:
             RunError: see `keep_clean`.
         """
-        clean = read_clean(self._clean_path(loaded.sample.key), loaded.made_of)
+        clean = read_clean(self._clean_path(loaded.sample.key), loaded.clean_flow_key)
         if clean is not None:
             self._check(loaded, clean)
         return clean
@@ -58,7 +58,7 @@ class MeasureStage:
             RunError: the run has a clean row of the sample that was measured with other frames, another ground truth or
                 another model.
         """
-        write_clean(self._clean_path(loaded.sample.key), clean, loaded.made_of)
+        write_clean(self._clean_path(loaded.sample.key), clean, loaded.clean_flow_key)
         self._check(loaded, clean)
 
     def row(self, loaded: Loaded, clean: Flow, flow: Flow, digest: str, cell: Cell) -> dict[str, Any]:
@@ -74,7 +74,7 @@ class MeasureStage:
             ModelError: a flow with pixels that are not finite, unless the run allows them.
         """
         _, corruption, severity = cell
-        with spent(self._seconds, "measure"):
+        with timed(self._seconds, "measure"):
             row = measure(
                 flow,
                 clean,
@@ -86,14 +86,14 @@ class MeasureStage:
             )
         if row["n_invalid"] and not self._allow_invalid:
             raise ModelError(
-                f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {place(*cell)}; fix the "
-                "model, or give --allow-invalid to exclude and count such pixels"
+                f"the model returned {row['n_invalid']} pixels that are NaN or infinite on {describe_cell(*cell)}; fix "
+                "the model, or give --allow-invalid to exclude and count such pixels"
             )
         return row
 
     def digest(self, frames: tuple[Any, ...]) -> str:
         """The digest of a cell's pair."""
-        with spent(self._seconds, "measure"):
+        with timed(self._seconds, "measure"):
             return frames_digest(frames[:2])
 
     def _check(self, loaded: Loaded, clean: Flow) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..models.base import (
     AnyModel,
@@ -10,14 +12,31 @@ from ..models.base import (
     ClipModel,
     FlowLookup,
     FlowModel,
-    places,
+    describe_cells,
     predict_batch_checked,
     predict_checked,
     predict_clip_checked,
 )
-from ..sample import Flow
-from .question import Question
-from .seconds import Seconds, spent
+from ..sample import Flow, Frame
+from .seconds import Seconds, timed
+
+if TYPE_CHECKING:  # a process that only predicts does not import what plans need
+    from ..runs.plan import Cell
+
+
+@dataclass(frozen=True)
+class PredictionRequest:
+    """A request for the flow of one cell.
+
+    Attributes:
+        cell: (sample key, corruption, severity).
+        frames: RGB uint8 (H, W, 3) each: the pair, or the clip in the order of time.
+        index: of frame 1 in the clip; None for a model that is given pairs.
+    """
+
+    cell: Cell
+    frames: tuple[Frame, ...]
+    index: int | None = None
 
 
 class PredictStage:
@@ -37,25 +56,25 @@ class PredictStage:
         self._seconds = seconds
         self._on_predict = on_predict
 
-    def predict(self, questions: Sequence[Question]) -> list[Flow]:
+    def predict(self, requests: Sequence[PredictionRequest]) -> list[Flow]:
         """The flows of some cells: several in one call, if the model can; a single one goes through `predict`.
 
         Raises:
             ModelError: the model raised, or returned something that is not float (H, W, 2).
         """
-        with spent(self._seconds, "predict"):
-            self._on_predict(places([question.cell for question in questions]))
-            if len(questions) > 1 and questions[0].index is None and isinstance(self._model, BatchedFlowModel):
-                cells = [question.cell for question in questions]
-                flows = predict_batch_checked(self._model, [question.frames for question in questions], cells)
+        with timed(self._seconds, "predict"):
+            self._on_predict(describe_cells([request.cell for request in requests]))
+            if len(requests) > 1 and requests[0].index is None and isinstance(self._model, BatchedFlowModel):
+                cells = [request.cell for request in requests]
+                flows = predict_batch_checked(self._model, [request.frames for request in requests], cells)
             else:
-                flows = [self._one(question) for question in questions]
+                flows = [self._one(request) for request in requests]
             self._on_predict(None)
             return flows
 
-    def _one(self, question: Question) -> Flow:
-        if question.index is not None:
+    def _one(self, request: PredictionRequest) -> Flow:
+        if request.index is not None:
             assert isinstance(self._model, ClipModel)
-            return predict_clip_checked(self._model, question.frames, question.index, *question.cell)
+            return predict_clip_checked(self._model, request.frames, request.index, *request.cell)
         assert isinstance(self._model, FlowModel | FlowLookup)
-        return predict_checked(self._model, question.frames, *question.cell)
+        return predict_checked(self._model, request.frames, *request.cell)

@@ -20,7 +20,7 @@ from ..datasets.context_frames import window_on
 from ..errors import RunError, UsageError
 from ..metrics.regions import REGIONS
 from ..models import ModelSpec
-from ..models.base import AnyModel, place
+from ..models.base import AnyModel, describe_cell
 from ..random.rng import Rng
 from ..runs.plan import Unit
 from .named_model import name_model
@@ -82,7 +82,7 @@ def recheck(
     with TemporaryDirectory(prefix="robustflow-") as folder:
         worker = Worker(dataset, predictor, run_options, lambda key: Path(folder) / f"{names[key]}.npy")
         for row in chosen.iter_rows(named=True):
-            where = place(row["sample"], row["corruption"], row["severity"])
+            where = describe_cell(row["sample"], row["corruption"], row["severity"])
             (made,) = worker.run(Unit(row["sample"], row["corruption"], (row["severity"],)))
             if made["frames_digest"] != row["frames_digest"]:
                 problems.append(f"{where}: other frames")

@@ -17,8 +17,8 @@ from ..metrics.rows import CLEAN
 from ..runs.manifest import last_changed
 from ..runs.plan import Plan, Unit
 from ..runs.store import RunFolder
+from .clean_row_check import check_same_data, check_same_model, kept_clean_rows
 from .engines.base import Job
-from .kept_rows import check_same_data, check_same_model, kept_clean_rows
 from .worker import NoMotion, Worker
 
 _HASH = re.compile(r"[0-9a-f]{64}")

@@ -16,19 +16,19 @@ def no_seconds() -> Seconds:
 
 
 @contextmanager
-def spent(seconds: Seconds, kind: str) -> Iterator[None]:
+def timed(seconds: Seconds, kind: str) -> Iterator[None]:
     """Add the time that the block takes."""
     start = time.perf_counter()
     yield
     seconds[kind] += time.perf_counter() - start
 
 
-def taken(seconds: Seconds) -> Seconds:
+def pop_timings(seconds: Seconds) -> Seconds:
     """The seconds spent since the last call; counting starts again at zero.
 
     >>> seconds = no_seconds()
     >>> seconds["load"] = 2.0
-    >>> taken(seconds)["load"], seconds["load"]
+    >>> pop_timings(seconds)["load"], seconds["load"]
     (2.0, 0.0)
     """
     so_far = dict(seconds)

@@ -96,8 +96,8 @@ def set_up(
     return Setup(plan, named)
 
 
-def set_up_again(run: Run, source: RunSource) -> Setup:
-    """Set up a finished run from its manifest, with the model and the data that `source` names.
+def restore_setup(run: Run, source: RunSource) -> Setup:
+    """Set up a finished run again from its manifest, with the model and the data that `source` names.
 
     Raises:
         RunError: the model cannot be loaded any more, or what is set up now is not what was run.

@@ -35,7 +35,7 @@ def slider_picture(frames: tuple[Frame, ...], clean: tuple[Frame, ...]) -> bytes
 
 
 @contextmanager
-def pictures_kept(setup: Setup) -> Iterator[Setup]:
+def capture_slider_pictures(setup: Setup) -> Iterator[Setup]:
     """A set-up whose workers store the slider's pictures within the block, if it is known which sample it will show.
 
     That is so for a run of one sample; with more, the sample is known only at the end, and storing all pictures would

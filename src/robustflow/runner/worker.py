@@ -46,7 +46,7 @@ class Worker:
         on_predict: called with what is being predicted before each prediction and with None after it; the process
             engine uses this to watch a model's time.
         batch_size: severities of a unit that are predicted in one call, if the model can.
-        kept: clean rows measured earlier, by sample (see `kept_rows`); a sample with such a row is refused if its
+        kept: clean rows measured earlier, by sample (see `clean_row_check`); a sample with such a row is refused if its
             frames, its ground truth or the model's prediction have changed.
     """
 
@@ -76,17 +76,17 @@ class Worker:
         for start in range(0, len(unit.cells), self._batch_size):
             cells = unit.cells[start : start + self._batch_size]
             corrupted = [self._frames.corrupt(loaded.sample, name, severity) for _, name, severity in cells]
-            questions = [self._frames.question(cell, frames) for cell, frames in zip(cells, corrupted, strict=True)]
-            flows = self._model.predict(questions)
+            requests = [self._frames.request(cell, frames) for cell, frames in zip(cells, corrupted, strict=True)]
+            flows = self._model.predict(requests)
             for flow, frames, cell in zip(flows, corrupted, cells, strict=True):
                 rows.append(self._row(loaded, clean, flow, frames, cell))
         return rows
 
-    def look(self, key: str, corruption: str, severity: int) -> View:
+    def inspect_cell(self, key: str, corruption: str, severity: int) -> View:
         """Compute one cell and return everything about it."""
         loaded, clean = self._load(key)
         cell, frames = (key, corruption, severity), self._frames.corrupt(loaded.sample, corruption, severity)
-        (flow,) = self._model.predict([self._frames.question(cell, frames)])
+        (flow,) = self._model.predict([self._frames.request(cell, frames)])
         row = self._row(loaded, clean, flow, frames, cell)
         return View(loaded.sample, frames, flow, clean, row)
 
@@ -108,7 +108,7 @@ class Worker:
             loaded = self._frames.load(key)
             clean = self._measure.kept_clean(loaded)
             if clean is None:
-                (clean,) = self._model.predict([self._frames.question((key, CLEAN, 0), loaded.sample.frames)])
+                (clean,) = self._model.predict([self._frames.request((key, CLEAN, 0), loaded.sample.frames)])
                 self._measure.keep_clean(loaded, clean)
             self._last = (loaded, clean)
         return self._last

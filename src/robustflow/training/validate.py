@@ -11,8 +11,8 @@ from typing import Any
 from ..benchmarks import Benchmark
 from ..errors import UsageError
 from ..models.torch.model import NetworkModel
+from ..runner.compute_missing import compute_missing
 from ..runner.engines.serial import SERIAL
-from ..runner.fill import fill
 from ..runner.progress import Silent
 from ..runner.setup import open_benchmark, set_up
 from ..runs.run import Run
@@ -65,7 +65,7 @@ def validator(
         store = RunFolder(place)
         store.lock()
         try:
-            fill(store, set_up(_AtUpdate(model, updates), chosen), SERIAL, 1, Silent())
+            compute_missing(store, set_up(_AtUpdate(model, updates), chosen), SERIAL, 1, Silent())
         finally:
             store.unlock()
         run = Run(place)

@@ -106,7 +106,7 @@ class _TriedConvention:
         return every and self.mean <= factor * float(np.mean(other.errors[: len(self.errors)]))
 
 
-def complete(
+def infer_convention(
     module: nn.Module,
     call: Callable[[list[Any]], Any],
     declared: Declared,

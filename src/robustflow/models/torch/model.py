@@ -13,7 +13,7 @@ from ...sample import Flow, Frame
 from ..execution import Execution
 from ..input_convention import InputConvention
 from ..pairs import predict_by_size
-from ..where import where_raised
+from ..traceback_hint import traceback_hint
 from .fit import fitted_images, fitted_values, unfitted_flow
 from .reproducible import reproducible
 
@@ -142,7 +142,7 @@ class NetworkModel:
             message = " ".join(str(error).split())
             raise ModelError(
                 f"model '{self.name}' fails on frames of {height}x{width} ({type(error).__name__}: {message}"
-                f"{where_raised(error)}); {advice}"
+                f"{traceback_hint(error)}); {advice}"
             ) from error
         return flow
 

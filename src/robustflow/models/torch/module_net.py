@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from ...errors import ModelError, RobustFlowError
 from ..signature import describe_arrays, flow_layout
-from ..where import where_raised
+from ..traceback_hint import traceback_hint
 
 MODULE_LAYOUTS = ("pair", "concatenated", "stacked", "images")
 """How a pair goes into a module: two images (N, 3, H, W); one (N, 6, H, W); one (N, 2, 3, H, W); or that one in a
@@ -77,7 +77,7 @@ class ModuleNet(nn.Module):
             shapes = [value["images"].shape if isinstance(value, dict) else value.shape for value in inputs]
             what = describe_arrays([(f"input {i}", tuple(shape)) for i, shape in enumerate(shapes)])
             raise ModelError(
-                f"the network failed on {what}: {type(error).__name__}: {reason.strip()[:200]}{where_raised(error)}; "
+                f"the network failed on {what}: {type(error).__name__}: {reason.strip()[:200]}{traceback_hint(error)}; "
                 "give the layout or the multiple of height and width that it takes (-O layout=, -O multiple=)"
             ) from error
 

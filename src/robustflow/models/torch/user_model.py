@@ -16,9 +16,9 @@ from ...errors import ModelError, UsageError, unknown_name
 from ..execution import Execution
 from ..input_convention import ORDERS, SCALINGS, named_convention
 from ..option_checks import check_count, check_switch
-from ..where import where_raised
+from ..traceback_hint import traceback_hint
 from .checkpoint import read_checkpoint
-from .guess import LAST_OUTPUT, Declared, complete
+from .guess import LAST_OUTPUT, Declared, infer_convention
 from .model import NetworkModel, find_device
 from .module_net import MODULE_LAYOUTS, ModuleNet
 from .weights import load_weights
@@ -117,7 +117,7 @@ class TorchModel(NetworkModel):
 
         multiple = known_multiple if multiple is None else multiple
         if library is None or declared != known:  # what a library's networks expect needs no trial
-            declared, remark = complete(module, call, declared, multiple, find_device(device), threads)
+            declared, remark = infer_convention(module, call, declared, multiple, find_device(device), threads)
             if remark:
                 warnings.warn(f"{type(net).__name__}: {remark}", ConventionWarning, stacklevel=2)
         self.declared = declared
@@ -150,7 +150,7 @@ def _copied(net: nn.Module, kind: str) -> nn.Module:
     except Exception as error:
         raise ModelError(
             f"the module {kind} cannot be copied ({type(error).__name__}: {' '.join(str(error).split())}"
-            f"{where_raised(error)}); build it again and give that one"
+            f"{traceback_hint(error)}); build it again and give that one"
         ) from error
 
 

@@ -12,7 +12,7 @@ from ...models import ModelSpec
 from ...models.base import AnyModel
 from ...runs.plan import RunOptions, Unit
 from ...runs.store import RunFolder
-from ..seconds import taken
+from ..seconds import pop_timings
 from ..worker import Worker
 
 
@@ -72,4 +72,4 @@ class Engine:
 
 def take_seconds(worker: Worker) -> dict[str, float]:
     """The seconds since the last call."""
-    return taken(worker.seconds)
+    return pop_timings(worker.seconds)

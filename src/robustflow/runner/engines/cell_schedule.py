@@ -56,12 +56,12 @@ class CellSchedule:
         """Whether every unit is finished."""
         return not self._waiting and not self._open
 
-    def take(self, last_key: str | None, plenty: bool) -> Cell | None:
+    def take(self, last_key: str | None, has_backlog: bool) -> Cell | None:
         """The next cell for a feeder; None if all remaining cells have to wait.
 
         Args:
             last_key: the sample of the feeder's previous cell.
-            plenty: whether enough frames are waiting for the model.
+            has_backlog: whether enough frames are waiting for the model to keep it busy.
         """
         key = last_key if last_key in self._cells else None
         if key is None and self._fresh:
@@ -72,7 +72,7 @@ class CellSchedule:
         if key is None:
             return None
         cells = self._cells[key]
-        cell = cells.pop(self._choice(cells, plenty))
+        cell = cells.pop(self._choice(cells, has_backlog))
         if not cells:
             del self._cells[key]
         return cell
@@ -103,14 +103,14 @@ class CellSchedule:
         if units[0].corruption == CLEAN:
             self._blocked.add(key)
 
-    def _choice(self, cells: list[Cell], plenty: bool) -> int:
-        """The index of the cell to take: the clean one; with plenty, one of unknown cost from the plan's end, or the
+    def _choice(self, cells: list[Cell], has_backlog: bool) -> int:
+        """The index of the cell to take: the clean one; with a backlog, one of unknown cost from the plan's end, or the
         costliest; otherwise the cheapest known, or the first."""
         if cells[0][1] == CLEAN:
             return 0
         costs = [self._cost.get(corruption) for _, corruption, _ in cells]
         known = [(cost, place) for place, cost in enumerate(costs) if cost is not None]
-        if plenty:
+        if has_backlog:
             unknown = [place for place, cost in enumerate(costs) if cost is None]
             if unknown:
                 last = cells[unknown[-1]][1]

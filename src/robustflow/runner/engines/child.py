@@ -24,7 +24,7 @@ from ...errors import RobustFlowError, RunError, UsageError
 from ...figure_style import ignore_local_settings
 from ...models import ModelSpec
 from ...safe_path import safe_path
-from .kept_memory import keep_freed_memory
+from .malloc import keep_freed_memory
 
 ONE_THREAD = (
     "OMP_NUM_THREADS",
@@ -43,16 +43,16 @@ class Child:
     """One child process.
 
     Args:
-        life: what the child runs: a module-level function, called with its end of the pipe and `arguments`.
-        arguments: picklable; connections and `SharedSlots` among them are handed over.
+        target: what the child runs: a module-level function, called with its end of the pipe and `arguments`.
+        arguments: picklable; connections and `SharedSlots` among them are passed on.
     """
 
-    def __init__(self, life: Callable[..., None], *arguments: Any) -> None:
+    def __init__(self, target: Callable[..., None], *arguments: Any) -> None:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         watched, self._lifeline = context.Pipe(duplex=False)
         self._began = False
-        self._process = context.Process(target=_live, args=(theirs, watched, life, arguments), daemon=True)
+        self._process = context.Process(target=child_main, args=(theirs, watched, target, arguments), daemon=True)
         with one_thread(), safe_path(), _no_interrupt():
             self._process.start()
         theirs.close()
@@ -178,8 +178,8 @@ def _no_interrupt() -> Iterator[None]:
         handler(came[0], None)
 
 
-def _live(pipe: Connection, watched: Connection, life: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-    """The life of a child, from its start to its last message."""
+def child_main(pipe: Connection, watched: Connection, target: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+    """Run `target` in the child, and send what it raises."""
     ignore_local_settings()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
@@ -190,7 +190,7 @@ def _live(pipe: Connection, watched: Connection, life: Callable[..., None], argu
 
     cv2.setNumThreads(1)
     try:
-        life(pipe, *arguments)
+        target(pipe, *arguments)
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
     except BaseException as error:

@@ -16,9 +16,9 @@ from ...runs.store import RunFolder
 from ...sample import Flow, Frame
 from ..frame_stage import FrameStage, Loaded
 from ..measure_stage import MeasureStage
-from ..seconds import no_seconds, spent, taken
+from ..seconds import no_seconds, pop_timings, timed
 from .base import Job
-from .predictor import SlotQuestion
+from .predictor import SlotRequest
 from .shared_slots import SharedSlots
 
 _OPEN_SAMPLES = 4
@@ -43,22 +43,22 @@ class _OpenSample:
 
 @dataclass(frozen=True)
 class _Sent:
-    """A question that was sent."""
+    """A request that was sent to the predicting process."""
 
     sample: _OpenSample
-    question: SlotQuestion
+    request: SlotRequest
     digest: str
     wanted: bool
     """Whether a row is needed; that of a clean flow may exist already."""
 
 
 def feed_forever(driver: Connection, job: Job, device: Connection, slots: SharedSlots) -> None:
-    """The life of a feeder.
+    """Corrupt and measure cells until the driver ends this process.
 
     Args:
         driver: sends cells ("cell", cell), or that there is none for now ("none", None), or that there is one after all
-            ("late", cell); it receives the cost of a cell's frames ("made", (corruption, seconds, plenty)), which also
-            requests another cell, and ("row", (cell, row, seconds)).
+            ("deferred", cell); it receives the cost of a cell's frames ("made", (corruption, seconds, has_backlog)),
+            which also requests another cell, and ("row", (cell, row, seconds)).
         job: without a model.
         device: the predicting process; see `predictor.Link`.
         slots: shared with it.
@@ -78,29 +78,29 @@ class _Feeder:
         self._frames = FrameStage(job.dataset, job.options, self._seconds)
         clean_path = RunFolder(Path(job.folder)).clean_path
         self._measure = MeasureStage(job.options, clean_path, job.kept, self._seconds)
-        self._hand: deque[Cell] = deque()
+        self._queued_cells: deque[Cell] = deque()
         self._samples: dict[str, _OpenSample] = {}
         self._batch: list[_Sent] = []
-        self._flying: deque[list[_Sent]] = deque()
+        self._in_flight: deque[list[_Sent]] = deque()
         self._unanswered = cells_ahead(job.batch_size)
         """Requests that the driver has not answered yet."""
 
     def step(self) -> None:
         """Process what has arrived; otherwise make the frames of one cell; otherwise wait."""
-        busy = bool(self._hand) and self._can_make(self._hand[0])
+        busy = bool(self._queued_cells) and self._can_make(self._queued_cells[0])
         if not busy:
             self._send_batch_unless_it_grows()
         for ready in wait([self._device, self._driver], timeout=0 if busy else None):
             if ready is self._driver:
                 kind, cell = self._driver.recv()
-                self._unanswered -= kind != "late"
+                self._unanswered -= kind != "deferred"
                 if cell is not None:
-                    self._hand.append(cell)
+                    self._queued_cells.append(cell)
             else:
                 self._take_flows()
             return
         if busy:
-            self._make(self._hand[0])
+            self._make(self._queued_cells[0])
 
     def _can_make(self, cell: Cell) -> bool:
         """Whether there is room for the frames of a cell; if not, the feeder waits for flows to come back."""
@@ -131,7 +131,7 @@ class _Feeder:
         self._begun(cell, self._seconds["corrupt"] - before)
 
     def _find_clean(self, sample: _OpenSample, cell: Cell) -> None:
-        """Take the clean flow from disk, or else ask for it; that question is the cell itself if the cell is clean."""
+        """Read the clean flow from disk, or request it; for a clean cell that is the request of the cell itself."""
         sample.clean = self._measure.kept_clean(sample.loaded)
         if sample.clean is not None:
             return
@@ -143,21 +143,21 @@ class _Feeder:
 
     def _begun(self, cell: Cell, cost: float) -> None:
         """Note that a cell, whose frames took `cost` seconds, was sent; request another."""
-        self._hand.popleft()
+        self._queued_cells.popleft()
         self._unanswered += 1
-        plenty = 2 * self._slots.taken >= self._slots.count
-        self._driver.send(("made", (cell[1], cost, plenty)))
+        has_backlog = 2 * self._slots.in_use >= self._slots.count
+        self._driver.send(("made", (cell[1], cost, has_backlog)))
 
     def _ask(self, sample: _OpenSample, cell: Cell, frames: tuple[Frame, ...], wanted: bool) -> None:
         if self._batch and self._batch[0].sample is not sample:
             self._send_batch()
         digest = self._measure.digest(frames)
-        question = self._frames.question(cell, frames)
+        request = self._frames.request(cell, frames)
         slot = self._slots.take()
-        shape = (len(question.frames), *question.frames[0].shape)
-        with spent(self._seconds, "predict"):
-            np.stack(question.frames, out=self._slots.frames(slot, self._slots.slot_bytes, shape))
-        where = SlotQuestion(cell, slot, self._slots.slot_bytes, shape, question.index)
+        shape = (len(request.frames), *request.frames[0].shape)
+        with timed(self._seconds, "predict"):
+            np.stack(request.frames, out=self._slots.frames(slot, self._slots.slot_bytes, shape))
+        where = SlotRequest(cell, slot, self._slots.slot_bytes, shape, request.index)
         self._batch.append(_Sent(sample, where, digest, wanted))
         sample.unmeasured += 1
         if len(self._batch) == self._batch_size:
@@ -165,16 +165,16 @@ class _Feeder:
 
     def _send_batch_unless_it_grows(self) -> None:
         """Nothing can be made now: send what is ready, unless the driver is about to send another cell."""
-        if self._hand or not self._unanswered:
+        if self._queued_cells or not self._unanswered:
             self._send_batch()
 
     def _send_batch(self) -> None:
         if self._batch:
             try:
-                self._device.send([sent.question for sent in self._batch])
+                self._device.send([sent.request for sent in self._batch])
             except OSError:
                 self._wait_for_the_end()
-            self._flying.append(self._batch)
+            self._in_flight.append(self._batch)
             self._batch = []
 
     def _take_flows(self) -> None:
@@ -183,24 +183,24 @@ class _Feeder:
             predicting = self._device.recv()
         except (EOFError, ConnectionError):
             self._wait_for_the_end()
-        batch = self._flying.popleft()
+        batch = self._in_flight.popleft()
         self._seconds["predict"] += predicting
         for sent in batch:
-            question, sample = sent.question, sent.sample
-            flow = self._slots.flow(question.slot, question.slot_bytes, (*sample.loaded.sample.shape, 2))
-            if question.cell[1] == CLEAN:
+            request, sample = sent.request, sent.sample
+            flow = self._slots.flow(request.slot, request.slot_bytes, (*sample.loaded.sample.shape, 2))
+            if request.cell[1] == CLEAN:
                 sample.clean = flow.copy()
                 self._measure.keep_clean(sample.loaded, sample.clean)
             sample.unmeasured -= 1
             if sent.wanted:
-                self._report(question.cell, sample, flow, sent.digest)
-            self._slots.put_back(question.slot)
+                self._report(request.cell, sample, flow, sent.digest)
+            self._slots.put_back(request.slot)
 
     def _report(self, cell: Cell, sample: _OpenSample, flow: Flow, digest: str) -> None:
         assert sample.clean is not None  # a device answers in order, and the clean flow was requested first
         row = self._measure.row(sample.loaded, sample.clean, flow, digest, cell)
-        self._driver.send(("row", (cell, row, taken(self._seconds))))
-        needed = {key for key, *_ in self._hand} | {cell[0]}
+        self._driver.send(("row", (cell, row, pop_timings(self._seconds))))
+        needed = {key for key, *_ in self._queued_cells} | {cell[0]}
         for key in [key for key, one in self._samples.items() if not one.unmeasured and key not in needed]:
             del self._samples[key]
 
@@ -213,5 +213,5 @@ class _Feeder:
 def _slot_bytes(loaded: Loaded, frames: FrameStage) -> int:
     """Bytes of the model's input or of the flow, whichever is larger."""
     height, width = loaded.sample.shape
-    given: Any = frames.question((loaded.sample.key, CLEAN, 0), loaded.sample.frames)
+    given: Any = frames.request((loaded.sample.key, CLEAN, 0), loaded.sample.frames)
     return max(len(given.frames) * 3, 8) * height * width

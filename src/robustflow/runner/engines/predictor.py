@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 
 from ...models import ModelSpec
 from ...models.base import AnyModel
-from ..predict_stage import PredictStage
-from ..question import Question
-from ..seconds import no_seconds, taken
+from ..predict_stage import PredictionRequest, PredictStage
+from ..seconds import no_seconds, pop_timings
 from .shared_slots import SharedSlots
 
 if TYPE_CHECKING:  # not imported by a process that does not need it
@@ -19,8 +18,8 @@ if TYPE_CHECKING:  # not imported by a process that does not need it
 
 
 @dataclass(frozen=True)
-class SlotQuestion:
-    """A `Question` whose frames are in a slot; the answer goes into the same slot.
+class SlotRequest:
+    """A `PredictionRequest` whose frames are in a slot; the answer goes into the same slot.
 
     Attributes:
         cell: (sample key, corruption, severity).
@@ -37,12 +36,12 @@ class SlotQuestion:
 
 
 Link = tuple[Connection, SharedSlots]
-"""A connection to one feeder: lists of `SlotQuestion` come in, the seconds that their prediction took go out, in the
+"""A connection to one feeder: lists of `SlotRequest` come in, the seconds that their prediction took go out, in the
 same order."""
 
 
 def predict_forever(driver: Connection, model: ModelSpec | AnyModel, links: list[Link]) -> None:
-    """The life of a predicting process: one batch after the other, in the order in which they come.
+    """Predict one batch after the other, in the order in which they arrive; the main function of a predicting process.
 
     Args:
         driver: is notified of what is being predicted.
@@ -53,12 +52,12 @@ def predict_forever(driver: Connection, model: ModelSpec | AnyModel, links: list
     loaded = model.load() if isinstance(model, ModelSpec) else model
     stage = PredictStage(loaded, seconds, lambda what: driver.send(("predicting", what)))
     slots = dict(links)
-    waiting: deque[tuple[Connection, list[SlotQuestion]]] = deque()
+    waiting: deque[tuple[Connection, list[SlotRequest]]] = deque()
     while True:
         for ready in wait([driver, *slots], timeout=0 if waiting else None):
             assert isinstance(ready, Connection)
             if ready is driver:
-                driver.recv()  # says nothing; it only closes
+                driver.recv()  # raises EOFError: it sends nothing and only closes
                 continue
             try:
                 waiting.append((ready, ready.recv()))
@@ -70,14 +69,15 @@ def predict_forever(driver: Connection, model: ModelSpec | AnyModel, links: list
                 continue
             _answer(stage, slots[link], batch)
             try:
-                link.send(taken(seconds)["predict"])
+                link.send(pop_timings(seconds)["predict"])
             except OSError:
                 del slots[link]
 
 
-def _answer(stage: PredictStage, slots: SharedSlots, batch: list[SlotQuestion]) -> None:
-    questions = [
-        Question(one.cell, tuple(slots.frames(one.slot, one.slot_bytes, one.shape)), one.index) for one in batch
+def _answer(stage: PredictStage, slots: SharedSlots, batch: list[SlotRequest]) -> None:
+    requests = [
+        PredictionRequest(one.cell, tuple(slots.frames(one.slot, one.slot_bytes, one.shape)), one.index)
+        for one in batch
     ]
-    for one, flow in zip(batch, stage.predict(questions), strict=True):
+    for one, flow in zip(batch, stage.predict(requests), strict=True):
         slots.flow(one.slot, one.slot_bytes, flow.shape)[:] = flow

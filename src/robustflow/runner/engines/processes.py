@@ -12,8 +12,8 @@ from multiprocessing.connection import wait
 from ...runs.plan import Unit
 from .base import FinishedUnit, Job
 from .child import check_picklable
+from .prediction_timeout import PredictionTimeout
 from .schedule import Schedule
-from .watch import Watch
 from .worker_process import release, worker_process
 
 
@@ -40,7 +40,7 @@ def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | No
                             idle.give(schedule)
                     yield done
                 else:
-                    process.watch.check()
+                    process.timeout.check()
     finally:
         for process in pool:
             release(process.child, idle=process.unit is None)
@@ -52,7 +52,7 @@ class _WorkerHandle:
     def __init__(self, job: Job, timeout: float | None) -> None:
         self.child = worker_process(job)
         self.unit: Unit | None = None
-        self.watch = Watch(timeout)
+        self.timeout = PredictionTimeout(timeout)
         self._last_key: str | None = None
 
     def give(self, schedule: Schedule) -> None:
@@ -67,7 +67,7 @@ class _WorkerHandle:
         doing = f"sample '{self.unit.key}', {self.unit.corruption}" if self.unit else "nothing"
         kind, value = self.child.receive(doing, "try fewer --workers")
         if kind == "predicting":
-            self.watch.note(value)
+            self.timeout.note(value)
             return None
         rows, seconds = value
         assert self.unit is not None

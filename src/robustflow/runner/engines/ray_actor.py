@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import DataError, RunError, UsageError
 from ...version import VERSION
-from .kept_memory import keep_freed_memory
+from .malloc import keep_freed_memory
 
 if TYPE_CHECKING:
     from ...runs.plan import Unit

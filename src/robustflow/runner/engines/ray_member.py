@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from ...models.base import place
+from ...models.base import describe_cell
 from ...runs.plan import Unit
+from .prediction_timeout import too_slow
 from .ray_actor import Files, UnitActor
-from .watch import too_slow
 
 _UNANSWERED_S = 30.0
 """How much longer than the timeout of a prediction an actor may be silent; a lost node is noticed within that time."""
@@ -98,7 +98,7 @@ class Member:
             if predicting is not None and predicting[1] > timeout:
                 raise too_slow(timeout, predicting[0])
         elif now - self._asked > timeout + _UNANSWERED_S:
-            raise too_slow(timeout, place(self.unit.key, self.unit.corruption, *self.unit.severities))
+            raise too_slow(timeout, describe_cell(self.unit.key, self.unit.corruption, *self.unit.severities))
 
     def kill(self) -> None:
         """End it now."""

@@ -62,7 +62,7 @@ class SharedSlots:
         return len(self._free)
 
     @property
-    def taken(self) -> int:
+    def in_use(self) -> int:
         """Number of slots in use."""
         return self.count - len(self._free)
 
@@ -70,7 +70,7 @@ class SharedSlots:
         """Make slots of at least `size` bytes; False if that has to wait until none is in use."""
         if size <= self.slot_bytes:
             return True
-        if self.taken:
+        if self.in_use:
             return False
         self.slot_bytes = -(-size // _PAGE) * _PAGE
         self.count = max(self._fewest, min(MOST_SLOTS, BUDGET // self.slot_bytes))

@@ -15,15 +15,15 @@ from multiprocessing.connection import wait
 from typing import Any
 
 from ...models import ModelSpec
-from ...models.base import place
+from ...models.base import describe_cell
 from ...runs.plan import Cell, Unit
 from .base import FinishedUnit, Job
 from .cell_schedule import CellSchedule
 from .child import Child, check_picklable
 from .feeder import cells_ahead, feed_forever
+from .prediction_timeout import PredictionTimeout
 from .predictor import Link, predict_forever
 from .shared_slots import SharedSlots
-from .watch import Watch
 
 
 def staged(
@@ -65,16 +65,16 @@ def staged(
         children: dict[Any, _PredictorHandle | _FeederHandle] = {one.child.pipe: one for one in predictors}
         children |= {one.child.pipe: one for one in pool}
         for feeder in pool:
-            feeder.deal(schedule)
+            feeder.send_cells(schedule)
         while not schedule.finished:
             ready = wait(list(children), timeout=0.2 if timeout else None)
             for predictor in predictors:
                 if predictor.child.pipe not in ready:
-                    predictor.watch.check()
+                    predictor.timeout.check()
             for pipe in ready:
-                done = children[pipe].hear(schedule)
+                done = children[pipe].handle_message(schedule)
                 for feeder in pool:
-                    feeder.deal(schedule)
+                    feeder.send_cells(schedule)
                 if done is not None:
                     yield done
     finally:
@@ -88,12 +88,12 @@ class _PredictorHandle:
     def __init__(self, job: Job, device: str | None, links: list[Link], timeout: float | None) -> None:
         model = job.model.on(device) if isinstance(job.model, ModelSpec) and device is not None else job.model
         self.child = Child(predict_forever, model, links)
-        self.watch = Watch(timeout)
+        self.timeout = PredictionTimeout(timeout)
 
-    def hear(self, schedule: CellSchedule) -> None:
+    def handle_message(self, schedule: CellSchedule) -> None:
         """Take one message."""
-        doing = self.watch.what or "nothing"
-        self.watch.note(self.child.receive(doing, "try a smaller --batch-size")[1])
+        doing = self.timeout.what or "nothing"
+        self.timeout.note(self.child.receive(doing, "try a smaller --batch-size")[1])
 
 
 class _FeederHandle:
@@ -103,30 +103,30 @@ class _FeederHandle:
         self.child = Child(feed_forever, replace(job, model=ModelSpec("none")), link, slots)
         self._asked = cells_ahead(job.batch_size)
         """Requested cells that were not answered yet."""
-        self._late = 0
+        self._deferred = 0
         """Requested cells to which the answer was that there is none."""
         self._last_key: str | None = None
-        self._plenty = False
+        self._has_backlog = False
         self._unmade: deque[Cell] = deque()
         """Cells that it was given and whose frames it has not made yet; it is working on the first of them, or will
         be."""
 
-    def hear(self, schedule: CellSchedule) -> FinishedUnit | None:
+    def handle_message(self, schedule: CellSchedule) -> FinishedUnit | None:
         """Take one message, and return the unit that it finishes, if any."""
-        doing = place(*self._unmade[0]) if self._unmade else "the last rows"
+        doing = describe_cell(*self._unmade[0]) if self._unmade else "the last rows"
         kind, value = self.child.receive(doing, "try fewer --workers")
         if kind == "made":
-            corruption, seconds, self._plenty = value
+            corruption, seconds, self._has_backlog = value
             self._unmade.popleft()
             schedule.learn(corruption, seconds)
             self._asked += 1
             return None
         return schedule.finish(*value)
 
-    def deal(self, schedule: CellSchedule) -> None:
+    def send_cells(self, schedule: CellSchedule) -> None:
         """Send it the cells that it requested, as far as any are available now."""
-        while self._asked or self._late:
-            cell = schedule.take(self._last_key, self._plenty)
+        while self._asked or self._deferred:
+            cell = schedule.take(self._last_key, self._has_backlog)
             if cell is not None:
                 self._last_key = cell[0]
                 self._unmade.append(cell)
@@ -134,8 +134,8 @@ class _FeederHandle:
                 return
             if self._asked:
                 self._asked -= 1
-                self._late += cell is None
+                self._deferred += cell is None
                 self.child.send(("none", None) if cell is None else ("cell", cell))
             else:
-                self._late -= 1
-                self.child.send(("late", cell))
+                self._deferred -= 1
+                self.child.send(("deferred", cell))

@@ -15,14 +15,14 @@ from ..metrics.rows import CLEAN
 from ..runs.manifest import changed_files, now, open_manifest
 from ..runs.plan import unfinished_samples
 from ..runs.store import RunFolder
+from .clean_row_check import kept_clean_rows
 from .engines.base import Engine, Job
-from .kept_rows import kept_clean_rows
 from .progress import NamesEngine, Progress
 from .resume_check import check_before_resuming
 from .setup import Setup
 
 
-def fill(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
+def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size: int, progress: Progress) -> None:
     """Compute and write the planned units that do not exist yet.
 
     Args:

@@ -7,7 +7,7 @@ import time
 from ...errors import ModelError
 
 
-class Watch:
+class PredictionTimeout:
     """Watches the predictions of one process.
 
     Args:

@@ -14,7 +14,7 @@ from .ptlflow.pairs import BESIDES
 from .torch.find_checkpoint import SOURCES, needs_checkpoint, refuse_missing_file
 
 
-def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, str]) -> None:
+def preflight(name: str, options: Mapping[str, Any], exported: Mapping[str, str]) -> None:
     """Refuse a file that is missing, a library that is not installed, or a network without its checkpoint.
 
     Passing proves nothing: the model itself checks this again, and everything else.
@@ -28,7 +28,7 @@ def refuse_early(name: str, options: Mapping[str, Any], exported: Mapping[str, s
         ModelError: the file or the checkpoint is missing.
         AssetError: the library is.
 
-    >>> refuse_early("dis", {}, {})
+    >>> preflight("dis", {}, {})
     """
     checkpoint, method = options.get("checkpoint"), methods().get(name)
     if method is None:

@@ -1,4 +1,4 @@
-"""The memory of a worker process: kept for the next cell instead of returned to the system after each."""
+"""Let a worker process keep freed memory for its next cell."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def keep_freed_memory() -> None:
     """Let glibc keep the memory that this process frees, up to half a gigabyte.
 
     It returns every freed frame and flow to the system otherwise, and gets it back page by page: 2 ms for each
-    prediction at KITTI's size, of which a GPU may take 10. What the user has set in the environment goes before; with
-    another C library nothing happens.
+    prediction at KITTI's size, of which a GPU may take 10. MALLOC_ variables set by the user
+    take precedence; with another C library nothing happens.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     for variable, (setting, value) in _SETTINGS.items():
