@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,10 @@ from robustflow.analysis.results import CLEAN
 from robustflow.api import evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.metrics.rows import ROW_SCHEMA
+from robustflow.runs.identity import ModelIdentity
+from robustflow.runs.manifest import Manifest, Selection
 from robustflow.runs.plan import Unit
+from robustflow.runs.provenance import Provenance
 from robustflow.runs.run import Run
 from robustflow.runs.store import RunFolder
 from robustflow.severity import SEVERITIES
@@ -28,15 +30,13 @@ def synthetic_runs(folder: Path, count: int, pairs: int) -> list[Path]:
     """
     first = evaluate("dis", "demo", output=folder / "template", corruptions=["contrast"], severities=[1])
     keys = [f"{index:06d}" for index in range(pairs)]
-    manifest = copy.deepcopy(first.manifest)
-    (files,) = manifest["samples"].values()
-    manifest["samples"] = dict.fromkeys(keys, files)
-    manifest["selection"] = {
-        **manifest["selection"],
-        "corruptions": list(IMAGE_PAIR),
-        "severities": list(SEVERITIES),
-    }
-    manifest["identity"]["benchmark"] = "kitti-fc"
+    (files,) = first.manifest.samples.values()
+    manifest = first.manifest.model_copy(
+        update={
+            "samples": dict.fromkeys(keys, files),
+            "selection": Selection(corruptions=tuple(IMAGE_PAIR), severities=SEVERITIES),
+        }
+    )
     cells = [(CLEAN, 0), *((name, severity) for name in IMAGE_PAIR for severity in SEVERITIES)]
     shared = _rows(first.rows, keys, cells)
     hard = np.random.default_rng(0).lognormal(0, 0.5, pairs).repeat(len(cells))
@@ -63,11 +63,21 @@ def _rows(template: pl.DataFrame, keys: list[str], cells: list[tuple[str, int]])
     return pl.DataFrame(rows, schema=ROW_SCHEMA)
 
 
-def _write(path: Path, manifest: dict, rows: pl.DataFrame, index: int, key: str) -> Path:
-    own = copy.deepcopy(manifest)
-    own["identity"]["model"] = {"name": f"model-{index:04d}"}
-    own["identity_digest"] = f"{index:016x}"
-    own["provenance"] = {"setting": ("OOD", "ID", "undeclared")[index % 3], "trained_on": [], "basis": "declared"}
+def _write(path: Path, manifest: Manifest, rows: pl.DataFrame, index: int, key: str) -> Path:
+    identity = manifest.identity.model_copy(
+        update={
+            "frames": manifest.identity.frames.model_copy(update={"benchmark": "kitti-fc"}),
+            "model": ModelIdentity(settings={"name": f"model-{index:04d}"}),
+        }
+    )
+    setting = ("OOD", "ID", "undeclared")[index % 3]
+    own = manifest.model_copy(
+        update={
+            "identity": identity,
+            "identity_digest": identity.digest(),
+            "provenance": Provenance(setting=setting, trained_on=(), basis="declared"),
+        }
+    )
     folder = RunFolder(path)
     folder.lock()
     folder.write_manifest(own)

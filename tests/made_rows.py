@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import copy
+import json
 from collections.abc import Iterable
 from typing import Any
 
@@ -12,7 +12,8 @@ from robustflow.digest import digest_of_bytes
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
 from robustflow.metrics.rows import rows_frame as frame_of
-from robustflow.runs.identity import identity_digest
+from robustflow.runs.identity import Frames, Identity
+from robustflow.runs.manifest import Selection
 from robustflow.runs.run import Run
 
 _CLEAN_SUMS = {
@@ -46,15 +47,39 @@ def made_run(base: Run, rows: pl.DataFrame, model: str | dict[str, Any] = "model
         model: its name, or its whole identity.
     """
     run = Run(base.path)
-    manifest = copy.deepcopy(base.manifest)
-    manifest["identity"] |= {"model": {"name": model} if isinstance(model, str) else model} | identity
-    manifest["identity_digest"] = identity_digest(manifest["identity"])
-    manifest["samples"] = {key: [] for key in rows["sample"].unique(maintain_order=True)}
+    change_identity(run, {"name": model} if isinstance(model, str) else model, **identity)
     dirty = rows.filter(pl.col("corruption") != CLEAN)
-    manifest["selection"] = {
-        "corruptions": sorted(dirty["corruption"].unique()),
-        "severities": sorted(dirty["severity"].unique()),
-    }
-    run.manifest, run.rows = manifest, rows
+    change_manifest(
+        run,
+        samples=dict.fromkeys(rows["sample"].unique(maintain_order=True), ()),
+        selection=Selection(
+            corruptions=tuple(sorted(dirty["corruption"].unique())),
+            severities=tuple(sorted(dirty["severity"].unique())),
+        ),
+    )
+    run.rows = rows
     run.rows_digest = digest_of_bytes(rows.write_csv().encode())  # what is kept with the folder is not about these rows
     return run
+
+
+def change_manifest(run: Run, **fields: Any) -> None:
+    """Replace fields of the manifest that a run holds in memory."""
+    run.manifest = run.manifest.model_copy(update=fields)
+    run.__dict__.pop("provenance", None)
+
+
+def change_identity(run: Run, model: dict[str, Any] | None = None, **fields: Any) -> None:
+    """Replace the model's settings, and fields of the identity by their names, with the digest that follows."""
+    identity = changed_identity(run.manifest.identity, model, **fields)
+    change_manifest(run, identity=identity, identity_digest=identity.digest())
+
+
+def changed_identity(identity: Identity, model: dict[str, Any] | None = None, **fields: Any) -> Identity:
+    """An identity with other settings of the model, or other values of fields, whichever part they are in."""
+    content = identity.record()
+    if model is not None:
+        content["model"]["settings"] = model
+    for name, value in fields.items():
+        part = "frames" if name in Frames.model_fields else "model" if name == "window" else "measuring"
+        content[part][name] = value
+    return Identity.model_validate_json(json.dumps(content))

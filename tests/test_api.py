@@ -12,6 +12,8 @@ import pytest
 import robustflow as rf
 from robustflow.errors import UsageError
 from robustflow.models import ModelSpec
+from robustflow.runs.manifest import Selection
+from tests.made_rows import change_identity
 
 SCRIPT = """
 import sys
@@ -52,7 +54,7 @@ def test_print_shows_the_numbers(result):
 
 def test_print_escapes_what_a_file_says(result):
     other = rf.load_run(result.path)
-    other.manifest["identity"]["model"] = {"name": "a\x1b[31m\nb"}
+    change_identity(other, {"name": "a\x1b[31m\nb"})
     assert "\x1b" not in str(other)
     assert len(str(other).splitlines()) == 4
 
@@ -101,6 +103,6 @@ def test_compare_takes_runs_folders_and_nothing_else(result):
 
 def test_one_corruption_and_one_severity_need_no_list(tmp_path):
     run = rf.evaluate("dis", output=tmp_path / "run", corruptions="contrast", severities=3)
-    assert run.manifest["selection"] == {"corruptions": ["contrast"], "severities": [3]}
+    assert run.manifest.selection == Selection(corruptions=("contrast",), severities=(3,))
     with pytest.raises(UsageError, match="severity '3' does not exist"):
         rf.evaluate("dis", output=tmp_path / "run", corruptions="contrast", severities="3")

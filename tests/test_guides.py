@@ -52,10 +52,10 @@ def test_pages_that_need_torch(reader):
 def test_add_your_model(reader):
     reader.follow("add-your-model.md")
     first, clip = (rf.Result(folder) for folder in reader.runs)
-    assert first.manifest["identity"]["model"]["options"] == {"blur": "2.0"}
+    assert first.manifest.identity.model.settings["options"] == {"blur": "2.0"}
     assert "contrast" in reader.printed[0]
     assert float(reader.printed[1]) > -1
-    assert clip.manifest["identity"]["window"] == {"before": 1, "after": 1, "ends": "repeat"}
+    assert clip.manifest.identity.model.window == {"before": 1, "after": 1, "ends": "repeat"}
     assert clip.summary.complete
 
 
@@ -68,11 +68,11 @@ def test_add_your_model_with_torch(reader):
     assert reader.printed[0].startswith("Mine ")
     declared, named = rf.Result("runs/my_network").manifest, rf.Result(reader.runs[0]).manifest
     for manifest in (declared, named):
-        assert manifest["provenance"]["trained_on"] == ["flyingchairs", "flyingthings3d"]
-        assert manifest["identity"]["model"]["input"]["scale"] == 2 / 255
-        assert manifest["identity"]["model"]["layout"] == "pair"
+        assert manifest.provenance.trained_on == ("flyingchairs", "flyingthings3d")
+        assert manifest.identity.model.settings["input"]["scale"] == 2 / 255
+        assert manifest.identity.model.settings["layout"] == "pair"
     (onnx,) = (rf.Result(folder) for folder in reader.runs[1:])
-    assert onnx.manifest["identity"]["model"]["input"]["scale"] == 2 / 255
+    assert onnx.manifest.identity.model.settings["input"]["scale"] == 2 / 255
     assert onnx.summary.complete
 
 
@@ -91,9 +91,9 @@ def test_records(reader):
 def test_add_your_dataset(reader):
     reader.follow("add-your-dataset.md")
     assert "shifted\n" in reader.printed
-    identity, haze = (rf.load_run(folder).manifest["identity"] for folder in reader.runs)
-    assert (identity["benchmark"], identity["protocol"]["options"]) == ("shifted", {"size": "80"})
-    assert identity["protocol"]["own"]["dataset"] == "my_data:Shifted"
+    identity, haze = (rf.load_run(folder).manifest.identity.frames for folder in reader.runs)
+    assert (identity.benchmark, identity.protocol["options"]) == ("shifted", {"size": "80"})
+    assert identity.protocol["own"]["dataset"] == "my_data:Shifted"
     assert (haze["benchmark"], haze["dataset"]) == ("haze", "shifted")
     assert set(rf.load_run(reader.runs[1]).summary.corruptions) == {"fog", "contrast"}
 

@@ -68,7 +68,7 @@ class Result(Run):
         return plot([self, *others], kind, metric)
 
     def __repr__(self) -> str:
-        return f"<Result of {plain(self.name)} on {plain(str(self.manifest['identity']['benchmark']))}, {self.path}>"
+        return f"<Result of {plain(self.name)} on {plain(self.benchmark)}, {self.path}>"
 
     def _repr_html_(self) -> str:
         from .report.notebook import result_html

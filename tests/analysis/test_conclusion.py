@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import sys
 from pathlib import Path
 
@@ -21,7 +20,9 @@ from robustflow.report.assemble import tables_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.page import render_site
+from robustflow.runs.manifest import Selection
 from robustflow.testing import ConstantFlow
+from tests.made_rows import change_manifest
 
 from .simulated import Truth, rows_of
 
@@ -53,9 +54,11 @@ def _scenes(run: Result, worse: float, scenes: int, seed: int = 0) -> Result:
     rows = rows_of(clean, moved, moved)
     gone = [name for name, dtype in ROW_SCHEMA.items() if dtype in (pl.Int64, pl.Float64) and name not in WITHOUT_TRUTH]
     result = Result(run.path)
-    result.manifest = copy.deepcopy(run.manifest)
-    result.manifest["samples"] = {key: [] for key in rows["sample"].unique(maintain_order=True)}
-    result.manifest["selection"] = {"corruptions": ["fog", "snow"], "severities": [1, 2, 3]}
+    change_manifest(
+        result,
+        samples=dict.fromkeys(rows["sample"].unique(maintain_order=True), ()),
+        selection=Selection(corruptions=("fog", "snow"), severities=(1, 2, 3)),
+    )
     result.rows = rows.with_columns(pl.lit(None, ROW_SCHEMA[name]).alias(name) for name in gone)
     return result
 

@@ -21,9 +21,12 @@ from robustflow.report.site.content import whole_content
 from robustflow.report.site.entries import default_order
 from robustflow.report.site.figures import page_figures
 from robustflow.runs.comparable import sample_set
+from robustflow.runs.manifest import Selection
+from robustflow.runs.provenance import Provenance
 from robustflow.runs.shards import list_shards, write_shard
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ZeroFlow
+from tests.made_rows import change_identity, change_manifest
 
 
 class Still(ZeroFlow):
@@ -80,7 +83,8 @@ def _with_rows(run, rows, tmp_path):
     out = Result(shutil.copytree(run.path, tmp_path / "made", dirs_exist_ok=True))
     (out.path / "summary.json").unlink(missing_ok=True)
     out.rows = rows
-    out.manifest["selection"] = {"corruptions": sorted(set(rows["corruption"]) - {"clean"}), "severities": [1, 3]}
+    names = tuple(sorted(set(rows["corruption"]) - {"clean"}))
+    change_manifest(out, selection=Selection(corruptions=names, severities=(1, 3)))
     return out
 
 
@@ -141,9 +145,9 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
 
 def _made(base, name, rows, tmp_path):
     run = _with_rows(base, rows, tmp_path / name)
-    run.manifest["selection"] = base.manifest["selection"]
-    run.manifest["identity"]["model"] = {"name": name}
-    run.__dict__["provenance"] = {"setting": "OOD", "trained_on": [], "basis": "declared", "note": ""}
+    change_manifest(run, selection=base.manifest.selection)
+    change_identity(run, {"name": name})
+    run.__dict__["provenance"] = Provenance(setting="OOD", trained_on=(), basis="declared")
     return run
 
 
@@ -232,17 +236,15 @@ def test_what_is_averaged_over_less_is_not_a_rival(runs, tmp_path):
 
 def test_runs_of_one_name_alike_in_everything_are_named_by_digest_and_number(runs, tmp_path):
     copy = Result(shutil.copytree(runs[1].path, tmp_path / "copy"))
-    digest = runs[1].manifest["identity_digest"][:8]
+    digest = runs[1].manifest.identity_digest[:8]
     assert run_names([runs[1], copy]) == [f"{runs[1].name} ({digest})", f"{runs[1].name} ({digest}) #2"]
 
 
 def _changed(run, folder, **identity):
     """A copy of a run with another identity; `model` is merged."""
     copy = Result(shutil.copytree(run.path, folder))
-    now = copy.manifest["identity"]
-    model = {**now["model"], **identity.pop("model", {})}
-    copy.manifest["identity"] = {**now, **identity, "model": model}
-    copy.manifest["identity_digest"] = folder.name * 2
+    model = {**copy.manifest.identity.model.settings, **identity.pop("model", {})}
+    change_identity(copy, model, **identity)
     return copy
 
 
@@ -258,7 +260,7 @@ def test_runs_of_one_name_are_named_by_what_differs(runs, tmp_path):
     weights = [_changed(runs[0], tmp_path / letter, model={"checkpoint": letter * 64}) for letter in "ab"]
     assert run_names(weights) == ["DIS (checkpoint aaaaaaaa)", "DIS (checkpoint bbbbbbbb)"]
     few = _changed(runs[0], tmp_path / "few")
-    few.manifest["selection"] = {"corruptions": ["contrast"], "severities": [1, 3]}
+    change_manifest(few, selection=Selection(corruptions=("contrast",), severities=(1, 3)))
     assert run_names([runs[0], few]) == ["DIS (contrast+jpeg_compression)", "DIS (contrast)"]
 
 
@@ -275,7 +277,7 @@ def test_a_blank_name_gives_way_to_the_next(runs, tmp_path):
         ({"name": " A "}, "A"),
         ({"name": ""}, "(no name)"),
     ):
-        run.manifest["identity"]["model"] = model
+        change_identity(run, model)
         assert run.name == name
 
 

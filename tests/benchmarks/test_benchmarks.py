@@ -28,6 +28,7 @@ from robustflow.report.assemble import tables_of
 from robustflow.report.render import render
 from robustflow.runs.comparable import sample_set
 from robustflow.runs.plan import Plan, RunOptions
+from tests.made_rows import changed_identity
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 
@@ -90,8 +91,8 @@ def test_non_occluded_ground_truth_is_named_wherever_a_result_is(kitti, only_noc
         noc = rf.evaluate("dis", "kitti2015", only_noc, tmp_path / "noc_run", **few)
         occ = rf.evaluate("dis", "kitti2015", kitti, tmp_path / "occ_run", **few)
     words = "non-occluded ground truth"
-    assert noc.manifest["identity"]["protocol"] == {"ground_truth": "non-occluded"}
-    assert occ.manifest["identity"]["protocol"] == {}
+    assert noc.manifest.identity.frames.protocol == {"ground_truth": "non-occluded"}
+    assert occ.manifest.identity.frames.protocol == {}
     assert sample_set(noc) != sample_set(occ)
     assert words in note_of(noc)
     pages = {run: (run.path / "report.html").read_text() for run in (noc, occ)}
@@ -336,8 +337,8 @@ def test_an_identity_is_the_same_from_version_to_version(kitti):
     benchmark = load_benchmark("kitti-fc", kitti)
     common = Plan(benchmark, RunOptions(seed=3, common_draws=True), {"name": "dis"}).identity()
     plain = Plan(benchmark, RunOptions(seed=3), {"name": "dis"}).identity()
-    assert (plain["version"], plain["seed"], plain["benchmark"]) == (1, 3, "kitti-fc")
-    assert common == plain | {"common_draws": True}
+    assert (plain.measuring.version, plain.frames.seed, plain.frames.benchmark) == (2, 3, "kitti-fc")
+    assert common == changed_identity(plain, common_draws=True)
 
 
 def test_a_renamed_data_set_keeps_the_identity_of_its_runs(kitti, tmp_path):
@@ -345,6 +346,6 @@ def test_a_renamed_data_set_keeps_the_identity_of_its_runs(kitti, tmp_path):
     benchmark = load_benchmark("kitti-fc", tmp_path)
     assert benchmark.dataset.name == "kitti_fc_released"
     identity = Plan(benchmark, RunOptions(), {"name": "dis"}).identity()
-    assert identity["dataset"] == "kitti_fc", "as runs before the renaming have it"
+    assert identity.frames.dataset == "kitti_fc", "as runs before the renaming have it"
     with pytest.raises(UsageError, match="'kitti_fc_released' are corrupted already: use --benchmark kitti-fc"):
         load_benchmark("kitti_fc_released", tmp_path)

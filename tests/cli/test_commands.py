@@ -279,7 +279,7 @@ def test_own_frames_need_no_benchmark(robustflow, tmp_path, walk, kind):
         "run", "-m", "dis", "-d", data, "--limit", 1, "-c", "contrast", "-s", 1, "-o", "run", "--no-examples"
     )
     assert code == 0, error
-    assert load_run("run").manifest["identity"]["benchmark"] == "folder"
+    assert load_run("run").benchmark == "folder"
 
 
 def test_a_corruption_of_clips_names_the_command_that_makes_it_for_this_video(robustflow, walk):

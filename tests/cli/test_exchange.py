@@ -41,7 +41,7 @@ def test_rows_come_back_as_they_were(robustflow, run, format):
 
 def test_a_parquet_file_says_which_run_it_is(robustflow, run):
     robustflow("export", run, "--format", "parquet", "-o", "mine.parquet")
-    digest = load_run(run).manifest["identity_digest"]
+    digest = load_run(run).manifest.identity_digest
     assert pl.read_parquet_metadata("mine.parquet")["robustflow_run"] == digest
     code, _, error = robustflow("export", run, "--format", "xlsx")
     assert code == 2

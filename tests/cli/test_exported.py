@@ -22,7 +22,7 @@ def test_an_onnx_file_as_model_or_as_checkpoint(robustflow, tmp_path):
         assert code == 0, said
     one, other = (rf.Result(tmp_path / f"run{i}") for i in range(2))
     assert one.rows.equals(other.rows)
-    assert one.manifest["identity"]["model"]["input"]["mean"] == [127.5] * 3
+    assert one.manifest.identity.model.settings["input"]["mean"] == [127.5] * 3
     assert one.name == "onnx:net"
 
 

@@ -112,7 +112,7 @@ def test_frost_of_another_benchmark_on_the_demo_pair_needs_the_photographs(no_ph
 
 def test_frames_of_a_demo_run_made_again_have_the_digest_of_its_rows(no_photographs, tmp_path):
     run = rf.evaluate(ZeroFlow(), "demo", output=tmp_path / "run", corruptions="frost", severities=2)
-    dataset, options = set_up_frames(run.manifest["identity"], None, {})
+    dataset, options = set_up_frames(run.manifest.identity, None, {})
     frames = FrameStage(dataset, options, no_seconds()).corrupt(dataset.load("motorcycle"), "frost", 2)
     (row,) = run.rows.filter(corruption="frost").to_dicts()
     assert frames_digest(frames) == row["frames_digest"]

@@ -207,7 +207,7 @@ def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
         tables.append(rows.select("sample", "corruption", "severity", "frames_digest", "rcre_all_sum").rows())
         manifest = json.loads((tmp_path / f"run{workers}" / "manifest.json").read_text())
         assert {record["corruption"] for record in manifest["clips"]} == {"h264_crf", "h264_abr", "bit_error"}
-        assert manifest["identity"]["protocol"]["clips"]["scene"]["interpolator"]["name"] == "flow"
+        assert manifest["identity"]["frames"]["protocol"]["clips"]["scene"]["interpolator"]["name"] == "flow"
     assert tables[0] == tables[1]
     assert {row[1] for row in tables[0]} == {"clean", *PAPER_ORDER}
     assert len(PAPER_ORDER) == 24

@@ -98,5 +98,5 @@ def test_an_older_run_is_read_and_resumed(old_folder):
     assert after.rows.height == before.rows.height + 2
     assert set(after.rows["group"]) == {"2011_09_26_drive_0005"}
     on_disk = pl.concat([pl.read_parquet(file) for file in (path / "rows").glob("*.parquet")])
-    report = recheck(after.manifest["identity"], on_disk, root, count=100)
+    report = recheck(after.manifest.identity, on_disk, root, count=100)
     assert report.startswith(f"{on_disk.height} of {on_disk.height} rows")

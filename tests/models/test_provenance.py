@@ -9,7 +9,6 @@ import pytest
 import robustflow as rf
 from robustflow.analysis.published.tables import published_methods
 from robustflow.analysis.scores import run_setting
-from robustflow.benchmarks.setting import manifest_provenance, training_record
 from robustflow.benchmarks.setting import setting_of as setting_on
 from robustflow.datasets import DATASETS, dataset_facts
 from robustflow.datasets.split import drive_disjoint_split, kitti_split
@@ -18,6 +17,7 @@ from robustflow.models import MODELS, ModelSpec
 from robustflow.models.catalog import PTLFLOW, checkpoints, entries_of, methods
 from robustflow.models.provenance import TRAINING_SETS, parse_training_sets, training_of, training_of_entry
 from robustflow.models.registry import EXPORTED
+from robustflow.runs.provenance import Provenance
 from robustflow.testing import BrightnessFlow
 
 
@@ -101,58 +101,53 @@ def test_settings(sets, benchmark, setting):
     assert setting_on(training_of({"name": "mine", "checkpoint": "ab" * 32}, sets), benchmark) == setting
 
 
-def _on_kitti(sets: str, keys: list[str], **protocol: str) -> dict:
+def _on_kitti(sets: str, keys: list[str], **protocol: str) -> Provenance:
     training = training_of({"name": "mine", "checkpoint": "ab" * 32}, sets)
-    return training_record(training, "kitti-fc", keys, protocol)
+    return Provenance.of(training, "kitti-fc", keys, protocol)
 
 
 def test_in_domain_is_granted_by_the_evaluated_pairs():
     """Everything here was "ID" by name alone."""
     evaluation, training = kitti_split([f"{number:06d}" for number in range(200)])
-    assert _on_kitti("K:train", evaluation)["setting"] == "ID"
+    assert _on_kitti("K:train", evaluation).setting == "ID"
     leaked = _on_kitti("K:train", [*evaluation[:3], training[0]])  # a --split with one pair of the training part
-    assert (leaked["setting"], leaked["note"]) == (
+    assert (leaked.setting, leaked.note) == (
         "LEAKED",
         "pairs: 1 of the 4 evaluated are among the training pairs of K:train",
     )
-    assert _on_kitti("K:train", ["000002", "000003"])["setting"] == "LEAKED"  # a small folder, evaluated whole
-    assert _on_kitti("K:train", evaluation, frames="released")["setting"] == "UNKNOWN"
-    assert _on_kitti("K:released", evaluation, frames="released")["setting"] == "ID"
-    assert _on_kitti("K:released", evaluation)["setting"] == "UNKNOWN"
-    assert _on_kitti("K:train", ["a", "b"])["setting"] == "UNKNOWN"
+    assert _on_kitti("K:train", ["000002", "000003"]).setting == "LEAKED"  # a small folder, evaluated whole
+    assert _on_kitti("K:train", evaluation, frames="released").setting == "UNKNOWN"
+    assert _on_kitti("K:released", evaluation, frames="released").setting == "ID"
+    assert _on_kitti("K:released", evaluation).setting == "UNKNOWN"
+    assert _on_kitti("K:train", ["a", "b"]).setting == "UNKNOWN"
 
 
 def test_a_near_duplicate_is_noted():
     keys = [f"{number:06d}" for number in range(200)]
     near = _on_kitti("K:train", kitti_split(keys).evaluation)
-    assert near["note"] == "pairs: 45 of the 56 evaluated with a known drive share it with training pairs"
+    assert near.note == "pairs: 45 of the 56 evaluated with a known drive share it with training pairs"
     apart = _on_kitti("K:drive-disjoint", drive_disjoint_split(keys).evaluation)
-    assert apart["setting"] == "ID"
-    assert "note" not in apart
+    assert apart.setting == "ID"
+    assert not apart.note
 
 
 def test_raw_data_hold_the_evaluated_frames():
     evaluation = kitti_split([f"{number:06d}" for number in range(200)]).evaluation
     raw = _on_kitti("KR", evaluation)
-    assert raw["setting"] == "ID"
-    assert raw["note"] == (
+    assert raw.setting == "ID"
+    assert raw.note == (
         "pairs: KITTI's raw data hold the frames of 56 of the 80 evaluated, seen unless they were left out"
     )
-    assert "note" not in _on_kitti("KR:train", evaluation)
+    assert not _on_kitti("KR:train", evaluation).note
 
 
 def test_a_later_call_with_training_pairs_makes_a_run_leaked():
-    manifest = {
-        "identity": {"benchmark": "kitti-fc", "protocol": {}, "model": {"name": "mine"}},
-        "samples": {"000000": []},
-        "provenance": {"setting": "ID", "trained_on": ["kitti2015:train"], "basis": "declared", "note": "by hand"},
-    }
-    first = manifest_provenance(manifest)
-    assert (first["setting"], first["note"]) == ("ID", "by hand")
-    later = manifest_provenance({**manifest, "samples": {"000000": [], "000002": []}, "provenance": first})
-    assert later["setting"] == "LEAKED"
-    assert later["note"].startswith("by hand; pairs: 1 of the 2 evaluated")
-    assert manifest_provenance({**manifest, "provenance": None})["setting"] == "UNKNOWN"
+    by_hand = Provenance(setting="ID", trained_on=("kitti2015:train",), basis="declared", note="by hand")
+    first = by_hand.on("kitti-fc", ["000000"], {})
+    assert (first.setting, first.note) == ("ID", "by hand")
+    later = first.on("kitti-fc", ["000000", "000002"], {})
+    assert later.setting == "LEAKED"
+    assert later.note.startswith("by hand; pairs: 1 of the 2 evaluated")
 
 
 def test_every_data_set_that_models_train_on_has_a_name():
@@ -189,7 +184,7 @@ def test_a_declaration_is_shown_and_changes_no_identity(tmp_path):
         spec = ModelSpec("robustflow.models.opencv:Dis", options)
         runs.append(rf.evaluate(spec, output=tmp_path / "run", corruptions=["contrast"], severities=[1]))
     # a model of the user's, by module and attribute, though this one says that it is called dis
-    assert {run.manifest["identity_digest"] for run in runs} == {runs[0].manifest["identity_digest"]}
+    assert {run.manifest.identity_digest for run in runs} == {runs[0].manifest.identity_digest}
     assert runs[2].rows.equals(runs[0].rows)
 
 
@@ -201,11 +196,9 @@ class Mine(BrightnessFlow):
 
 def test_a_users_own_model_declares_itself(tmp_path):
     run = rf.evaluate(Mine(), output=tmp_path / "a", corruptions=["contrast"], severities=[1])
-    assert run.manifest["provenance"] == {
-        "setting": "ID",
-        "trained_on": ["flyingchairs", "flyingthings3d", "middlebury:train"],
-        "basis": "declared",
-    }
+    assert run.manifest.provenance == Provenance(
+        setting="ID", trained_on=("flyingchairs", "flyingthings3d", "middlebury:train"), basis="declared"
+    )
     assert run.setting == run_setting(run) == "ID"
     silent = rf.evaluate(lambda a, b: Mine().predict(a, b), output=tmp_path / "b", corruptions=["contrast"])
     assert silent.setting == "UNKNOWN"

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from robustflow.api import evaluate
 from robustflow.atomic import json_bytes
+from robustflow.digest import digest_of_value
 from robustflow.metrics.rows import ROW_SCHEMA
 from robustflow.records.container import container_bytes
 from robustflow.records.pack import record_bytes
 from robustflow.records.verify import VERIFICATION_CHECKS, verify
-from robustflow.runs.identity import identity_digest
 from robustflow.sealed import sealed as with_digest
 from robustflow.testing import ZeroFlow
 
@@ -229,11 +229,11 @@ def test_rows_nobody_planned(packed):
         (("provenance", "setting"), "OOD", "training", "it is knowledge"),
         (("provenance", "setting"), "best", "manifest", "provenance.setting"),
         (("provenance",), {"setting": "OOD", "basis": "declared", "trained_on": ["x"]}, "training", "it is knowledge"),
-        (("identity", "seed"), 1, "manifest", "that of the identity is"),
+        (("identity", "frames", "seed"), 1, "manifest", "that of the identity is"),
         (("identity", "extra"), 1, "manifest", "identity.extra"),
         (("identity_digest",), "0" * 16, "manifest", "in manifest.json"),
         (("identity_digest",), "../../x", "manifest", "identity_digest"),
-        (("schema",), 3, "manifest", "schema"),
+        (("schema",), 2, "manifest", "schema"),
         (("schema",), True, "manifest", "schema"),
         (("unknown",), 1, "manifest", "unknown"),
         (("environment", "command"), ["robustflow"], "manifest", "environment.command"),
@@ -256,8 +256,8 @@ def test_a_changed_identity_with_its_digest(packed):
     """A forger may rename the model consistently; what the catalog knows of the name must then fit as well."""
     entries = entries_of(packed)
     manifest, record, summary = (json.loads(entries[name]) for name in ("manifest.json", "record.json", "summary.json"))
-    manifest["identity"]["model"] = {"name": "mine"}
-    digest = identity_digest(manifest["identity"])
+    manifest["identity"]["model"] = {"settings": {"name": "mine"}}
+    digest = digest_of_value(manifest["identity"])
     manifest["identity_digest"] = record["run"] = summary["run"] = digest
     changed = {"manifest.json": manifest, "record.json": record, "summary.json": summary}
     name, says = failure(sealed(entries | {key: json_bytes(value) for key, value in changed.items()}))
@@ -268,7 +268,7 @@ def test_a_changed_identity_with_its_digest(packed):
 @pytest.mark.parametrize(
     ("path", "value", "says"),
     [
-        (("version",), 2, "upgrade robustflow"),
+        (("version",), 3, "upgrade robustflow"),
         (("version",), 10**400, "upgrade robustflow"),
         (("version",), "1", "not a record of a run"),
         (("version",), True, "not a record of a run"),

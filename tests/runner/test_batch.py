@@ -38,7 +38,7 @@ def test_rows_do_not_depend_on_the_batch(tmp_path, size, calls):
     single = run(Batched(), tmp_path / "single")
     assert model.calls == calls
     assert batched.rows.equals(single.rows)
-    assert batched.manifest["identity_digest"] == single.manifest["identity_digest"]
+    assert batched.manifest.identity_digest == single.manifest.identity_digest
 
 
 def test_a_model_without_batches(tmp_path):

@@ -105,7 +105,7 @@ def test_what_happens_at_the_ends_is_the_models_choice(folder, tmp_path, window,
     run(model, folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
     assert [len(frames) for frames, _ in model.calls[::2]] == lengths
     assert [index for _, index in model.calls[::2]] == places
-    identity = rf.Result(tmp_path / "run").manifest["identity"]
+    identity = rf.Result(tmp_path / "run").manifest.identity
     assert identity["window"] == {"before": window.before, "after": window.after, "ends": window.ends}
 
 
@@ -114,7 +114,7 @@ def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(folder, tmp
     clip = run(Recorder(), folder, tmp_path / "clips", corruptions=[name for name in IMAGE_PAIR if name != "frost"])
     columns = ["sample", "corruption", "severity", "frames_digest"]
     assert pairs.rows.select(columns).equals(clip.rows.select(columns))
-    assert "window" not in pairs.manifest["identity"]
+    assert pairs.manifest.identity.model.window is None
 
 
 @pytest.fixture
@@ -203,7 +203,7 @@ def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(tmp_
     model = WithPairs()
     result = rf.evaluate(model, "demo", output=tmp_path / "run", **chosen)
     assert (model.pairs, model.calls) == (2, [])
-    assert "window" not in result.manifest["identity"]
+    assert result.manifest.identity.model.window is None
 
 
 def test_a_model_of_both_kinds_gets_clips_where_there_are_some(folder, tmp_path):

@@ -101,8 +101,8 @@ def test_a_run_that_failed_before_its_first_row_starts_from_scratch(tmp_path, mo
     np.save(clean, np.ones((500, 741, 2), np.float32))  # of a run that was killed before it wrote the row of it
     result = rf.evaluate("robustflow.testing:ZeroFlow", output=folder, corruptions=["contrast"], severities=[2])
     assert result.rcre == 0.0
-    assert result.manifest["identity"]["model"]["spec"] == "robustflow.testing:ZeroFlow"
-    assert result.manifest["selection"]["severities"] == [2]
+    assert result.manifest.identity.model.settings["spec"] == "robustflow.testing:ZeroFlow"
+    assert result.manifest.selection.severities == (2,)
 
 
 def test_an_edited_model_file_does_not_continue_the_old_run(tmp_path, monkeypatch):
@@ -148,11 +148,11 @@ def test_an_older_schema_is_refused(tmp_path):
 def test_other_files_under_the_same_names_are_noticed(whole, tmp_path):
     folder = RunFolder(whole.path)
     manifest = folder.manifest()
-    changed = json.loads(json.dumps(manifest))
-    changed["samples"]["motorcycle"][0][1] += 1
+    (name, size), *others = manifest.samples["motorcycle"]
+    changed = manifest.model_copy(update={"samples": {"motorcycle": ((name, size + 1), *others)}})
     other = RunFolder(tmp_path / "run")
     (tmp_path / "run").mkdir()
-    other.write_manifest({key: value for key, value in changed.items() if key != "schema"})
+    other.write_manifest(changed)
     with pytest.raises(RunError, match="other files for sample 'motorcycle'"):
         _run(tmp_path / "run")
 

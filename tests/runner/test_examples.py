@@ -26,6 +26,7 @@ from robustflow.runner.setup import restore_setup
 from robustflow.runs.source import RunSource
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ZeroFlow
+from tests.made_rows import change_identity
 
 DIS = ModelSpec("dis", (("preset", "ultrafast"),))
 CELLS = {"corruptions": ["contrast", "over_exposure"], "severities": [2, 5]}
@@ -194,11 +195,11 @@ def test_the_user_may_name_the_model_again(tmp_path):
 
 def test_a_benchmark_that_a_run_names_is_not_code(drawn):
     run = rf.load_run(drawn.path)
-    run.manifest["identity"]["benchmark"] = "marker_module:touch"
+    change_identity(run, benchmark="marker_module:touch")
     with pytest.raises(RunError, match="no code is loaded because a run names it"):
         restore_setup(run, RunSource.read(run.path))
     with pytest.raises(RunError, match="no code is loaded because a run names it"):
-        recheck(run.manifest["identity"], run.rows)
+        recheck(run.manifest.identity, run.rows)
 
 
 def test_an_incomplete_run_has_no_worst_sample(tmp_path):

@@ -26,10 +26,10 @@ def test_the_attribute_and_the_argument(tmp_path, real_pictures):
         result = rf.evaluate(Still(), output=tmp_path / "run", **SETTINGS)
     assert result.name == "My model"
     assert "My model" in (tmp_path / "run" / "report.html").read_text()
-    before = result.manifest["identity_digest"]
+    before = result.manifest.identity_digest
     again = rf.evaluate(Still(), output=tmp_path / "run", name="Another", corruptions=["contrast"], severities=[1, 2])
-    assert (again.name, again.manifest["identity_digest"]) == ("Another", before)
-    assert "My model" not in str(again.manifest["identity"])
+    assert (again.name, again.manifest.identity_digest) == ("Another", before)
+    assert "My model" not in str(again.manifest.identity)
     record = tmp_path / "a.robustflow"
     pack(again, record)
     assert rf.load_run(record).name == "Another"
@@ -81,8 +81,8 @@ def test_training_sets_are_an_option(tmp_path, monkeypatch, capsys):
     model = "robustflow.testing:ZeroFlow"
     options = ["-m", model, "-c", "contrast", "-s", "1", "--no-examples", "-o", str(tmp_path / "r")]
     assert run(monkeypatch, *options, "--trained-on", "C+T") in (0, None)
-    provenance = rf.load_run(tmp_path / "r").manifest["provenance"]
-    assert provenance["trained_on"] == ["flyingchairs", "flyingthings3d"]
+    provenance = rf.load_run(tmp_path / "r").manifest.provenance
+    assert provenance.trained_on == ("flyingchairs", "flyingthings3d")
     assert run(monkeypatch, *options, "--trained-on", "C+T", "-O", "trained_on=C") == 2
     assert "give it once" in capsys.readouterr().err
 

@@ -44,7 +44,7 @@ def test_the_command_line_takes_it_and_an_edit_starts_apart(package, monkeypatch
     assert "rain" in capsys.readouterr().out
     result = rf.load_run("run")
     assert set(result.rows["corruption"]) == {"clean", "rain", "fog+rain"}
-    assert list(result.manifest["identity"]["corruptions"]) == ["rain"]
+    assert list(result.manifest.identity.frames.corruptions) == ["rain"]
 
     forget()
     assert command(monkeypatch, *run, *own) == 0  # goes on
@@ -80,8 +80,8 @@ def test_common_draws_are_another_run_with_the_same_places(package):
         common: rf.evaluate(ZeroFlow(), output=folder, corruptions=["over_exposure"], common_draws=common, limit=1)
         for common, folder in folders.items()
     }
-    assert "common_draws" not in rows[False].manifest["identity"]
-    assert rows[True].manifest["identity"]["common_draws"] is True
+    assert rows[False].manifest.identity.frames.common_draws is False
+    assert rows[True].manifest.identity.frames.common_draws is True
     grey = np.full((16, 24, 3), 90, np.uint8)
     exposed = {
         common: {

@@ -98,7 +98,7 @@ def _check_equal(result, undisturbed):
 def test_rows_equal_and_places_are_named(two_nodes, frames, undisturbed, tmp_path):
     result = _run(tmp_path / "run", frames, engine="ray", address=two_nodes.address)
     _check_equal(result, undisturbed)
-    places = result.manifest["places"]
+    places = result.manifest.places
     assert sum(places.values()) == PAIRS * (1 + len(FAST))
     assert all(place.endswith(", CPU") for place in places)
 
@@ -113,7 +113,7 @@ def test_every_actor_has_a_gpu_of_its_own(two_nodes, frames, undisturbed, tmp_pa
         model={"device": "cuda", "pause": 0.02, "log": str(log)},
     )
     _check_equal(result, undisturbed)
-    assert all(place.endswith(", GPU 0") for place in result.manifest["places"])
+    assert all(place.endswith(", GPU 0") for place in result.manifest.places)
     users = {line.split()[0]: line.split()[1] for line in log.read_text().splitlines()}
     on_nodes = {pid: gpu for pid, gpu in users.items() if gpu != "None"}
     assert set(on_nodes.values()) == {"0"}

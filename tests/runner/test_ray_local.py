@@ -50,15 +50,15 @@ def test_equal_to_serial_and_nothing_stays(tmp_path):
     result = rf.evaluate(DIS, output=tmp_path / "ray", engine="ray", workers=2, **SETTING)
     assert result.rows.equals(whole.rows)
     assert (result.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
-    assert result.manifest["places"] == {f"{socket.gethostname()}, CPU": 1 + len(FAST)}
+    assert result.manifest.places == {f"{socket.gethostname()}, CPU": 1 + len(FAST)}
     assert signal.getsignal(signal.SIGTERM) is before
     assert "ray" in sys.modules
     assert not sys.modules["ray"].is_initialized()
     assert not list(Path(os.environ["TMPDIR"]).iterdir())
-    places = result.manifest["places"]
+    places = result.manifest.places
     more = rf.evaluate(DIS, output=tmp_path / "ray", **{**SETTING, "severities": [2]})
     assert more.rows.height > whole.rows.height
-    assert more.manifest["places"] == places
+    assert more.manifest.places == places
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ from robustflow.records.load import load_any_run
 from robustflow.records.pack import pack
 from robustflow.runner.recheck import recheck
 from robustflow.testing import ZeroClipFlow
+from tests.made_rows import changed_identity
 
 
 @pytest.fixture(scope="module")
@@ -22,12 +23,12 @@ def run(tmp_path_factory):
 
 
 def test_every_row_of_a_run(run):
-    said = recheck(run.manifest["identity"], run.rows, count=1000)
+    said = recheck(run.manifest.identity, run.rows, count=1000)
     assert said.startswith(f"{run.rows.height} of {run.rows.height} rows")
 
 
 def test_the_draw_follows_from_its_seed_and_is_new_without(run):
-    said = [recheck(run.manifest["identity"], run.rows, count=1, seed=seed) for seed in (1, 1, None, None)]
+    said = [recheck(run.manifest.identity, run.rows, count=1, seed=seed) for seed in (1, 1, None, None)]
     assert said[0] == said[1]
     assert len(set(said[1:])) == 3
 
@@ -46,7 +47,7 @@ def test_the_draw_follows_from_its_seed_and_is_new_without(run):
 def test_changed_rows(run, change, says):
     rows = run.rows.with_columns(**change)
     with pytest.raises(RunError, match=says):
-        recheck(run.manifest["identity"], rows, count=2)
+        recheck(run.manifest.identity, rows, count=2)
 
 
 @pytest.mark.parametrize(
@@ -56,14 +57,15 @@ def test_changed_rows(run, change, says):
         ({"variant": "reference"}, "other frames"),
         ({"protocol": {"frames": "released"}}, "data options of the run"),
         ({"dataset": "kitti2015"}, "data options of the run"),
-        ({"severity_scale": "calibrated 0000"}, "not those of this version"),
-        ({"psf": "reference 00"}, "other files"),
+        ({"severity_scale": "calibrated 0000"}, "severity_scale: calibrated 0000, here .* use the version that ran it"),
+        ({"psf": "reference 00"}, "set ROBUSTFLOW_PSF_DIR as the run did"),
+        ({"streams": 1}, "use the version that ran it"),
     ],
 )
 def test_changed_identities(run, change, says):
     noise = run.rows.filter(corruption="gaussian_noise")
     with pytest.raises(RunError, match=says):
-        recheck(run.manifest["identity"] | change, noise)
+        recheck(changed_identity(run.manifest.identity, **change), noise)
 
 
 def test_own_frames_and_others_of_the_same_name(tmp_path):
@@ -75,7 +77,7 @@ def test_own_frames_and_others_of_the_same_name(tmp_path):
     found = evaluate(
         "dis", "folder", tmp_path / "mine", tmp_path / "run", corruptions=["contrast", "snow"], severities=[2]
     )
-    identity = found.manifest["identity"]
+    identity = found.manifest.identity
     assert "6 of 6 rows" in recheck(identity, found.rows, tmp_path / "mine")
     with pytest.raises(RunError, match="6 of 6 rows do not match these data"):
         recheck(identity, found.rows, tmp_path / "other")
@@ -91,16 +93,16 @@ def test_a_multi_frame_run_packs_and_its_pairs_are_rechecked(tmp_path):
         cv2.imwrite(str(tmp_path / "frames" / f"{index}.png"), frame)
     options = {"corruptions": ["snow"], "severities": [2]}
     found = evaluate(ZeroClipFlow((1, 0)), "folder", tmp_path / "frames", tmp_path / "run", **options)
-    assert "window" in found.manifest["identity"]
+    assert found.manifest.identity.model.window
     packed = load_any_run(pack(found, tmp_path / "a.robustflow"))
-    assert "6 of 6 rows" in recheck(packed.manifest["identity"], packed.rows, tmp_path / "frames")
+    assert "6 of 6 rows" in recheck(packed.manifest.identity, packed.rows, tmp_path / "frames")
 
 
 def test_arguments_that_cannot_be_meant(run):
     with pytest.raises(UsageError, match="give 1 or more"):
-        recheck(run.manifest["identity"], run.rows, count=0)
+        recheck(run.manifest.identity, run.rows, count=0)
     with pytest.raises(RobustFlowError, match="unknown benchmark"):
-        recheck(run.manifest["identity"] | {"benchmark": "../x"}, run.rows)
+        recheck(changed_identity(run.manifest.identity, benchmark="../x"), run.rows)
 
 
 def test_real_pairs(shared, tmp_path):
@@ -108,4 +110,4 @@ def test_real_pairs(shared, tmp_path):
     found = evaluate(
         "dis", "kitti-fc", data, tmp_path / "run", corruptions=["snow"], severities=[3], limit=2, variant="reference"
     )
-    assert recheck(found.manifest["identity"], found.rows, data).startswith(f"{found.rows.height} of")
+    assert recheck(found.manifest.identity, found.rows, data).startswith(f"{found.rows.height} of")

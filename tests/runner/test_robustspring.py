@@ -16,6 +16,7 @@ from robustflow.api import evaluate
 from robustflow.atomic import json_bytes
 from robustflow.benchmarks import load_benchmark
 from robustflow.datasets import load_dataset
+from robustflow.digest import digest_of_value
 from robustflow.images.io import write_image
 from robustflow.models import load_model
 from robustflow.records.pack import record_bytes
@@ -23,7 +24,6 @@ from robustflow.report.site.board import boards_of
 from robustflow.report.site.entries import entries_of
 from robustflow.report.tables import build_table
 from robustflow.runner.submission import Robustness, Submitted
-from robustflow.runs.identity import identity_digest
 from robustflow.runs.source import RunSource
 from robustflow.testing import ZeroClipFlow
 from tests.records.forge import entries_of as entries_of_record
@@ -149,7 +149,7 @@ def test_where_springs_frames_are_is_no_part_of_a_run(run, root, tmp_path):
     moved = evaluate(
         "farneback", "robustspring", apart, tmp_path / "run", data_options=options, limit=1, examples=False
     )
-    assert moved.manifest["identity"] == run.manifest["identity"]
+    assert moved.manifest.identity == run.manifest.identity
 
 
 def test_they_may_be_named_from_where_the_run_was_started(root, tmp_path, monkeypatch):
@@ -164,7 +164,7 @@ def test_they_may_be_named_from_where_the_run_was_started(root, tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     source = RunSource.read(measured.path)
     again = load_benchmark("robustspring", source.data, options=source.data_options)
-    assert set(measured.manifest["samples"]) < set(again.keys)
+    assert set(measured.manifest.samples) < set(again.keys)
 
 
 def test_a_model_of_several_frames_sees_its_neighbours_under_the_same_corruption(root, tmp_path):
@@ -197,8 +197,8 @@ def test_a_record_knows_its_names_with_its_benchmark_alone(run):
     entries = entries_of_record(record_bytes(run))
     parts = {name: json.loads(entries[name]) for name in ("record.json", "manifest.json", "summary.json")}
     identity = parts["manifest.json"]["identity"]
-    identity["benchmark"] = "gopro"
-    digest = identity_digest(identity)
+    identity["frames"]["benchmark"] = "gopro"
+    digest = digest_of_value(identity)
     parts["manifest.json"]["identity_digest"] = parts["record.json"]["run"] = parts["summary.json"]["run"] = digest
     check, says = failure(sealed(entries | {name: json_bytes(part) for name, part in parts.items()}))
     assert check == "cells"

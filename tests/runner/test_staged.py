@@ -63,7 +63,7 @@ def test_rows_are_those_of_one_process(whole, tmp_path, models_on_path, monkeypa
     placed = {(pid, device) for pid, device, _ in calls}
     assert len({pid for pid, _ in placed}) == len({on for _, on in placed}) == len(placed)
     assert {on for _, on in placed} == set(device.split(","))
-    assert staged.manifest["seconds"].keys() == whole.manifest["seconds"].keys()
+    assert staged.manifest.seconds.keys() == whole.manifest.seconds.keys()
 
 
 def test_batches_are_filled_across_corruptions(whole, tmp_path, models_on_path, monkeypatch):

@@ -9,8 +9,8 @@ from typing import Any
 
 import polars as pl
 
-from robustflow.runs.identity import identity_digest
-from robustflow.runs.manifest_file import manifest_file
+from robustflow.digest import digest_of_value
+from robustflow.runs.manifest import manifest_file
 from robustflow.runs.shards import list_shards, read_shard, shard_name, write_shard
 
 Edit = Callable[[pl.DataFrame], pl.DataFrame]
@@ -36,5 +36,5 @@ def fitting(manifest: Any) -> Any:
     if not isinstance(manifest, dict):
         return manifest
     if isinstance(manifest.get("identity_digest"), str) and isinstance(manifest.get("identity"), dict):
-        manifest = {**manifest, "identity_digest": identity_digest(manifest["identity"])}
+        manifest = {**manifest, "identity_digest": digest_of_value(manifest["identity"])}
     return manifest_file(manifest)

@@ -5,16 +5,25 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 import pytest
+from pydantic.fields import FieldInfo
 
 from robustflow.analysis.conditions import orders, seeds_of
 from robustflow.analysis.scores import notes_of, run_results
 from robustflow.api import evaluate
+from robustflow.atomic import write_json
+from robustflow.digest import digest_of_value
 from robustflow.errors import RunError
 from robustflow.images.io import write_image
 from robustflow.metrics.rows import CLEAN
+from robustflow.records.load import load_any_run
+from robustflow.records.pack import pack
 from robustflow.report.assemble import tables_of
 from robustflow.report.comparison import compare
-from robustflow.runs.comparable import common_rows, common_to, differences, sample_set
+from robustflow.runner.recheck import recheck
+from robustflow.runs.comparable import common_rows, common_to, differences, recipe_in_words, sample_set
+from robustflow.runs.identity import Frames, Identity
+from robustflow.runs.manifest import Manifest, manifest_file
+from robustflow.runs.run import Run
 from robustflow.testing import ZeroFlow
 from tests.made_rows import made_run, rows_frame
 
@@ -76,7 +85,6 @@ DIFFERENT = {
     "a data set": ({"dataset": "kitti2012"}, rows(), "data set kitti2012"),
     "options of the data": ({"protocol": {"options": {"render_pass": "final"}}}, rows(), "render_pass=final"),
     "non-occluded truth": ({"protocol": {"ground_truth": "non-occluded"}}, rows(), "non-occluded ground truth"),
-    "a part that nobody knows yet": ({"weather": "wet"}, rows(), "weather wet"),
     "the truth of one pair": ({}, edited("truth_digest", pl.col("sample") == "3"), "ground truth "),
     "no truth": ({}, rows().with_columns(truth_digest=pl.lit(None, pl.String)), "no ground truth"),
     "the clean frames of one pair": (
@@ -240,3 +248,43 @@ def test_means_without_intervals_say_why(base):
     assert title == "Means with intervals"
     assert remark.endswith("or over sequences where pairs share one.")
     assert remark_of(3, 6)[1] == f"{remark} Means without one are over fewer than {why}"
+
+
+@pytest.fixture
+def weather():
+    """Gives `Frames` a field `weather` that is "dry" in everything recorded so far; call it to make plans say so."""
+    originals = dict(Frames.__pydantic_fields__)
+
+    def rebuilt(fields):
+        Frames.__pydantic_fields__ = fields
+        for model in (Frames, Identity, Manifest):
+            model.model_rebuild(force=True)
+
+    def default(value: str):
+        rebuilt(originals | {"weather": FieldInfo(annotation=str, default=value)})
+
+    yield default
+    rebuilt(originals)
+
+
+def test_a_field_added_to_the_frames_is_followed_by_resume_groups_compare_records_and_set_up(weather, tmp_path):
+    chosen = {"corruptions": ["contrast"], "severities": [1]}
+    dry = evaluate(ZeroFlow(), output=tmp_path / "dry", **chosen)
+    weather("wet")  # as a version would have it whose plans differ from those before in this field
+    content = dry.manifest.record()
+    content["identity"]["frames"]["weather"] = "dry"
+    content["identity_digest"] = digest_of_value(content["identity"])
+    write_json(dry.path / "manifest.json", manifest_file(content))
+    dry, wet = Run(dry.path), evaluate(ZeroFlow(), output=tmp_path / "wet", **chosen)
+    assert "weather dry" in dict(recipe_in_words(dry)).values()
+    with pytest.raises(RunError, match=r"holds another run \(it differs in: weather\)"):
+        evaluate(ZeroFlow(), output=dry.path, **chosen)
+    assert sample_set(dry) != sample_set(wet)
+    assert differences({"A": dry, "B": wet}) == "A has weather dry; B has weather wet"
+    assert "weather dry" in compare(dry, wet).remark
+    assert [note.rpartition("; ")[2] for note in notes_of([dry, wet])] == ["weather dry", "weather wet"]
+    packed = load_any_run(pack(dry, tmp_path / "a.robustflow"))
+    assert packed.manifest.identity == dry.manifest.identity
+    with pytest.raises(RunError, match="weather: dry, here wet"):
+        recheck(packed.manifest.identity, packed.rows)
+    assert recheck(wet.manifest.identity, wet.rows)

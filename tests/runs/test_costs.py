@@ -37,7 +37,7 @@ class Shifted:
 
 def _cost(run, flops: float, parameters: float = 1.5, **values) -> RunCost:
     counts = {"parameters": 7, "macs": 8, "thop_parameters": int(parameters * 1e6), "thop_macs": int(flops * 1e9)}
-    return RunCost(run=run.manifest["identity_digest"], **({"height": 432, "width": 720} | counts | values))
+    return RunCost(run=run.manifest.identity_digest, **({"height": 432, "width": 720} | counts | values))
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,10 @@ from robustflow.report.figures import displacement_figure, figure_bytes
 from robustflow.report.site import render_site, whole_content
 from robustflow.runner.displacement import displacement_histogram
 from robustflow.runs.displacement_file import read_displacement, write_displacement
+from robustflow.runs.manifest import Selection
 from robustflow.sealed import sealed
 from robustflow.testing import ZeroFlow
+from tests.made_rows import change_manifest
 
 CELL = {"corruptions": ["contrast"], "severities": [1]}
 
@@ -130,7 +132,7 @@ def test_ground_truth_goes_before_a_model_and_alike_are_one(kept, run):
     assert list(displacements_of([run])) == ["demo, 1 pair (dis)"]
     assert list(displacements_of([run, kept])) == ["demo, 1 pair (ground truth)"]
     other = rf.Result(kept.path)
-    other.manifest = {**kept.manifest, "selection": {"corruptions": ["fog"], "severities": [1]}}
+    change_manifest(other, selection=Selection(corruptions=("fog",), severities=(1,)))
     assert list(displacements_of([kept, other])) == ["demo, 1 pair (ground truth)"]
 
 

@@ -42,7 +42,7 @@ def flip(path):
 
 def test_a_changed_byte_of_a_bmp_is_another_run(frames, tmp_path):
     result = rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN)
-    assert [len(digest) for digest in result.manifest["file_digests"]["0"]] == [16, 16]
+    assert [len(digest) for digest in result.manifest.file_digests["0"]] == [16, 16]
     assert rf.evaluate(ZeroFlow(), "folder", frames, tmp_path / "run", **CHOSEN).rows.equals(result.rows)
     flip(frames / "1.bmp")
     with pytest.raises(RunError, match="made from other files for sample '0'"):
@@ -60,14 +60,14 @@ def test_runs_over_two_clips_of_ones_own_are_two_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     short, long = _clip(tmp_path / "short", 3, 0), _clip(tmp_path / "long", 9, 200)
     first, second = (rf.evaluate("dis", "folder", clip, limit=1, **CHOSEN) for clip in (short, long))
-    assert list(first.manifest["samples"]) == ["1"]
-    assert list(second.manifest["samples"]) == ["4"]  # no sample in common, so nothing to tell the data apart by
+    assert list(first.manifest.samples) == ["1"]
+    assert list(second.manifest.samples) == ["4"]  # no sample in common, so nothing to tell the data apart by
     assert (first.path.name.split("_")[0], second.path.name.split("_")[0]) == ("folder-short", "folder-long")
     with pytest.raises(RunError, match="made from other files for sample '1'"):
         rf.evaluate("dis", "folder", long, first.path, limit=1, **CHOSEN)
     with pytest.raises(RunError, match="made from other frames, with a sample '4'"):
         rf.evaluate("dis", "folder", short, second.path, limit=1, **CHOSEN)
-    assert list(rf.evaluate("dis", "folder", short, limit=2, **CHOSEN).manifest["samples"]) == ["0", "1"]
+    assert list(rf.evaluate("dis", "folder", short, limit=2, **CHOSEN).manifest.samples) == ["0", "1"]
 
 
 class _Changes(ZeroFlow):
@@ -101,18 +101,18 @@ def test_a_file_that_changes_during_a_run_is_noticed_at_its_end(three, tmp_path)
     ):
         rf.evaluate(_Changes(three / "2.bmp", flip), "folder", three, tmp_path / "run", **CHOSEN)
     left = rf.load_run(tmp_path / "run")
-    assert set(left.rows["sample"]) == set(left.manifest["samples"]) == set(left.manifest["file_digests"]) == {"0"}
-    assert left.manifest["finished"] is None
+    assert set(left.rows["sample"]) == set(left.manifest.samples) == set(left.manifest.file_digests) == {"0"}
+    assert left.manifest.finished is None
     (three / "2.bmp").write_bytes(before)
     again = rf.evaluate(_Changes(three, print), "folder", three, tmp_path / "run", **CHOSEN)
     fresh = rf.evaluate(_Changes(three, print), "folder", three, tmp_path / "fresh", **CHOSEN)
     assert again.rows.equals(fresh.rows)
-    assert again.manifest["file_digests"] == fresh.manifest["file_digests"]
+    assert again.manifest.file_digests == fresh.manifest.file_digests
 
 
 def test_a_file_that_is_written_again_with_the_same_bytes_is_no_change(three, tmp_path):
     model = _Changes(three / "2.bmp", lambda path: path.write_bytes(path.read_bytes()))
-    assert rf.evaluate(model, "folder", three, tmp_path / "run", **CHOSEN).manifest["finished"] is not None
+    assert rf.evaluate(model, "folder", three, tmp_path / "run", **CHOSEN).manifest.finished is not None
 
 
 def _digests(*arguments):

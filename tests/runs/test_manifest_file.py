@@ -10,7 +10,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.errors import RunError
-from robustflow.runs.manifest_file import manifest_file
+from robustflow.runs.manifest import manifest_file
 from robustflow.runs.run import Run
 
 from .edited import fitting
@@ -51,13 +51,13 @@ SHAPES = {
     "a list": lambda manifest: [manifest],
     "a number": lambda manifest: 3,
     "empty": lambda manifest: {},
-    "nothing but the schema": lambda manifest: {"schema": 2},
+    "nothing but the schema": lambda manifest: {"schema": 3},
     "no identity": _without("identity"),
     "no digest": _without("identity_digest"),
     "no samples": _without("samples"),
     "no selection": _without("selection"),
     "no model": _without("identity", "model"),
-    "no seed": _without("identity", "seed"),
+    "no seed": _without("identity", "frames", "seed"),
     "identity a list": _with([], "identity"),
     "model a text": _with("dis", "identity", "model"),
     "digest a number": _with(5, "identity_digest"),
@@ -70,7 +70,7 @@ SHAPES = {
     "seconds a text": _with("long", "seconds"),
     "packages a list": _with(["numpy"], "environment", "packages"),
     "left out a list": _with([1], "left_out"),
-    "deep": _with(json.loads("[" * 900 + "]" * 900), "identity", "protocol", "x"),
+    "deep": _with(json.loads("[" * 900 + "]" * 900), "identity", "frames", "protocol", "x"),
 }
 
 
@@ -103,13 +103,13 @@ def test_no_json_is_refused_and_kept(text, whole, tmp_path):
 
 def test_rows_of_another_version_are_refused_in_one_sentence(whole, tmp_path):
     manifest = json.loads((whole / "manifest.json").read_text())
-    edited = fitting(_with(manifest["identity"]["rows"] - 1, "identity", "rows")(manifest))
+    edited = fitting(_with(manifest["identity"]["measuring"]["rows"] - 1, "identity", "measuring", "rows")(manifest))
     refused(*damaged(whole, tmp_path, json.dumps(edited)), r"was written with version 2 of the rows, but .* reads 3")
 
 
 @pytest.mark.parametrize("fits", [False, True])
 def test_an_identity_that_was_edited_is_not_taken_for_the_run(whole, tmp_path, fits):
-    manifest = _with(7, "identity", "seed")(json.loads((whole / "manifest.json").read_text()))
+    manifest = _with(7, "identity", "frames", "seed")(json.loads((whole / "manifest.json").read_text()))
     refused(*damaged(whole, tmp_path, json.dumps(manifest_file(manifest) if fits else manifest)), "was changed after")
 
 
@@ -127,11 +127,11 @@ def test_a_flipped_bit_in_a_manifest_is_noticed(whole, tmp_path):
 
 def test_an_older_schema_is_refused_with_a_sentence(whole, tmp_path):
     folder, before = damaged(whole, tmp_path, '{"schema": 1}')
-    refused(folder, before, "was written with run schema 1, but this version reads 2")
+    refused(folder, before, "was written with run schema 1, but this version reads 3")
 
 
 def test_what_is_written_is_read(whole):
-    assert Run(whole).manifest == json.loads((whole / "manifest.json").read_text())
+    assert manifest_file(Run(whole).manifest.record()) == json.loads((whole / "manifest.json").read_text())
 
 
 @pytest.mark.parametrize("text", ["[]", "[" * 100_000, '{"model": 3, "data": null, "data_options": {}}'])

@@ -242,7 +242,7 @@ def test_a_link_in_a_run_folder_is_refused_and_its_target_stays(tmp_path, name):
     before = {path: path.read_bytes() for path in victim.iterdir()}
     folder = RunFolder(tmp_path / "run")
     folder.lock()
-    folder.write_manifest({})
+    folder.manifest_path.write_text("{}")
     folder.unlock()
     link = folder.path / name
     if link.is_dir():

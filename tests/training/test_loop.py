@@ -129,11 +129,11 @@ def test_the_file_is_a_checkpoint_that_run_reads_and_labels(request_for):
     state = weights(path)
     assert all(torch.equal(value, state[key.removeprefix("model.")]) for key, value in model.net.state_dict().items())
     assert name_model(model).declared == "flyingchairs"
-    from robustflow.benchmarks.setting import training_record
+    from robustflow.benchmarks.setting import setting_of
     from robustflow.models.provenance import training_of
 
     named = name_model(model)
-    assert training_record(training_of(named.identity, named.declared), "kitti-fc")["setting"] == "OOD"
+    assert setting_of(training_of(named.identity, named.declared), "kitti-fc") == "OOD"
 
 
 def test_what_the_first_weights_have_seen_is_kept_and_is_unknown_where_nobody_says(request_for):

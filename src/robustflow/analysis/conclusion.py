@@ -31,7 +31,7 @@ _MOST_NAMED = 3
 
 def without_truth(run: Run) -> bool:
     """Whether a run is over the user's own frames, or others that the paper has no results on, without ground truth."""
-    benchmark = str(run.manifest["identity"]["benchmark"])
+    benchmark = run.benchmark
     return not benchmark_facts(benchmark).published and run.summary.epe_clean is None and run.summary.rcre is not None
 
 

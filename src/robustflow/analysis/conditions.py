@@ -22,7 +22,6 @@ from ..runs.comparable import (
     sample_set,
     sample_set_of,
 )
-from ..runs.identity import frames_part, model_part
 from ..runs.run import Run
 from ..text import joined, plain
 from .doubts import doubts
@@ -73,7 +72,7 @@ class Orders:
 
 def seeds_of(runs: Sequence[Run]) -> BySeed | None:
     """Runs of one model whose frames differ in the seed alone; None for others."""
-    recipes = [frames_part(run.manifest["identity"]) for run in runs]
+    recipes = [run.manifest.identity.frames.record() for run in runs]
     seeds = [int(recipe.pop("seed")) for recipe in recipes]
     rows, remark = _in_all(runs)
     clean = [sample_set_of("", measured_cells(one.filter(corruption=CLEAN))) for one in rows]
@@ -87,7 +86,7 @@ def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
     """The groups among runs that differ in the seed alone, and have every row in common."""
     alike: dict[tuple[str, str], list[int]] = {}
     for index, run in enumerate(runs):
-        recipe = frames_part(run.manifest["identity"])
+        recipe = run.manifest.identity.frames.record()
         recipe.pop("seed")
         alike.setdefault((_model(run), digest_of_value(recipe)), []).append(index)
     members = list(alike.values())
@@ -149,7 +148,7 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
 
 
 def _model(run: Run) -> str:
-    return digest_of_value(model_part(run.manifest["identity"]))
+    return digest_of_value(run.manifest.identity.model.record())
 
 
 def _model_names(runs: Sequence[Run]) -> dict[str, str]:

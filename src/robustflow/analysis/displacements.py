@@ -22,7 +22,7 @@ def displacements_of(runs: Sequence[Run]) -> dict[str, pl.DataFrame]:
         if one is None or not any(one.pixels):
             continue
         if frames not in by_samples or one.source == GROUND_TRUTH != by_samples[frames].source:
-            by_samples[frames], benchmarks[frames] = one, str(run.manifest["identity"]["benchmark"])
+            by_samples[frames], benchmarks[frames] = one, run.benchmark
     return {label: one.table for label, one in _labelled(by_samples, benchmarks)}
 
 

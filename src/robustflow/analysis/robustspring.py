@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import fsum
-from typing import Any, Protocol
+from typing import Protocol
 
 import polars as pl
 
-from ..benchmarks.setting import manifest_provenance
 from ..corruptions.on_disk import ROBUSTSPRING
 from ..runs.comparable import sample_set_of
 from ..runs.run import Run
@@ -63,9 +62,9 @@ def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> pl.DataFrame:
     note = f"{counted(pairs, 'pair')}, all pixels; average over {few or counted(len(moved), 'corruption')}"
     means[AVERAGE] = fsum(means.values()) / len(means)
     cells = [(flow.key, flow.condition, int(flow.moved is not None), flow.frames, None) for flow in flows]
-    head = (ROBUSTSPRING.dataset, _setting(run.manifest), run.name, "rcre")
+    head = (ROBUSTSPRING.dataset, _setting(run), run.name, "rcre")
     source, frames = (
-        str(run.manifest["identity_digest"]),
+        run.manifest.identity_digest,
         f"{ROBUSTSPRING.title}, {note}; frames {sample_set_of('', cells)}",
     )
     lines = [(*head, name, value, None, None, source, frames, note) for name, value in means.items()]
@@ -99,8 +98,10 @@ def _columns(values: Sequence[Sequence[float]]) -> list[float]:
     return [fsum(column) / len(values) for column in zip(*values, strict=True)]
 
 
-def _setting(manifest: Mapping[str, Any]) -> str:
+def _setting(run: Run) -> str:
     """What the model's training means for RobustSpring's frames, whatever the run was on."""
-    identity = {**manifest["identity"], "benchmark": ROBUSTSPRING.dataset}
-    setting = str(manifest_provenance({**manifest, "identity": identity})["setting"])
+    manifest = run.manifest
+    setting = manifest.provenance.on(
+        ROBUSTSPRING.dataset, list(manifest.samples), manifest.identity.frames.protocol
+    ).setting
     return OWN_SETTING if setting == "UNKNOWN" else setting

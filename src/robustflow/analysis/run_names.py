@@ -49,26 +49,26 @@ def _differences(runs: Sequence[Run]) -> list[list[str]]:
             chosen = finer
     same = Counter(chosen)
     return [
-        [*filter(None, words)] + ([run.manifest["identity_digest"][:_DIGITS]] if same[words] > 1 else [])
+        [*filter(None, words)] + ([run.manifest.identity_digest[:_DIGITS]] if same[words] > 1 else [])
         for words, run in zip(chosen, runs, strict=True)
     ]
 
 
 def _facts(run: Run) -> Iterator[tuple[str, str]]:
     """(what, words) of everything that may differ between runs of one name, the most telling first."""
-    identity, selection = run.manifest["identity"], run.manifest["selection"]
-    yield "benchmark", benchmark_label(str(identity["benchmark"]))
-    yield "dataset", plain(str(identity.get("dataset", "")), _LONGEST_VALUE)
-    trained_on = run.provenance.get("trained_on")
+    identity, selection = run.manifest.identity, run.manifest.selection
+    yield "benchmark", benchmark_label(run.benchmark)
+    yield "dataset", plain(identity.frames.dataset, _LONGEST_VALUE)
+    trained_on = run.provenance.trained_on
     yield "trained on", "training not stated" if trained_on is None else f"trained on {_named(trained_on, 'set')}"
-    for key, value in _flat(identity["model"]):
+    for key, value in _flat(identity.model.settings):
         yield f"model {key}", f"{plain(key.replace('_', ' '), _LONGEST_VALUE)} {value}"
     for part, words in recipe_in_words(run):
         if part not in ("benchmark", "dataset"):
             yield part, words
-    yield "corruptions", _named(selection["corruptions"], "corruption")
-    yield "severities", "severities " + ", ".join(map(str, selection["severities"] or SEVERITIES))
-    yield "samples", counted(len(run.manifest["samples"]), "pair")
+    yield "corruptions", _named(selection.corruptions, "corruption")
+    yield "severities", "severities " + ", ".join(map(str, selection.severities or SEVERITIES))
+    yield "samples", counted(len(run.manifest.samples), "pair")
 
 
 def _flat(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

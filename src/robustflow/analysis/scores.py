@@ -39,7 +39,7 @@ def run_results(
     names = run_names(runs)
     records: list[tuple[Any, ...]] = []
     for run, name, note in zip(runs, names, notes or notes_of(runs, beside_published), strict=True):
-        identity, summary = run.manifest["identity"], run.summary
+        summary = run.summary
         shared = (sample_set(run), note)
         means = paper_means(run) if beside_published else summary
         values = {("epe", CLEAN): summary.epe_clean}
@@ -48,8 +48,8 @@ def run_results(
             values[metric, AVERAGE] = getattr(means, metric)
         for (metric, corruption), value in values.items():
             if value is not None:
-                head = (str(identity["benchmark"]), run_setting(run), name, metric, corruption)
-                records.append((*head, float(value), None, None, str(run.manifest["identity_digest"]), *shared))
+                head = (run.benchmark, run_setting(run), name, metric, corruption)
+                records.append((*head, float(value), None, None, run.manifest.identity_digest, *shared))
     return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
 
 
@@ -89,7 +89,7 @@ def notes_of(runs: Sequence[Run], beside_published: bool = False) -> list[str]:
     """`note_of` each of several runs, and what tells those apart whose notes are alike but which cannot be compared:
     the seed, the ground truth, the pairs, ..."""
     notes = [note_of(run, beside_published) for run in runs]
-    keys = [(str(run.manifest["identity"]["benchmark"]), note) for run, note in zip(runs, notes, strict=True)]
+    keys = [(run.benchmark, note) for run, note in zip(runs, notes, strict=True)]
     alike: dict[tuple[str, str], dict[str, Run]] = {}
     for key, run in zip(keys, runs, strict=True):
         alike.setdefault(key, {}).setdefault(sample_set(run), run)
@@ -108,11 +108,9 @@ def notes_of(runs: Sequence[Run], beside_published: bool = False) -> list[str]:
 def note_of(run: Run, beside_published: bool = False) -> str:
     """What was measured, as far as a reader expects something else: pairs, corruptions, severities; on a benchmark of
     the paper the differences from the paper's measurement. `beside_published` as for `run_results`."""
-    identity, averaged = run.manifest["identity"], run.summary.averaged_over
-    benchmark = str(identity["benchmark"])
-    facts = benchmark_facts(benchmark)
-    protocol = identity.get("protocol") or {}
-    remarks = [_pairs_note(benchmark, run.summary.samples, protocol), truth_remark(protocol)]
+    frames, averaged = run.manifest.identity.frames, run.summary.averaged_over
+    facts = benchmark_facts(run.benchmark)
+    remarks = [_pairs_note(run.benchmark, run.summary.samples, frames.protocol), truth_remark(frames.protocol)]
     if beside_published and more_than_paper(run):
         remarks.append(f"average over the paper's {len(run.summary.paper_over)} of {len(averaged)} corruptions")
     elif set(averaged) != set(facts.paper_corruptions):
@@ -120,10 +118,10 @@ def note_of(run: Run, beside_published: bool = False) -> str:
         what = joined(names) if 0 < len(names) <= _MOST_NAMED else counted(len(names), "corruption")
         papers = f", not the paper's {len(facts.paper_corruptions)}" if facts.published else ""
         remarks.append(f"average over {what}{papers}")
-    levels = sorted(run.manifest["selection"]["severities"])
+    levels = sorted(run.manifest.selection.severities)
     if set(levels) != set(facts.severities):
         remarks.append(f"{'severity' if len(levels) == 1 else 'severities'} {joined(list(map(str, levels)))} only")
-    if "severity_scale" in identity:
+    if frames.severity_scale:
         remarks.append("calibrated severities" + (", not the paper's" if facts.published else ""))
     if not run.summary.complete:
         remarks.append("not complete")

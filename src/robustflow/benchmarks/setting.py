@@ -16,40 +16,14 @@ from typing import Any
 
 from ..datasets.kitti_drives import drives, related
 from ..datasets.split import KITTI_KEYS, KITTI_SPLITS, kitti_split
-from ..models.provenance import KNOWLEDGE, RANDOM, Setting, Training, training_of
+from ..models.provenance import RANDOM, Setting, Training
 from .registry import benchmark_facts
 
 _KITTI = "kitti2015"
 _RAW = "kitti-raw"
 _RELEASED = "released"
-_PAIRS_NOTE = "pairs: "
+PAIRS_NOTE = "pairs: "
 """The beginning of a note that follows from the evaluated pairs."""
-
-
-def training_record(
-    training: Training,
-    benchmark: str,
-    keys: Collection[str] | None = None,
-    protocol: Mapping[str, Any] | None = None,
-) -> dict[str, Any]:
-    """What a manifest states about a model's training: setting, training sets, how they are known, and what is
-    uncertain.
-
-    Args:
-        training: of the model.
-        benchmark: its name.
-        keys: the evaluated samples; the benchmark's usual ones by default.
-        protocol: of the benchmark: whether the frames are the released ones.
-
-    >>> mine = Training(("flyingchairs", "kitti2015:train"), "declared")
-    >>> training_record(mine, "kitti-fc")["setting"], training_record(mine, "kitti-fc", ["000002"])["setting"]
-    ('ID', 'LEAKED')
-    """
-    setting, notes = _judge(training, benchmark, keys, protocol or {})
-    sets = None if training.sets is None else list(training.sets)
-    about = {"setting": setting, "trained_on": sets, "basis": training.basis}
-    note = "; ".join(filter(None, (training.note, *notes)))
-    return about | ({"note": note} if note else {})
 
 
 def setting_of(
@@ -62,33 +36,26 @@ def setting_of(
 
     "OOD": trained on nothing of its domain. "ID": trained on its domain, but on none of the evaluated frames. "LEAKED":
     trained on evaluated frames. "knowledge": learns nothing. "untrained": random weights. "UNKNOWN": not declared,
-    not known, or the frames are the user's own. Arguments as for `training_record`.
+    not known, or the frames are the user's own.
+
+    Args:
+        training: of the model.
+        benchmark: its name.
+        keys: the evaluated samples; the benchmark's usual ones by default.
+        protocol: of the benchmark: whether the frames are the released ones.
 
     >>> setting_of(Training(("flyingchairs", "kitti2015"), "declared"), "kitti-fc")
     'LEAKED'
     >>> setting_of(Training(("kitti2015",), "declared"), "gopro-fc")
     'OOD'
     """
-    return _judge(training, benchmark, keys, protocol or {})[0]
+    return judge(training, benchmark, keys, protocol or {})[0]
 
 
-def manifest_provenance(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run's manifest records of the training, judged by all samples of the run, including those of a later call,
-    and by today's rules even if an older version wrote it."""
-    identity, record = manifest["identity"], manifest.get("provenance")
-    if record is None:
-        training = training_of(identity["model"])
-    else:
-        sets, basis = record.get("trained_on"), str(record["basis"])
-        own = [part for part in str(record.get("note", "")).split("; ") if not part.startswith(_PAIRS_NOTE)]
-        named = None if sets is None else tuple(sets)
-        training = Training(named, basis, "; ".join(own), trained=basis not in (RANDOM, KNOWLEDGE))
-    return training_record(training, str(identity["benchmark"]), list(manifest["samples"]), identity.get("protocol"))
-
-
-def _judge(
+def judge(
     training: Training, benchmark: str, keys: Collection[str] | None, protocol: Mapping[str, Any]
 ) -> tuple[Setting, list[str]]:
+    """The setting, and notes about the evaluated pairs; arguments as for `setting_of`."""
     if not training.trained:
         return ("untrained" if training.basis == RANDOM else "knowledge"), []
     facts = benchmark_facts(benchmark)
@@ -111,7 +78,7 @@ def _judge(
             settings.add(setting)
             notes.append(note)
     worst = next(one for one in ("LEAKED", "UNKNOWN", "ID", "OOD") if one in settings)
-    return worst, [f"{_PAIRS_NOTE}{note}" for note in notes if note]
+    return worst, [f"{PAIRS_NOTE}{note}" for note in notes if note]
 
 
 def _kitti_part(part: str, keys: Collection[str], protocol: Mapping[str, Any]) -> tuple[Setting, str]:

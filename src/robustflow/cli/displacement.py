@@ -89,10 +89,10 @@ def _run_of(folder: Path, chosen: "Benchmark") -> "Run":
     if folder.is_file():
         raise UsageError(f"{folder} is a file; a histogram is stored in a run's folder, not in a record")
     run = Run(folder)
-    if run.manifest["identity"]["benchmark"] != chosen.name or set(run.manifest["samples"]) != set(chosen.keys):
-        ran = counted(len(run.manifest["samples"]), "pair")
+    if run.benchmark != chosen.name or set(run.manifest.samples) != set(chosen.keys):
+        ran = counted(len(run.manifest.samples), "pair")
         raise UsageError(
-            f"{run.path} ran {ran} of {run.manifest['identity']['benchmark']}, these are {len(chosen.keys)} of "
+            f"{run.path} ran {ran} of {run.benchmark}, these are {len(chosen.keys)} of "
             f"{chosen.name}; give the run's --data, --split and --limit"
         )
     return run

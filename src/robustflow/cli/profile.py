@@ -116,7 +116,7 @@ def _print_model(
         typer.echo(f"peak memory  {measured.peak_bytes / 2**30:.2f} GiB {kind}")
     if run is not None:
         cost = RunCost(
-            run=run.manifest["identity_digest"],
+            run=run.manifest.identity_digest,
             height=height,
             width=width,
             iterations=rounds,

@@ -32,7 +32,7 @@ def as_json_text(results: Sequence[Run]) -> str:
     facts = [
         {
             "name": each.name,
-            "benchmark": each.manifest["identity"]["benchmark"],
+            "benchmark": each.benchmark,
             "folder": str(each.path),
             "summary": each.document(),
         }
@@ -73,7 +73,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
         console.print(f"Incomplete: {unmeasured} {have} no pixel to measure; the means are over the rest.")
     if summary.n_invalid:
         console.print(f"{summary.n_invalid} predicted pixels were NaN or infinite; they are excluded from all means.")
-    for warning in dict.fromkeys(text for clip in result.manifest.get("clips", []) for text in clip["warnings"]):
+    for warning in dict.fromkeys(text for clip in result.manifest.clips for text in clip.warnings):
         console.print(f"Warning: {plain(warning, None)}", highlight=False, soft_wrap=True)
     if result.left_out:
         console.print(f"Left out: {left_out_sentence(result.left_out)}.", highlight=False, soft_wrap=True)
@@ -104,7 +104,7 @@ def print_results(results: Sequence[Run]) -> None:
     console.print(table)
     for note in dict.fromkeys(group.note for group in groups):
         console.print(f"{note[0].upper()}{note[1:]}.", highlight=False)
-    for remark in {truth_remark(result.manifest["identity"]["protocol"]) for result in results} - {""}:
+    for remark in {truth_remark(result.manifest.identity.frames.protocol) for result in results} - {""}:
         console.print(f"Errors are on {remark}.")
     for sentence in not_ranked([run for run in results if not without_truth(run)]).values():
         console.print(sentence, highlight=False, soft_wrap=True)
@@ -178,7 +178,7 @@ def _by_severity(result: Run, metric: str, whose: str) -> Table:
 
 
 def _whose(result: Run, with_seed: bool) -> str:
-    seed = result.manifest["identity"]["seed"]
+    seed = result.manifest.identity.frames.seed
     return f"{plain(result.name)} ({result.setting}{f', seed {seed}' if with_seed or seed else ''})"
 
 
@@ -189,7 +189,7 @@ def _sentence(result: Run) -> str:
     if summary.epe_clean is None:
         length = f"; on clean frames the flow is {cell(summary.clean_flow_length)} px long on average"
         return f"RCRE {cell(summary.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"
-    truth = truth_remark(result.manifest["identity"]["protocol"])
+    truth = truth_remark(result.manifest.identity.frames.protocol)
     return f"clean EPE {cell(summary.epe_clean)} px, {_means(summary)}{f'; {truth}' if truth else ''}"
 
 

@@ -96,7 +96,7 @@ class _Rows:
         from ..runner.recheck import recheck
 
         return recheck(
-            reader.raw_manifest["identity"],
+            reader.plan.identity,
             reader.frame,
             self.data,
             model=model,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from .api import load_corruption
@@ -32,16 +32,6 @@ def user_sources(variant: str = "default", names: Iterable[str] = ()) -> dict[st
     parts = {part for name in names for part, _ in split_stack(name)}
     own = {part: one.source for part in sorted(parts) if (one := own_corruption(part, variant)) is not None}
     return {key: source for key, source in sources.items() if source} | ({OWN_KEY: own} if own else {})
-
-
-def recorded_sources(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """What `user_sources` gave where an identity was made.
-
-    >>> recorded_sources({"seed": 0, "psf": "reference 0123456789ab"})
-    {'psf': 'reference 0123456789ab'}
-    """
-    keys = [OWN_KEY, *(kind.source_key for kind in _kinds_with_sources())]
-    return {key: identity[key] for key in keys if key in identity}
 
 
 def _kinds_with_sources() -> list[type[Corruption]]:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import polars as pl
 
 from ..benchmarks import benchmark_facts
-from ..benchmarks.setting import training_record
 from ..corruptions.registry import CORRUPTIONS
 from ..corruptions.stack import levels_of, split_stack
 from ..errors import UsageError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..models.provenance import Training, parse_training_sets, training_of
+from ..runs.manifest import Manifest
+from ..runs.provenance import Provenance
 from ..severity import SEVERITIES
 from ..text import plain
-from .contents import Manifest
 
 _MOST_SHARED = 0.5
 """Largest share of a sample's rows whose digest may also occur under another condition."""
@@ -30,7 +31,7 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     plan = reader.plan
     problems = [*_unknown(plan.selection.corruptions, plan), *_left_out(plan)]
     if not set(plan.selection.severities) <= set(SEVERITIES):
-        problems.append(f"severities {plan.selection.severities}: they are 1 to 5")
+        problems.append(f"severities {list(plan.selection.severities)}: they are 1 to 5")
     if problems:
         return problems, ""
     planned, present = set(run.planned()), set(reader.frame.select(ROW_KEY).iter_rows())
@@ -50,7 +51,7 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
     if without:
         problems.append(f"sample '{plain(min(without))}' has no row for its clean frames")
     problems += _digest_problems(reader.frame)
-    if not plan.identity.allow_invalid and reader.frame["n_invalid"].sum():
+    if not plan.identity.measuring.allow_invalid and reader.frame["n_invalid"].sum():
         problems.append("pixels that are NaN or infinite were counted, but the run did not allow them")
     return problems, f"{len(present)} of {len(planned)} planned rows"
 
@@ -72,40 +73,37 @@ def _digest_problems(rows: pl.DataFrame) -> list[str]:
     return []
 
 
-def training_problems(plan: Manifest, raw: dict[str, Any]) -> list[str]:
+def training_problems(plan: Manifest) -> list[str]:
     """Check that the setting (OOD, ID, LEAKED, ...) follows from the declared or catalogued training sets.
 
     A user's declaration is accepted; what the package knows from a checkpoint's hash cannot be overridden.
     """
-    declared, benchmark = plan.provenance, plan.identity.benchmark
-    known = training_of(raw["identity"]["model"])
+    declared, frames = plan.provenance, plan.identity.frames
+    known = training_of(plan.identity.model.settings)
     if known.basis == "undeclared" and declared.basis == "declared":
         try:
             known = Training(parse_training_sets("+".join(declared.trained_on or [])), "declared")
         except UsageError as error:
             return [f"the declared training sets cannot be read: {plain(str(error), 120)}"]
-    record = training_record(known, benchmark, plan.samples, plan.identity.protocol)
-    settings = {record["setting"]}
-    if any(":" in name for name in record["trained_on"] or ()):
-        settings.add("ID")  # older versions ignored the pairs; the setting shown is determined on reading
-    expected = (record["basis"], record["trained_on"])
-    if declared.setting not in settings or (declared.basis, declared.trained_on) != expected:
+    due = Provenance.of(known, frames.benchmark, plan.samples, frames.protocol)
+    if (declared.setting, declared.basis, declared.trained_on) != (due.setting, due.basis, due.trained_on):
         return [
             f"the manifest says {declared.setting} by {declared.basis}, trained on {_sets(declared.trained_on)}; for "
-            f"this model and benchmark it is {record['setting']} by {expected[0]}, trained on {_sets(expected[1])}"
+            f"this model and benchmark it is {due.setting} by {due.basis}, trained on {_sets(due.trained_on)}"
         ]
     return []
 
 
-def _sets(names: list[str] | None) -> str:
+def _sets(names: Sequence[str] | None) -> str:
     return "+".join(names) if names else "nothing it names"
 
 
-def _unknown(names: list[str], plan: Manifest) -> list[str]:
+def _unknown(names: Sequence[str], plan: Manifest) -> list[str]:
     """Raise for names unknown to this package, to installed ones, to the identity's list of the user's own, and to the
     benchmark whose frames come with them."""
-    of_benchmark = benchmark_facts(plan.identity.benchmark).paper_corruptions
-    known, out = {*CORRUPTIONS.names(), *(plan.identity.corruptions or {}), *of_benchmark}, []
+    frames = plan.identity.frames
+    of_benchmark = benchmark_facts(frames.benchmark).paper_corruptions
+    known, out = {*CORRUPTIONS.names(), *frames.corruptions, *of_benchmark}, []
     for name in names:
         try:
             fits = all(part in known for part, _ in split_stack(name))
@@ -120,14 +118,12 @@ def _unknown(names: list[str], plan: Manifest) -> list[str]:
 
 def _left_out(plan: Manifest) -> list[str]:
     """Check that exactly those severities were left out that the calibrated scale lacks."""
-    scale = "calibrated" if plan.identity.severity_scale else "paper"
-    severities = tuple(plan.selection.severities)
+    scale, severities = plan.identity.frames.scale, plan.selection.severities
     for name in dict.fromkeys((*plan.selection.corruptions, *plan.left_out)):
         if name not in plan.selection.corruptions or _unknown([name], plan):
             return [f"left_out names '{plain(name, 60)}', which was not selected"]
         lacking = sorted({*levels_of(name, severities)} - {*levels_of(name, severities, scale)})
-        if plan.left_out.get(name, []) != lacking:
-            return [
-                f"{name} was left out at severities {plan.left_out.get(name, [])}; the {scale} scale lacks {lacking}"
-            ]
+        left_out = list(plan.left_out.get(name, ()))
+        if left_out != lacking:
+            return [f"{name} was left out at severities {left_out}; the {scale} scale lacks {lacking}"]
     return []

@@ -11,7 +11,7 @@ from ..errors import DataError, RunError, UsageError
 from ..runs.costs import PROFILE, read_cost
 from ..sealed import sealed
 from .container import container_bytes, read_file
-from .contents import FORMAT, VERSION, PackedEntry, Record, shareable_manifest, validated
+from .contents import FORMAT, VERSION, PackedEntry, Record, parsed, shareable_manifest
 from .read import Reader
 from .rows_text import rows_to_text
 from .text import check_text
@@ -59,7 +59,7 @@ def pack(
     verification = verify_read(Reader(data, str(target)))
     if not verification.ok:
         raise RunError(f"{run.path} cannot be packed, because it would not verify: {verification.first_failure()}")
-    if not overwrite and target.exists() and _run_of(target) != run.manifest["identity_digest"]:
+    if not overwrite and target.exists() and _run_of(target) != run.manifest.identity_digest:
         raise RunError(f"{target} does not hold this run; name another file with -o, or give --overwrite")
     write_bytes(target, data)
     return target
@@ -93,7 +93,7 @@ def record_bytes(
             "pack it as it is with --partial"
         )
     entries = {
-        "manifest.json": json_bytes(shareable_manifest(run.manifest, keep_paths)),
+        "manifest.json": json_bytes(shareable_manifest(run.manifest, keep_paths).record()),
         "rows.csv": rows_to_text(run.rows),
         "summary.json": json_bytes(run.document()),
     }
@@ -107,7 +107,7 @@ def record_bytes(
     facts = {
         "format": FORMAT,
         "version": VERSION,
-        "run": run.manifest["identity_digest"],
+        "run": run.manifest.identity_digest,
         "complete": not missing,
         "entries": {
             name: PackedEntry(bytes=len(data), sha256=hashlib.sha256(data).hexdigest()).model_dump()
@@ -116,5 +116,5 @@ def record_bytes(
         **stated,
     }
     record = json_bytes(facts)
-    validated(Record, record, "the record")
+    parsed(Record.model_validate_json, record, "the record")
     return container_bytes({"record.json": record, **entries})

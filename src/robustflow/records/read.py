@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 
@@ -13,13 +12,12 @@ from ..corruptions.api import STREAM_VERSION
 from ..errors import DataError
 from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION
 from ..runs.costs import PROFILE, parse_cost
-from ..runs.identity import identity_digest
-from ..runs.manifest_file import manifest_file
-from ..runs.plan import IDENTITY_VERSION
+from ..runs.identity import IDENTITY_VERSION
+from ..runs.manifest import MANIFEST_SCHEMA, Manifest, manifest_file
 from ..text import plain
 from .container import LIMITS, read_container
-from .contents import Manifest, Record, check_version, validated
-from .rows_text import rows_from_text
+from .contents import Record, check_version, parsed
+from .rows_text import MOST_ROWS, rows_from_text
 from .text import check_text, read_json
 
 STEPS = ("container", "record", "hashes", "manifest", "rows")
@@ -43,7 +41,7 @@ class Reader:
         name, sha256: of the file.
         entries: the bytes of each entry, after `container`.
         facts: `record.json`, after `record`.
-        raw_manifest, plan: `manifest.json` as written and as validated, after `manifest`.
+        plan: `manifest.json`, after `manifest`.
         frame: the rows, after `rows`.
 
     Raises:
@@ -52,7 +50,6 @@ class Reader:
 
     entries: dict[str, bytes]
     facts: Record
-    raw_manifest: dict[str, Any]
     plan: Manifest
     frame: pl.DataFrame
 
@@ -70,7 +67,7 @@ class Reader:
         """`record.json` has a version that this package reads."""
         data = self.entries["record.json"]
         check_version(read_json(data, "record.json"), "record.json")
-        self.facts = validated(Record, data, "record.json")
+        self.facts = parsed(Record.model_validate_json, data, "record.json")
         return f"version {self.facts.version}"
 
     def hashes(self) -> str:
@@ -88,17 +85,27 @@ class Reader:
 
     def manifest(self) -> str:
         """`manifest.json` has the right shape, and its digest follows from its identity."""
-        data = self.entries["manifest.json"]
-        self.raw_manifest = read_json(data, "manifest.json")
-        self.plan = validated(Manifest, data, "manifest.json")
-        identity, digest = self.plan.identity, self.plan.identity_digest
-        versions = (identity.version, identity.streams, identity.rows)
+        content = read_json(self.entries["manifest.json"], "manifest.json")
+        if (schema := content.get("schema")) != MANIFEST_SCHEMA or isinstance(schema, bool):
+            raise DataError(
+                f"manifest.json has schema {plain(str(schema), 20)}, this version reads {MANIFEST_SCHEMA}; use the "
+                "version that packed it"
+            )
+        self.plan = parsed(Manifest.read, content, "manifest.json")
+        self._check_extent()
+        if self.plan.shareable().record() != content:
+            raise DataError(
+                "manifest.json has parts that a record leaves out (environment.command, places, the version of the "
+                "system, fields with their default values); pack the run again"
+            )
+        measuring, digest = self.plan.identity.measuring, self.plan.identity_digest
+        versions = (measuring.version, self.plan.identity.frames.streams, measuring.rows)
         if versions != (IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION):
             raise DataError(
                 f"manifest.json is of versions {versions} (identity, streams, rows), this version reads "
                 f"{(IDENTITY_VERSION, STREAM_VERSION, ROW_SCHEMA_VERSION)}; use the version that packed it"
             )
-        made = identity_digest(self.raw_manifest["identity"])
+        made = self.plan.identity.digest()
         if not made == digest == self.facts.run:
             raise DataError(
                 f"the digest is {self.facts.run} in record.json and {digest} in manifest.json, that of the identity is "
@@ -109,6 +116,15 @@ class Reader:
             if parse_cost(self.entries[PROFILE], PROFILE).run != digest:
                 raise DataError(f"{PROFILE} belongs to another run")
         return f"run {digest}"
+
+    def _check_extent(self) -> None:
+        """At least one corruption of one sample is planned, and not more rows than a record may hold."""
+        selection = self.plan.selection
+        if not (self.plan.samples and selection.corruptions and selection.severities):
+            raise DataError("manifest.json: samples, corruptions and severities have to have at least 1 entry each")
+        planned = len(self.plan.samples) * (1 + len(selection.corruptions) * len(selection.severities))
+        if planned > MOST_ROWS:
+            raise DataError(f"manifest.json: {planned} rows are planned; a record holds at most {MOST_ROWS}")
 
     def rows(self) -> str:
         """The rows have the right types, occur once each, and hold numbers in range and printable texts."""
@@ -148,7 +164,7 @@ class Reader:
             DataError: the folder cannot be written.
         """
         make_folder(folder / "rows")
-        write_json(folder / "manifest.json", manifest_file(self.raw_manifest))
+        write_json(folder / "manifest.json", manifest_file(self.plan.record()))
         for name in ("summary.json", PROFILE):
             if name in self.entries:
                 write_bytes(folder / name, self.entries[name])

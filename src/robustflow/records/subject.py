@@ -9,8 +9,8 @@ from ..text import counted, plain
 from ..validated import Frozen
 
 if TYPE_CHECKING:
+    from ..runs.manifest import Manifest
     from ..runs.run import Run
-    from .contents import Manifest
 
 
 class Subject(Frozen):
@@ -63,8 +63,8 @@ def subject_of(run: Run, plan: Manifest) -> Subject:
     summary = run.summary
     return Subject(
         model=plain(run.name),
-        benchmark=plain(plan.identity.benchmark),
-        truth=truth_remark(plan.identity.protocol),
+        benchmark=plain(run.benchmark),
+        truth=truth_remark(plan.identity.frames.protocol),
         pairs=summary.samples,
         corruptions=len(plan.selection.corruptions),
         severities=len(plan.selection.severities),

@@ -8,7 +8,6 @@ from tempfile import TemporaryDirectory
 from typing import Literal
 
 from ..analysis.audit.run_folder import audit_run
-from ..benchmarks.setting import manifest_provenance
 from ..errors import RobustFlowError
 from ..runs.run import Run
 from ..text import plain
@@ -137,8 +136,8 @@ def verify_read(
 
 def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
     """The checks of what a record claims, by name, and its subject if all of it could be read."""
-    problems = training_problems(reader.plan, reader.raw_manifest)
-    out = {"training": _outcome(problems, str(manifest_provenance(reader.raw_manifest)["setting"]))}
+    problems = training_problems(reader.plan)
+    out = {"training": _outcome(problems, reader.plan.judged().provenance.setting)}
     with TemporaryDirectory(prefix="robustflow-") as folder:
         reader.extract(Path(folder))
         run = Run(folder)

@@ -46,7 +46,7 @@ def result_table(run: Run) -> Table:
     lines += [_line(FAMILY_LABELS[name], scores, shown) for name, scores in summary.families.items()]
     remarks = [f"clean EPE {summary.epe_clean:.2f} px"] if summary.epe_clean is not None else []
     remarks += [note] if (note := note_of(run)) else []
-    benchmark = benchmark_words(str(run.manifest["identity"]["benchmark"]))
+    benchmark = benchmark_words(run.benchmark)
     title = f"{run.name} ({setting_words(run_setting(run))}) on {benchmark}"
     return Table("result", title, tuple(columns), (Section("Means", tuple(lines)),), tuple(remarks), "Corruptions")
 

@@ -53,7 +53,7 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
     """A variant that was run, beside the published values over the same corruptions."""
     here = _values(run_results([run], beside_published=True))
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
-    levels = run.manifest["selection"]["severities"]
+    levels = run.manifest.selection.severities
     setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
     differs = setting not in (runnable.variant.setting, "untrained")
     notes = (

@@ -7,12 +7,12 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ..datasets.base import FromClips
 from ..errors import DataError
 from ..metrics.rows import CLEAN
-from ..runs.manifest import changed_files, now, open_manifest
+from ..runs.manifest import Manifest, clips_of
+from ..runs.open_manifest import changed_files, now, open_manifest
 from ..runs.plan import unfinished_samples
 from ..runs.store import RunFolder
 from .clean_row_check import kept_clean_rows
@@ -44,7 +44,7 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     cells = folder.tidy()
     check_before_resuming(folder, job, plan)
     folder.write_manifest(manifest)
-    folder.settle(manifest["samples"], unfinished_samples(manifest, cells), cells)
+    folder.settle(manifest.samples, unfinished_samples(manifest, cells), cells)
     units = plan.missing(cells)
     job = replace(job, kept=kept_clean_rows(folder, {unit.key for unit in units if unit.corruption != CLEAN}))
     del cells
@@ -52,8 +52,8 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
         progress.engine(engine.describe(units))
     progress.start(folder.path, plan.count(), plan.count() - len(units))
     left = Counter(unit.key for unit in units)
-    seconds: dict[str, float] = dict(manifest.get("seconds", {}))
-    places: dict[str, int] = dict(manifest.get("places", {}))
+    seconds = dict(manifest.seconds)
+    places = dict(manifest.places)
     start = time.perf_counter()
     for done in engine.compute(job, units):
         folder.write_rows(done.unit, done.rows)
@@ -68,22 +68,21 @@ def compute_missing(folder: RunFolder, setup: Setup, engine: Engine, batch_size:
     if changed := changed_files(plan, manifest, left):
         _drop_changed(folder, manifest, changed)
     folder.pack()
-    if not units and before is not None and before["finished"] is not None:
-        since = {name: before[name] for name in ("finished", "seconds", "environment")}
-        folder.write_manifest({**manifest, **since, **({"clips": before["clips"]} if "clips" in before else {})})
+    if not units and before is not None and before.finished is not None:
+        since = {name: getattr(before, name) for name in ("finished", "environment")}
+        folder.write_manifest(manifest.model_copy(update=since))
         return
     seconds["wall"] = round(seconds.get("wall", 0.0) + time.perf_counter() - start, 3)
-    if isinstance(job.dataset, FromClips):
-        manifest["clips"] = job.dataset.clip_records()
-    folder.write_manifest({**manifest, "seconds": seconds, "finished": now(), **({"places": places} if places else {})})
+    clips = clips_of(job.dataset.clip_records()) if isinstance(job.dataset, FromClips) else manifest.clips
+    since = {"seconds": seconds, "finished": now(), "places": places, "clips": clips}
+    folder.write_manifest(manifest.model_copy(update=since))
 
 
-def _drop_changed(folder: RunFolder, manifest: dict[str, Any], changed: Mapping[str, Path]) -> None:
+def _drop_changed(folder: RunFolder, manifest: Manifest, changed: Mapping[str, Path]) -> None:
     """Remove the rows of samples whose files changed while they were read, of which nobody can say which bytes they are
     from; then raise."""
     folder.drop_samples(changed)
-    kept = {name: {k: v for k, v in manifest[name].items() if k not in changed} for name in ("samples", "file_digests")}
-    folder.write_manifest({**manifest, **kept})
+    folder.write_manifest(manifest.without(changed))
     key, path = next(iter(changed.items()))
     more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
     raise DataError(

@@ -35,6 +35,6 @@ def keep_cost(run: Run, model: Any) -> None:
     except RobustFlowError:
         return  # not a network, or not one that can be counted at this size
     height, width = COUNTED_SIZE
-    identity = run.manifest["identity_digest"]
+    identity = run.manifest.identity_digest
     rounds = network.identity().get("iterations")
     write_cost(run, RunCost(run=identity, height=height, width=width, iterations=rounds, **asdict(counts)))

@@ -5,12 +5,10 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
-from ..corruptions.sources import OWN_KEY
 from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
 from ..layout import user_path
 from ..models import ModelSpec
-from ..runs.identity import edited_corruptions
 from ..runs.plan import Plan
 from ..runs.store import RunFolder
 from ..text import file_name
@@ -34,15 +32,16 @@ def warn_of_a_fresh_start(folder: Path, plan: Plan) -> None:
         plan: of the run.
     """
     identity = plan.identity()
-    if folder.exists() or OWN_KEY not in identity:
+    if folder.exists() or not identity.frames.corruptions:
         return
     for other in sorted(folder.parent.glob(f"{folder.name.rpartition('_')[0]}_*")):
         try:
-            before = RunFolder(other).manifest()
+            manifest = RunFolder(other).manifest()
         except RunError:
             continue
-        edited = [] if before is None else edited_corruptions(identity, before["identity"])
-        if edited:
+        if manifest is None:
+            continue
+        if edited := identity.edited_corruptions(manifest.identity):
             warnings.warn(
                 f"the source of the corruption {', '.join(edited)} has changed since {other}; a new run starts "
                 f"in {folder}",

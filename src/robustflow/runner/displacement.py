@@ -104,7 +104,7 @@ def keep_displacement(result: Run, benchmark: Benchmark) -> None:
     except RunError:
         kept = None  # damaged, so it is computed again
     if kept is None:
-        samples = replace(benchmark, keys=tuple(result.manifest["samples"]))
+        samples = replace(benchmark, keys=tuple(result.manifest.samples))
         write_displacement(result, displacement_histogram(samples))
 
 

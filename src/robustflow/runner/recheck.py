@@ -22,6 +22,7 @@ from ..metrics.regions import REGIONS
 from ..models import ModelSpec
 from ..models.base import AnyModel, describe_cell
 from ..random.rng import Rng
+from ..runs.identity import Identity
 from ..runs.plan import Unit
 from .named_model import name_model
 from .setup import set_up_frames
@@ -35,7 +36,7 @@ _TRUTH = ("height", "width", "n_valid", "magnitude_sum", *(f"n_{region}" for reg
 
 
 def recheck(
-    identity: dict[str, Any],
+    identity: Identity,
     rows: pl.DataFrame,
     data: str | Path | None = None,
     *,

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from ..metrics.rows import CLEAN
-from ..runs.manifest import last_changed
+from ..runs.open_manifest import last_changed
 from ..runs.plan import Plan, Unit
 from ..runs.store import RunFolder
 from .clean_row_check import check_same_data, check_same_model, kept_clean_rows

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
-from ..benchmarks.setting import training_record
 from ..corruptions import load_corruption
 from ..corruptions.base import Corruption
 from ..corruptions.on_disk import on_disk
 from ..corruptions.own import is_known, own_among
-from ..corruptions.scale import calibration_digest
-from ..corruptions.sources import OWN_KEY, recorded_sources, user_sources
+from ..corruptions.sources import user_sources
 from ..datasets import DATASETS
 from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
@@ -24,8 +21,9 @@ from ..models import ModelSpec
 from ..models.base import AnyModel
 from ..models.provenance import training_of
 from ..models.window import Window
-from ..runs.identity import checked_name, differing
+from ..runs.identity import Frames, Identity, checked_name, differing_fields
 from ..runs.plan import Plan, RunOptions, left_out_sentence
+from ..runs.provenance import Provenance
 from ..runs.run import Run
 from ..runs.source import RunSource
 from ..text import plain
@@ -87,7 +85,7 @@ def set_up(
     )
     training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
-    provenance = training_record(training, benchmark.name, benchmark.keys, benchmark.protocol)
+    provenance = Provenance.of(training, benchmark.name, benchmark.keys, benchmark.protocol)
     plan = Plan(benchmark, options, named.identity, provenance, shown)
     if plan.left_out() and len(plan.units()) == len(benchmark.keys):
         raise UsageError(
@@ -103,9 +101,8 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
         RunError: the model cannot be loaded any more, or what is set up now is not what was run.
         UsageError, DataError: the data set is missing.
     """
-    identity = run.manifest["identity"]
-    _check_registered(identity["benchmark"])
-    benchmark = open_benchmark(identity["benchmark"], source.data, None, source.data_options, identity["variant"])
+    identity = run.manifest.identity
+    benchmark = _benchmark_of(identity.frames, source.data, source.data_options)
     if source.model is None:
         raise RunError(f"{run.path} was run with a Python object, which has no name; give --model NAME")
     try:
@@ -114,50 +111,55 @@ def restore_setup(run: Run, source: RunSource) -> Setup:
         raise RunError(f"the model of {run.path} can no longer be loaded: {error}") from error
     options = _options_of(identity, benchmark.classes, window_on(named.model, benchmark.dataset))
     plan = Plan(benchmark, options, named.identity)
-    if plan.digest() != run.manifest["identity_digest"]:
+    if (now := plan.identity()) != identity:
         raise RunError(
-            f"what is set up now is not what {run.path} ran (it differs in: {differing(plan.identity(), identity)}); "
-            "give the options that the run was given"
+            f"what is set up now is not what {run.path} ran (it differs in: {differing_fields(now, identity)}); give "
+            "the options that the run was given"
         )
     return Setup(plan, named)
 
 
 def set_up_frames(
-    identity: dict[str, Any], data: str | Path | None, data_options: dict[str, Any]
+    identity: Identity, data: str | Path | None, data_options: dict[str, Any]
 ) -> tuple[Dataset, RunOptions]:
     """Data set and options with which the frames of a run can be recomputed, without its model.
 
     Raises:
-        RunError: these are not the data, severities or files that the run was made with.
+        RunError: the frames are not decided by what decided those of the run: other data, severities or files.
         UsageError, DataError: the data set is missing.
     """
-    _check_registered(identity["benchmark"])
-    benchmark = open_benchmark(identity["benchmark"], data, None, data_options, identity["variant"])
-    protocol = json.loads(json.dumps(benchmark.protocol, default=str))  # in the form in which a manifest is read
-    if DATASETS.recorded_name(benchmark.dataset.name) != identity["dataset"] or protocol != identity["protocol"]:
+    benchmark = _benchmark_of(identity.frames, data, data_options)
+    options = replace(
+        _options_of(identity, benchmark.classes), allow_invalid=True
+    )  # invalid pixels come from a model, not used here
+    made, recorded = Plan(benchmark, options, {}).identity().frames, identity.frames
+    if made != recorded:
+        differing = differing_fields(made, recorded)
+        parts = [f"{name}: {getattr(recorded, name)}, here {getattr(made, name)}" for name in differing.split(", ")]
+        remedies = [words for name, words in _REMEDIES.items() if name in differing.split(", ")]
         raise RunError(
-            f"the run's data are {identity['dataset']} {identity['protocol']}, these are {benchmark.dataset.name} "
-            f"{protocol}; give the data and data options of the run"
-        )
-    # Invalid pixels come from a model, which is not used here.
-    options = _options_of({**identity, "allow_invalid": True}, benchmark.classes)
-    if "severity_scale" in identity and identity["severity_scale"] != f"calibrated {calibration_digest()}":
-        raise RunError("the run's calibrated severities are not those of this version; use the version that ran it")
-    if dict(options.sources) != (recorded := recorded_sources(identity)):
-        raise RunError(
-            "the run's corruptions read other files than those set up here "
-            f"({differing(dict(options.sources), recorded)}); set ROBUSTFLOW_PSF_DIR as the run did"
+            f"the frames of the run are not those that are made here ({plain('; '.join(parts), 300)}); "
+            f"{remedies[0] if remedies else 'use the version that ran it'}"
         )
     return benchmark.dataset, options
 
 
-def _check_registered(benchmark: Any) -> None:
-    """Raise if only code named by a stranger's file could open a benchmark."""
-    if benchmark not in BENCHMARKS and benchmark not in DATASETS:
+_REMEDIES = {
+    "dataset": "give the data and data options of the run",
+    "protocol": "give the data and data options of the run",
+    "psf": "set ROBUSTFLOW_PSF_DIR as the run did",
+    "corruptions": "name the run's version of your corruption with --own-corruption",
+}
+
+
+def _benchmark_of(frames: Frames, data: str | Path | None, data_options: dict[str, Any]) -> Benchmark:
+    """The benchmark of a run; raises if only code named by a stranger's file could open it."""
+    if frames.benchmark not in BENCHMARKS and frames.benchmark not in DATASETS:
         raise RunError(
-            f"unknown benchmark '{plain(str(benchmark))}' of the run: neither this package nor an installed one offers "
-            "it, and no code is loaded because a run names it"
+            f"unknown benchmark '{plain(frames.benchmark)}' of the run: neither this package nor an installed one "
+            "offers it, and no code is loaded because a run names it"
         )
+    return open_benchmark(frames.benchmark, data, None, data_options, frames.variant)
 
 
 def open_benchmark(
@@ -179,25 +181,23 @@ def open_benchmark(
 
 
 def _options_of(
-    identity: dict[str, Any], classes: Mapping[str, type[Corruption]], window: Window | None = None
+    identity: Identity, classes: Mapping[str, type[Corruption]], window: Window | None = None
 ) -> RunOptions:
-    scale = "calibrated" if str(identity.get("severity_scale", "")).startswith("calibrated") else "paper"
-    own = [str(name) for name in identity.get(OWN_KEY, {})]
-    for name in own:
+    frames = identity.frames
+    for name in frames.corruptions:
         if not is_known(name):
             raise RunError(
                 f"the run's corruption '{plain(name)}' is your own or an installed package's, and unknown here: name "
                 "it with --own-corruption MODULE:ATTRIBUTE, or install its package"
             )
-    common_draws = bool(identity.get("common_draws", False))
     return _options(
-        identity["seed"],
-        identity["variant"],
-        scale,
-        identity["allow_invalid"],
+        frames.seed,
+        frames.variant,
+        frames.scale,
+        identity.measuring.allow_invalid,
         window,
-        own,
-        common_draws,
+        list(frames.corruptions),
+        frames.common_draws,
         classes,
     )
 

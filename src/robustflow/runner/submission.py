@@ -19,7 +19,7 @@ from ..metrics.outliers import FL_PIXELS, FL_SHARE
 from ..models import ModelSpec
 from ..models.base import AnyModel, FlowLookup
 from ..runs.file_digests import file_digests
-from ..runs.identity import differing
+from ..runs.identity import differing_fields
 from ..runs.run import Run
 from ..sample import Flow
 from .named_model import name_model
@@ -88,11 +88,11 @@ def model_of(run: Run, spec: ModelSpec | None) -> AnyModel:
     named = name_model(spec)
     if isinstance(named.model, FlowLookup):
         raise UsageError("a folder of flow files predicts nothing on other frames; name a model")
-    recorded = run.manifest["identity"]["model"]
+    recorded = run.manifest.identity.model.settings
     if named.identity != recorded:
         raise RunError(
             f"the model that is loaded now is not the one of {run.path} (it differs in: "
-            f"{differing(named.identity, recorded)}); give the options that the run was given"
+            f"{differing_fields(named.identity, recorded)}); give the options that the run was given"
         )
     return named.model
 

@@ -78,6 +78,6 @@ def read_attachment(kind: type[Attachment], run: Run, file: str, largest: int, c
     except OSError:
         return None
     contents = parse_attachment(kind, data, str(path), command)
-    if contents.run != run.manifest["identity_digest"]:
+    if contents.run != run.manifest.identity_digest:
         raise RunError(f"{path} belongs to another run ({contents.run}); delete it, or create it again")
     return contents

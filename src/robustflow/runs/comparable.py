@@ -17,13 +17,11 @@ import polars as pl
 
 from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import truth_remark
-from ..corruptions.sources import OWN_KEY
 from ..digest import digest_of_value
 from ..errors import RunError
 from ..metrics.rows import CLEAN, ROW_KEY
 from ..metrics.summary import has_gaps
 from ..text import counted, joined, plain
-from .identity import frames_part
 from .run import Run
 
 SELECTION = ("pairs", "corruptions", "severities", "complete")
@@ -45,7 +43,7 @@ def sample_set(run: Run) -> str:
     def made() -> str:
         _clean_cells(run)  # kept from the same rows: words about a difference need them later
         missing = [unit.model_dump() for unit in run.summary.missing]
-        return sample_set_of(frames_part(run.manifest["identity"]), measured_cells(run.rows), missing)
+        return sample_set_of(run.manifest.identity.frames.record(), measured_cells(run.rows), missing)
 
     return run.fact("sample_set", str, made)
 
@@ -261,24 +259,23 @@ _IN_WORDS: dict[str, Callable[[Any], str]] = {
     "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
     "streams": lambda value: f"random streams {value}",
 }
-"""Parts of an identity that determine frames, in words; None where the identity lacks one."""
+"""Fields of `Frames` in words, the most telling first."""
 
 
 def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:
-    """How a run's frames were chosen and made, part by part, from its manifest alone."""
-    frames = dict(frames_part(run.manifest["identity"]))
-    protocol, own = frames.pop("protocol", {}), frames.pop(OWN_KEY, None) or {}
+    """How a run's frames were chosen and made, field by field, from its manifest alone."""
+    frames = run.manifest.identity.frames
+    protocol, fields = dict(frames.protocol), dict(frames)
     yield "benchmark", f"benchmark {_title(run)}"
-    frames.pop("benchmark")
     yield "ground_truth", truth_remark(protocol) or "the usual ground truth"
     for name, value in sorted(protocol.items()):
         if name != "ground_truth":
             yield f"protocol {name}", f"{name} {_short(value)}"
     for name, words in _IN_WORDS.items():
-        yield name, words(frames.pop(name, None))
-    for name, value in sorted(frames.items()):
-        yield name, f"{name} {_short(value)}"
-    for name, digest in sorted(own.items()):
+        yield name, words(fields[name])
+    for name in sorted(fields.keys() - {"benchmark", "protocol", "corruptions", *_IN_WORDS}):
+        yield name, f"{name} {_short(fields[name])}"
+    for name, digest in sorted(frames.corruptions.items()):
         yield f"source {name}", f"source {_digits(digest)} of {name}"
 
 
@@ -289,7 +286,7 @@ def _short(value: Any) -> str:
 
 
 def _title(run: Run) -> str:
-    return plain(benchmark_facts(str(run.manifest["identity"]["benchmark"])).title, 40)
+    return plain(benchmark_facts(run.benchmark).title, 40)
 
 
 def _listed(names: Sequence[str]) -> str:

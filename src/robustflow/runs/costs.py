@@ -89,7 +89,7 @@ def check_profiled_model(run: Run, model: Mapping[str, Any]) -> None:
     Raises:
         UsageError: it is another model, or has other settings.
     """
-    ran = run.manifest["identity"]["model"]
+    ran = run.manifest.identity.model.settings
     for key in sorted((ran.keys() | model.keys()) - _FREE):
         before, here = (json.dumps(of.get(key), sort_keys=True, default=str) for of in (ran, model))
         if before != here:

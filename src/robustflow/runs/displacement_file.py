@@ -61,7 +61,7 @@ def read_displacement(run: Run) -> DisplacementFile | None:
         RunError: the file is damaged, or belongs to another run.
     """
     displacement = read_attachment(DisplacementFile, run, DISPLACEMENT, _LARGEST, "displacement --into RUN")
-    return displacement if displacement and displacement.samples == len(run.manifest["samples"]) else None
+    return displacement if displacement and displacement.samples == len(run.manifest.samples) else None
 
 
 def write_displacement(run: Run, table: pl.DataFrame) -> Path:
@@ -72,8 +72,8 @@ def write_displacement(run: Run, table: pl.DataFrame) -> Path:
     """
     path: Path = run.path / DISPLACEMENT
     kept = DisplacementFile(
-        run=run.manifest["identity_digest"],
-        samples=len(run.manifest["samples"]),
+        run=run.manifest.identity_digest,
+        samples=len(run.manifest.samples),
         source=table["source"][0],
         low=table["low"].to_list(),
         pixels=table["pixels"].to_list(),

@@ -6,7 +6,12 @@ import os
 import platform
 import sys
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import Annotated
+
+from pydantic import Field
+
+from ..validated import Untrusted
+from .identity import Text
 
 _PACKAGES = (
     "robustflow",
@@ -23,17 +28,34 @@ _PACKAGES = (
 )
 
 
-def environment() -> dict[str, Any]:
-    """Versions of everything that can change a number, and the machine."""
+class Machine(Untrusted):
+    """The machine; in a record only its kind, without the version of the system."""
+
+    system: str
+    processor: str
+    cores: int | None
+
+
+class Environment(Untrusted):
+    """Versions of everything that can change a number, the machine, and the command line, which a record leaves out."""
+
+    python: str
+    packages: Annotated[dict[Text, Text], Field(max_length=100)]
+    machine: Machine
+    command: tuple[str, ...] = ()
+
+
+def environment() -> Environment:
+    """The environment of this process."""
     versions = {}
     for name in _PACKAGES:
         try:
             versions[name] = version(name)
         except PackageNotFoundError:
             continue
-    return {
-        "python": platform.python_version(),
-        "packages": versions,
-        "machine": {"system": platform.platform(), "processor": platform.machine(), "cores": os.cpu_count()},
-        "command": [os.path.basename(sys.argv[0]), *sys.argv[1:]],
-    }
+    return Environment(
+        python=platform.python_version(),
+        packages=versions,
+        machine=Machine(system=platform.platform(), processor=platform.machine(), cores=os.cpu_count()),
+        command=(os.path.basename(sys.argv[0]), *sys.argv[1:]),
+    )

@@ -1,83 +1,133 @@
-"""The identity of a run: its digest, and how two of them differ."""
+"""What decides the numbers of a run, in three parts: the frames, the model, and the measuring.
+
+These classes are the only definition. A plan makes an `Identity`, manifests and records hold it; resuming, comparing,
+grouping and setting up a run again ask it. A new field of `Frames` is followed by all of them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
-from ..corruptions.sources import OWN_KEY
+from pydantic import Field, JsonValue
+
 from ..digest import digest_of_value
 from ..errors import UsageError
+from ..validated import Untrusted
 
-_MODEL = ("model", "window")
-_MEASURING = ("version", "rows", "allow_invalid")
-"""With `_MODEL` everything that leaves the frames as they are; a new part counts among the frames."""
+IDENTITY_VERSION = 2
 
 LONGEST_NAME = 80
 """The most characters that a model's name in tables and figures may have."""
 
+Text = Annotated[str, Field(min_length=1)]
 
-def identity_digest(identity: dict[str, Any]) -> str:
-    """A stable hash of an identity, the same from a plan as from the manifest it was written to.
 
-    >>> identity_digest({"a": 1, "b": 2}) == identity_digest({"b": 2, "a": 1})
-    True
+class _Part(Untrusted):
+    """A field with its default value is not written, so that a new field leaves earlier digests as they are."""
+
+    def record(self) -> dict[str, Any]:
+        """The part as a manifest has it: values that JSON holds."""
+        return self.model_dump(mode="json", exclude_defaults=True)
+
+
+class Frames(_Part):
+    """What decides the frames that a model is given, and the ground truth, besides the choice of samples, corruptions
+    and severities.
+
+    Attributes:
+        benchmark, dataset: names.
+        protocol: everything else that determines which frames and ground truth are read.
+        seed: of every random draw.
+        variant: of the corruptions.
+        streams: version of the random streams.
+        severity_scale: the calibrated scale and its digest; None for the paper's.
+        common_draws: whether the severities of a pair share one draw.
+        psf: the user's lenses; None for the package's.
+        corruptions: the user's, and those of installed packages: name -> digest of the source.
     """
-    return digest_of_value(identity)
+
+    benchmark: Text
+    dataset: Text
+    protocol: dict[str, JsonValue]
+    seed: int
+    variant: Text
+    streams: int
+    severity_scale: Text | None = None
+    common_draws: bool = False
+    psf: Text | None = None
+    corruptions: dict[Text, Text] = {}
+
+    @property
+    def scale(self) -> str:
+        """The severity scale by name: "paper" or "calibrated"."""
+        return (self.severity_scale or "paper").partition(" ")[0]
 
 
-def frames_part(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of an identity that determines which frames a model is given: all but the model and what is measured.
+class ModelIdentity(_Part):
+    """The model, by what it says of itself (`robustflow.models.base.model_identity`), and the window of frames around a
+    pair that it is given; None for a model of two frames."""
 
-    >>> frames_part({"seed": 0, "model": {"name": "dis"}, "rows": 3})
-    {'seed': 0}
-    """
-    return {name: value for name, value in identity.items() if name not in (*_MODEL, *_MEASURING)}
-
-
-def model_part(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of an identity that names the model, and the frames around a pair that it is given.
-
-    >>> model_part({"seed": 0, "model": {"name": "dis"}, "rows": 3})
-    {'model': {'name': 'dis'}}
-    """
-    return {name: identity[name] for name in _MODEL if name in identity}
+    settings: dict[str, JsonValue]
+    window: dict[str, JsonValue] | None = None
 
 
-def differing(now: dict[str, Any], before: dict[str, Any]) -> str:
-    """The parts in which two identities differ.
+class Measuring(_Part):
+    """Versions of identity and rows, and whether predictions may be NaN or infinite."""
 
-    >>> differing({"seed": 1, "model": "a"}, {"seed": 0, "model": "a"})
+    version: int
+    rows: int
+    allow_invalid: bool
+
+
+class Identity(_Part):
+    """Everything that changes a row's numbers, and nothing else: neither the number of workers nor which samples were
+    chosen. Two runs with equal identities may share a folder."""
+
+    frames: Frames
+    model: ModelIdentity
+    measuring: Measuring
+
+    def digest(self) -> str:
+        """A stable hash of 16 hexadecimal digits, the same from a plan as from the manifest it was written to."""
+        return digest_of_value(self.record())
+
+    def difference(self, before: Identity) -> str:
+        """How this identity differs from an earlier one, in words; the user's own corruptions are named."""
+        parts = differing_fields(self, before)
+        mine, recorded = self.frames.corruptions, before.frames.corruptions
+        if parts != "corruptions":
+            return f"it differs in: {parts}"
+        if edited := self.edited_corruptions(before):
+            return f"the source of the corruption {', '.join(edited)} has changed since"
+        if added := [name for name in mine if name not in recorded]:
+            return f"it was begun without your corruption {', '.join(added)}"
+        return f"it was begun with the corruption {', '.join(recorded)} besides"
+
+    def edited_corruptions(self, before: Identity) -> list[str]:
+        """The user's corruptions whose source differs between two identities; none if anything else differs as well."""
+        mine, recorded = self.frames.corruptions, before.frames.corruptions
+        if differing_fields(self, before) != "corruptions":
+            return []
+        return [name for name in mine if name in recorded and mine[name] != recorded[name]]
+
+
+def differing_fields(now: _Part | Mapping[str, Any], before: _Part | Mapping[str, Any]) -> str:
+    """The names of the fields in which two identities, or two parts of one, differ; the settings of two models count
+    as one field, "model".
+
+    >>> differing_fields({"seed": 1, "model": "a"}, {"seed": 0, "model": "a"})
     'seed'
     """
-    names = sorted(key for key in now.keys() | before.keys() if now.get(key) != before.get(key))
-    return ", ".join(names) or "identity"
+    mine, other = _fields(now), _fields(before)
+    return ", ".join(sorted(key for key in mine.keys() | other.keys() if mine.get(key) != other.get(key))) or "identity"
 
 
-def describe_difference(now: dict[str, Any], before: dict[str, Any]) -> str:
-    """How two identities differ, in words; the user's own corruptions are named.
-
-    >>> describe_difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0, "corruptions": {"rain": "a"}})
-    'the source of the corruption rain has changed since'
-    >>> describe_difference({"seed": 0, "corruptions": {"rain": "b"}}, {"seed": 0})
-    'it was begun without your corruption rain'
-    """
-    parts = differing(now, before)
-    if parts != OWN_KEY:
-        return f"it differs in: {parts}"
-    if edited := edited_corruptions(now, before):
-        return f"the source of the corruption {', '.join(edited)} has changed since"
-    if added := [name for name in now.get(OWN_KEY, {}) if name not in before.get(OWN_KEY, {})]:
-        return f"it was begun without your corruption {', '.join(added)}"
-    return f"it was begun with the corruption {', '.join(map(str, before[OWN_KEY]))} besides"
-
-
-def edited_corruptions(now: dict[str, Any], before: dict[str, Any]) -> list[str]:
-    """The user's corruptions whose source differs between two identities; none if anything else differs as well."""
-    mine, recorded = now.get(OWN_KEY, {}), before.get(OWN_KEY, {})
-    if differing(now, before) != OWN_KEY or not isinstance(recorded, dict):
-        return []
-    return [name for name in mine if name in recorded and mine[name] != recorded[name]]
+def _fields(part: _Part | Mapping[str, Any]) -> Mapping[str, Any]:
+    if isinstance(part, Identity):
+        model = {"model": part.model.settings, "window": part.model.window}
+        return {**dict(part.frames), **model, **dict(part.measuring)}
+    return part if isinstance(part, Mapping) else dict(part)
 
 
 def checked_name(name: str) -> str:

@@ -19,6 +19,7 @@ from typing import Any
 
 from ..atomic import write_json
 from ..digest import digest_of_bytes, digest_of_value
+from .manifest import Manifest
 
 MADE_FROM_FILE = ".made_from.json"
 FACTS_FILE = ".facts.json"
@@ -27,7 +28,7 @@ _NOT_BESIDE = ("rows", "clean", "manifest.json", "source.json", *_MADE)
 _LARGEST = 2**28
 
 
-def made_from(folder: Path, rows: str, manifest: dict[str, Any], *, beside: bool) -> str:
+def made_from(folder: Path, rows: str, manifest: Manifest, *, beside: bool) -> str:
     """The hash of what a file of a run is made from.
 
     Args:
@@ -37,7 +38,7 @@ def made_from(folder: Path, rows: str, manifest: dict[str, Any], *, beside: bool
         beside: whether it also shows what is stored with the rows: pictures, costs, displacements.
     """
     files = list(_files(folder)) if beside else []
-    return digest_of_value([rows, digest_of_value(manifest, size=16), files, code_digest()], size=16)
+    return digest_of_value([rows, digest_of_value(manifest.record(), size=16), files, code_digest()], size=16)
 
 
 def is_current(folder: Path, name: str, source: str) -> bool:

@@ -1,163 +1,200 @@
-"""The contents of `manifest.json`, updated with what is requested now."""
+"""`manifest.json`, what ran: of a run's folder and of a record, written and read by the same classes.
+
+The file also has the version of these classes and a digest of its content; it is read only if all of it fits.
+"""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
+import json
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from ..benchmarks.setting import manifest_provenance
-from ..datasets.base import Clips, FromClips, PreCorrupted
-from ..datasets.context_frames import ContextFrames
-from ..datasets.folder import OWN_FRAMES
-from ..errors import RunError
-from .environment import environment
-from .file_digests import check_listed, file_digests, is_under_a_list
-from .identity import describe_difference, identity_digest
-from .plan import Plan
-from .store import RunFolder
+from pydantic import ConfigDict, Field, JsonValue, ValidationError
+
+from ..errors import RunError, first_misfit
+from ..links import not_a_link
+from ..metrics.rows import ROW_SCHEMA_VERSION
+from ..sealed import sealed
+from ..text import plain
+from ..validated import Untrusted
+from .environment import Environment
+from .identity import IDENTITY_VERSION, LONGEST_NAME, Identity, Text
+from .provenance import Provenance
+
+MANIFEST_SCHEMA = 3
+_DEEPEST = 60
+
+_Severity = Annotated[int, Field(ge=0, le=5)]
+_Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
 
-def open_manifest(folder: RunFolder, plan: Plan) -> dict[str, Any]:
-    """The folder's manifest, updated with this plan; raises a RunError if the two do not belong together.
+class Selection(Untrusted):
+    """Requested corruptions and severities."""
 
-    A manifest left by a run that ended before its first row is ignored.
+    corruptions: tuple[Text, ...] = ()
+    severities: Annotated[tuple[_Severity, ...], Field(max_length=5)] = ()
+
+
+class Clip(Untrusted):
+    """The effects of one video corruption on a clip, as its data set records them; `warnings` are shown."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, JsonValue]
+
+    warnings: tuple[str, ...] = ()
+
+
+class Manifest(Untrusted):
+    """What ran.
+
+    Attributes:
+        identity: everything that changes a row's numbers.
+        identity_digest: of the identity.
+        samples: key -> name and size of each file.
+        file_digests: key -> digest of each file.
+        provenance: what the model was trained on.
+        selection: requested corruptions and severities.
+        left_out: requested severities that the severity scale lacks, by corruption.
+        name: the model's in tables and figures, if one was given.
+        started, finished: times in UTC; None until the run is finished.
+        seconds: by kind of work.
+        environment: versions and machine.
+        places: number of units that each machine of a cluster computed; not in a record.
+        clips: effects of the video corruptions on each clip.
     """
-    identity = plan.identity()
-    old = folder.manifest() or {}
-    if old and old["identity_digest"] != identity_digest(identity) and folder.rows().is_empty():
-        folder.keep_clean(())
-        old = {}
-    if old and old["identity_digest"] != identity_digest(identity):
-        raise RunError(
-            f"{folder.path} holds another run ({describe_difference(identity, old['identity'])}); "
-            "choose another folder with --output"
-        )
-    files = {key: _files(plan, key) for key in (*plan.benchmark.keys, *_to_be_recognised(folder, plan, old))}
-    samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
-    digests = file_digests(files)
-    _compare_with_list(plan, files, digests)
-    before, before_digests = old.get("samples", {}), old.get("file_digests", {})
-    changed = sorted(
-        key
-        for key in samples
-        if before.get(key, samples[key]) != samples[key] or before_digests.get(key, digests[key]) != digests[key]
-    )
-    if changed:
-        raise RunError(
-            f"{folder.path} was made from other files for sample '{changed[0]}' ({len(changed)} differ); "
-            "choose another folder with --output"
-        )
-    selection = old.get("selection", {"corruptions": [], "severities": []})
-    gone = old.get("left_out", {})
-    left_out = {
-        name: sorted(set(gone.get(name, [])) | set(levels)) for name, levels in {**gone, **plan.left_out()}.items()
-    }
-    known = {
-        "identity": identity,
-        "samples": before | samples,
-        "file_digests": before_digests | digests,
-        "provenance": _provenance(old.get("provenance"), plan.provenance),
-    }
-    return {
-        **known,
-        "identity_digest": identity_digest(identity),
-        "provenance": manifest_provenance(known),
-        "selection": {
-            "corruptions": _union(selection["corruptions"], plan.benchmark.corruptions),
-            "severities": sorted(set(selection["severities"]) | set(plan.benchmark.severities)),
-        },
-        **({"left_out": left_out} if left_out else {}),
-        **({"places": old["places"]} if "places" in old else {}),
-        **({"name": name} if (name := plan.name or old.get("name")) else {}),
-        "started": old.get("started", now()),
-        "finished": None,
-        "seconds": old.get("seconds", {}),
-        "environment": environment(),
-    }
+
+    identity: Identity
+    identity_digest: _Digest
+    samples: dict[Text, tuple[tuple[str, int], ...]]
+    file_digests: dict[Text, tuple[_Digest, ...]] = {}
+    provenance: Provenance
+    selection: Selection
+    left_out: dict[Text, tuple[_Severity, ...]] = {}
+    name: Annotated[str, Field(max_length=LONGEST_NAME)] = ""
+    started: str
+    finished: str | None
+    seconds: dict[str, float] = {}
+    environment: Environment
+    places: dict[str, int] = {}
+    clips: tuple[Clip, ...] = ()
+
+    @classmethod
+    def read(cls, content: dict[str, Any]) -> Manifest:
+        """The manifest in the content of a file: its schema, and that the digest is that of the identity, have to be
+        checked by the caller.
+
+        Raises:
+            ValidationError: it has another shape.
+        """
+        body = {name: value for name, value in content.items() if name not in ("schema", "digest")}
+        return cls.model_validate_json(json.dumps(body))
+
+    def record(self) -> dict[str, Any]:
+        """The content of the file, without the digest that `manifest_file` adds; fields with their default values are
+        left out."""
+        written = self.model_dump(mode="json", exclude_defaults=True)
+        return {**written, "schema": MANIFEST_SCHEMA}
+
+    def shareable(self) -> Manifest:
+        """The manifest for a record: without the command line, the machines of a cluster, and all but the kind of
+        machine."""
+        machine = self.environment.machine
+        kind = machine.model_copy(update={"system": machine.system.partition("-")[0]})
+        environment = self.environment.model_copy(update={"machine": kind, "command": ()})
+        return self.model_copy(update={"environment": environment, "places": {}})
+
+    def without(self, keys: Collection[str]) -> Manifest:
+        """The same without some of the samples."""
+        samples = {key: files for key, files in self.samples.items() if key not in keys}
+        digests = {key: each for key, each in self.file_digests.items() if key not in keys}
+        return self.model_copy(update={"samples": samples, "file_digests": digests})
+
+    def judged(self) -> Manifest:
+        """The same with the provenance that follows from all samples of the run, including those of a later call."""
+        frames = self.identity.frames
+        provenance = self.provenance.on(frames.benchmark, list(self.samples), frames.protocol)
+        return self.model_copy(update={"provenance": provenance})
 
 
-def _to_be_recognised(folder: RunFolder, plan: Plan, old: dict[str, Any]) -> list[str]:
-    """The samples that a run already has and that are not planned now, where only their files tell the data apart: any
-    two clips have frames of the same names.
+def clips_of(records: Iterable[Mapping[str, Any]]) -> tuple[Clip, ...]:
+    """What a data set of clips records of them (`robustflow.datasets.base.FromClips.clip_records`)."""
+    return tuple(Clip.model_validate_json(json.dumps(record)) for record in records)
+
+
+def manifest_file(content: dict[str, Any]) -> dict[str, Any]:
+    """The file for a manifest: its content with the schema and a digest of both.
+
+    >>> manifest_file({"seed": 1}) == manifest_file(manifest_file({"seed": 1}))
+    True
+    """
+    return sealed({**content, "schema": MANIFEST_SCHEMA})
+
+
+def read_manifest(path: Path) -> Manifest | None:
+    """The manifest in a file; None if there is no such file.
 
     Raises:
-        RunError: the data have no such sample.
+        RunError: it cannot be read, is of another schema, or has another shape. Nothing is repaired.
     """
-    if plan.benchmark.name != OWN_FRAMES:
-        return []
-    known = set(plan.benchmark.dataset.keys())
-    for key in old.get("samples", {}):
-        if key not in known:
-            raise RunError(
-                f"{folder.path} was made from other frames, with a sample '{key}'; choose another folder with --output"
-            )
-    return [key for key in old.get("samples", {}) if key not in plan.benchmark.keys]
-
-
-def _compare_with_list(plan: Plan, files: dict[str, list[Path]], digests: dict[str, list[str]]) -> None:
-    """Compare what a run reads with the list of digests beside its data, if there is one: also frames that come
-    corrupted."""
-    known: dict[Path, str | None] = {}
-    for key, paths in files.items():
-        known |= zip(paths, digests[key], strict=True)
-    if not any(map(is_under_a_list, {path.parent for path in known})):
-        return
-    dataset = plan.benchmark.dataset
-    if isinstance(dataset, PreCorrupted) and not isinstance(dataset, FromClips):
-        for unit in plan.units():
-            if dataset.has_corrupted(unit.corruption):
-                for cell in unit.cells:
-                    known = dict.fromkeys(dataset.corrupted_files(*cell)) | known
-    check_listed(known)
-
-
-def changed_files(plan: Plan, manifest: dict[str, Any], keys: Iterable[str]) -> dict[str, Path]:
-    """For each of these samples that now has other files than when the manifest was made, the first such file."""
-    files = {key: _files(plan, key) for key in keys}
-    before, now = manifest["file_digests"], file_digests(files)
-    each = {key: zip(files[key], before[key], now[key], strict=True) for key in files}
-    changed = {key: [path for path, then, today in of_key if then != today] for key, of_key in each.items()}
-    return {key: paths[0] for key, paths in changed.items() if paths}
-
-
-def _provenance(before: dict[str, Any] | None, given: dict[str, Any]) -> dict[str, Any]:
-    """What was declared before stays if nothing is declared now."""
-    return before if before and given.get("basis") == "undeclared" else given
-
-
-def last_changed(plan: Plan, keys: Iterable[str]) -> str:
-    """The sample whose files changed last, by the file system's own clock, which a copied date does not reset."""
-    return max(keys, key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(_files(plan, key))), default=0))
-
-
-def _files(plan: Plan, key: str) -> list[Path]:
-    """The files that a sample is read from."""
-    dataset, window = plan.benchmark.dataset, plan.options.window
-    files = dataset.files(key)
-    if window is None:
-        return files
-    assert isinstance(dataset, Clips)
-    return list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
-
-
-def _names_and_sizes(files: Sequence[Path]) -> list[list[Any]]:
-    return [[name, stat.st_size] for name, stat in _stats(files)]
-
-
-def _stats(files: Sequence[Path]) -> list[tuple[str, os.stat_result]]:
     try:
-        return [(path.name, path.stat()) for path in files]
-    except OSError as error:
-        raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
+        with open(path, encoding="utf-8", opener=not_a_link) as file:
+            content = json.load(file)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, RecursionError) as error:
+        raise _damaged(path, " ".join(str(error).split())) from error
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema is not None and (schema != MANIFEST_SCHEMA or isinstance(schema, bool)):
+        raise _other_version(path, f"run schema {plain(str(schema))}", MANIFEST_SCHEMA)
+    if not isinstance(content, dict) or schema is None:
+        raise _damaged(path, "it is not the manifest of a run")
+    if _too_deep(content):
+        raise _damaged(path, "its parts are nested too deeply")
+    if content != sealed(content):
+        raise _changed(path, "its content does not match its digest")
+    try:
+        manifest = Manifest.read(content)
+    except ValidationError as error:
+        raise _damaged(path, plain(first_misfit(error), 200)) from error
+    if manifest.identity_digest != manifest.identity.digest():
+        raise _changed(path, "its identity does not match the digest beside it")
+    measuring = manifest.identity.measuring
+    if measuring.rows != ROW_SCHEMA_VERSION:
+        raise _other_version(path, f"version {measuring.rows} of the rows", ROW_SCHEMA_VERSION)
+    if measuring.version != IDENTITY_VERSION:
+        raise _other_version(path, f"version {measuring.version} of the identity", IDENTITY_VERSION)
+    return manifest
 
 
-def _union(first: Sequence[str], second: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys((*first, *second)))
+def _changed(path: Path, why: str) -> RunError:
+    return RunError(
+        f"{path} was changed after it was written ({why}); restore a copy of it, or choose another folder with --output"
+    )
 
 
-def now() -> str:
-    """The time in UTC, to the second."""
-    return datetime.now(UTC).isoformat(timespec="seconds")
+def _other_version(path: Path, what: str, here: int) -> RunError:
+    return RunError(
+        f"{path} was written with {what}, but this version reads {here}; choose another folder "
+        "with --output, or use the version that wrote it"
+    )
+
+
+def _damaged(path: Path, why: str) -> RunError:
+    return RunError(
+        f"{path} is damaged ({why}); restore a copy of it, or leave it and choose another folder with --output"
+    )
+
+
+def _too_deep(value: Any) -> bool:
+    """Whether lists and objects are nested deeper than any that a run writes."""
+    level = [value]
+    for _ in range(_DEEPEST):
+        level = [part for each in level if isinstance(each, dict | list) for part in _parts(each)]
+        if not level:
+            return False
+    return True
+
+
+def _parts(value: dict[str, Any] | list[Any]) -> list[Any]:
+    return list(value.values()) if isinstance(value, dict) else value

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,9 +17,9 @@ from ..corruptions.stack import levels_of
 from ..datasets import DATASETS
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
-from .identity import identity_digest
-
-IDENTITY_VERSION = 1
+from .identity import IDENTITY_VERSION, Frames, Identity, Measuring, ModelIdentity
+from .manifest import Manifest
+from .provenance import UNDECLARED, Provenance
 
 Cell = tuple[str, str, int]
 """(sample key, corruption, severity): what one row is about."""
@@ -47,7 +48,7 @@ class RunOptions:
     variant: str = "default"
     allow_invalid: bool = False
     severity_scale: str = "paper"
-    sources: Mapping[str, str] = field(default_factory=dict)
+    sources: Mapping[str, Any] = field(default_factory=dict)
     """Keys of the user's files that decide bytes of corruptions (see `corruptions.sources`)."""
     window: Window | None = None
     """The frames around each pair that a multi-frame model is given; None for a model that is given pairs."""
@@ -72,7 +73,7 @@ class Plan:
     benchmark: Benchmark
     options: RunOptions
     model_identity: dict[str, Any]
-    provenance: dict[str, Any] = field(default_factory=dict)
+    provenance: Provenance = UNDECLARED
     name: str | None = None
     """The model's name in tables and figures; it changes no number either."""
 
@@ -108,53 +109,49 @@ class Plan:
                 left.append(Unit(unit.key, unit.corruption, severities))
         return left
 
-    def identity(self) -> dict[str, Any]:
-        """Everything that changes a row's numbers, and nothing else: neither the number of workers nor which samples
-        were chosen. Two runs with the same identity may share a folder; their rows agree."""
-        calibrated = self.options.severity_scale == "calibrated"
-        scale = {"severity_scale": f"calibrated {calibration_digest()}"} if calibrated else {}
-        window = {"window": self.options.window.record()} if self.options.window else {}
-        draws = {"common_draws": True} if self.options.common_draws else {}
-        return (
-            scale
-            | draws
-            | dict(self.options.sources)
-            | window
-            | {
-                "version": IDENTITY_VERSION,
-                "benchmark": self.benchmark.name,
-                "dataset": DATASETS.recorded_name(self.benchmark.dataset.name),
-                "protocol": self.benchmark.protocol,
-                "model": self.model_identity,
-                "seed": self.options.seed,
-                "variant": self.options.variant,
-                "allow_invalid": self.options.allow_invalid,
-                "streams": STREAM_VERSION,
-                "rows": ROW_SCHEMA_VERSION,
-            }
+    def identity(self) -> Identity:
+        """The identity of the run's rows."""
+        options = self.options
+        return Identity(
+            frames=Frames(
+                benchmark=self.benchmark.name,
+                dataset=DATASETS.recorded_name(self.benchmark.dataset.name),
+                protocol=_as_json(self.benchmark.protocol),
+                seed=options.seed,
+                variant=options.variant,
+                streams=STREAM_VERSION,
+                severity_scale=f"calibrated {calibration_digest()}" if options.severity_scale == "calibrated" else None,
+                common_draws=options.common_draws,
+                **options.sources,
+            ),
+            model=ModelIdentity(
+                settings=_as_json(self.model_identity),
+                window=options.window.record() if options.window else None,
+            ),
+            measuring=Measuring(version=IDENTITY_VERSION, rows=ROW_SCHEMA_VERSION, allow_invalid=options.allow_invalid),
         )
 
     def digest(self) -> str:
         """The identity as 16 hexadecimal digits."""
-        return identity_digest(self.identity())
+        return self.identity().digest()
 
 
-def planned_cells(manifest: dict[str, Any]) -> Iterator[Cell]:
+def planned_cells(manifest: Manifest) -> Iterator[Cell]:
     """Every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""
-    selection, left_out = manifest["selection"], manifest.get("left_out", {})
+    selection = manifest.selection
     conditions = [(CLEAN, 0)]
-    for name in selection["corruptions"]:
-        levels = levels_of(name, tuple(selection["severities"]))
-        conditions += [(name, level) for level in levels if level not in left_out.get(name, [])]
-    return ((key, name, level) for key in manifest["samples"] for name, level in conditions)
+    for name in selection.corruptions:
+        levels = levels_of(name, selection.severities)
+        conditions += [(name, level) for level in levels if level not in manifest.left_out.get(name, ())]
+    return ((key, name, level) for key in manifest.samples for name, level in conditions)
 
 
-def unfinished_samples(manifest: dict[str, Any], cells: set[Cell]) -> set[str]:
+def unfinished_samples(manifest: Manifest, cells: set[Cell]) -> set[str]:
     """The samples for which a run lacks a row."""
     return {cell[0] for cell in planned_cells(manifest) if cell not in cells}
 
 
-def left_out_sentence(left_out: dict[str, list[int]]) -> str:
+def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:
     """Which severities a run leaves out, in words.
 
     >>> left_out_sentence({"saturate": [5], "h264_crf": [1, 2]})
@@ -162,3 +159,9 @@ def left_out_sentence(left_out: dict[str, list[int]]) -> str:
     """
     each = ", ".join(f"{name} at severity {', '.join(map(str, levels))}" for name, levels in left_out.items())
     return f"the calibrated scale has no {each}"
+
+
+def _as_json(value: Mapping[str, Any]) -> dict[str, Any]:
+    """Values in the form in which a manifest is read: lists for tuples, texts for what JSON lacks."""
+    out: dict[str, Any] = json.loads(json.dumps(dict(value), default=str))
+    return out

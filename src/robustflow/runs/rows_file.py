@@ -33,7 +33,7 @@ def rows_bytes(run: Run, format: str) -> bytes:
         rows.with_columns(safe).write_csv(out)
     elif format == "parquet":
         about = {
-            "robustflow_run": str(run.manifest["identity_digest"]),
+            "robustflow_run": run.manifest.identity_digest,
             "robustflow_row_schema": str(ROW_SCHEMA_VERSION),
         }
         rows.write_parquet(out, metadata=about)

@@ -13,7 +13,6 @@ import polars as pl
 from ..atomic import write_json
 from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import truth_remark
-from ..benchmarks.setting import manifest_provenance
 from ..datasets.kitti_drives import with_groups
 from ..errors import RobustFlowError, RunError
 from ..metrics.summary import Averaging, Summary
@@ -22,7 +21,9 @@ from ..text import counted, plain
 from .aggregate import summarize, summary_in_order
 from .facts import Facts
 from .made_from import is_current, made_from, note_made
+from .manifest import Manifest
 from .plan import Cell, planned_cells
+from .provenance import Provenance
 from .store import RunFolder
 
 SUMMARY = "summary.json"
@@ -48,7 +49,7 @@ class Run:
             raise RunError(
                 f"{self.path} is not a run's folder (it has no manifest.json); give the folder that 'run' wrote"
             )
-        self.manifest: dict[str, Any] = manifest
+        self.manifest: Manifest = manifest
 
     @cached_property
     def rows(self) -> pl.DataFrame:
@@ -56,7 +57,7 @@ class Run:
         _ = (
             self.rows_digest
         )  # before the rows are read: rows that arrive in between must not pass for those of the digest
-        return with_groups(self._folder.rows(), str(self.manifest["identity"]["dataset"]))
+        return with_groups(self._folder.rows(), self.manifest.identity.frames.dataset)
 
     @cached_property
     def rows_digest(self) -> str:
@@ -77,7 +78,7 @@ class Run:
 
     def summarize(self, averaging: Averaging = "image") -> Summary:
         """Means by the paper's averaging ("image"), or over the pixels of all images at once ("pixel")."""
-        facts = benchmark_facts(str(self.manifest["identity"]["benchmark"]))
+        facts = benchmark_facts(self.benchmark)
         return summarize(self.rows, averaging, self.planned(), paper=facts.paper_corruptions)
 
     @property
@@ -109,31 +110,36 @@ class Run:
     def name(self) -> str:
         """The model's name, for headings, tables and figures; never blank: `--name`, else a registered method's as
         `list models` has it ("DIS" for `dis`), else what the model calls itself."""
-        model = self.manifest["identity"]["model"]
-        given = str(self.manifest.get("name") or "").strip()
+        model = self.manifest.identity.model.settings
+        given = self.manifest.name.strip()
         method = None if {"spec", "object"} & model.keys() else methods().get(str(model.get("name")))
         names = (str(model[key]).strip() for key in ("spec", "name", "object") if model.get(key))
         return given or (method.method if method is not None else next(filter(None, names), "(no name)"))
 
     @property
+    def benchmark(self) -> str:
+        """The benchmark's name."""
+        return self.manifest.identity.frames.benchmark
+
+    @property
     def setting(self) -> str:
         """What the model's training means for the benchmark: "OOD", "ID", "LEAKED", ...
         (`robustflow.benchmarks.setting`)."""
-        return str(self.provenance["setting"])
+        return self.provenance.setting
 
     @cached_property
-    def provenance(self) -> dict[str, Any]:
-        """What is known of the model's training, and what that means for the run: setting, trained_on, basis, note."""
-        return manifest_provenance(self.manifest)
+    def provenance(self) -> Provenance:
+        """What is known of the model's training, and what that means for the run."""
+        return self.manifest.judged().provenance
 
     def table(self, metric: str = "epe") -> pl.DataFrame:
         """One metric, corruption x severity, in the paper's order."""
         return self.summary.table(metric)
 
     @property
-    def left_out(self) -> dict[str, list[int]]:
+    def left_out(self) -> dict[str, tuple[int, ...]]:
         """Requested severities that do not exist on the run's severity scale, by corruption; no mean includes them."""
-        return dict(self.manifest.get("left_out", {}))
+        return self.manifest.left_out
 
     def document(self) -> dict[str, Any]:
         """What `summary.json` holds: means by the paper's averaging, the pooled ones, which run, and its setting.
@@ -141,7 +147,7 @@ class Run:
         return {
             **self._means.model_dump(),
             "pooled": self.summarize("pixel").model_dump(),
-            "run": self.manifest["identity_digest"],
+            "run": self.manifest.identity_digest,
             "setting": self.setting,
         }
 
@@ -207,9 +213,9 @@ class Run:
 
 def _lines(run: Run) -> list[str]:
     """Which run, its means, and what is missing."""
-    title = benchmark_facts(str(run.manifest["identity"]["benchmark"])).title
-    samples = len(run.manifest["samples"])
-    truth = truth_remark(run.manifest["identity"]["protocol"])
+    title = benchmark_facts(run.benchmark).title
+    samples = len(run.manifest.samples)
+    truth = truth_remark(run.manifest.identity.frames.protocol)
     on = ", ".join(filter(None, (plain(title), counted(samples, "pair"), truth)))
     head = f"{plain(run.name)} ({plain(run.setting)}) on {on}"
     means = [

@@ -25,7 +25,7 @@ from ..digest import digest_of_bytes
 from ..errors import RunError
 from ..links import refuse_links
 from ..metrics.rows import CLEAN, ROW_KEY, rows_frame
-from .manifest_file import manifest_file, read_manifest
+from .manifest import Manifest, manifest_file, read_manifest
 from .plan import Cell, Unit
 from .shards import (
     PACK,
@@ -101,7 +101,7 @@ class RunFolder:
             self._lock.release()
             self._lock = None
 
-    def manifest(self) -> dict[str, Any] | None:
+    def manifest(self) -> Manifest | None:
         """The manifest, or None in a folder that has none yet.
 
         Raises:
@@ -111,9 +111,9 @@ class RunFolder:
             refuse_links(self.path, *_INSIDE)
         return read_manifest(self.manifest_path)
 
-    def write_manifest(self, manifest: dict[str, Any]) -> None:
+    def write_manifest(self, manifest: Manifest) -> None:
         """Write the manifest atomically."""
-        write_json(self.manifest_path, manifest_file(manifest))
+        write_json(self.manifest_path, manifest_file(manifest.record()))
 
     def write_rows(self, unit: Unit, rows: list[dict[str, Any]]) -> None:
         """Write one unit's rows as one shard."""

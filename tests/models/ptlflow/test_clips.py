@@ -208,13 +208,13 @@ def test_a_run_on_a_clip_is_the_same_with_any_workers(library, tmp_path, name):
     ]
     assert runs[0].rows.equals(runs[1].rows)
     assert runs[0].summary.complete
-    assert runs[0].manifest["identity"]["window"]["before"] == CLIPS[name].window.before
+    assert runs[0].manifest.identity.model.window["before"] == CLIPS[name].window.before
     assert runs[0].setting == "untrained"
     if name == "memflow":
         demo = rf.evaluate(
             ModelSpec(name, options), "demo", output=tmp_path / "demo", **{**chosen, "corruptions": ["contrast"]}
         )
-        assert "window" not in demo.manifest["identity"]
+        assert demo.manifest.identity.model.window is None
     else:
         with pytest.raises(UsageError, match="'motorcycle' holds pairs only"):
             rf.evaluate(ModelSpec(name, options), "demo", output=tmp_path / "demo", **chosen)

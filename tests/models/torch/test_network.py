@@ -139,7 +139,7 @@ def test_the_same_rows_from_one_worker_and_two(checkpoint, tmp_path):
         tables.append(result.rows)
     assert tables[0].equals(tables[1])
     batched = evaluate(spec, output=tmp_path / "batched", corruptions=["contrast"], severities=[1, 5], batch_size=4)
-    assert batched.manifest["identity_digest"] == result.manifest["identity_digest"]
+    assert batched.manifest.identity_digest == result.manifest.identity_digest
     for total, count in (("epe_sum", "n_valid"), ("rcre_all_sum", "n_all")):
         means = [(rows[total] / rows[count]).to_numpy() for rows in (tables[0], batched.rows)]
         assert np.abs(means[0] - means[1]).max() <= 1e-4

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -10,6 +9,9 @@ import polars as pl
 import pytest
 
 from robustflow.api import Result, evaluate
+from robustflow.runs.manifest import Selection
+from robustflow.runs.provenance import Provenance
+from tests.made_rows import change_identity, change_manifest
 
 from ...analysis.simulated import Truth, rows_of
 
@@ -30,12 +32,15 @@ def many_images(small_run) -> Callable[..., Result]:
         clean, corrupted = Truth().draw(np.random.default_rng(seed), np.ones(40, int))
         rows = rows_of(clean, corrupted * worse_by, corrupted * worse_by)
         result = Result(small_run.path)
-        result.manifest = copy.deepcopy(small_run.manifest)
-        result.manifest["identity"] |= {"benchmark": "kitti-fc", "model": {"name": name}}
-        result.manifest["identity_digest"] = f"{len(name):016x}"
-        result.manifest["provenance"] = {"setting": "OOD", "trained_on": ["flyingchairs"], "basis": "declared"}
-        result.manifest["samples"] = {key: [] for key in rows["sample"].unique(maintain_order=True)}
-        result.manifest["selection"] = {"corruptions": ["fog", "snow"], "severities": [1, 2, 3]}
+        result.manifest = small_run.manifest
+        change_identity(result, {"name": name}, benchmark="kitti-fc")
+        change_manifest(
+            result,
+            identity_digest=f"{len(name):016x}",
+            provenance=Provenance(setting="OOD", trained_on=("flyingchairs",), basis="declared"),
+            samples=dict.fromkeys(rows["sample"].unique(maintain_order=True), ()),
+            selection=Selection(corruptions=("fog", "snow"), severities=(1, 2, 3)),
+        )
         result.rows = rows
         return result
 

@@ -16,6 +16,7 @@ from robustflow.report.site import embedded
 from robustflow.report.site.content import whole_content
 from robustflow.report.site.examples import MOST_RUNS, examples_of
 from robustflow.report.site.figures import page_figures
+from tests.made_rows import change_manifest
 
 
 def test_panels_of_twelve_runs_and_of_more_the_first(tmp_path):
@@ -30,7 +31,7 @@ def test_curves_of_the_eight_runs_with_the_lowest_error(many_images, small_run):
     """Handed in from the worst to the best, so that the order of the runs says nothing."""
     runs = [many_images("m" * index, 1 + 0.1 * index) for index in range(9, 0, -1)]
     for run in runs:
-        run.manifest["identity_digest"] = small_run.manifest["identity_digest"]  # whose folder they share
+        change_manifest(run, identity_digest=small_run.manifest.identity_digest)  # whose folder they share
     (group,) = page_figures(whole_content(runs, published=False))
     (curves,) = (one for one in group.figures if one.title == "Severity curves")
     assert {name for name, _ in curves.lines} == {"m" * index for index in range(1, 9)}

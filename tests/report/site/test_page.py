@@ -17,6 +17,7 @@ from robustflow.analysis.results import parse_results
 from robustflow.report.embed import json_block
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.page import render_site
+from tests.made_rows import change_manifest
 
 from ..hostile import HOSTILE
 
@@ -162,7 +163,7 @@ def test_a_report_shows_its_run(small_run):
     for scores in small_run.summary.corruptions.values():
         for value in (scores.epe, scores.cre, scores.rcre, *scores.by_severity["rcre"]):
             assert f"{value:.2f}" in cells
-    assert small_run.manifest["identity_digest"] in text
+    assert small_run.manifest.identity_digest in text
     assert "Predictions" in text
     assert text.count("data:image/jpeg;base64,") == 1 + 4 + 2
     without_pictures = re.sub(r"data:image/jpeg;base64,[^\"]*", "", text)
@@ -192,7 +193,7 @@ def imaginary(small_run, many_images):
 
     def make(name: str, worse_by: float = 1.0):
         run = many_images(name, worse_by)
-        run.manifest["identity_digest"] = small_run.manifest["identity_digest"]
+        change_manifest(run, identity_digest=small_run.manifest.identity_digest)
         return run
 
     return make

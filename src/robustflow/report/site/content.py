@@ -73,7 +73,7 @@ class Content:
 
 def run_content(run: Run) -> Content:
     """The content of a run's own report: the run first, the paper's lines below."""
-    title = f"{run.name} on {benchmark_words(str(run.manifest['identity']['benchmark']))}"
+    title = f"{run.name} on {benchmark_words(run.benchmark)}"
     return _content(plain(title, 160), [run], [], published=True, alone=True)
 
 
@@ -147,7 +147,7 @@ def _content(
         known,
         spent,
         [
-            (str(run.manifest["identity"]["benchmark"]), frames, run_setting(run), name, notes[frames, name])
+            (run.benchmark, frames, run_setting(run), name, notes[frames, name])
             for (frames, name), run in by_name.items()
         ],
         doubted,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ...analysis.published.tables import method_of
@@ -23,26 +23,25 @@ Facts = list[tuple[str, str]]
 def run_facts(run: Run) -> Facts:
     """Facts of a run, from its manifest: model, data, seed, versions, and what is left out or differs from the
     paper."""
-    manifest = run.manifest
-    identity, environment = manifest["identity"], manifest.get("environment") or {}
-    provenance, published = run.provenance, benchmark_facts(str(identity["benchmark"])).published
+    manifest, provenance = run.manifest, run.provenance
+    frames, published = manifest.identity.frames, benchmark_facts(run.benchmark).published
     facts = [
-        ("Model", _described(identity["model"])),
+        ("Model", _described(manifest.identity.model.settings)),
         ("Setting", run.setting),
-        ("Trained on", _trained_on(run.setting, provenance)),
-        ("How that is known", str(provenance.get("basis", ""))),
-        ("Note on the training", str(provenance.get("note", ""))),
-        ("Benchmark", f"{identity['benchmark']} ({identity.get('dataset', '')})"),
-        ("Samples", str(len(manifest["samples"]))),
+        ("Trained on", _trained_on(run.setting, provenance.trained_on)),
+        ("How that is known", provenance.basis),
+        ("Note on the training", provenance.note),
+        ("Benchmark", f"{frames.benchmark} ({frames.dataset})"),
+        ("Samples", str(len(manifest.samples))),
         ("Difference from the paper" if published else "Measured on", note_of(run)),
-        ("Severities", ", ".join(map(str, manifest["selection"]["severities"]))),
-        ("Severity scale", str(identity.get("severity_scale", "paper"))),
+        ("Severities", ", ".join(map(str, manifest.selection.severities))),
+        ("Severity scale", frames.severity_scale or "paper"),
         ("Left out", left_out_sentence(run.left_out) if run.left_out else ""),
-        ("Seed", str(identity["seed"])),
-        ("Variant of the corruptions", str(identity["variant"])),
+        ("Seed", str(frames.seed)),
+        ("Variant of the corruptions", frames.variant),
         ("Cost", _cost(run)),
-        ("Run", str(manifest["identity_digest"])),
-        ("Packages", ", ".join(f"{name} {version}" for name, version in environment.get("packages", {}).items())),
+        ("Run", manifest.identity_digest),
+        ("Packages", ", ".join(f"{name} {version}" for name, version in manifest.environment.packages.items())),
     ]
     return [(label, plain(text, _LONGEST)) for label, text in facts if text]
 
@@ -60,14 +59,13 @@ def published_facts(model: str, sources: list[str]) -> Facts:
     return [(label, plain(text, _LONGEST)) for label, text in facts if text]
 
 
-def _trained_on(setting: str, provenance: Mapping[str, Any]) -> str:
+def _trained_on(setting: str, names: Sequence[str] | None) -> str:
     if setting in _WITHOUT_TRAINING:
         return _WITHOUT_TRAINING[setting]
-    names = provenance.get("trained_on")
     return "not declared" if names is None else ", ".join(names) or "nothing"
 
 
-def _described(values: dict[str, Any]) -> str:
+def _described(values: Mapping[str, Any]) -> str:
     return ", ".join(f"{key}: {value}" for key, value in values.items() if value not in ({}, None, ""))
 
 

@@ -23,7 +23,7 @@ from .models import model_pages
 from .sections import sections_of
 
 if TYPE_CHECKING:
-    from ...runs.run import Run
+    pass
 
 
 def render_site(
@@ -42,11 +42,11 @@ def render_site(
     """
     boards = boards_of(content.entries, dict(content.group_titles))
     order = [board.benchmark for board in boards]
-    runs = dict(sorted(content.runs.items(), key=lambda item: order.index(_benchmark(item[1]))))
+    runs = dict(sorted(content.runs.items(), key=lambda item: order.index(item[1].benchmark)))
     examples = examples_of(runs) or (Examples(gallery) if gallery else None)
     pages = model_pages(content, examples.panels if examples else {})
     sections = sections_of(content, boards, figures() if figures else page_figures(content))
-    pictured = _benchmark(content.runs[next(iter(examples.panels))]) if examples and examples.panels else None
+    pictured = content.runs[next(iter(examples.panels))].benchmark if examples and examples.panels else None
     return (
         _environment()
         .get_template("page.html")
@@ -64,10 +64,6 @@ def render_site(
             version=VERSION,
         )
     )
-
-
-def _benchmark(run: Run) -> str:
-    return str(run.manifest["identity"]["benchmark"])
 
 
 @cache

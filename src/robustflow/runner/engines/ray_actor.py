@@ -47,8 +47,8 @@ def installed() -> dict[str, str]:
         *(b"%b\0%b" % (str(path.relative_to(package)).encode(), path.read_bytes()) for path in paths)
     )
     here = environment()
-    return {"robustflow": f"{VERSION} (code {code[:8]})", "python": here["python"]} | {
-        name: version for name, version in here["packages"].items() if name != "robustflow"
+    return {"robustflow": f"{VERSION} (code {code[:8]})", "python": here.python} | {
+        name: version for name, version in here.packages.items() if name != "robustflow"
     }
 
 
@@ -118,7 +118,7 @@ class UnitActor:
 
         from ...models import ModelSpec
         from ...models.base import model_identity
-        from ...runs.identity import differing
+        from ...runs.identity import differing_fields
         from .base import Job
 
         cv2.setNumThreads(1)
@@ -135,7 +135,7 @@ class UnitActor:
         if loaded != identity:
             raise RunError(
                 f"node {self._host} has another model under the same name (it differs in: "
-                f"{differing(loaded, identity)}); give every node the same files"
+                f"{differing_fields(loaded, identity)}); give every node the same files"
             )
         self._worker = replace(job, folder=self._scratch, loaded=model).worker(self._note)
         return _device()

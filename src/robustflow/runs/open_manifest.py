@@ -1,0 +1,163 @@
+"""The manifest of a run that begins or continues: what is there, updated with what is requested now."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from ..datasets.base import Clips, FromClips, PreCorrupted
+from ..datasets.context_frames import ContextFrames
+from ..datasets.folder import OWN_FRAMES
+from ..errors import RunError
+from .environment import environment
+from .file_digests import check_listed, file_digests, is_under_a_list
+from .manifest import Manifest, Selection
+from .plan import Plan
+from .provenance import Provenance
+from .store import RunFolder
+
+
+def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
+    """The folder's manifest, updated with this plan; raises a RunError if the two do not belong together.
+
+    A manifest left by a run that ended before its first row is ignored.
+    """
+    identity = plan.identity()
+    old = folder.manifest()
+    if old and old.identity != identity and folder.rows().is_empty():
+        folder.keep_clean(())
+        old = None
+    if old and old.identity != identity:
+        raise RunError(
+            f"{folder.path} holds another run ({identity.difference(old.identity)}); "
+            "choose another folder with --output"
+        )
+    files = {key: _files(plan, key) for key in (*plan.benchmark.keys, *_to_be_recognised(folder, plan, old))}
+    samples = {key: _names_and_sizes(paths) for key, paths in files.items()}
+    digests = {key: tuple(each) for key, each in file_digests(files).items()}
+    _compare_with_list(plan, files, digests)
+    chosen, left_out = plan.benchmark, {name: tuple(levels) for name, levels in plan.left_out().items()}
+    if old is None:
+        return Manifest(
+            identity=identity,
+            identity_digest=identity.digest(),
+            samples=samples,
+            file_digests=digests,
+            provenance=plan.provenance,
+            selection=Selection(corruptions=chosen.corruptions, severities=tuple(sorted(chosen.severities))),
+            left_out=left_out,
+            name=plan.name or "",
+            started=now(),
+            finished=None,
+            environment=environment(),
+        ).judged()
+    changed = sorted(
+        key
+        for key in samples
+        if old.samples.get(key, samples[key]) != samples[key] or old.file_digests.get(key, digests[key]) != digests[key]
+    )
+    if changed:
+        raise RunError(
+            f"{folder.path} was made from other files for sample '{changed[0]}' ({len(changed)} differ); "
+            "choose another folder with --output"
+        )
+    return old.model_copy(
+        update={
+            "samples": old.samples | samples,
+            "file_digests": old.file_digests | digests,
+            "provenance": _provenance(old.provenance, plan.provenance),
+            "selection": Selection(
+                corruptions=tuple(dict.fromkeys((*old.selection.corruptions, *chosen.corruptions))),
+                severities=tuple(sorted({*old.selection.severities, *chosen.severities})),
+            ),
+            "left_out": {
+                name: tuple(sorted({*old.left_out.get(name, ()), *left_out.get(name, ())}))
+                for name in {**old.left_out, **left_out}
+            },
+            "name": plan.name or old.name,
+            "finished": None,
+            "environment": environment(),
+        }
+    ).judged()
+
+
+def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> list[str]:
+    """The samples that a run already has and that are not planned now, where only their files tell the data apart: any
+    two clips have frames of the same names.
+
+    Raises:
+        RunError: the data have no such sample.
+    """
+    if old is None or plan.benchmark.name != OWN_FRAMES:
+        return []
+    known = set(plan.benchmark.dataset.keys())
+    for key in old.samples:
+        if key not in known:
+            raise RunError(
+                f"{folder.path} was made from other frames, with a sample '{key}'; choose another folder with --output"
+            )
+    return [key for key in old.samples if key not in plan.benchmark.keys]
+
+
+def _compare_with_list(plan: Plan, files: dict[str, list[Path]], digests: dict[str, tuple[str, ...]]) -> None:
+    """Compare what a run reads with the list of digests beside its data, if there is one: also frames that come
+    corrupted."""
+    known: dict[Path, str | None] = {}
+    for key, paths in files.items():
+        known |= zip(paths, digests[key], strict=True)
+    if not any(map(is_under_a_list, {path.parent for path in known})):
+        return
+    dataset = plan.benchmark.dataset
+    if isinstance(dataset, PreCorrupted) and not isinstance(dataset, FromClips):
+        for unit in plan.units():
+            if dataset.has_corrupted(unit.corruption):
+                for cell in unit.cells:
+                    known = dict.fromkeys(dataset.corrupted_files(*cell)) | known
+    check_listed(known)
+
+
+def changed_files(plan: Plan, manifest: Manifest, keys: Iterable[str]) -> dict[str, Path]:
+    """For each of these samples that now has other files than when the manifest was made, the first such file."""
+    files = {key: _files(plan, key) for key in keys}
+    before, now = manifest.file_digests, file_digests(files)
+    each = {key: zip(files[key], before[key], now[key], strict=True) for key in files}
+    changed = {key: [path for path, then, today in of_key if then != today] for key, of_key in each.items()}
+    return {key: paths[0] for key, paths in changed.items() if paths}
+
+
+def _provenance(before: Provenance, given: Provenance) -> Provenance:
+    """What was declared before stays if nothing is declared now."""
+    return before if given.basis == "undeclared" else given
+
+
+def last_changed(plan: Plan, keys: Iterable[str]) -> str:
+    """The sample whose files changed last, by the file system's own clock, which a copied date does not reset."""
+    return max(keys, key=lambda key: max((stat.st_ctime_ns for _, stat in _stats(_files(plan, key))), default=0))
+
+
+def _files(plan: Plan, key: str) -> list[Path]:
+    """The files that a sample is read from."""
+    dataset, window = plan.benchmark.dataset, plan.options.window
+    files = dataset.files(key)
+    if window is None:
+        return files
+    assert isinstance(dataset, Clips)
+    return list(dict.fromkeys([*files, *ContextFrames(dataset, window).files(key)]))
+
+
+def _names_and_sizes(files: Sequence[Path]) -> tuple[tuple[str, int], ...]:
+    return tuple((name, stat.st_size) for name, stat in _stats(files))
+
+
+def _stats(files: Sequence[Path]) -> list[tuple[str, os.stat_result]]:
+    try:
+        return [(path.name, path.stat()) for path in files]
+    except OSError as error:
+        raise RunError(f"cannot read {error.filename}: {error.strerror}") from error
+
+
+def now() -> str:
+    """The time in UTC, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")

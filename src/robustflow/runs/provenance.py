@@ -1,0 +1,57 @@
+"""What a manifest states about a model's training, and what that means for the run."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from ..benchmarks.setting import PAIRS_NOTE, judge
+from ..models.provenance import KNOWLEDGE, RANDOM, Setting, Training
+from ..validated import Untrusted
+from .identity import Text
+
+
+class Provenance(Untrusted):
+    """What a model was trained on.
+
+    Attributes:
+        setting: what that means for the numbers, see `robustflow.benchmarks.setting.setting_of`.
+        trained_on: names of training sets; None if unknown.
+        basis: how that is known.
+        note: what is uncertain.
+    """
+
+    setting: Setting
+    trained_on: Annotated[tuple[Text, ...], Field(max_length=100)] | None
+    basis: Text
+    note: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        training: Training,
+        benchmark: str,
+        keys: Collection[str] | None = None,
+        protocol: Mapping[str, Any] | None = None,
+    ) -> Provenance:
+        """The provenance of a model on a benchmark; arguments as for `setting_of`.
+
+        >>> mine = Training(("flyingchairs", "kitti2015:train"), "declared")
+        >>> Provenance.of(mine, "kitti-fc").setting, Provenance.of(mine, "kitti-fc", ["000002"]).setting
+        ('ID', 'LEAKED')
+        """
+        setting, notes = judge(training, benchmark, keys, protocol or {})
+        note = "; ".join(filter(None, (training.note, *notes)))
+        return cls(setting=setting, trained_on=training.sets, basis=training.basis, note=note)
+
+    def on(self, benchmark: str, keys: Collection[str], protocol: Mapping[str, Any]) -> Provenance:
+        """The provenance of the same training on a benchmark and these samples."""
+        own = "; ".join(part for part in self.note.split("; ") if not part.startswith(PAIRS_NOTE))
+        training = Training(self.trained_on, self.basis, own, trained=self.basis not in (RANDOM, KNOWLEDGE))
+        return Provenance.of(training, benchmark, keys, protocol)
+
+
+UNDECLARED = Provenance(setting="UNKNOWN", trained_on=None, basis="undeclared")
+"""Of a model of which nothing is known."""
