@@ -12,7 +12,7 @@ from robustflow.digest import digest_of_bytes
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
 from robustflow.metrics.rows import rows_frame as frame_of
-from robustflow.runs.identity import Frames, Identity
+from robustflow.runs.identity import FrameIdentity, Identity
 from robustflow.runs.manifest import Selection
 from robustflow.runs.run import Run
 
@@ -80,6 +80,6 @@ def changed_identity(identity: Identity, model: dict[str, Any] | None = None, **
     if model is not None:
         content["model"]["settings"] = model
     for name, value in fields.items():
-        part = "frames" if name in Frames.model_fields else "model" if name == "window" else "measuring"
+        part = "frames" if name in FrameIdentity.model_fields else "model" if name == "window" else "measuring"
         content[part][name] = value
     return Identity.model_validate_json(json.dumps(content))

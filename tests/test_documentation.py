@@ -137,7 +137,8 @@ def test_what_a_page_measures_is_what_a_run_measures(generated, tmp_path, monkey
 def test_formats_name_every_field(generated):
     from robustflow.metrics.rows import ROW_SCHEMA
     from robustflow.metrics.summary import Summary
-    from robustflow.records.contents import Identity, Manifest, Record
+    from robustflow.records.contents import Manifest, Record
+    from robustflow.runs.identity import Identity
 
     pages = generated("formats").files()
     assert all(f"| `{name}` |" in pages["reference/rows.md"] for name in ROW_SCHEMA)

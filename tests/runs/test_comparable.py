@@ -21,7 +21,7 @@ from robustflow.report.assemble import tables_of
 from robustflow.report.comparison import compare
 from robustflow.runner.recheck import recheck
 from robustflow.runs.comparable import common_rows, common_to, differences, recipe_in_words, sample_set
-from robustflow.runs.identity import Frames, Identity
+from robustflow.runs.identity import FrameIdentity, Identity
 from robustflow.runs.manifest import Manifest, manifest_file
 from robustflow.runs.run import Run
 from robustflow.testing import ZeroFlow
@@ -252,12 +252,12 @@ def test_means_without_intervals_say_why(base):
 
 @pytest.fixture
 def weather():
-    """Gives `Frames` a field `weather` that is "dry" in everything recorded so far; call it to make plans say so."""
-    originals = dict(Frames.__pydantic_fields__)
+    """Gives `FrameIdentity` a field `weather` that is "dry" in everything recorded so far; call it to make plans say so."""
+    originals = dict(FrameIdentity.__pydantic_fields__)
 
     def rebuilt(fields):
-        Frames.__pydantic_fields__ = fields
-        for model in (Frames, Identity, Manifest):
+        FrameIdentity.__pydantic_fields__ = fields
+        for model in (FrameIdentity, Identity, Manifest):
             model.model_rebuild(force=True)
 
     def default(value: str):

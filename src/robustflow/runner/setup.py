@@ -21,7 +21,7 @@ from ..models import ModelSpec
 from ..models.base import AnyModel
 from ..models.provenance import training_of
 from ..models.window import Window
-from ..runs.identity import Frames, Identity, checked_name, differing_fields
+from ..runs.identity import FrameIdentity, Identity, checked_name, differing_fields
 from ..runs.plan import Plan, RunOptions, left_out_sentence
 from ..runs.provenance import Provenance
 from ..runs.run import Run
@@ -152,7 +152,7 @@ _REMEDIES = {
 }
 
 
-def _benchmark_of(frames: Frames, data: str | Path | None, data_options: dict[str, Any]) -> Benchmark:
+def _benchmark_of(frames: FrameIdentity, data: str | Path | None, data_options: dict[str, Any]) -> Benchmark:
     """The benchmark of a run; raises if only code named by a stranger's file could open it."""
     if frames.benchmark not in BENCHMARKS and frames.benchmark not in DATASETS:
         raise RunError(

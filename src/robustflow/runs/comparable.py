@@ -259,7 +259,7 @@ _IN_WORDS: dict[str, Callable[[Any], str]] = {
     "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
     "streams": lambda value: f"random streams {value}",
 }
-"""Fields of `Frames` in words, the most telling first."""
+"""Fields of `FrameIdentity` in words, the most telling first."""
 
 
 def recipe_in_words(run: Run) -> Iterator[tuple[str, str]]:

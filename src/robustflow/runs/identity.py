@@ -1,7 +1,7 @@
 """What decides the numbers of a run, in three parts: the frames, the model, and the measuring.
 
 These classes are the only definition. A plan makes an `Identity`, manifests and records hold it; resuming, comparing,
-grouping and setting up a run again ask it. A new field of `Frames` is followed by all of them.
+grouping and setting up a run again ask it. A new field of `FrameIdentity` is followed by all of them.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LONGEST_NAME = 80
 Text = Annotated[str, Field(min_length=1)]
 
 
-class _Part(Untrusted):
+class _IdentityPart(Untrusted):
     """A field with its default value is not written, so that a new field leaves earlier digests as they are."""
 
     def record(self) -> dict[str, Any]:
@@ -31,7 +31,7 @@ class _Part(Untrusted):
         return self.model_dump(mode="json", exclude_defaults=True)
 
 
-class Frames(_Part):
+class FrameIdentity(_IdentityPart):
     """What decides the frames that a model is given, and the ground truth, besides the choice of samples, corruptions
     and severities.
 
@@ -64,7 +64,7 @@ class Frames(_Part):
         return (self.severity_scale or "paper").partition(" ")[0]
 
 
-class ModelIdentity(_Part):
+class ModelIdentity(_IdentityPart):
     """The model, by what it says of itself (`robustflow.models.base.model_identity`), and the window of frames around a
     pair that it is given; None for a model of two frames."""
 
@@ -72,7 +72,7 @@ class ModelIdentity(_Part):
     window: dict[str, JsonValue] | None = None
 
 
-class Measuring(_Part):
+class Measuring(_IdentityPart):
     """Versions of identity and rows, and whether predictions may be NaN or infinite."""
 
     version: int
@@ -80,11 +80,11 @@ class Measuring(_Part):
     allow_invalid: bool
 
 
-class Identity(_Part):
+class Identity(_IdentityPart):
     """Everything that changes a row's numbers, and nothing else: neither the number of workers nor which samples were
     chosen. Two runs with equal identities may share a folder."""
 
-    frames: Frames
+    frames: FrameIdentity
     model: ModelIdentity
     measuring: Measuring
 
@@ -112,7 +112,7 @@ class Identity(_Part):
         return [name for name in mine if name in recorded and mine[name] != recorded[name]]
 
 
-def differing_fields(now: _Part | Mapping[str, Any], before: _Part | Mapping[str, Any]) -> str:
+def differing_fields(now: _IdentityPart | Mapping[str, Any], before: _IdentityPart | Mapping[str, Any]) -> str:
     """The names of the fields in which two identities, or two parts of one, differ; the settings of two models count
     as one field, "model".
 
@@ -123,7 +123,7 @@ def differing_fields(now: _Part | Mapping[str, Any], before: _Part | Mapping[str
     return ", ".join(sorted(key for key in mine.keys() | other.keys() if mine.get(key) != other.get(key))) or "identity"
 
 
-def _fields(part: _Part | Mapping[str, Any]) -> Mapping[str, Any]:
+def _fields(part: _IdentityPart | Mapping[str, Any]) -> Mapping[str, Any]:
     if isinstance(part, Identity):
         model = {"model": part.model.settings, "window": part.model.window}
         return {**dict(part.frames), **model, **dict(part.measuring)}

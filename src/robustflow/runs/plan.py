@@ -17,7 +17,7 @@ from ..corruptions.stack import levels_of
 from ..datasets import DATASETS
 from ..metrics.rows import CLEAN, ROW_SCHEMA_VERSION
 from ..models.window import Window
-from .identity import IDENTITY_VERSION, Frames, Identity, Measuring, ModelIdentity
+from .identity import IDENTITY_VERSION, FrameIdentity, Identity, Measuring, ModelIdentity
 from .manifest import Manifest
 from .provenance import UNDECLARED, Provenance
 
@@ -113,7 +113,7 @@ class Plan:
         """The identity of the run's rows."""
         options = self.options
         return Identity(
-            frames=Frames(
+            frames=FrameIdentity(
                 benchmark=self.benchmark.name,
                 dataset=DATASETS.recorded_name(self.benchmark.dataset.name),
                 protocol=_as_json(self.benchmark.protocol),
