@@ -70,7 +70,7 @@ def _write(path: Path, manifest: Manifest, rows: pl.DataFrame, index: int, key: 
             "model": ModelIdentity(settings={"name": f"model-{index:04d}"}),
         }
     )
-    setting = ("OOD", "ID", "undeclared")[index % 3]
+    setting = ("OOD", "ID", "UNKNOWN")[index % 3]
     own = manifest.model_copy(
         update={
             "identity": identity,

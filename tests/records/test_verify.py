@@ -395,8 +395,8 @@ def test_declared_training_sets(tmp_path):
         ({"trained_on": ["middlebury"]}, "it is LEAKED"),
         ({"trained_on": ["anything"]}, "cannot be read"),
         ({"trained_on": []}, "cannot be read"),
-        ({"basis": "undeclared"}, "it is undeclared"),
-        ({"basis": "method", "setting": "knowledge", "trained_on": None}, "it is undeclared"),
+        ({"basis": "undeclared"}, "it is UNKNOWN"),
+        ({"basis": "method", "setting": "knowledge", "trained_on": None}, "it is UNKNOWN"),
     ):
         name, said = failure(with_json(data, "manifest.json", lambda m, change=change: m["provenance"].update(change)))
         assert name == "training"

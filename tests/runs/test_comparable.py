@@ -252,7 +252,7 @@ def test_means_without_intervals_say_why(base):
 
 @pytest.fixture
 def weather():
-    """Gives `FrameIdentity` a field `weather` that is "dry" in everything recorded so far; call it to make plans say so."""
+    """Gives `FrameIdentity` a field `weather`, with the default that it is called with."""
     originals = dict(FrameIdentity.__pydantic_fields__)
 
     def rebuilt(fields):
