@@ -4,10 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from .test_site import pages
-
-__all__ = ["pages"]
-
 pytestmark = pytest.mark.browser
 
 _VIEWS = (

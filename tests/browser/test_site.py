@@ -2,45 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import polars as pl
 import pytest
 
 from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results import parse_results
 from robustflow.api import evaluate
-from robustflow.report.site import render_site, run_content, whole_content
+from robustflow.report.site import render_site, run_content
+
+from .conftest import HOSTILE
 
 pytestmark = pytest.mark.browser
-
-HOSTILE = "<img src=x onerror=alert(1)>"
-_CELLS = "setting,model,metric,corruption,value\n" + "".join(
-    f"OOD,{name},{metric},{corruption},{value}\n"
-    for name in ("A", "B")
-    for metric, corruption, value in (("epe", "clean", 2), ("epe", "average", 5), ("epe", "fog", 4), ("cre", "fog", 2))
-)
-
-
-@pytest.fixture(scope="module")
-def pages(tmp_path_factory, real_pictures) -> dict[str, Path]:
-    """report.html of a run with pictures, the published leaderboard, and one with hostile names."""
-    folder = tmp_path_factory.mktemp("pages")
-    options = {"corruptions": ["contrast", "impulse_noise"], "severities": [1, 2, 5]}
-    with real_pictures():
-        run = evaluate("dis", "demo", output=folder / "run", examples=True, **options)
-    hostile = parse_results(_CELLS, "made.csv", "file").with_columns(
-        model=pl.col("model").replace({"A": HOSTILE}), note=pl.lit(HOSTILE)
-    )
-    made = {
-        "report": run_content(run),
-        "leaderboard": whole_content([run]),
-        "hostile": whole_content([], [(HOSTILE, hostile)]),
-    }
-    paths = {name: folder / f"{name}.html" for name in made}
-    for name, content in made.items():
-        paths[name].write_text(render_site(content), encoding="utf-8")
-    return paths
 
 
 @pytest.fixture

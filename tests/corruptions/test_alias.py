@@ -12,17 +12,7 @@ from scipy import stats
 
 from robustflow.corruptions.kernels.alias import alias_table, counts_from_cdf, height_bits, normal_cdf, poisson_cdf
 
-
-def counts_of(table, value_bits):
-    """How many of the positions of a table lead to each outcome."""
-    height = 1 << height_bits(value_bits)
-    mask = (1 << value_bits) - 1
-    out = np.zeros(1 << value_bits, np.int64)
-    for entry in map(int, table):
-        level = entry >> 2 * value_bits
-        out[entry & mask] += level
-        out[entry >> value_bits & mask] += height - level
-    return out
+from .alias_counts import counts_of
 
 
 @settings(deadline=None)

@@ -11,7 +11,7 @@ from robustflow.corruptions.noise.gaussian_noise import gaussian_table
 from robustflow.corruptions.noise.shot_noise import shot_tables
 from robustflow.random.rng import Rng, hash64
 
-from .test_alias import counts_of
+from .alias_counts import counts_of
 
 NAMES = ("gaussian_noise", "shot_noise", "impulse_noise")
 SHAPE = (45, 67)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import textwrap
 
 import numpy as np
 import pytest
@@ -14,28 +13,9 @@ from robustflow.corruptions.stack import levels_of, parse_stack
 from robustflow.errors import UsageError
 from robustflow.testing import check_corruption
 
+from .rain import RAIN
+
 FRAME = np.indices((24, 36)).sum(0)[..., None].repeat(3, 2).astype(np.uint8)
-RAIN = textwrap.dedent(
-    """
-    import numpy as np
-    from rain_depth import DEPTH
-
-
-    class Rain:
-        family = "weather"
-        severities = (1, 2, 3, 4, 5)
-
-        def __init__(self, density=1):
-            self.density = density
-
-        def draw(self, rng, severity, shape):
-            return rng.spawn("drops"), severity * self.density * DEPTH
-
-        def apply(self, frame, state, index):
-            rng, depth = state
-            return np.maximum(frame, rng.spawn("frame", index).integer(1, 9) * depth).astype(np.uint8)
-    """
-)
 
 
 class Veil:

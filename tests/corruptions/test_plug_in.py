@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 
-from tests.corruptions.test_own import RAIN
+from .rain import RAIN
 
 SCRIPT = """
 import numpy as np

@@ -12,7 +12,7 @@ from robustflow.corruptions.base import VARIANTS
 from robustflow.corruptions.registry import CLIP, CORRUPTIONS
 from robustflow.errors import AssetError
 
-from .test_contract import picture
+from .pictures import picture
 
 NAMES = [*(name for name in CORRUPTIONS.names() if name not in CLIP), "fog:2+gaussian_noise", "snow+over_exposure:3"]
 NEW_IN_EVERY_FRAME = {"snow", "gaussian_noise", "shot_noise", "impulse_noise"}

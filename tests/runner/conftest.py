@@ -7,6 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from robustflow.images.io import write_image
+
+from ..corruptions.pictures import picture
+
+FRAMES = 6
+"""Frames of `clip_folder`."""
 FAST = ("contrast", "high_light", "over_exposure", "impulse_noise")
 """Corruptions that cost a few milliseconds."""
 
@@ -19,3 +25,12 @@ def models_on_path(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", folder)
     yield
     sys.modules.pop("models_for_tests", None)
+
+
+@pytest.fixture(scope="session")
+def clip_folder(tmp_path_factory):
+    """A sequence of textured frames that differ in every pixel's neighbourhood."""
+    folder = tmp_path_factory.mktemp("frames")
+    for number in range(FRAMES):
+        write_image(folder / f"{number}.png", picture(48, 64, seed=number))
+    return folder

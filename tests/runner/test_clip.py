@@ -13,13 +13,12 @@ from robustflow.images.io import read_image, write_image
 from robustflow.models import Window, load_model
 from robustflow.models.base import model_identity
 from robustflow.testing import ZeroClipFlow, ZeroFlow
-from tests.corruptions.test_contract import picture
+from tests.corruptions.pictures import picture
 from tests.video import clips
 
-from .conftest import FAST
+from .conftest import FAST, FRAMES
 
 MODEL = "models_for_tests:FiveFrames"
-COUNT = 6
 
 
 class Recorder(ZeroClipFlow):
@@ -56,27 +55,18 @@ class Blackens(Recorder):
         return flow
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """A sequence of textured frames that differ in every pixel's neighbourhood."""
-    folder = tmp_path_factory.mktemp("frames")
-    for number in range(COUNT):
-        write_image(folder / f"{number}.png", picture(48, 64, seed=number))
-    return folder
-
-
-def run(model, folder, output, **options):
+def run(model, clip_folder, output, **options):
     chosen = {"corruptions": FAST, "severities": [2, 5], **options}
-    return rf.evaluate(model, "folder", folder, output, **chosen)
+    return rf.evaluate(model, "folder", clip_folder, output, **chosen)
 
 
-def test_the_model_gets_the_corrupted_clip(folder, tmp_path):
+def test_the_model_gets_the_corrupted_clip(clip_folder, tmp_path):
     model = Recorder()
-    run(model, folder, tmp_path / "run", corruptions=["impulse_noise"], severities=[3], seed=5)
-    frames = [read_image(folder / f"{number}.png") for number in range(COUNT)]
+    run(model, clip_folder, tmp_path / "run", corruptions=["impulse_noise"], severities=[3], seed=5)
+    frames = [read_image(clip_folder / f"{number}.png") for number in range(FRAMES)]
     calls = iter(model.calls)
-    for pair in range(COUNT - 1):
-        places = [min(max(place, 0), COUNT - 1) for place in range(pair - 2, pair + 3)]
+    for pair in range(FRAMES - 1):
+        places = [min(max(place, 0), FRAMES - 1) for place in range(pair - 2, pair + 3)]
         first, last = min(places), max(places)
         noisy = list(
             corrupt_clip(frames[first : last + 1], "impulse_noise", 3, seed=5, key=str(pair), first=first - pair)
@@ -100,50 +90,52 @@ def test_the_model_gets_the_corrupted_clip(folder, tmp_path):
         (Window(9, 0, "inside"), [6] * 5, [0, 1, 2, 3, 4]),
     ],
 )
-def test_what_happens_at_the_ends_is_the_models_choice(folder, tmp_path, window, lengths, places):
+def test_what_happens_at_the_ends_is_the_models_choice(clip_folder, tmp_path, window, lengths, places):
     model = Recorder(window)
-    run(model, folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
+    run(model, clip_folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
     assert [len(frames) for frames, _ in model.calls[::2]] == lengths
     assert [index for _, index in model.calls[::2]] == places
     identity = rf.Result(tmp_path / "run").manifest.identity
     assert identity["window"] == {"before": window.before, "after": window.after, "ends": window.ends}
 
 
-def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(folder, tmp_path):
-    pairs = run("dis", folder, tmp_path / "pairs", corruptions=[name for name in IMAGE_PAIR if name != "frost"])
-    clip = run(Recorder(), folder, tmp_path / "clips", corruptions=[name for name in IMAGE_PAIR if name != "frost"])
+def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(clip_folder, tmp_path):
+    pairs = run("dis", clip_folder, tmp_path / "pairs", corruptions=[name for name in IMAGE_PAIR if name != "frost"])
+    clip = run(
+        Recorder(), clip_folder, tmp_path / "clips", corruptions=[name for name in IMAGE_PAIR if name != "frost"]
+    )
     columns = ["sample", "corruption", "severity", "frames_digest"]
     assert pairs.rows.select(columns).equals(clip.rows.select(columns))
     assert pairs.manifest.identity.model.window is None
 
 
 @pytest.fixture
-def whole(folder, tmp_path, models_on_path):
-    return run(MODEL, folder, tmp_path / "whole")
+def whole(clip_folder, tmp_path, models_on_path):
+    return run(MODEL, clip_folder, tmp_path / "whole")
 
 
-def test_workers_order_and_pieces_make_no_difference(whole, folder, tmp_path):
-    two = run(MODEL, folder, tmp_path / "two", workers=2)
-    run(MODEL, folder, tmp_path / "pieces", limit=2, corruptions=FAST[2:], workers=2)
-    run(MODEL, folder, tmp_path / "pieces", corruptions=FAST[:2], severities=[5])
-    pieces = run(MODEL, folder, tmp_path / "pieces")
+def test_workers_order_and_pieces_make_no_difference(whole, clip_folder, tmp_path):
+    two = run(MODEL, clip_folder, tmp_path / "two", workers=2)
+    run(MODEL, clip_folder, tmp_path / "pieces", limit=2, corruptions=FAST[2:], workers=2)
+    run(MODEL, clip_folder, tmp_path / "pieces", corruptions=FAST[:2], severities=[5])
+    pieces = run(MODEL, clip_folder, tmp_path / "pieces")
     for other in (two, pieces):
         assert other.rows.equals(whole.rows)
         assert (other.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
 
 
-def test_killed_and_resumed(whole, folder, tmp_path, monkeypatch):
-    last = read_image(folder / f"{COUNT - 2}.png")
+def test_killed_and_resumed(whole, clip_folder, tmp_path, monkeypatch):
+    last = read_image(clip_folder / f"{FRAMES - 2}.png")
     monkeypatch.setenv("DIES_ON", str(int(last[0, 0, 0])))
     with pytest.raises(RunError, match="exit code 17"):
-        run(MODEL, folder, tmp_path / "killed", workers=2)
+        run(MODEL, clip_folder, tmp_path / "killed", workers=2)
     monkeypatch.delenv("DIES_ON")
     assert 0 < rf.Result(tmp_path / "killed").rows.height < whole.rows.height
-    assert run(MODEL, folder, tmp_path / "killed", workers=2).rows.equals(whole.rows)
+    assert run(MODEL, clip_folder, tmp_path / "killed", workers=2).rows.equals(whole.rows)
 
 
 def test_video_and_folder_from_the_command_line(tmp_path, models_on_path, monkeypatch, capsys):
-    clips.clip(tmp_path / "clip.mp4", COUNT, fps=25)
+    clips.clip(tmp_path / "clip.mp4", FRAMES, fps=25)
     data = ["--benchmark", "folder", "--data", str(tmp_path / "clip.mp4"), "--output", str(tmp_path / "video")]
     what = ["--corruptions", ",".join(FAST), "--severities", "4", "--workers", "2"]
     monkeypatch.setattr("sys.argv", ["robustflow", "run", "--model", MODEL, *data, *what])
@@ -155,25 +147,25 @@ def test_video_and_folder_from_the_command_line(tmp_path, models_on_path, monkey
 
     video = load_dataset("folder", tmp_path / "clip.mp4")
     (tmp_path / "frames").mkdir()
-    for offset in range(COUNT):
+    for offset in range(FRAMES):
         write_image(tmp_path / "frames" / f"{offset:06d}.png", video.frame("000000", offset))
     frames = run(MODEL, tmp_path / "frames", tmp_path / "run", severities=[4])
     columns = ["sample", "corruption", "severity", "frames_digest", "rcre_all_sum"]
     assert rf.Result(tmp_path / "video").rows.select(columns).equals(frames.rows.select(columns))
 
 
-def test_example_pictures_are_drawn_from_the_clip(whole, folder, tmp_path, models_on_path):
+def test_example_pictures_are_drawn_from_the_clip(whole, clip_folder, tmp_path, models_on_path):
     from robustflow.runner.setup import restore_setup
     from robustflow.runs.source import RunSource
 
     setup = restore_setup(whole, RunSource.read(whole.path))
     assert setup.options.window == Window(2, 1)
     assert model_identity(setup.model.model)["object"].endswith("FiveFrames")
-    drawn = run(MODEL, folder, tmp_path / "drawn", examples=True)
+    drawn = run(MODEL, clip_folder, tmp_path / "drawn", examples=True)
     assert list((drawn.path / "examples").iterdir())
 
 
-def test_changed_frames_around_a_pair_are_noticed(folder, tmp_path):
+def test_changed_frames_around_a_pair_are_noticed(clip_folder, tmp_path):
     frames = tmp_path / "frames"
     frames.mkdir()
     for number in range(3):
@@ -185,11 +177,11 @@ def test_changed_frames_around_a_pair_are_noticed(folder, tmp_path):
         run(Recorder((0, 1)), frames, tmp_path / "run", **chosen)
 
 
-def test_another_window_is_another_run(folder, tmp_path):
+def test_another_window_is_another_run(clip_folder, tmp_path):
     chosen = {"corruptions": ["contrast"], "severities": [1], "limit": 1}
-    run(Recorder(), folder, tmp_path / "run", **chosen)
+    run(Recorder(), clip_folder, tmp_path / "run", **chosen)
     with pytest.raises(RunError, match="differs in: window"):
-        run(Recorder((1, 1)), folder, tmp_path / "run", **chosen)
+        run(Recorder((1, 1)), clip_folder, tmp_path / "run", **chosen)
 
 
 def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(tmp_path):
@@ -206,22 +198,22 @@ def test_pairs_alone_are_refused_in_a_sentence_or_taken_where_the_model_can(tmp_
     assert result.manifest.identity.model.window is None
 
 
-def test_a_model_of_both_kinds_gets_clips_where_there_are_some(folder, tmp_path):
+def test_a_model_of_both_kinds_gets_clips_where_there_are_some(clip_folder, tmp_path):
     model = WithPairs()
-    run(model, folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
-    assert (model.pairs, len(model.calls)) == (0, 2 * (COUNT - 1))
+    run(model, clip_folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
+    assert (model.pairs, len(model.calls)) == (0, 2 * (FRAMES - 1))
 
 
-def test_what_a_multi_frame_model_cannot_do(folder, tmp_path, models_on_path):
+def test_what_a_multi_frame_model_cannot_do(clip_folder, tmp_path, models_on_path):
     with pytest.raises(UsageError, match="one clip at a time; leave out --batch-size"):
-        run(Recorder(), folder, tmp_path / "run", batch_size=2)
+        run(Recorder(), clip_folder, tmp_path / "run", batch_size=2)
     with pytest.raises(UsageError, match="cannot predict in tiles"):
         load_model(MODEL, tile="64x64")
     with pytest.raises(ModelError, match="the model's window is 'all'"):
-        run(Recorder("all"), folder, tmp_path / "run")
+        run(Recorder("all"), clip_folder, tmp_path / "run")
 
 
-def test_wrong_answers_name_the_place(folder, tmp_path):
+def test_wrong_answers_name_the_place(clip_folder, tmp_path):
     class Wrong(Recorder):
         def predict_clip(self, frames, index):
             return (
@@ -229,14 +221,14 @@ def test_wrong_answers_name_the_place(folder, tmp_path):
             )
 
     with pytest.raises(ModelError, match=r"float32 \(5, 64, 2\) on sample '1', contrast severity 1"):
-        run(Wrong(), folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
+        run(Wrong(), clip_folder, tmp_path / "run", corruptions=["contrast"], severities=[1])
 
     class Raises(Recorder):
         def predict_clip(self, frames, index):
             return frames[7]
 
     with pytest.raises(ModelError, match="raised IndexError on sample '0', clean"):
-        run(Raises(), folder, tmp_path / "run2", corruptions=["contrast"], severities=[1])
+        run(Raises(), clip_folder, tmp_path / "run2", corruptions=["contrast"], severities=[1])
 
 
 def test_a_damaged_frame_of_the_clip_is_named(tmp_path):
@@ -249,10 +241,10 @@ def test_a_damaged_frame_of_the_clip_is_named(tmp_path):
         run(Recorder((0, 1)), tmp_path / "frames", tmp_path / "run", corruptions=["contrast"], severities=[1], limit=1)
 
 
-def test_a_model_that_writes_into_its_clip_changes_no_frame(folder, tmp_path):
+def test_a_model_that_writes_into_its_clip_changes_no_frame(clip_folder, tmp_path):
     models = [Recorder(), Blackens()]
     for number, model in enumerate(models):
-        run(model, folder, tmp_path / f"run{number}", limit=2)
+        run(model, clip_folder, tmp_path / f"run{number}", limit=2)
     plain, writing = ([frame for frames, _ in model.calls for frame in frames] for model in models)
     assert len(plain) == len(writing) > 0
     assert all(np.array_equal(a, b) for a, b in zip(plain, writing, strict=True))

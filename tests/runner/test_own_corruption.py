@@ -12,7 +12,7 @@ import robustflow as rf
 from robustflow.cli.main import main
 from robustflow.errors import RobustFlowError
 from robustflow.testing import ZeroFlow
-from tests.corruptions.test_own import RAIN
+from tests.corruptions.rain import RAIN
 
 
 @pytest.fixture

@@ -95,14 +95,6 @@ def _check_equal(result, undisturbed):
     assert (result.path / "summary.json").read_bytes() == (undisturbed.path / "summary.json").read_bytes()
 
 
-def test_rows_equal_and_places_are_named(two_nodes, frames, undisturbed, tmp_path):
-    result = _run(tmp_path / "run", frames, engine="ray", address=two_nodes.address)
-    _check_equal(result, undisturbed)
-    places = result.manifest.places
-    assert sum(places.values()) == PAIRS * (1 + len(FAST))
-    assert all(place.endswith(", CPU") for place in places)
-
-
 def test_every_actor_has_a_gpu_of_its_own(two_nodes, frames, undisturbed, tmp_path, faults, monkeypatch):
     log = faults.parent / "gpus.log"
     result = _run(
@@ -120,9 +112,13 @@ def test_every_actor_has_a_gpu_of_its_own(two_nodes, frames, undisturbed, tmp_pa
     assert len(on_nodes) == 2, "one actor per GPU"
 
 
-def test_an_actor_that_ends_loses_nothing(two_nodes, frames, undisturbed, tmp_path, faults):
+def test_an_actor_that_ends_loses_nothing_and_every_place_is_named(two_nodes, frames, undisturbed, tmp_path, faults):
     options = {"engine": "ray", "address": two_nodes.address, "model": {"fault": "exit", "times": 2}}
-    _check_equal(_run(tmp_path / "run", frames, **options), undisturbed)
+    result = _run(tmp_path / "run", frames, **options)
+    _check_equal(result, undisturbed)
+    places = result.manifest.places
+    assert sum(places.values()) == PAIRS * (1 + len(FAST))
+    assert all(place.endswith(", CPU") for place in places)
     assert len(list(faults.iterdir())) == 2
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from fractions import Fraction
 
 import pytest
 
+from robustflow.cli.main import main
 from robustflow.errors import RunError
 from robustflow.runner.engines import ray_prepare
 from robustflow.video.prepare import Preparation
@@ -50,9 +49,10 @@ def test_a_folder_that_a_node_does_not_see_is_named(recordings, tmp_path, monkey
         (["--engine", "ray", "--workers", "0"], "0 workers are not possible"),
     ],
 )
-def test_options_that_do_not_go_together(recordings, tmp_path, options, words):
-    command = [sys.executable, "-c", "from robustflow.cli.main import main; main()", "prepare", "gopro-fc"]
+def test_options_that_do_not_go_together(recordings, tmp_path, monkeypatch, capsys, options, words):
     folders = ["-d", str(recordings), "-o", str(tmp_path / "out"), "--fps", "240", "--factor", "1"]
-    ended = subprocess.run([*command, *folders, *options], capture_output=True, text=True)
-    assert ended.returncode == 2
-    assert words in ended.stderr
+    monkeypatch.setattr("sys.argv", ["robustflow", "prepare", "gopro-fc", *folders, *options])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert words in capsys.readouterr().err

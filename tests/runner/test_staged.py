@@ -19,10 +19,8 @@ from robustflow.testing import TexturePairs
 
 from .conftest import FAST
 from .models_for_tests import Sizes
-from .test_clip import folder as clip_folder
 
 KEYS = ("0", "1", "2")
-folder = clip_folder
 
 
 def _model(**options):
@@ -73,8 +71,8 @@ def test_batches_are_filled_across_corruptions(whole, tmp_path, models_on_path, 
     assert staged.rows.equals(whole.rows)
 
 
-def test_a_clip_reaches_a_multi_frame_model_in_order(folder, tmp_path, models_on_path):
-    options = {"data": folder, "corruptions": ["contrast", "impulse_noise"], "severities": [2]}
+def test_a_clip_reaches_a_multi_frame_model_in_order(clip_folder, tmp_path, models_on_path):
+    options = {"data": clip_folder, "corruptions": ["contrast", "impulse_noise"], "severities": [2]}
     serial = rf.evaluate(
         "models_for_tests:AcceleratedFiveFrames", "folder", output=tmp_path / "serial", engine="serial", **options
     )

@@ -10,7 +10,7 @@ from robustflow.metrics.summary import METRICS, Scores, Summary
 from robustflow.runs.aggregate import summarize
 from tests.made_rows import rows_frame
 
-from .test_aggregate import TWO_IMAGES, row
+from .mean_rows import TWO_IMAGES, row
 
 
 @pytest.fixture

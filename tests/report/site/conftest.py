@@ -24,7 +24,7 @@ def small_run(tmp_path_factory) -> Result:
     return evaluate("dis", "demo", output=folder, examples=True, **options)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def many_images(small_run) -> Callable[..., Result]:
     """A run of 40 imaginary images: `many_images(name, worse_by)`; equal seeds are the same images."""
 

@@ -155,8 +155,13 @@ def test_json_cannot_end_its_element():
     assert json.loads(block) == ["</script><script>alert(1)</script>", "\u2028", "<!--"]
 
 
-def test_a_report_shows_its_run(small_run):
-    text = render_site(run_content(small_run))
+@pytest.fixture(scope="module")
+def report(small_run) -> str:
+    return render_site(run_content(small_run))
+
+
+def test_a_report_shows_its_run(small_run, report):
+    text = report
     data = data_of(text)
     (model,) = (model for model in data["models"].values() if model["panels"])
     cells = {text for table in model["tables"] for _, texts, *_ in table["lines"] for text in texts.split(" ")}
@@ -175,9 +180,8 @@ def test_a_report_shows_its_run(small_run):
     assert text.count('data-scale="figure') == 2  # the severity curves, with one scale and with a scale for each panel
 
 
-def test_the_table_comes_first_but_in_a_report_of_one_run(small_run, published_page):
+def test_the_table_comes_first_but_in_a_report_of_one_run(report, published_page):
     assert published_page.index('id="board-0"') < published_page.index('class="headline"')
-    report = render_site(run_content(small_run))
     assert report.index('class="headline"') < report.index('id="board-0"')
 
 
@@ -187,7 +191,7 @@ def _sections(text: str) -> dict[str, str]:
     return {re.search("<h2[^>]*>([^<]*)</h2>", part)[1]: part.partition("</section>")[0] for part in parts}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def imaginary(small_run, many_images):
     """Runs of forty imaginary images in the folder of the real one."""
 
@@ -199,9 +203,15 @@ def imaginary(small_run, many_images):
     return make
 
 
-def test_everything_of_a_benchmark_is_in_its_section(small_run, imaginary):
+@pytest.fixture(scope="module")
+def three_runs_page(small_run, imaginary) -> str:
+    """A real run and two imaginary ones beside the published values."""
+    return render_site(whole_content([small_run, imaginary("Mine"), imaginary("Other", 1.5)]))
+
+
+def test_everything_of_a_benchmark_is_in_its_section(three_runs_page):
     """One section per benchmark, with its own table, sentences, figures, observations and audit; no heading twice."""
-    sections = _sections(render_site(whole_content([small_run, imaginary("Mine"), imaginary("Other", 1.5)])))
+    sections = _sections(three_runs_page)
     assert list(sections) == ["KITTI-FC", "demo", "GoPro-FC"]
     for name, text in sections.items():
         assert text.count("<table data-start") == 1
@@ -229,12 +239,11 @@ def test_a_page_speaks_of_intervals_only_where_it_has_some(small_run, imaginary)
     assert "fine-tuning" not in alone + many
 
 
-def test_a_model_has_one_colour_on_a_page(small_run, imaginary):
+def test_a_model_has_one_colour_on_a_page(three_runs_page):
     """Of two groups of runs and the published values: a colour never means a kind in one figure and a model in
     another, nor one model here and a different one there."""
-    text = render_site(whole_content([small_run, imaginary("Mine"), imaginary("Other", 1.5)]))
     meanings: dict[str, set[str]] = {}
-    for colour, label in re.findall(r'stroke: (?:var\()?([\w-]+)\)?"></path></svg>([^<]*)</li>', text):
+    for colour, label in re.findall(r'stroke: (?:var\()?([\w-]+)\)?"></path></svg>([^<]*)</li>', three_runs_page):
         meanings.setdefault(colour, set()).add(label)
     assert meanings.pop("--muted") == {"OOD", "ID"}
     assert len(meanings) == 6

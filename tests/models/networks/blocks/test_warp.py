@@ -11,7 +11,7 @@ import torch
 
 from robustflow.models.networks.blocks.warp import inside_mask, warp
 
-from .test_allpairs import bilinear
+from .bilinear import bilinear
 
 pytestmark = pytest.mark.torch
 HEIGHT, WIDTH = 6, 9

@@ -1,0 +1,27 @@
+"""A corruption as a user writes it: rain, whose depth is in a module beside it."""
+
+from __future__ import annotations
+
+import textwrap
+
+RAIN = textwrap.dedent(
+    """
+    import numpy as np
+    from rain_depth import DEPTH
+
+
+    class Rain:
+        family = "weather"
+        severities = (1, 2, 3, 4, 5)
+
+        def __init__(self, density=1):
+            self.density = density
+
+        def draw(self, rng, severity, shape):
+            return rng.spawn("drops"), severity * self.density * DEPTH
+
+        def apply(self, frame, state, index):
+            rng, depth = state
+            return np.maximum(frame, rng.spawn("frame", index).integer(1, 9) * depth).astype(np.uint8)
+    """
+)

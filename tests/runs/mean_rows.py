@@ -1,0 +1,39 @@
+"""Rows of given mean errors."""
+
+from __future__ import annotations
+
+COUNTS = ("fl_count", "px1_count", "px3_count", "px5_count")
+
+
+def row(sample, corruption="clean", severity=0, n=10, epe=0.0, rcre=0.0, **columns):
+    """A row of mean errors `epe` and `rcre` over `n` valid pixels, of twice as many."""
+    filled = {
+        "sample": sample,
+        "group": sample,
+        "corruption": corruption,
+        "severity": severity,
+        "height": 2,
+        "width": n,
+        "n_invalid": 0,
+        "n_all": 2 * n,
+        "rcre_all_sum": 3 * rcre * n,
+        "pred_magnitude_sum": 0.0,
+        "n_valid": n,
+        "epe_sum": epe * n,
+        "rcre_sum": rcre * n,
+        "magnitude_sum": 0.0,
+        "wauc_sum": 0.0,
+    }
+    return filled | dict.fromkeys(COUNTS, 0) | columns
+
+
+TWO_IMAGES = [
+    row("a", n=10, epe=1.0),
+    row("b", n=30, epe=3.0),
+    row("a", "fog", 1, n=10, epe=2.0, rcre=4.0),
+    row("b", "fog", 1, n=30, epe=5.0, rcre=8.0),
+    row("a", "fog", 2, n=10, epe=4.0, rcre=6.0),
+    row("b", "fog", 2, n=30, epe=9.0, rcre=10.0),
+    row("a", "snow", 1, n=10, epe=0.0, rcre=1.0),
+    row("b", "snow", 1, n=30, epe=2.0, rcre=1.0),
+]
