@@ -58,6 +58,33 @@ def test_records_are_added_one_after_the_other(records, tmp_path):
     assert (site / LIST).read_bytes() == list_of_both
 
 
+def test_a_folder_of_a_run_is_packed_and_added(run, tmp_path):
+    (copy,) = add_records(tmp_path / "site", [run]).copies
+    assert copy.read_bytes() == pack(load_run(run), tmp_path / "same.robustflow").read_bytes()
+    assert collected(tmp_path / "site") == [copy]
+
+
+def test_an_earlier_record_of_a_model_is_named_and_removed_on_request(robustflow, run, records, monkeypatch):
+    """Two records of one model; one of a different model is left alone."""
+    monkeypatch.setattr("robustflow.report.site.render_site", lambda *_: "a page")
+    other = evaluate("dis", "demo", output="other", corruptions=["contrast"], severities=[1]).path
+    assert robustflow("leaderboard", "site", "--add", records[0], "--add", other)[2] == ""
+    first, kept = sorted(collected(Path("site")), key=lambda path: path.read_bytes() != records[0].read_bytes())
+    code, _, error = robustflow("leaderboard", "site", "--add", records[1])
+    assert code == 0
+    assert error.startswith(f"records/{first.name} (Farneback on demo")
+    assert "--supersede removes it" in error
+    assert error.count("\n") == 1
+    assert len(collected(Path("site"))) == 3
+    code, _, error = robustflow("leaderboard", "site", "--add", run, "--supersede")
+    assert code == 0
+    assert error.count(": removed\n") == 2
+    left = {path.read_bytes() for path in collected(Path("site"))}
+    assert left == {kept.read_bytes(), pack(load_run(run), "again.robustflow").read_bytes()}
+    assert len(list(Path("site/records").iterdir())) == 2
+    assert robustflow("leaderboard", "site", "--supersede")[0] == 2
+
+
 def test_what_does_not_verify_is_not_added_nor_what_comes_with_it(records, tmp_path):
     site = tmp_path / "site"
     altered = bytearray(records[1].read_bytes())
@@ -72,7 +99,7 @@ def test_what_does_not_verify_is_not_added_nor_what_comes_with_it(records, tmp_p
     ("change", "says"),
     [
         (lambda text: text.replace("records/", "../records/"), "not named after its hash"),
-        (lambda text: text.replace('"version": 1', '"version": 9'), "version 9"),
+        (lambda text: text.replace('"version": 2', '"version": 9'), "version 9"),
         (lambda text: "{", "not a list of records"),
     ],
 )
@@ -87,7 +114,7 @@ def test_a_list_that_was_tampered_with(records, tmp_path, change, says):
 
 
 def test_a_record_that_was_exchanged_or_is_gone(records, tmp_path):
-    (copy,) = add_records(tmp_path / "site", records[:1])
+    (copy,) = add_records(tmp_path / "site", records[:1]).copies
     copy.write_bytes(records[1].read_bytes())
     with pytest.raises(DataError, match="not the file that"):
         collected(tmp_path / "site")

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.api import Result, evaluate
+from robustflow.api import Result, evaluate, load_run
 from robustflow.report.comparison import compare
 from robustflow.report.render import render
 
@@ -31,6 +31,24 @@ def test_report_beside_the_published(robustflow, runs):
     assert [line["model"] for line in lines if line["note"]] == ["DIS", "Farneback"]
     assert len(lines) == 31
     assert second.count("\n") == 3
+
+
+def test_the_table_row_is_a_line_of_latex_per_run(robustflow, runs):
+    code, out, _ = robustflow("report", *runs, "--table", "row")
+    assert code == 0
+    lines = out.splitlines()
+    assert len(lines) == 2
+    for line, path, name in zip(lines, runs, ("DIS", "Farneback"), strict=True):
+        summary = load_run(path).summary
+        numbers = [getattr(summary, metric) for metric in ("epe_clean", "epe", "cre", "rcre", "crer")]
+        cells, _, comment = line.partition(r" \\ % ")
+        assert cells == " & ".join([name, *(f"{number:.2f}" for number in numbers)])
+        assert comment.startswith("clean EPE (px), EPE (px), CRE (px), RCRE (px), CREr; 1 pair of the demo")
+    assert "not ranked" in lines[1]
+    assert robustflow("report", *runs, "--table", "row", "-f", "latex")[1] == out
+    for wrong in (("--table", "row,epe"), ("--table", "row", "-f", "csv")):
+        code, _, error = robustflow("report", *runs, *wrong)
+        assert (code, error.count("\n")) == (2, 1)
 
 
 def test_tables_of_several_sets_of_frames_say_whose_they_are(robustflow, runs):

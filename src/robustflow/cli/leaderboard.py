@@ -24,8 +24,16 @@ def leaderboard(
     ] = None,
     add: Annotated[
         list[Path] | None,
-        typer.Option("--add", help="A record to verify and copy into the one SOURCE, a folder of records. Repeatable."),
+        typer.Option(
+            "--add",
+            help="A record, or a run's folder, to verify and copy into the one SOURCE, a folder of records. "
+            "Repeatable.",
+        ),
     ] = None,
+    supersede: Annotated[
+        bool,
+        typer.Option("--supersede", help="With --add: remove earlier records of the same model on the same benchmark."),
+    ] = False,
 ) -> None:
     """Build a leaderboard: index.html, one file that opens from disk or any web server, and results.csv.
 
@@ -36,8 +44,9 @@ def leaderboard(
     Results files are CSV, or JSON as the paper's reference code (results.json) and FlowBench (metrics_DATASET.json)
     write it: means without rows, which form groups of their own and say that nothing in them can be verified.
 
-    With --add the source is a folder that several people add records to: each is verified and copied into its records/,
-    and the page in it is built again from all that are there. A folder of records may be a source without --add too.
+    With --add the source is a folder that several people add records to: each is verified and copied into its records/
+    (of a run's folder the record is made first), and the page in it is built again from all that are there. A folder of
+    records may be a source without --add too.
 
     \b
     Examples:
@@ -46,6 +55,7 @@ def leaderboard(
       robustflow leaderboard mine.csv --no-published
       robustflow leaderboard runs/mine benchmark_results/RAFT_ood/results.json
       robustflow leaderboard site --add mine.robustflow
+      robustflow leaderboard site --add runs/kitti-fc_mine_1a2b3c4d --supersede
       robustflow leaderboard site -o site
     """
     from ..analysis.imported import read_imported
@@ -65,7 +75,12 @@ def leaderboard(
                 "--add takes one folder of records, which the page is written to: leaderboard site --add FILE"
             )
         output = (sources or [])[0]
-        add_records(output, add)
+        added = add_records(output, add, supersede)
+        for earlier in added.earlier:
+            then = "removed" if supersede else "is an earlier record of the same model; --supersede removes it"
+            typer.echo(f"{earlier}: {then}", err=True)
+    elif supersede:
+        raise UsageError("--supersede is for --add, which it removes earlier records for; leave it out")
     sources = [path for source in sources or [] for path in (collected(source) if is_collection(source) else [source])]
     output = output or Path("leaderboard")
     if not sources and not published:

@@ -33,7 +33,7 @@ def report(
             "-t",
             autocompletion=complete.tables,
             help="Comma-separated: epe, cre, rcre, gopro-rcre, cost, means, uncoupled, effective, anatomy, "
-            "observations; by default all that can be made.",
+            "observations; or row, a line of LaTeX per run; by default all that can be made.",
         ),
     ] = None,
     format: Annotated[
@@ -52,6 +52,7 @@ def report(
     Examples:
       robustflow report runs/kitti-fc_dis_* --published
       robustflow report runs/mine runs/other --table means,anatomy
+      robustflow report runs/mine --table row
       robustflow report --published --table cost --format latex -o cost.tex
       robustflow report runs/mine runs/other --published --only-own --figures figures
       robustflow report runs/mine runs/other --published --format page -o report.html
@@ -59,8 +60,9 @@ def report(
     from ..atomic import write_bytes
     from ..errors import UsageError, unknown_name
     from ..records.load import load_any_run, with_runs_inside
-    from ..report.assemble import figures_of, tables_of
+    from ..report.assemble import ROW, figures_of, tables_of
     from ..report.render import FORMATS, render
+    from ..report.render.latex import only_lines
     from ..target import is_target
     from .options import names
     from .tables import for_stdout
@@ -71,13 +73,17 @@ def report(
         raise UsageError("nothing to report: name a run's folder, or give --published")
     if only_own and not runs:
         raise UsageError("--only-own needs a run: name its folder or record")
+    row_alone = names(table) == [ROW]
+    if ROW in (names(table) or ()) and not (row_alone and format in ("terminal", "latex")):
+        raise UsageError(f"--table {ROW} is a line of LaTeX per run: leave out other tables and formats")
     loaded = [load_any_run(run) for run in with_runs_inside(runs or [])]
     if format == PAGE:
         text = _page(loaded, published, only_own, table)
     else:
         on_screen = format == "terminal" and output is None
         tables = tables_of(loaded, published=published, wanted=names(table), seed=seed, only_own=only_own)
-        text = "\n".join(for_stdout(one) if on_screen else render(one, format) for one in tables)
+        texts = map(only_lines, tables) if row_alone else ()
+        text = "".join(texts) or "\n".join(for_stdout(one) if on_screen else render(one, format) for one in tables)
     if output is not None:
         write_bytes(output, text.encode())
         typer.echo(str(output))

@@ -12,51 +12,85 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..atomic import make_folder, write_bytes, write_json
 from ..errors import DataError, RunError
+from ..runs.run import Run
 from .container import read_file
-from .pack import SUFFIX
+from .pack import SUFFIX, record_bytes
 from .read import Reader
 from .verify import verify_read
 
 LIST = "records.json"
 RECORDS = "records"
-VERSION = 1
+VERSION = 2
 """Of `records.json`."""
 
 
-def add_records(folder: Path, files: Sequence[Path]) -> list[Path]:
+@dataclass(frozen=True)
+class Added:
+    """What `add_records` did.
+
+    Attributes:
+        copies: of the records, also of those that were there already.
+        earlier: the records of the same models (by name) on the same benchmarks that were there before, in words.
+    """
+
+    copies: Sequence[Path]
+    earlier: Sequence[str]
+
+
+def add_records(folder: Path, sources: Sequence[Path], supersede: bool = False) -> Added:
     """Verify records and copy them into a collection, which is made where there is none; all of them, or none.
 
-    Returns:
-        The copies, of those that were there already too.
+    Args:
+        folder: the collection.
+        sources: records, or folders of runs, which are packed.
+        supersede: remove the earlier records of the same models on the same benchmarks.
 
     Raises:
-        RunError: one does not verify; the collection is as it was.
+        RunError: one does not verify, or a run cannot be packed; the collection is as it was.
         DataError: one cannot be read, or the folder not written.
     """
     before = _entries(folder)
     contents: dict[Path, bytes] = {}
-    entries = {entry["file"]: entry for entry in before}
-    for file in files:
-        data = read_file(file)
+    entries = {}
+    for file in sources:
+        data = record_bytes(Run(file)) if file.is_dir() else read_file(file)
         verification = verify_read(Reader(data, str(file)))
         if not verification.ok or verification.subject is None:
             raise RunError(
                 f"{file} does not verify: {verification.first_failure()}; robustflow verify {file} says more"
             )
         name = f"{RECORDS}/{verification.sha256[:16]}{SUFFIX}"
-        entries[name] = {"file": name, "sha256": verification.sha256, "says": verification.subject.sentence()}
+        subject = verification.subject
+        entries[name] = {
+            "file": name,
+            "sha256": verification.sha256,
+            "model": subject.model,
+            "benchmark": subject.benchmark,
+            "says": subject.sentence(),
+        }
         contents[folder / name] = data
+    about = {(entry["model"], entry["benchmark"]) for entry in entries.values()}
+    earlier = [
+        entry for entry in before if entry["file"] not in entries and (entry["model"], entry["benchmark"]) in about
+    ]
+    entries |= {entry["file"]: entry for entry in before if not (supersede and entry in earlier)}
     make_folder(folder / RECORDS)
     for path, data in contents.items():
         write_bytes(path, data)
     ordered = [entries[name] for name in sorted(entries)]
     write_json(folder / LIST, {"version": VERSION, "records": ordered})
-    return list(contents)
+    for entry in earlier if supersede else ():
+        (folder / entry["file"]).unlink()
+    return Added(list(contents), [f"{entry['file']} ({entry['says']})" for entry in earlier])
+
+
+_ENTRY = ("file", "sha256", "model", "benchmark", "says")
 
 
 def is_collection(folder: Path) -> bool:
@@ -86,7 +120,7 @@ def _entries(folder: Path) -> list[dict[str, Any]]:
     path = folder / LIST
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-        entries = [{key: str(entry[key]) for key in ("file", "sha256", "says")} for entry in document["records"]]
+        entries = [{key: str(entry[key]) for key in _ENTRY} for entry in document["records"]]
         version = document["version"]
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise DataError(f"{path}: not a list of records; restore it, or add the records to a new folder") from error

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import polars as pl
 
 from ..analysis.conclusion import conclusions
-from ..analysis.conditions import seed_groups
+from ..analysis.conditions import SeedGroup, seed_groups
 from ..analysis.cost_ranks import run_costs
 from ..analysis.displacements import displacements_of
 from ..analysis.doubts import doubted_runs, sound_results
@@ -22,7 +22,7 @@ from ..errors import UsageError, unknown_name
 from ..runs.comparable import sample_set
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
-from .table import Table
+from .table import Table, with_doubt
 from .tables import TABLES, build_table
 from .uncoupled_table import uncoupled_table
 
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
     from ..runs.run import Run
 
-ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations")
+ROW = "row"
+ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations", ROW)
 _MOST_NAMED = 4
 
 
@@ -87,6 +88,7 @@ def tables_of(
     }
     makers |= {
         "means": lambda: [means_table(_some(runs, "means"), seed=seed, seeds=seeds)],
+        ROW: lambda: [_row_table(_some(runs, ROW), seeds, doubted)],
         "uncoupled": lambda: [_without(uncoupled_table(_some(runs, "uncoupled"), doubted), doubted)],
         "effective": lambda: _by_sample_set(sound, effective_table, doubted),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
@@ -97,6 +99,8 @@ def tables_of(
     makers["observations"] = lambda: _by_sample_set(sound, computable_observations, doubted)
     tables: list[Table] = []
     for name in ALL_TABLES:
+        if name == ROW:  # the means again
+            continue
         try:
             tables += makers[name]()
         except UsageError:
@@ -141,6 +145,16 @@ def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
     if not runs:
         raise UsageError(f"the table '{table}' is made from runs: name at least one")
     return runs
+
+
+def _row_table(runs: Sequence[Run], seeds: Sequence[SeedGroup], doubted: Mapping[tuple[str, str], str]) -> Table:
+    """The means as lines for a table of the reader's own; a line's note says how they were measured."""
+    table = means_table(runs, seeds=seeds, brackets=False)
+    reasons = {name: reason for (_, name), reason in doubted.items()}
+    lines = tuple(
+        replace(line, note=with_doubt(line.note, reasons.get(line.label))) for line in table.sections[0].lines
+    )
+    return replace(table, name=ROW, sections=(replace(table.sections[0], lines=lines),))
 
 
 def _by_sample_set(

@@ -58,6 +58,19 @@ def render(table: Table) -> str:
     return "\n".join(floats)
 
 
+def only_lines(table: Table) -> str:
+    """The lines of a table, to be pasted into a table of the reader's own; a comment at the end of each names the
+    columns and how it was measured."""
+    columns = ", ".join(column.label for column in table.columns)
+    return "".join(
+        " & ".join([escape(plain(line.label)), *(_cell(cell, shaded=False) for cell in line.cells)])
+        + rf" \\ % {'; '.join(filter(None, (columns, note_text(line.note))))}"
+        + "\n"
+        for section in table.sections
+        for line in section.lines
+    )
+
+
 def _pages(table: Table) -> list[list[Section]]:
     prose = [index for index, column in enumerate(table.columns) if column.prose]
     parts: list[list[Section]] = [[]]
