@@ -15,7 +15,7 @@ from .errors import RobustFlowError
 from .models import ModelSpec
 from .models.base import AnyModel
 from .records.load import load_any_run
-from .report.site.write import report_figures, write_report
+from .report.site.write import write_report
 from .runs.costs import RunCost, read_cost
 from .runs.run import Run
 from .text import plain
@@ -221,12 +221,10 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     """Draw the example pictures once the numbers are safe: no failure here costs a run its rows."""
     from .runner.cost import keep_cost
     from .runner.displacement import keep_displacement
-    from .runner.engines.worker_process import errand
     from .runner.examples import write_examples
     from .runs.example_list import are_current, drop_examples
 
     result.write_means()
-    figures = None
     try:
         keep_cost(result, setup.model.model)
         if wanted:
@@ -235,9 +233,8 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
             return
         drop_examples(result.path)
         if wanted:
-            figures = errand(report_figures, result.path)  # while the examples are drawn here
             write_examples(result, setup)
     except RobustFlowError as error:
         warnings.warn(f"no example pictures: {error}", stacklevel=3)
     finally:
-        write_report(result, figures)
+        write_report(result)

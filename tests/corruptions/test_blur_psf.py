@@ -19,7 +19,6 @@ from robustflow.images.io import read_image
 from robustflow.psf import reference_stack
 from robustflow.psf.psf_field import PsfField
 from robustflow.psf.shipped import shipped_field
-from robustflow.runner.engines.worker_process import kept_processes
 
 SEVERITIES = (1, 2, 3, 4, 5)
 
@@ -163,12 +162,10 @@ def test_a_missing_folder_or_file_is_one_line_that_says_what_to_give(tmp_path):
 
 
 @pytest.mark.torch
-@pytest.mark.torch
-def test_processes_that_started_before_the_folder_was_named_read_it_too(stacks, tmp_path, monkeypatch):
+def test_worker_processes_read_the_named_folder(stacks, tmp_path, monkeypatch):
     cells = {"corruptions": ["psf_blur", "contrast"], "severities": [1, 2]}
-    with kept_processes(early=True):
-        monkeypatch.setenv(PSF_DIR, str(stacks))
-        run = rf.evaluate("farneback", output=tmp_path / "run", engine="processes", workers=2, **cells)
+    monkeypatch.setenv(PSF_DIR, str(stacks))
+    run = rf.evaluate("farneback", output=tmp_path / "run", engine="processes", workers=2, **cells)
     alone = rf.evaluate("farneback", output=tmp_path / "alone", engine="serial", **cells)
     assert run.rows.equals(alone.rows)
 

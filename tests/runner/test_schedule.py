@@ -55,3 +55,11 @@ def test_a_worker_stays_with_its_sample():
     schedule.finished(first)
     assert [schedule.take("0").key for _ in range(3)] == ["0"] * 3
     assert schedule.take("0") == Unit("1", CLEAN, (0,))
+
+
+def test_units_of_a_sample_after_the_clean_one_come_from_the_plans_end():
+    schedule = Schedule(_units(1, 3, set()))
+    schedule.finished(schedule.take(None))
+    assert [schedule.take("0").corruption for _ in range(2)] == ["c2", "c1"]
+    schedule.give_back(Unit("0", "c1", (1, 2)))
+    assert schedule.take("0").corruption == "c1"

@@ -173,57 +173,51 @@ def run(
     specs = [ModelSpec(each, options) for each in model]
     for spec in specs:
         spec.preflight()  # checked before the imports below, which take seconds
-    from ..models.registry import known_single_threaded
-    from ..runner.engines.worker_process import kept_processes
+    use_psf_dir(psf_dir)
+    from ..api import Result, evaluate
+    from ..runner.progress import TerminalProgress
+    from ..text import file_name
+    from .tables import as_json_text, print_result, print_results
 
-    whole = not (corruptions or severities or limit)
-    unasked = engine is None and workers is None and timeout is None and address is None
-    with kept_processes(early=whole and unasked and known_single_threaded(specs[0].name)):
-        use_psf_dir(psf_dir)
-        from ..api import Result, evaluate
-        from ..runner.progress import TerminalProgress
-        from ..text import file_name
-        from .tables import as_json_text, print_result, print_results
-
-        results: list[Result] = []
-        progress = TerminalProgress()
-        try:
-            for spec in specs:
-                of_model = output if output is None or len(model) == 1 else output / file_name(spec.name)
-                for number in range(seed, seed + seeds):
-                    folder = of_model if of_model is None or seeds == 1 else of_model / f"seed{number}"
-                    with progress:
-                        result = evaluate(
-                            spec,
-                            benchmark,
-                            data,
-                            folder,
-                            corruptions=names(corruptions),
-                            severities=numbers(severities),
-                            limit=limit,
-                            split=split,
-                            data_options=dict(keyword_options(data_option)),
-                            seed=number,
-                            variant=variant,
-                            severity_scale=severity_scale,
-                            common_draws=common_draws,
-                            name=name,
-                            workers=workers,
-                            batch_size=batch_size,
-                            engine=engine,
-                            address=address,
-                            timeout=timeout,
-                            allow_invalid=allow_invalid,
-                            examples=examples,
-                            progress=progress,
-                        )
-                    if not as_json:
-                        print_result(result, with_seed=seeds > 1)
-                    results.append(result)
-        except KeyboardInterrupt:
-            typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)
-            raise typer.Exit(130) from None
-        if as_json:
-            typer.echo(as_json_text(results))
-        elif len(results) > 1:
-            print_results(results)
+    results: list[Result] = []
+    progress = TerminalProgress()
+    try:
+        for spec in specs:
+            of_model = output if output is None or len(model) == 1 else output / file_name(spec.name)
+            for number in range(seed, seed + seeds):
+                folder = of_model if of_model is None or seeds == 1 else of_model / f"seed{number}"
+                with progress:
+                    result = evaluate(
+                        spec,
+                        benchmark,
+                        data,
+                        folder,
+                        corruptions=names(corruptions),
+                        severities=numbers(severities),
+                        limit=limit,
+                        split=split,
+                        data_options=dict(keyword_options(data_option)),
+                        seed=number,
+                        variant=variant,
+                        severity_scale=severity_scale,
+                        common_draws=common_draws,
+                        name=name,
+                        workers=workers,
+                        batch_size=batch_size,
+                        engine=engine,
+                        address=address,
+                        timeout=timeout,
+                        allow_invalid=allow_invalid,
+                        examples=examples,
+                        progress=progress,
+                    )
+                if not as_json:
+                    print_result(result, with_seed=seeds > 1)
+                results.append(result)
+    except KeyboardInterrupt:
+        typer.echo(f"robustflow: stopped; {progress.kept()} Run the same command again to continue.", err=True)
+        raise typer.Exit(130) from None
+    if as_json:
+        typer.echo(as_json_text(results))
+    elif len(results) > 1:
+        print_results(results)

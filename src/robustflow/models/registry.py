@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.util import find_spec
 
 from ..registry import Registry
 from .base import AnyModel
@@ -14,8 +13,7 @@ MODELS.add("farneback", "robustflow.models.opencv:Farneback")
 MODELS.add("dis", "robustflow.models.opencv:Dis")
 MODELS.add("dis_rgb", "robustflow.models.dis.model:DisRgb")
 MODELS.add("precomputed", "robustflow.models.precomputed:Precomputed")
-_TINY = ("tiny", "tiny_no_weather", "tiny_all")
-for _name in _TINY:
+for _name in ("tiny", "tiny_no_weather", "tiny_all"):
     MODELS.add(_name, f"robustflow.models.networks.tiny_model:{_name}")
 for _name in NETWORKS:
     MODELS.add(_name, f"robustflow.models.networks.table:{_name}")
@@ -33,8 +31,3 @@ EXPORTED = {".onnx": "onnx"}
 TORCHSCRIPT = (".ts", ".torchscript")
 """Extensions of TorchScript files. They are refused: PyTorch's reader runs `__setstate__` methods in the file while
 reading, before anything could be checked, and TorchScript's operators can write files."""
-
-
-def known_single_threaded(name: str) -> bool:
-    """Whether a model, which is not imported to find out, computes in one thread (`FlowModel.single_threaded`)."""
-    return name in ("dis", "farneback", "dis_rgb") or (name in _TINY and find_spec("torch") is None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ from .board import boards_of
 from .content import Content
 from .data import page_data
 from .examples import Examples, examples_of
-from .figures import FigureGroup, page_figures
+from .figures import page_figures
 from .findings import VERDICT_CLASSES, by_check
 from .models import model_pages
 from .sections import sections_of
@@ -26,15 +25,12 @@ if TYPE_CHECKING:
     pass
 
 
-def render_site(
-    content: Content, gallery: Slider | None = None, figures: Callable[[], list[FigureGroup]] | None = None
-) -> str:
+def render_site(content: Content, gallery: Slider | None = None) -> str:
     """The page as one HTML file: it opens from disk and loads nothing from the network.
 
     Args:
         content: what it shows.
         gallery: pictures for a page whose runs have none.
-        figures: gives `page_figures` of the content, if they are being drawn elsewhere.
 
     >>> from .content import whole_content
     >>> render_site(whole_content([])).splitlines()[0]
@@ -45,7 +41,7 @@ def render_site(
     runs = dict(sorted(content.runs.items(), key=lambda item: order.index(item[1].benchmark)))
     examples = examples_of(runs) or (Examples(gallery) if gallery else None)
     pages = model_pages(content, examples.panels if examples else {})
-    sections = sections_of(content, boards, figures() if figures else page_figures(content))
+    sections = sections_of(content, boards, page_figures(content))
     pictured = content.runs[next(iter(examples.panels))].benchmark if examples and examples.panels else None
     return (
         _environment()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...atomic import write_bytes
@@ -11,25 +9,16 @@ from ...runs.made_from import is_current, made_from, note_made
 from ...runs.run import Run
 
 if TYPE_CHECKING:
-    from .figures import FigureGroup
+    pass
 
 REPORT = "report.html"
 
 
-def report_figures(folder: Path) -> list[FigureGroup]:
-    """The figures of the report of the run in a folder; they do not depend on its examples."""
-    from .content import run_content
-    from .figures import page_figures
-
-    return page_figures(run_content(Run(folder)))
-
-
-def write_report(run: Run, figures: Callable[[], list[FigureGroup]] | None = None) -> None:
+def write_report(run: Run) -> None:
     """Write `report.html` into a run's folder, with the existing examples; not again while nothing has changed.
 
     Args:
         run: of the report.
-        figures: gives `report_figures` of the run, if they are being drawn elsewhere.
 
     Raises:
         DataError: the folder cannot be written.
@@ -40,6 +29,6 @@ def write_report(run: Run, figures: Callable[[], list[FigureGroup]] | None = Non
     from .content import run_content
     from .page import render_site
 
-    write_bytes(run.path / REPORT, render_site(run_content(run), figures=figures).encode())
+    write_bytes(run.path / REPORT, render_site(run_content(run)).encode())
     note_made(run.path, REPORT, source)
     run.keep()

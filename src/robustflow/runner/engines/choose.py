@@ -22,12 +22,14 @@ from .processes import processes
 from .ray import on_ray
 from .serial import SERIAL
 from .staged import staged
-from .worker_process import MOST_PROCESSES
 
 ENGINES = ("serial", "processes", "ray")
 
 _FEEDERS_PER_DEVICE = 8
 """Most feeders per device, unless more are requested: a cell takes 30 ms of a processor, a fast GPU answers in 10."""
+
+MOST_PROCESSES = 8
+"""Most processes started unasked: each takes 300 MB and more."""
 
 _CELLS_PER_PROCESS = 25
 """Fewest cells for which a process is started unasked: it takes about two seconds to start."""

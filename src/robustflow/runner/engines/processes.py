@@ -7,14 +7,13 @@ shards, so an orphan can never write into a folder that a resumed run holds.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from multiprocessing.connection import wait
+from multiprocessing.connection import Connection, wait
 
 from ...runs.plan import Unit
-from .base import FinishedUnit, Job
-from .child import check_picklable
+from .base import FinishedUnit, Job, take_seconds
+from .child import Child, check_picklable
 from .prediction_timeout import PredictionTimeout
 from .schedule import Schedule
-from .worker_process import release, worker_process
 
 
 def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | None = None) -> Iterator[FinishedUnit]:
@@ -43,14 +42,28 @@ def processes(job: Job, units: Iterable[Unit], workers: int, timeout: float | No
                     process.timeout.check()
     finally:
         for process in pool:
-            release(process.child, idle=process.unit is None)
+            process.child.end()
+
+
+def compute_units(pipe: Connection) -> None:
+    """Compute the units of a job; the main function of a worker process.
+
+    Args:
+        pipe: receives the job and then its units; sends ("predicting", what) before and ("predicting", None) after each
+            prediction, and ("rows", (rows, seconds)) for each unit.
+    """
+    worker = pipe.recv().worker(lambda what: pipe.send(("predicting", what)))
+    while True:
+        rows = worker.run(pipe.recv())
+        pipe.send(("rows", (rows, take_seconds(worker))))
 
 
 class _WorkerHandle:
     """One worker process and what it is doing."""
 
     def __init__(self, job: Job, timeout: float | None) -> None:
-        self.child = worker_process(job)
+        self.child = Child(compute_units)
+        self.child.send(job)
         self.unit: Unit | None = None
         self.timeout = PredictionTimeout(timeout)
         self._last_key: str | None = None

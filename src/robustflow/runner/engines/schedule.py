@@ -11,7 +11,9 @@ from ...runs.plan import Unit
 
 class Schedule:
     """Hands out units so that a sample's clean flow exists before anything that is compared with it, a worker stays
-    with the sample it has loaded, and as few samples as possible are open at once.
+    with the sample it has loaded, and as few samples as possible are open at once. After the clean unit a sample's
+    units are handed out from the plan's end, where the costliest corruption (psf_blur) is: started last, it would keep
+    one worker busy while the others have nothing left to do.
 
     >>> units = [Unit("a", "clean", (0,)), Unit("a", "fog", (1,)), Unit("b", "clean", (0,))]
     >>> schedule = Schedule(units)
@@ -56,16 +58,20 @@ class Schedule:
         >>> schedule.give_back(schedule.take(None)); schedule.take(None).corruption, schedule.take(None)
         ('clean', None)
         """
-        self._waiting.setdefault(unit.key, deque()).appendleft(unit)
+        waiting = self._waiting.setdefault(unit.key, deque())
         if unit.corruption == CLEAN:
+            waiting.appendleft(unit)
             self._blocked.discard(unit.key)
             self._fresh.append(unit.key)
+        else:
+            waiting.append(unit)
 
     def _ready(self, key: str) -> bool:
         return key in self._waiting and key not in self._blocked and key not in self._fresh
 
     def _pop(self, key: str) -> Unit:
-        unit = self._waiting[key].popleft()
+        waiting = self._waiting[key]
+        unit = waiting.popleft() if waiting[0].corruption == CLEAN else waiting.pop()
         if not self._waiting[key]:
             del self._waiting[key]
         return unit
