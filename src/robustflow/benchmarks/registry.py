@@ -77,7 +77,7 @@ def load_benchmark(
     reserved = [*BENCHMARKS.names(), *DATASETS.names()]
     if data is not None and is_target(str(data)) and not Path(data).exists():
         if name != DEFAULT:
-            raise UsageError(f"{data} is a data set of its own; leave out --benchmark, or give {name} its folder")
+            raise UsageError(f"{data} is a custom data set; leave out --benchmark, or give the folder of {name}")
         return own_dataset_benchmark(str(data), chosen, options or {}, reserved)
     root = user_path(data) if data is not None else None
     if name == DEFAULT and root is not None:

@@ -53,7 +53,7 @@ class OnnxModel:
         threads: of the CPU. One by default: more can change the last bits of a result, and runs use more processes.
 
     Raises:
-        UsageError: an option that cannot be meant.
+        UsageError: an unknown order, scaling, layout or device, or inputs and an output that the network lacks.
         ModelError: no onnxruntime, no such device, a file that is not an ONNX network, or one that does not take two
             frames.
     """

@@ -113,7 +113,7 @@ def _distance(entry: CheckpointEntry) -> int:
 def _reason(variant: Variant, benchmark: str, weights: Sequence[FoundWeights]) -> str:
     altered = [file for file in weights if file.altered is not None and file.altered.model == variant.model]
     if altered:
-        return f"{altered[0].path} has another hash than the file of this name; it is damaged or another"
+        return f"{altered[0].path} has the wrong hash for a file of this name; download it again"
     others = {
         setting_of(training_of_entry(file.entry), benchmark): file.path.name
         for file in weights

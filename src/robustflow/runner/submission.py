@@ -142,14 +142,16 @@ def write_submission(model: AnyModel, conditions: Sequence[ConditionPairs], fold
     """
     for each in conditions:
         targets = {key: folder / each.condition / "test" / f"{key}.flo5" for key in each.keys}
-        there = [key for key in each.keys if targets[key].exists()]
+        written = {key for key in each.keys if targets[key].exists()}
         frames = file_digests({key: each.pairs.files(key) for key in each.keys})
-        for key in there:
+        for key in sorted(written, key=each.keys.index):
             moved = _moved(read_flow(targets[key])[0], folder, each.condition, key)
             yield Submitted(each.condition, key, False, digest_of_value(frames[key]), moved)
-        for key, flow in flows_of(model, each.pairs, [key for key in each.keys if key not in set(there)]):
+        for key, flow in flows_of(model, each.pairs, [key for key in each.keys if key not in written]):
             if not np.isfinite(flow).all():
-                raise ModelError(f"{each.condition}, '{key}': not a number at every pixel, as a submission has to be")
+                raise ModelError(
+                    f"{each.condition}, '{key}': some vectors are not finite; a submission needs one at every pixel"
+                )
             make_folder(targets[key].parent)
             write_flow(targets[key], flow)
             moved = _moved(flow, folder, each.condition, key)

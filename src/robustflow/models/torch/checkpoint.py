@@ -115,7 +115,7 @@ def _check_archive(path: Path, file: BinaryIO) -> None:
             "this is not a genuine checkpoint"
         )
     if changed is not None:
-        raise damaged(path, ValueError(f"the checksum of {changed[:60]} is another"))
+        raise damaged(path, ValueError(f"checksum mismatch in {changed[:60]}"))
 
 
 def _load(path: Path, file: BinaryIO) -> Any:
