@@ -96,7 +96,7 @@ def test_what_happens_at_the_ends_is_the_models_choice(clip_folder, tmp_path, wi
     assert [len(frames) for frames, _ in model.calls[::2]] == lengths
     assert [index for _, index in model.calls[::2]] == places
     identity = rf.Result(tmp_path / "run").manifest.identity
-    assert identity["window"] == {"before": window.before, "after": window.after, "ends": window.ends}
+    assert identity.model.window == {"before": window.before, "after": window.after, "ends": window.ends}
 
 
 def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(clip_folder, tmp_path):
