@@ -116,7 +116,7 @@ def test_a_slow_answer_does_not_come_after_a_newer_one(visit, tmp_path):
         page = seen.page
         page.goto(app.address)
         expect(page.locator("#status")).to_contain_text("Predicting")
-        page.get_by_label("Model").select_option("farneback")
+        page.locator("#model").select_option("farneback")
         expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
         expect(page.locator("#busy")).to_be_hidden()
         page.wait_for_timeout(1800)  # the slow model's two predictions would have ended
@@ -131,13 +131,44 @@ def test_nothing_of_the_old_model_stays_when_the_new_one_fails(visit, tmp_path):
         page.goto(app.address)
         expect(page.locator("#error")).to_be_visible()
         expect(page.locator("#pictures figure")).to_have_count(0)
-        page.get_by_label("Model").select_option("farneback")
+        page.locator("#model").select_option("farneback")
         expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
         expect(page.locator("#checkpoint-field")).to_be_hidden()
-        page.get_by_label("Model").select_option("models_for_app:Fails")
+        page.locator("#model").select_option("models_for_app:Fails")
         expect(page.locator("#status")).to_contain_text("No result")
         expect(page.locator("#pictures figure")).to_have_count(0)
         expect(page.locator("#numbers")).to_be_empty()
+
+
+def test_two_models_side_by_side_and_saved(opened, app, tmp_path):
+    """The second model's numbers are those it has alone, and the picture that is saved is as tall as what it holds."""
+    seen = opened()
+    page = seen.page
+    alone = _number(page, "epe")
+    page.locator("#second").select_option("farneback")
+    expect(page.locator("#status")).to_contain_text("dis and farneback, fog 3: predicted")
+    assert _number(page, "epe") == alone
+    second = _number(page, "epe-second")
+    expect(page.locator("#pictures img:visible")).to_have_count(11)
+    captions = page.locator("#pictures figcaption").all_inner_texts()
+    for whose in ("dis", "farneback"):
+        assert f"Flow on the corrupted frames, {whose}" in captions
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save what is shown").click()
+    download.value.save_as(tmp_path / "saved.png")
+    with Image.open(tmp_path / "saved.png") as saved:
+        assert saved.width == 3 * 652 + 12
+        assert len(saved.convert("RGB").getcolors(2**24) or ()) > 1000
+    page.get_by_role("button", name="Measure all five severities").click()
+    expect(page.locator("#sweep-rows tr")).to_have_count(10)
+    page.locator("#second").select_option("")
+    expect(page.locator("#status")).to_contain_text("dis, fog 3: predicted")
+    expect(page.locator("#pictures img:visible")).to_have_count(8)
+    expect(page.locator("#number-epe-second")).to_have_count(0)
+    page.locator("#model").select_option("farneback")
+    expect(page.locator("#status")).to_contain_text("farneback, fog 3: predicted")
+    assert _number(page, "epe") == second
+    _clean(seen, app)
 
 
 def test_a_stack_and_the_five_severities(opened, app):
@@ -196,7 +227,7 @@ def test_text_that_calls_itself_a_picture_is_one_line(opened, app):
     expect(page.locator("#numbers")).to_be_empty()
     for field in ("#frame1", "#frame2"):
         assert page.locator(field).evaluate("input => input.files.length") == 0
-    page.get_by_label("Model").select_option("farneback")
+    page.locator("#model").select_option("farneback")
     page.wait_for_timeout(600)  # longer than the pause before a request
     expect(page.locator("#pictures figure")).to_have_count(0)
     page.get_by_role("button", name="Use the demo pair").click()

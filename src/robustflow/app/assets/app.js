@@ -57,10 +57,18 @@ function layers() {
   }));
 }
 
-function request(chosen, withFrames) {
+// The model, and the one beside it where one is chosen: {model, checkpoint, label}.
+function models() {
+  const chosen = ["", "second"].filter((which) => $(which || "model").value).map((which) => ({
+    model: $(which || "model").value, checkpoint: $(which ? `${which}-checkpoint` : "checkpoint").value.trim(),
+  }));
+  for (const one of chosen) one.label = one.checkpoint ? `${one.model} (${one.checkpoint.split("/").pop()})` : one.model;
+  return chosen;
+}
+
+function request(chosen, withFrames, { model, checkpoint } = models()[0]) {
   return {
-    page: PAGE, source: source.source, index: Number($("pair").value) - 1, model: $("model").value,
-    checkpoint: $("checkpoint").value.trim(),
+    page: PAGE, source: source.source, index: Number($("pair").value) - 1, model, checkpoint,
     layers: chosen, seed: Number($("seed").value) || 0, frames: withFrames,
   };
 }
@@ -151,23 +159,32 @@ function shownBy() {
   return JSON.stringify([source.source, $("pair").value, $("model").value, $("checkpoint").value.trim()]);
 }
 
-function offerCheckpoints() {
-  const offer = choices.models.find((model) => model.name === $("model").value);
-  $("checkpoint-field").hidden = !offer.takes_checkpoint;
-  $("checkpoint").value = "";
-  $("checkpoints").replaceChildren(...offer.checkpoints.map((name) => element("option", "", { value: name })));
+function offerCheckpoints(which = "") {
+  const offer = choices.models.find((model) => model.name === $(which || "model").value);
+  const field = which ? `${which}-checkpoint` : "checkpoint";
+  $(`${field}-field`).hidden = !offer?.takes_checkpoint;
+  $(field).value = "";
+  $(`${field}s`).replaceChildren(...(offer?.checkpoints || []).map((name) => element("option", "", { value: name })));
 }
 
 async function show(signal) {
   const chosen = layers();
   const pair = shownBy();
-  const result = await preview(request(chosen, framesShown !== pair), signal, say);
+  const [first, second] = models();
+  const results = [{ label: first.label, ...await preview(request(chosen, framesShown !== pair), signal, say) }];
   if (signal.aborted) return;
-  showPictures(result);
+  showPictures(results);
   framesShown = pair;
-  showNumbers(result);
+  showNumbers(results);
+  if (second) {
+    results.push({ label: second.label, ...await preview(request(chosen, false, second), signal, (stage) => say(`${second.label}: ${stage}`)) });
+    if (signal.aborted) return;
+    showPictures(results);
+    showNumbers(results);
+  }
   const what = chosen.map((layer) => `${layer.name.replaceAll("_", " ")} ${layer.severity}`).join(" + ");
-  say(`${$("model").value}, ${what}: predicted in ${result.seconds.toFixed(2)} s.`);
+  const seconds = results.map((result) => result.seconds.toFixed(2)).join(" and ");
+  say(`${results.map((result) => result.label).join(" and ")}, ${what}: predicted in ${seconds} s.`);
   $("sweep").disabled = chosen.length > 1;
   $("sweep-box").hidden = true;
 }
@@ -176,12 +193,14 @@ async function sweep(signal) {
   const [first] = layers();
   $("sweep-rows").replaceChildren();
   for (let severity = 1; severity <= 5; severity += 1) {
-    const result = await preview(request([{ name: first.name, severity }], false), signal, (stage) => say(`Severity ${severity} of 5: ${stage}`));
-    const row = element("tr");
-    row.append(element("th", String(severity), { scope: "row" }));
-    for (const name of ["epe", "cre", "rcre"]) row.append(element("td", figure(result.numbers[name])));
-    $("sweep-rows").append(row);
-    $("sweep-box").hidden = false;
+    for (const model of models()) {
+      const result = await preview(request([{ name: first.name, severity }], false, model), signal, (stage) => say(`Severity ${severity} of 5: ${stage}`));
+      const row = element("tr");
+      row.append(element("th", models().length > 1 ? `${severity}, ${model.label}` : String(severity), { scope: "row" }));
+      for (const name of ["epe", "cre", "rcre"]) row.append(element("td", figure(result.numbers[name])));
+      $("sweep-rows").append(row);
+      $("sweep-box").hidden = false;
+    }
   }
   say(`${first.name.replaceAll("_", " ")}: all five severities measured.`);
 }
@@ -229,9 +248,11 @@ function dropped(files) {
 function listen() {
   $("controls").addEventListener("submit", (event) => event.preventDefault());
   $("layers").addEventListener("input", () => later());
-  $("model").addEventListener("input", offerCheckpoints);
-  $("checkpoint").addEventListener("change", () => later(0));
-  for (const id of ["model", "seed"]) $(id).addEventListener("input", () => later());
+  $("model").addEventListener("input", () => offerCheckpoints());
+  $("second").addEventListener("input", () => offerCheckpoints("second"));
+  for (const id of ["checkpoint", "second-checkpoint"]) $(id).addEventListener("change", () => later(0));
+  $("save").addEventListener("click", save);
+  for (const id of ["model", "second", "seed"]) $(id).addEventListener("input", () => later());
   $("pair").addEventListener("input", () => { $("pair-number").textContent = $("pair").value; later(); });
   $("add").addEventListener("click", () => { addLayer("jpeg_compression", 3).querySelector("select").focus(); later(); });
   $("use-demo").addEventListener("click", () => { $("drop").querySelector("summary").focus(); use(choices.demo); });
@@ -257,7 +278,9 @@ function listen() {
 (async () => {
   try {
     choices = await answer(await fetch("/choices"));
-    for (const { name } of choices.models) $("model").append(element("option", name, { value: name }));
+    for (const id of ["model", "second"]) {
+      for (const { name } of choices.models) $(id).append(element("option", name, { value: name }));
+    }
     offerCheckpoints();
     $("wheel").src = choices.wheel;
     $("scale").src = choices.error_scale;

@@ -22,17 +22,24 @@ function complain(text) {
 
 function figure(value) { return value === null ? "–" : value.toFixed(3); }
 
-function showNumbers(result) {
+// Of one model, or of two on the same frames, each with its `label`.
+function showNumbers(results) {
+  const [result] = results;
   $("numbers").replaceChildren(...NUMBERS.filter(([name]) => result.numbers[name] !== null).map(([name, label, unit]) => {
     const box = element("div");
-    const value = element("dd");
-    value.append(element("data", figure(result.numbers[name]), { value: result.numbers[name], id: `number-${name}` }));
-    if (unit) value.append(" ", element("small", unit));
-    box.append(element("dt", label), value);
+    box.append(element("dt", label));
+    results.forEach((one, index) => {
+      const value = element("dd");
+      value.append(element("data", figure(one.numbers[name]), { value: one.numbers[name], id: `number-${name}${index ? "-second" : ""}` }));
+      if (unit) value.append(" ", element("small", unit));
+      if (results.length > 1) value.append(" ", element("small", one.label));
+      box.append(value);
+    });
     return box;
   }));
-  const unknown = result.invalid ? ` ${result.invalid} predicted pixels are NaN or infinite and left out.` : "";
-  if (unknown) complain(unknown.trim());
+  const unknown = results.filter((one) => one.invalid).map((one) => `${one.invalid} pixels predicted by ${one.label} are NaN or infinite and left out.`);
+  if (unknown.length) complain(unknown.join(" "));
+  $("save").disabled = false;
   $("call").textContent = result.call;
   $("call").hidden = false;
   $("radius").textContent = `${result.radius.toPrecision(3)} px`;
@@ -40,9 +47,11 @@ function showNumbers(result) {
 
 function clearResults() {
   for (const id of ["numbers", "pictures", "sweep-rows"]) $(id).replaceChildren();
-  $("call").hidden = $("sweep-box").hidden = true;
+  $("call").hidden = $("sweep-box").hidden = $("save").disabled = true;
   $("radius").textContent = "–";
 }
+
+const SENT_ONCE = ["frame1", "frame2", "truth_flow"];
 
 function picture(name) {
   const box = element("figure", "", { "data-name": name });
@@ -56,18 +65,27 @@ function picture(name) {
   return box;
 }
 
-function showPictures(result) {
+function showPictures(results) {
+  const [result, second] = results;
   const error = result.truth ? "End-point error of the corrupted flow (grey: unknown)" : "Difference of the two flows";
+  const colours = second && second.radius !== result.radius ? `; full colour from ${second.radius.toPrecision(3)} px` : "";
+  const whose = (caption, index) => (second ? `${caption}, ${results[index].label}${index ? colours : ""}` : caption);
   const captions = {
     frame1: "Frame 1", frame2: "Frame 2", corrupted1: "Corrupted frame 1", corrupted2: "Corrupted frame 2",
-    clean_flow: "Flow on the clean frames", flow: "Flow on the corrupted frames",
-    truth_flow: "Ground truth (black: unknown)", error,
+    truth_flow: "Ground truth (black: unknown)",
   };
+  const pictures = { ...result.pictures };
+  for (const [name, caption] of [["clean_flow", "Flow on the clean frames"], ["flow", "Flow on the corrupted frames"], ["error", error]]) {
+    captions[name] = whose(caption, 0);
+    if (!second) continue;
+    captions[`${name}_second`] = whose(caption, 1);
+    pictures[`${name}_second`] = second.pictures[name];
+  }
   const before = Object.fromEntries([...$("pictures").children].map((one) => [one.dataset.name, one]));
-  const keep = result.pictures.frame1 ? {} : before;
+  const keep = result.pictures.frame1 ? {} : Object.fromEntries(SENT_ONCE.map((name) => [name, before[name]]));
   const figures = [];
   for (const [name, caption] of Object.entries(captions)) {
-    const address = result.pictures[name];
+    const address = pictures[name];
     if (!address) { if (keep[name]) figures.push(keep[name]); continue; }
     const box = before[name] || picture(name);
     const image = box.querySelector("img");
@@ -78,4 +96,31 @@ function showPictures(result) {
     figures.push(box);
   }
   $("pictures").replaceChildren(...figures);
+}
+
+// One PNG with the numbers, the call that makes the frames, and all pictures with their captions.
+function save() {
+  const [room, line, gap] = [640, 26, 12];
+  const shown = [...$("pictures").children].map((one) => [one.querySelector("img"), one.querySelector("figcaption").textContent]);
+  const numbers = [...$("numbers").children].map((one) => one.textContent.replace(/\s+/g, " "));
+  const head = [$("shown").textContent, $("status").textContent, ...numbers, $("call").textContent, `Full colour of the flow from ${$("radius").textContent}`];
+  const columns = shown.length > 8 ? 3 : 2;
+  const tall = Math.round((room * shown[0][0].height) / shown[0][0].width) + line + gap;
+  const canvas = element("canvas", "", { width: columns * (room + gap) + gap, height: head.length * line + gap + Math.ceil(shown.length / columns) * tall });
+  const context = canvas.getContext("2d");
+  context.fillStyle = "#ffffff";
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  context.fillStyle = "#1b1f26";
+  context.font = "17px sans-serif";
+  head.forEach((text, index) => context.fillText(text, gap, (index + 1) * line - 6, canvas.width - 2 * gap));
+  shown.forEach(([image, caption], index) => {
+    const [left, top] = [gap + (index % columns) * (room + gap), head.length * line + gap + Math.floor(index / columns) * tall];
+    context.drawImage(image, left, top, room, tall - line - gap);
+    context.fillText(caption, left, top + tall - gap - 6, room);
+  });
+  canvas.toBlob((blob) => {
+    const link = element("a", "", { href: URL.createObjectURL(blob), download: "robustflow.png" });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  });
 }
