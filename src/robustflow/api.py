@@ -105,6 +105,7 @@ def evaluate(
     *,
     corruptions: AnyCorruption | Sequence[AnyCorruption] | None = None,
     severities: int | Sequence[int] | None = None,
+    attacks: str | Sequence[str] | None = None,
     limit: int | None = None,
     split: str | Path | None = None,
     data_options: dict[str, Any] | None = None,
@@ -137,6 +138,9 @@ def evaluate(
         corruptions, severities, limit: run only these, one or several; a later call with others adds to the same
             folder. A corruption is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the
             source of your own is part of the run's identity (docs/add-your-corruption.md).
+        attacks: adversarial attacks (docs/attacks.md) to run as well at these severities, one or several names; without
+            `corruptions` they run alone. Random noise of the same norm comes with them, and no mean over corruptions
+            includes them; see `Result.attack_table`.
         split: a file naming the samples to use, one key per line; or "drive-disjoint", for KITTI 2015.
         data_options: options of a data set, for example {"render_pass": "final"}.
         seed: of every random draw. The same seed gives the same bytes on any machine.
@@ -185,7 +189,9 @@ def evaluate(
     from .runs.store import RunFolder
 
     refuse_unguarded_script()
-    chosen = open_benchmark(benchmark, data, split, data_options, variant).narrowed(corruptions, severities, limit)
+    chosen = open_benchmark(benchmark, data, split, data_options, variant).narrowed(
+        corruptions, severities, limit, attacks
+    )
     setup = set_up(
         model,
         chosen,
@@ -197,7 +203,9 @@ def evaluate(
         name=name,
     )
     setup.model.check_batch_size(batch_size)
-    compute = choose_engine(engine, workers, timeout, address, setup.model, (setup.dataset, setup.options))
+    compute = choose_engine(
+        engine, workers, timeout, address, setup.model, (setup.dataset, setup.options), bool(chosen.attacks)
+    )
     if output is None:
         output = default_folder(setup.plan, setup.model.spec, data)
         warn_of_a_fresh_start(output, setup.plan)
@@ -225,6 +233,7 @@ def _draw(result: Result, setup: Setup, wanted: bool) -> None:
     from .runs.example_list import are_current, drop_examples
 
     result.write_means()
+    wanted = wanted and bool(result.manifest.selection.corruptions)  # attacks are not drawn
     try:
         keep_cost(result, setup.model.model)
         if wanted:

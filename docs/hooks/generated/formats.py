@@ -38,6 +38,11 @@ _COLUMNS = {
     "px3_count": "Of `n_valid`: error above 3 px.",
     "px5_count": "Of `n_valid`: error above 5 px.",
     "wauc_sum": "Weighted area under the inlier curve, summed over `n_valid`; 1 for a perfect pixel.",
+    "attack_linf": "Rows of attacks alone: largest change of a value in the 8-bit frames, grey levels.",
+    "attack_rms": "Rows of attacks alone: root mean square of the change of the 8-bit frames, grey levels.",
+    "attack_capped_sum": "Rows of attacks alone: error over `n_valid`, each pixel up to the frame's diagonal, pixels.",
+    "attack_evaluations": "Rows of attacks alone: flows that the attack asked the model for.",
+    "attack_warnings": "Rows of attacks alone: what makes the row doubtful, names joined by commas.",
     "n_truth": "Pixels with ground truth, predicted or not.",
     "clean_epe_sum": "Error of the clean prediction, summed over the same `n_valid` pixels, pixels.",
 }

@@ -12,18 +12,15 @@ from ..models.base import AnyModel, FlowModel, predict_checked
 from ..models.construct import as_model
 from ..models.loading import load_model
 from ..random.rng import Rng
-from ..sample import Flow, Frame, Mask
+from ..sample import Flow, Frame, Mask, Sample
 from ..severity import check_severity
 from .ball import Ball
 from .base import Attack
 from .images import frames_of
 from .loss import Loss
-from .problem import Problem
+from .problem import Problem, refuse_without_gradient
 from .registry import ATTACKS
 from .result import Attacked, norms_of
-
-ATTACK_VERSION = 1
-"""Raised when any attack's frames change, so that results never mix."""
 
 _LAST_QUARTER = 0.02
 _ROUNDING = 0.05
@@ -114,9 +111,35 @@ def attack(
     _check(frame1, frame2, flow, valid)
     level = 0 if budget is not None else check_severity(3 if severity is None else severity)
     grey = chosen.budget(level) if budget is None else budget
-    rng = Rng.of(seed, "attack", chosen.name, level, key)
+    rng = _stream(chosen, level, seed, key)
     clean_flow = predict_checked(loaded, (frame1, frame2), key, "clean", 0)
     return attack_pair(chosen, loaded, (frame1, frame2), clean_flow, grey, rng, flow, valid, key)
+
+
+def attack_of_sample(
+    attack: Attack, model: AnyModel, sample: Sample, clean_flow: Flow, severity: int, seed: int
+) -> Attacked:
+    """What `attack` gives for a sample, whose key names the random choices, with the clean flow known.
+
+    Args:
+        attack: with its options.
+        model: loaded.
+        sample: with ground truth or without.
+        clean_flow: of its frames, float32 (H, W, 2), pixels.
+        severity: 1 to 5.
+        seed: of the random choices.
+
+    Raises:
+        ModelError: see `attack`.
+    """
+    rng = _stream(attack, severity, seed, sample.key)
+    first, second = sample.frames[:2]
+    budget = attack.budget(severity)
+    return attack_pair(attack, model, (first, second), clean_flow, budget, rng, sample.flow, sample.valid, sample.key)
+
+
+def _stream(attack: Attack, severity: int, seed: int, key: str) -> Rng:
+    return Rng.of(seed, "attack", attack.name, severity, key)
 
 
 def attack_pair(
@@ -150,7 +173,7 @@ def attack_pair(
     loss, from_clean = _loss(attack, clean_flow, flow, valid)
     problem = Problem(model, ball, loss, key, from_clean)
     if attack.needs_gradients:
-        problem.need_gradients(attack.name)
+        refuse_without_gradient(model, attack.name)
     images = attack.run(problem, rng)
     evaluations, gradients = problem.evaluations, problem.gradients
     frames = frames_of(ball.to_8_bits(images))

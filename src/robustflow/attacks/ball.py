@@ -16,6 +16,9 @@ from .images import WHITE, Images, grey_levels_of, images_of
 NORMS = ("linf", "rms")
 """`linf`: the largest change of a value; `rms`: the root of the mean squared change over the values that may move."""
 
+GREY_LEVELS: dict[str, tuple[float, ...]] = {"linf": (1, 2, 4, 8, 16), "rms": (0.5, 1.25, 2.5, 5, 12.5)}
+"""The budgets of severities 1 to 5 by norm, in grey levels of 255. 1.275 grey levels are PCFA's bound of 0.005."""
+
 MOVED = ("both", "first", "second", "joint")
 """Which frames are perturbed: both, each by itself; one of them; or both by the same change."""
 

@@ -13,16 +13,13 @@ from typing import Any, ClassVar
 from ..errors import UsageError, unknown_name
 from ..random.rng import Rng
 from ..severity import check_severity
-from .ball import MOVED, NORMS
+from .ball import GREY_LEVELS, MOVED, NORMS
 from .images import Images
 from .loss import LOSSES
 from .problem import Problem
 
 FAMILY = "adversarial"
 """The family of every attack, and of no corruption: it is never part of the paper's means."""
-
-GREY_LEVELS: dict[str, tuple[float, ...]] = {"linf": (1, 2, 4, 8, 16), "rms": (0.5, 1.25, 2.5, 5, 12.5)}
-"""The budgets of severities 1 to 5 by norm, in grey levels of 255. 1.275 grey levels are PCFA's bound of 0.005."""
 
 VARIANTS = ("default", "flowbench", "original")
 """`default`: as docs/attacks.md defines it; `flowbench`: what FlowBench's code does where that differs; `original`:

@@ -46,19 +46,6 @@ class Problem:
     best_score: float = -np.inf
     troubles: set[str] = field(default_factory=set)
 
-    def need_gradients(self, attack: str) -> None:
-        """Raise unless the model offers gradients.
-
-        Raises:
-            ModelError: it does not.
-        """
-        if not isinstance(self.model, Differentiable):
-            name = model_identity(self.model).get("name") or type(self.model).__name__
-            raise ModelError(
-                f"model '{name}' offers no gradient of its flow, which the attack {attack} follows; choose square, "
-                "which only asks for flows, or give the model a method differentiable(images1, images2)"
-            )
-
     def loss_at(self, images: Images) -> float:
         """The loss at images, without CosPGD's weight; computed only if it is not known. Not noted."""
         if images is self.best:
@@ -140,6 +127,20 @@ class Problem:
         if score > self.best_score and self.ball.holds(images):
             self.best, self.best_score = images, score
         return score
+
+
+def refuse_without_gradient(model: AnyModel, attack: str) -> None:
+    """Raise unless a model offers the gradients that an attack needs.
+
+    Raises:
+        ModelError: it does not.
+    """
+    if not isinstance(model, Differentiable):
+        name = model_identity(model).get("name") or type(model).__name__
+        raise ModelError(
+            f"model '{name}' offers no gradient of its flow, which the attack {attack} follows; choose square, which "
+            "only asks for flows, or give the model a method differentiable(images1, images2)"
+        )
 
 
 def _as_flow(flow: Any) -> Flow:

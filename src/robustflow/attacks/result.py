@@ -19,6 +19,12 @@ WARNINGS = {
 }
 """What can be wrong with the number of one attack, by a short name."""
 
+BESIDE_OTHERS = {
+    "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the steps are badly chosen",
+    "square_above_white_box": "Square, which uses no gradient, is stronger",
+}
+"""What can be wrong with it beside other attacks of the run."""
+
 
 @dataclass(frozen=True, eq=False)
 class Attacked:

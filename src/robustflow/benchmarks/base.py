@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from ..attacks.registry import with_controls
 from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_name, load_corruption
 from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import split_stack
@@ -32,6 +33,7 @@ class Benchmark:
         protocol: everything else that determines the numbers (split, ground truth), for the run's identity.
         closed: whether the corrupted frames come from files, so that no other corruption or severity can be requested.
         classes: corruption -> class that computes it here, where that is not the registered one.
+        attacks: adversarial attacks on the model, at the same severities; none unless they are asked for.
         facts: title, whether there is ground truth, what the paper measured.
     """
 
@@ -43,6 +45,7 @@ class Benchmark:
     protocol: dict[str, Any] = field(default_factory=dict)
     closed: bool = False
     classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
+    attacks: tuple[str, ...] = ()
     facts: BenchmarkFacts = NEUTRAL
 
     def narrowed(
@@ -50,15 +53,19 @@ class Benchmark:
         corruptions: AnyCorruption | Sequence[AnyCorruption] | None = None,
         severities: int | Sequence[int] | None = None,
         limit: int | None = None,
+        attacks: str | Sequence[str] | None = None,
     ) -> Benchmark:
         """The same benchmark with fewer (or other) corruptions or severities, or fewer samples (`spread`).
 
+        With attacks and without corruptions, the attacks alone; the random noise of their norms comes with them.
+
         Raises:
-            UsageError: an unknown corruption, a severity outside 1 to 5, a limit below 1.
+            UsageError: an unknown corruption or attack, a severity outside 1 to 5, a limit below 1.
         """
         if limit is not None and limit < 1:
             raise UsageError(f"--limit {limit} leaves no samples: give 1 or more")
-        asked = self.corruptions if corruptions is None else _several(corruptions)
+        against = with_controls(_several(attacks or ()))
+        asked = (() if against else self.corruptions) if corruptions is None else _several(corruptions)
         chosen = tuple(dict.fromkeys(map(corruption_name, asked)))
         for name in chosen:
             if name not in self.corruptions and not (self.closed and on_disk(name)):
@@ -71,9 +78,11 @@ class Benchmark:
                 f"these frames were corrupted beforehand, with {', '.join(self.corruptions)} at severities "
                 f"{', '.join(map(str, self.severities))}; choose among them, or give the uncorrupted data"
             )
-        if not chosen or not levels:
-            raise UsageError("nothing to run: name at least one corruption and one severity")
-        return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels)
+        if not (chosen or against) or not levels:
+            raise UsageError("nothing to run: name at least one corruption or attack, and one severity")
+        if both := set(chosen) & set(against):
+            raise UsageError(f"'{min(both)}' is an attack: give your own corruption another name")
+        return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels, attacks=against)
 
     def _refuse_clip_corruption(self, name: str) -> None:
         """Raise for a corruption of whole clips, which this data set does not hold."""

@@ -86,6 +86,16 @@ Corruptions = Annotated[
         rich_help_panel=WHAT,
     ),
 ]
+Attacks = Annotated[
+    str | None,
+    typer.Option(
+        "--attacks",
+        "--attack",
+        help="Comma-separated adversarial attacks on the model (robustflow list attacks), with random noise of "
+        "their norms; alone, unless --corruptions names some.",
+        rich_help_panel=WHAT,
+    ),
+]
 Benchmark = Annotated[
     str,
     typer.Option(
@@ -118,7 +128,8 @@ Seed = Annotated[
 Variant = Annotated[
     str,
     typer.Option(
-        help="Variant of the corruptions: default, reference, reference-bgr or paper.",
+        help="Variant of the corruptions: default, reference, reference-bgr or paper; of attacks also flowbench or "
+        "original.",
         rich_help_panel=WHAT,
     ),
 ]

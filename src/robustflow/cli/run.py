@@ -11,6 +11,7 @@ from .options import (
     HOW,
     OUTPUT,
     WHAT,
+    Attacks,
     Benchmark,
     Checkpoint,
     CommonDraws,
@@ -67,6 +68,7 @@ def run(
     ] = None,
     corruptions: Corruptions = None,
     severities: Severities = None,
+    attacks: Attacks = None,
     severity_scale: SeverityScale = "paper",
     variant: Variant = "default",
     common_draws: CommonDraws = False,
@@ -158,6 +160,7 @@ def run(
       robustflow run --model raft --device cuda --engine ray --address auto --benchmark kitti-fc --data /shared/kitti
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis --seeds 3 --output runs/dis && robustflow compare runs/dis/seed*
+      robustflow run --model tiny --attacks apgd,square --severities 1,3
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
     from ..models import ModelSpec
@@ -194,6 +197,7 @@ def run(
                         folder,
                         corruptions=names(corruptions),
                         severities=numbers(severities),
+                        attacks=names(attacks),
                         limit=limit,
                         split=split,
                         data_options=dict(keyword_options(data_option)),

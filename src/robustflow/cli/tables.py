@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ..analysis.conclusion import conclusions, enough_to_compare, without_truth
 from ..analysis.conditions import seed_groups, seeds_of
-from ..analysis.exclusion import exclusion_reasons, not_ranked
+from ..analysis.doubts import doubts, not_ranked
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.run_names import run_names
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
@@ -21,6 +21,7 @@ from ..benchmarks.facts import truth_remark
 from ..errors import unknown_name
 from ..metrics.summary import METRICS, Scores, has_gaps
 from ..report import table as report_table
+from ..report.attack_table import attack_table
 from ..report.render.terminal import render as render_terminal
 from ..runs.plan import left_out_sentence
 from ..runs.run import Run
@@ -49,15 +50,18 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     summary, whose = result.summary, _whose(result, with_seed)
     # Names and folders may contain what rich would read as markup.
     console = Console(width=None if Console().is_terminal else 120, markup=False)
-    if metric == "all":
+    attacked = attack_table(result) if metric == "all" else None
+    if metric == "all" and (summary.corruptions or attacked is None):
         console.print(_overview(result, whose))
-    else:
+    elif metric != "all":
         console.print(_by_severity(result, metric, whose))
     console.print(_sentence(result), highlight=False, soft_wrap=True)
+    if attacked is not None:
+        print(for_stdout(attacked))
     if metric in UNCOUPLED:
         overall = getattr(uncoupled(result.rows).overall, metric)
         console.print(f"{metric} {cell(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
-    if reasons := exclusion_reasons(result):
+    if reasons := doubts(result):
         sentence = f"This says nothing about robustness: {' and '.join(reasons)}."
         console.print(plain(sentence, None), highlight=False, soft_wrap=True)
     if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):
@@ -185,7 +189,7 @@ def _whose(result: Run, with_seed: bool) -> str:
 def _sentence(result: Run) -> str:
     summary = result.summary
     if summary.rcre is None:
-        return "nothing could be measured"
+        return "nothing could be measured" if summary.epe_clean is None else f"clean EPE {cell(summary.epe_clean)} px"
     if summary.epe_clean is None:
         length = f"; on clean frames the flow is {cell(summary.clean_flow_length)} px long on average"
         return f"RCRE {cell(summary.rcre)} px{length} (no ground truth: EPE, CRE and CREr cannot be measured)"

@@ -23,8 +23,7 @@ from ..models import ModelSpec
 from ..runs.run import Run
 from ..training.checkpoint import LAST, read_progress
 from ..training.recipe import Recipe, load_recipe
-from ..training.request import Checkpoints, DataPlan, Request
-from ..training.session import run_training
+from ..training.session import Request, run_training
 from .arms import Arm, arms, measured
 from .effects import Runs
 from .hypotheses import DATASET
@@ -189,14 +188,16 @@ def _trained(
         return folder / LAST
     request = Request(
         recipe=recipe,
-        data=DataPlan(corruptions=[] if arm is None else arm.corruptions, loaders=experiment.loaders),
+        data=[],
         output=folder,
         start=None if start is None else str(start),
         start_trained_on=None if start is None else "FS",
         resume=resume,
         seed=seed if arm is None else seed + _SEED_OF_ARMS,
         device="auto",
-        checkpoints=Checkpoints(_SAVE_EVERY),
+        loaders=experiment.loaders,
+        save_every=_SAVE_EVERY,
+        corrupt=[] if arm is None else arm.corruptions,
     )
     checkpoint = run_training(request, stop)
     if stop():

@@ -16,6 +16,10 @@ prediction are finite (all of them, for a sound model).
 - `n_<r>` = those of `n_valid` in region r; the denominator of that region's sums. Null where the sample has
   no such region (no ground truth, no occlusion map); 0 where the region is empty.
 - `n_all` = usable pixels; the denominator of `rcre_all_sum` and `pred_magnitude_sum`.
+- `attack_linf`, `attack_rms` = norms of an attack's change of the 8-bit frames, grey levels; `attack_capped_sum` = the
+  error summed over the pixels of `n_valid`, each counted up to the frame's diagonal; `attack_evaluations` = flows that
+  the attack asked for; `attack_warnings` = what makes it doubtful (`robustflow.attacks.result.WARNINGS`), joined by
+  commas. All five are null but in rows of attacks.
 - `n_invalid` = pixels whose own prediction is not finite, of height x width.
 """
 
@@ -33,7 +37,7 @@ from .error_maps import flow_array
 from .regions import REGIONS, Regions
 from .row_sums import row_sums
 
-ROW_SCHEMA_VERSION = 3
+ROW_SCHEMA_VERSION = 4
 """Incremented when a column is added, dropped, or changes its meaning; part of a run's identity. Rows of other versions
 are not read."""
 
@@ -67,6 +71,11 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "px3_count": pl.Int64,
     "px5_count": pl.Int64,
     "wauc_sum": pl.Float64,
+    "attack_linf": pl.Float64,
+    "attack_rms": pl.Float64,
+    "attack_capped_sum": pl.Float64,
+    "attack_evaluations": pl.Int64,
+    "attack_warnings": pl.String,
 } | {
     f"{column}_{region}": dtype
     for region in REGIONS

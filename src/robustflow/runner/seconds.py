@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 Seconds = dict[str, float]
-"""By "load", "corrupt", "predict", "measure"."""
+"""By "load", "corrupt", "attack", "predict", "measure"."""
 
 
 def no_seconds() -> Seconds:
     """All counters at zero."""
-    return {"load": 0.0, "corrupt": 0.0, "predict": 0.0, "measure": 0.0}
+    return {"load": 0.0, "corrupt": 0.0, "attack": 0.0, "predict": 0.0, "measure": 0.0}
 
 
 @contextmanager

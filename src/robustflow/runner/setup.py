@@ -9,7 +9,7 @@ from typing import Any
 
 from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
 from ..corruptions import load_corruption
-from ..corruptions.base import Corruption
+from ..corruptions.base import BGR, VARIANTS, Corruption
 from ..corruptions.on_disk import on_disk
 from ..corruptions.own import is_known, own_among
 from ..corruptions.sources import user_sources
@@ -27,6 +27,7 @@ from ..runs.provenance import Provenance
 from ..runs.run import Run
 from ..runs.source import RunSource
 from ..text import plain
+from .attack_stage import check_attacks
 from .named_model import NamedModel, name_model
 
 
@@ -79,10 +80,12 @@ def set_up(
             "or give the uncorrupted data"
         )
     named = name_model(model)
+    check_attacks(benchmark.attacks, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     options = _options(
         seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws, benchmark.classes
     )
+    options = replace(options, attacks=benchmark.attacks)
     training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
     provenance = Provenance.of(training, benchmark.name, benchmark.keys, benchmark.protocol)
@@ -212,7 +215,8 @@ def _options(
     common_draws: bool,
     classes: Mapping[str, type[Corruption]],
 ) -> RunOptions:
-    sources = user_sources(variant, corruptions)
+    of_corruptions = variant if variant in (*VARIANTS, BGR) else "default"  # it may be one of attacks alone
+    sources = user_sources(of_corruptions, corruptions)
     return RunOptions(
         seed, variant, allow_invalid, scale, sources, window, common_draws, own_among(corruptions), classes
     )

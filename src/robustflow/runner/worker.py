@@ -14,6 +14,7 @@ from ..metrics.rows import CLEAN
 from ..models.base import AnyModel
 from ..runs.plan import Cell, RunOptions, Unit
 from ..sample import Flow, Frame, Sample
+from .attack_stage import AttackStage, attack_columns
 from .frame_stage import FrameStage, Loaded
 from .measure_stage import MeasureStage
 from .predict_stage import PredictStage
@@ -63,6 +64,7 @@ class Worker:
         self.seconds = no_seconds()
         self._frames = FrameStage(dataset, options, self.seconds)
         self._model = PredictStage(model, self.seconds, on_predict)
+        self._attacks = AttackStage(model, options, self.seconds, on_predict)
         self._measure = MeasureStage(options, clean_path, kept or {}, self.seconds)
         self._batch_size = batch_size
         self._last: tuple[Loaded, Flow] | None = None
@@ -72,6 +74,8 @@ class Worker:
         loaded, clean = self._load(unit.key)
         if unit.corruption == CLEAN:
             return [self._row(loaded, clean, clean, loaded.sample.frames, (unit.key, CLEAN, 0))]
+        if unit.corruption in self._attacks.names:
+            return [self._attacked(loaded, clean, cell).row for cell in unit.cells]
         rows = []
         for start in range(0, len(unit.cells), self._batch_size):
             cells = unit.cells[start : start + self._batch_size]
@@ -85,6 +89,8 @@ class Worker:
     def inspect_cell(self, key: str, corruption: str, severity: int) -> View:
         """Compute one cell and return everything about it."""
         loaded, clean = self._load(key)
+        if corruption in self._attacks.names:
+            return self._attacked(loaded, clean, (key, corruption, severity))
         cell, frames = (key, corruption, severity), self._frames.corrupt(loaded.sample, corruption, severity)
         (flow,) = self._model.predict([self._frames.request(cell, frames)])
         row = self._row(loaded, clean, flow, frames, cell)
@@ -112,6 +118,11 @@ class Worker:
                 self._measure.keep_clean(loaded, clean)
             self._last = (loaded, clean)
         return self._last
+
+    def _attacked(self, loaded: Loaded, clean: Flow, cell: Cell) -> View:
+        attacked = self._attacks.attack(loaded.sample, clean, cell)
+        row = self._row(loaded, clean, attacked.flow, attacked.frames, cell)
+        return View(loaded.sample, attacked.frames, attacked.flow, clean, row | attack_columns(attacked, loaded.sample))
 
     def _row(self, loaded: Loaded, clean: Flow, flow: Flow, frames: tuple[Frame, ...], cell: Cell) -> dict[str, Any]:
         return self._measure.row(loaded, clean, flow, self._measure.digest(frames), cell)

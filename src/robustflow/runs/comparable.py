@@ -258,6 +258,7 @@ _IN_WORDS: dict[str, Callable[[Any], str]] = {
     "common_draws": lambda value: "one draw for all severities" if value else "a draw for each severity",
     "psf": lambda value: f"lenses {value}" if value else "the package's lenses",
     "streams": lambda value: f"random streams {value}",
+    "attacks": lambda value: f"attacks {value}",
 }
 """Fields of `FrameIdentity` in words, the most telling first."""
 

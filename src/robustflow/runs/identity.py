@@ -41,6 +41,7 @@ class FrameIdentity(_IdentityPart):
         seed: of every random draw.
         variant: of the corruptions.
         streams: version of the random streams.
+        attacks: version of the attacks.
         severity_scale: the calibrated scale and its digest; None for the paper's.
         common_draws: whether the severities of a pair share one draw.
         psf: the user's lenses; None for the package's.
@@ -53,6 +54,7 @@ class FrameIdentity(_IdentityPart):
     seed: int
     variant: Text
     streams: int
+    attacks: int = 1
     severity_scale: Text | None = None
     common_draws: bool = False
     psf: Text | None = None

@@ -30,9 +30,10 @@ _Digest = Annotated[str, Field(pattern="^[0-9a-f]{16}$")]
 
 
 class Selection(Untrusted):
-    """Requested corruptions and severities."""
+    """Requested corruptions, attacks and severities."""
 
     corruptions: tuple[Text, ...] = ()
+    attacks: tuple[Text, ...] = ()
     severities: Annotated[tuple[_Severity, ...], Field(max_length=5)] = ()
 
 
@@ -54,7 +55,7 @@ class Manifest(Untrusted):
         samples: key -> name and size of each file.
         file_digests: key -> digest of each file.
         provenance: what the model was trained on.
-        selection: requested corruptions and severities.
+        selection: requested corruptions, attacks and severities.
         left_out: requested severities that the severity scale lacks, by corruption.
         name: the model's in tables and figures, if one was given.
         started, finished: times in UTC; None until the run is finished.
@@ -97,12 +98,13 @@ class Manifest(Untrusted):
         return {**written, "schema": MANIFEST_SCHEMA}
 
     def shareable(self) -> Manifest:
-        """The manifest for a record: without the command line, the machines of a cluster, and all but the kind of
-        machine."""
+        """The manifest for a record: without attacks, the command line, the machines of a cluster, and all but the kind
+        of machine."""
         machine = self.environment.machine
         kind = machine.model_copy(update={"system": machine.system.partition("-")[0]})
         environment = self.environment.model_copy(update={"machine": kind, "command": ()})
-        return self.model_copy(update={"environment": environment, "places": {}})
+        selection = self.selection.model_copy(update={"attacks": ()})
+        return self.model_copy(update={"environment": environment, "places": {}, "selection": selection})
 
     def without(self, keys: Collection[str]) -> Manifest:
         """The same without some of the samples."""

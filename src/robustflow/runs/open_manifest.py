@@ -46,7 +46,11 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             samples=samples,
             file_digests=digests,
             provenance=plan.provenance,
-            selection=Selection(corruptions=chosen.corruptions, severities=tuple(sorted(chosen.severities))),
+            selection=Selection(
+                corruptions=chosen.corruptions,
+                attacks=chosen.attacks,
+                severities=tuple(sorted(chosen.severities)),
+            ),
             left_out=left_out,
             name=plan.name or "",
             started=now(),
@@ -70,6 +74,7 @@ def open_manifest(folder: RunFolder, plan: Plan) -> Manifest:
             "provenance": _provenance(old.provenance, plan.provenance),
             "selection": Selection(
                 corruptions=tuple(dict.fromkeys((*old.selection.corruptions, *chosen.corruptions))),
+                attacks=tuple(dict.fromkeys((*old.selection.attacks, *chosen.attacks))),
                 severities=tuple(sorted({*old.selection.severities, *chosen.severities})),
             ),
             "left_out": {

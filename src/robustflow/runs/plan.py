@@ -6,9 +6,11 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from ..attacks.registry import ATTACK_VERSION
 from ..benchmarks.base import Benchmark
 from ..corruptions.api import STREAM_VERSION
 from ..corruptions.base import Corruption
@@ -58,6 +60,8 @@ class RunOptions:
     """The user's own corruptions, classes or objects, for processes that do not know them (see `corruptions.own`)."""
     classes: Mapping[str, type[Corruption]] = field(default_factory=dict)
     """See `Benchmark.classes`."""
+    attacks: tuple[str, ...] = ()
+    """The conditions that are attacks on the model; the others are corruptions."""
     pictures: Path | None = None
     """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
 
@@ -92,12 +96,14 @@ class Plan:
     def left_out(self) -> dict[str, list[int]]:
         """Requested severities that do not exist on the severity scale, by corruption."""
         asked = {name: levels_of(name, self.benchmark.severities) for name in self.benchmark.corruptions}
-        gone = {name: sorted(set(asked[name]) - set(levels)) for name, levels in self._levels().items()}
+        levels_here = self._levels()
+        gone = {name: sorted(set(levels) - set(levels_here[name])) for name, levels in asked.items()}
         return {name: levels for name, levels in gone.items() if levels}
 
     def _levels(self) -> dict[str, tuple[int, ...]]:
-        scale = self.options.severity_scale
-        return {name: levels_of(name, self.benchmark.severities, scale) for name in self.benchmark.corruptions}
+        scale, severities = self.options.severity_scale, self.benchmark.severities
+        corruptions = {name: levels_of(name, severities, scale) for name in self.benchmark.corruptions}
+        return corruptions | dict.fromkeys(self.benchmark.attacks, severities)
 
     def missing(self, existing: Iterable[Cell]) -> list[Unit]:
         """The planned units without those already done."""
@@ -120,6 +126,7 @@ class Plan:
                 seed=options.seed,
                 variant=options.variant,
                 streams=STREAM_VERSION,
+                attacks=ATTACK_VERSION,
                 severity_scale=f"calibrated {calibration_digest()}" if options.severity_scale == "calibrated" else None,
                 common_draws=options.common_draws,
                 **options.sources,
@@ -137,7 +144,7 @@ class Plan:
 
 
 def planned_cells(manifest: Manifest) -> Iterator[Cell]:
-    """Every (sample, corruption, severity) of a complete run; clean rows as (sample, "clean", 0)."""
+    """Every (sample, corruption, severity) of a complete run, without attacks; clean rows as (sample, "clean", 0)."""
     selection = manifest.selection
     conditions = [(CLEAN, 0)]
     for name in selection.corruptions:
@@ -147,8 +154,15 @@ def planned_cells(manifest: Manifest) -> Iterator[Cell]:
 
 
 def unfinished_samples(manifest: Manifest, cells: set[Cell]) -> set[str]:
-    """The samples for which a run lacks a row."""
-    return {cell[0] for cell in planned_cells(manifest) if cell not in cells}
+    """The samples for which a run lacks a row, of an attack or of anything else."""
+    return {cell[0] for cell in chain(planned_cells(manifest), planned_attacks(manifest)) if cell not in cells}
+
+
+def planned_attacks(manifest: Manifest) -> Iterator[Cell]:
+    """Every (sample, attack, severity) of a complete run."""
+    selection = manifest.selection
+    conditions = [(name, level) for name in selection.attacks for level in selection.severities]
+    return ((key, name, level) for key in manifest.samples for name, level in conditions)
 
 
 def left_out_sentence(left_out: Mapping[str, Sequence[int]]) -> str:

@@ -15,6 +15,7 @@ from ..benchmarks import benchmark_facts
 from ..benchmarks.facts import truth_remark
 from ..datasets.kitti_drives import with_groups
 from ..errors import RobustFlowError, RunError
+from ..metrics.rows import CLEAN
 from ..metrics.summary import Averaging, Summary
 from ..models.catalog import methods
 from ..text import counted, plain
@@ -53,7 +54,22 @@ class Run:
 
     @cached_property
     def rows(self) -> pl.DataFrame:
-        """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`."""
+        """One row per (sample, corruption, severity); the columns are `robustflow.metrics.rows.ROW_SCHEMA`. Rows of
+        attacks are in `attack_rows`, so that no mean over corruptions includes them."""
+        rows = self._every_row()
+        return rows.filter(~pl.col("corruption").is_in(self.attacks)) if self.attacks else rows
+
+    @property
+    def attack_rows(self) -> pl.DataFrame:
+        """One row per (sample, attack, severity), with the attack in the column `corruption`, and the clean rows."""
+        return self._every_row().filter(pl.col("corruption").is_in([CLEAN, *self.attacks]))
+
+    @property
+    def attacks(self) -> list[str]:
+        """The attacks of this run, controls first."""
+        return list(self.manifest.selection.attacks)
+
+    def _every_row(self) -> pl.DataFrame:
         _ = (
             self.rows_digest
         )  # before the rows are read: rows that arrive in between must not pass for those of the digest

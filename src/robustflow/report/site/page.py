@@ -6,10 +6,13 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from jinja2 import Environment
+from markupsafe import Markup
 
 from ...text import plain
 from ...version import VERSION
+from ..attack_table import attack_table
 from ..embed import json_block, templates
+from ..render.html import render as render_table
 from ..slider import Slider, slider_markup
 from . import assets
 from .board import boards_of
@@ -48,6 +51,7 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
         .get_template("page.html")
         .render(
             content=content,
+            attacks=[(name, table) for (_, name), run in runs.items() if (table := attack_table(run)) is not None],
             sections=sections,
             primary=pages[0].id if content.of_one_run else "",
             examples=examples,
@@ -68,6 +72,7 @@ def _environment() -> Environment:
     environment.globals.update(
         by_check=by_check,
         plain=plain,
+        render_table=lambda table: Markup(render_table(table)),
         verdict_classes=VERDICT_CLASSES,
     )
     return environment

@@ -42,6 +42,7 @@ def choose_engine(
     address: str | None,
     model: NamedModel,
     others: tuple[Any, ...] = (),
+    attacks: bool = False,
 ) -> Engine:
     """The engine of this name, or the one that suits the model, the number of workers and the timeout.
 
@@ -49,7 +50,8 @@ def choose_engine(
     processors. A model on the processor stays in this process, unless workers or a timeout are given, or the model uses
     one thread alone (`FlowModel.single_threaded`): then long runs get a process per processor. `workers` is the number
     of feeders, or of processes that do everything. `others` is what processes are sent beside the model: without being
-    asked, nothing is moved to processes that cannot be.
+    asked, nothing is moved to processes that cannot be. With `attacks`, a model on an accelerator stays in this
+    process, because an attack computes where the model is.
 
     Raises:
         UsageError: an unknown name, or workers or a timeout that the engine does not support.
@@ -62,6 +64,13 @@ def choose_engine(
     devices = devices_of(model.spec, model.model)
     if address is not None and name != "ray":
         raise UsageError("--address is for the ray engine alone; give --engine ray with it, or leave it out")
+    if devices and attacks and name in (None, "processes"):
+        if name == "processes" or workers is not None or timeout is not None:
+            raise UsageError(
+                "attacks on an accelerator compute in this process; leave out --engine, --workers and --timeout, "
+                "or run them without --attacks"
+            )
+        return _serial(" (attacks compute where the model is)")
     why = ""
     if name is None:
         unasked = workers is None and timeout is None

@@ -1,0 +1,242 @@
+"""An attack as a condition of a cell: rows, resuming, engines, tables and pages."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+
+import robustflow as rf
+from robustflow.analysis.attacks import AttackScore, attack_scores, budget_at_double
+from robustflow.attacks.registry import SHIPPED, norm_of, with_controls
+from robustflow.attacks.result import BESIDE_OTHERS, WARNINGS
+from robustflow.benchmarks import Benchmark
+from robustflow.errors import ModelError, UsageError
+from robustflow.models import ModelSpec
+from robustflow.report.attack_table import attack_table
+from robustflow.runner.frames_digest import frames_digest
+from robustflow.testing import TexturePairs
+
+pytest.importorskip("torch", reason="needs the torch extra")
+
+TINY = ModelSpec("tiny", (("device", "cpu"),))
+DATA = TexturePairs(2, (40, 48))
+
+
+def pairs(count: int = 2) -> Benchmark:
+    return Benchmark("drawn", DATA, DATA.keys()[:count], ("contrast", "high_light"), (1, 3))
+
+
+def run(folder, model=TINY, *, attacks=("fgsm", "pgd"), severities=(1, 3), count=2, **options):
+    options = {"examples": False, "progress": False, "engine": "serial", **options}
+    return rf.evaluate(model, pairs(count), output=folder, attacks=attacks, severities=severities, **options)
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """A run with attacks and corruptions."""
+    return run(tmp_path_factory.mktemp("runs") / "both", corruptions=["contrast", "high_light"])
+
+
+def every(result) -> pl.DataFrame:
+    return pl.concat([result.rows, result.attack_rows]).unique().sort("sample", "corruption", "severity")
+
+
+def test_attacks_are_rows_of_the_same_run_with_the_noise_of_their_norm(both):
+    cells = {(row["corruption"], row["severity"]) for row in both.attack_rows.iter_rows(named=True)}
+
+    assert both.attacks == ["random_sign", "fgsm", "pgd"]
+    assert cells == {("clean", 0), *((name, level) for name in both.attacks for level in (1, 3))}
+    assert both.attack_rows.height == 2 * len(cells)
+    assert both.manifest.finished is not None
+
+
+def test_no_mean_over_corruptions_includes_an_attack(both, tmp_path):
+    alone = run(tmp_path / "alone", attacks=None, corruptions=["contrast", "high_light"])
+
+    assert both.summary == alone.summary
+    assert both.rows.equals(alone.rows)
+    assert both.document() == alone.document()
+
+
+def test_a_row_of_an_attack_is_of_the_pair_that_the_function_gives(both):
+    sample, model = DATA.load("1"), TINY.load()
+
+    attacked = rf.attack(*sample.frames, model, "pgd", 3, flow=sample.flow, valid=sample.valid, key="1")
+
+    row = both.attack_rows.filter(sample="1", corruption="pgd", severity=3).row(0, named=True)
+    assert row["frames_digest"] == frames_digest(attacked.frames)
+    assert row["attack_linf"] == attacked.linf == 4
+    assert (row["attack_rms"], row["attack_evaluations"]) == (attacked.rms, 21)
+    assert row["attack_warnings"] == ",".join(attacked.warnings)
+    assert row["epe_sum"] / row["n_valid"] == pytest.approx(attacked.loss, rel=1e-6)
+    assert row["attack_capped_sum"] <= row["epe_sum"] * (1 + 1e-6)
+
+
+def test_attacks_added_later_give_the_rows_of_one_call(both, tmp_path):
+    run(tmp_path / "run", attacks="fgsm", severities=1, count=1)
+    run(tmp_path / "run", attacks=None, corruptions=["contrast", "high_light"])
+    later = run(tmp_path / "run", attacks=["fgsm", "pgd"])
+
+    assert every(later).equals(every(both))
+
+
+def test_a_stopped_run_continues_with_the_same_rows(both, tmp_path):
+    model = TINY.load()
+    gradients = model.differentiable
+    asked = []
+
+    def failing(*images):
+        asked.append(1)
+        if len(asked) == 30:
+            raise RuntimeError("stopped")
+        return gradients(*images)
+
+    model.differentiable = failing
+    with pytest.raises(Exception, match="stopped"):
+        run(tmp_path / "run", model, corruptions=["contrast", "high_light"])
+    model.differentiable = gradients
+    done = run(tmp_path / "run", model, corruptions=["contrast", "high_light"])
+
+    names = list(done.rows.columns)
+    assert every(done).select(names).equals(every(both).select(names))
+
+
+def test_processes_and_this_process_give_the_same_rows(both, tmp_path):
+    spread = run(tmp_path / "run", corruptions=["contrast", "high_light"], engine="processes", workers=2, batch_size=2)
+
+    assert every(spread).equals(every(both))
+
+
+def test_a_model_without_gradients_is_refused_before_anything_is_computed(tmp_path):
+    with pytest.raises(ModelError, match="model 'dis' offers no gradient"):
+        run(tmp_path / "run", ModelSpec("dis"))
+    assert not (tmp_path / "run").exists()
+
+
+def test_attacks_on_an_accelerator_stay_in_this_process(tmp_path, monkeypatch):
+    from robustflow.runner.engines.choose import choose_engine
+    from robustflow.runner.named_model import name_model
+
+    named = name_model(TINY)
+    monkeypatch.setattr("robustflow.runner.engines.choose.devices_of", lambda spec, model: ("cuda:0",))
+
+    engine = choose_engine(None, None, None, None, named, attacks=True)
+    assert engine.describe([]) == "serial (attacks compute where the model is)"
+    with pytest.raises(UsageError, match="leave out --engine, --workers and --timeout"):
+        choose_engine("processes", None, None, None, named, attacks=True)
+
+
+def test_a_variant_changes_the_attacks_that_have_it(both, tmp_path):
+    theirs = run(tmp_path / "run", variant="flowbench", severities=1)
+
+    digests = {
+        name: [
+            result.attack_rows.filter(corruption=name, severity=1).sort("sample")["frames_digest"].to_list()
+            for result in (both, theirs)
+        ]
+        for name in ("random_sign", "fgsm", "pgd")
+    }
+    assert digests["random_sign"][0] == digests["random_sign"][1]
+    assert digests["pgd"][0] != digests["pgd"][1]
+    assert theirs.manifest.identity != both.manifest.identity
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"attacks": "pdg"}, "unknown attack 'pdg': did you mean 'pgd'"),
+        ({"variant": "theirs"}, "unknown variant 'theirs'"),
+        ({"attacks": [], "corruptions": []}, "name at least one corruption or attack"),
+    ],
+)
+def test_what_cannot_be_run_is_refused_in_one_line(tmp_path, options, message):
+    with pytest.raises(UsageError, match=message) as refused:
+        run(tmp_path / "run", **options)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_table_gives_the_gain_over_noise_and_marks_nothing_as_best(both):
+    scores = {(score.attack, score.severity): score for score in attack_scores(both)}
+    table = attack_table(both)
+
+    pgd, noise = scores["pgd", 3], scores["random_sign", 3]
+    assert pgd.gain == pytest.approx(pgd.epe - noise.epe)
+    assert pgd.gain > 0
+    assert noise.gain is None
+    rows = both.attack_rows.filter(corruption="pgd", severity=3)
+    assert pgd.epe == pytest.approx((rows["epe_sum"] / rows["n_valid"]).mean())
+    assert [line.label for section in table.sections for line in section.lines] == [
+        f"{name} {level}" for name in both.attacks for level in (1, 3)
+    ]
+    assert not any(cell.best for section in table.sections for line in section.lines for cell in line.cells)
+
+
+def test_the_page_of_a_run_shows_its_attacks(both, real_pictures):
+    with real_pictures():
+        both.write_summary()
+    page = (both.path / "report.html").read_text(encoding="utf-8")
+
+    assert '<section id="attacks"' in page
+    assert "random_sign 3" in page
+
+
+def test_a_run_of_attacks_alone_has_a_page_and_prints(tmp_path, capsys, real_pictures):
+    from robustflow.cli.tables import print_result
+
+    with real_pictures():
+        alone = run(tmp_path / "run", attacks="fgsm", severities=2, count=1)
+    print_result(alone)
+
+    printed = capsys.readouterr().out
+    assert "clean EPE" in printed
+    assert "fgsm 2" in printed
+    assert alone.summary.corruptions == {}
+    assert '<section id="attacks"' in (alone.path / "report.html").read_text(encoding="utf-8")
+
+
+def score(attack: str, severity: int, epe: float, **changes) -> AttackScore:
+    values = {"norm": "linf", "budget": 2.0 ** (severity - 1), "samples": 3, "cre": None, "crer": None, "rcre": 1.0}
+    values |= {"px3": None, "capped": None, "gain": None, "linf": 1.0, "rms": 1.0, "evaluations": 1.0, "warnings": {}}
+    return AttackScore(attack, severity, epe=epe, **(values | changes))
+
+
+def test_the_budget_that_doubles_the_error_lies_on_the_line_between_severities():
+    scores = [score("pgd", 1, 1.5), score("pgd", 3, 3.5)]
+
+    assert budget_at_double(scores, "pgd", 1.0) == pytest.approx(1 + 3 * 0.25)
+    assert budget_at_double(scores, "pgd", 3.0) is None
+    assert budget_at_double(scores, "pgd", None) is None
+
+
+def test_a_white_box_attack_that_others_beat_carries_a_warning():
+    from robustflow.analysis.attacks import _compared
+
+    compared = _compared([score("fgsm", 1, 3), score("pgd", 1, 2), score("square", 1, 2.5), score("apgd", 1, 4)])
+
+    assert {one.attack: set(one.warnings) for one in compared} == {
+        "fgsm": set(),
+        "pgd": {"fgsm_above_iterative", "square_above_white_box"},
+        "square": set(),
+        "apgd": set(),
+    }
+    assert {"fgsm_above_iterative", "square_above_white_box"} == set(BESIDE_OTHERS)
+    assert not set(BESIDE_OTHERS) & set(WARNINGS)
+
+
+def test_the_norm_of_each_attack_is_that_of_its_class():
+    from robustflow.attacks import load_attack
+
+    assert {name: norm_of(name) for name in SHIPPED} == {name: load_attack(name).norm for name in SHIPPED}
+    assert with_controls(["pcfa", "pgd"]) == ("random_sign", "random_gauss", "pcfa", "pgd")
+
+
+def test_square_attacks_any_model_in_a_run(tmp_path):
+    def model(frame1, frame2):
+        return (frame1.astype(np.float32) - frame2)[..., :2] / 20
+
+    done = run(tmp_path / "run", model, attacks="square", severities=3, count=1)
+
+    square, noise = (done.attack_rows.filter(corruption=name)["epe_sum"][0] for name in ("square", "random_sign"))
+    assert square > noise
+    assert done.attack_rows.filter(corruption="square")["attack_evaluations"].to_list() == [1000]
