@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -45,3 +46,10 @@ def test_planted_violations_are_found(tmp_path):
     cycles = linted.stdout.partition("No file imports itself through others\n---")[2]
     assert "robustflow.images" in cycles
     assert "planted" in cycles
+
+
+def test_no_test_module_imports_from_a_test_module():
+    """What several need is a fixture, or in a module that holds no test."""
+    importing = re.compile(r"^\s*(?:from|import) (?:[\w.]*\.)?test_", re.MULTILINE)
+    modules = (ROOT / "tests").rglob("*.py")
+    assert [str(path) for path in modules if importing.search(path.read_text(encoding="utf-8"))] == []

@@ -14,6 +14,7 @@ from robustflow.errors import DataError, UsageError
 from robustflow.images.io import read_image
 from robustflow.video.reader import VideoReader
 
+from ..video.videos import video, write_video
 from .layouts import picture
 
 
@@ -63,18 +64,6 @@ def test_frames_that_are_not_a_sequence(tmp_path: Path) -> None:
         load_dataset("folder", tmp_path, step=0)
     (tmp_path / "b.bmp").write_bytes(b"")
     refused(tmp_path, "cannot be read as a picture|share a name")
-
-
-def write_video(path: Path, count: int, gop: int, codec: str = "libx264", **options: str) -> None:
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=25, options=options)
-        stream.width, stream.height, stream.pix_fmt, stream.gop_size = 64, 48, "yuv420p", gop
-        y, x = np.mgrid[:48, :64]
-        for index in range(count):
-            image = np.stack([(x * 3 + index * 5) % 256, (y * 4 + index * 2) % 256, (x + y) % 256], axis=-1)
-            for packet in stream.encode(av.VideoFrame.from_ndarray(image.astype(np.uint8), format="rgb24")):
-                container.mux(packet)
-        container.mux(stream.encode())
 
 
 def decoded(path: Path) -> list[np.ndarray]:
@@ -225,8 +214,6 @@ def test_a_part_of_a_video(tmp_path: Path) -> None:
 
 def test_a_part_of_a_video_of_variable_frame_rate(tmp_path: Path) -> None:
     """Times are the frames' own, not a multiple of a rate."""
-    from tests.video.test_source import video
-
     images = [np.full((48, 64, 3), 40 * index, np.uint8) for index in range(6)]
     path = video(tmp_path / "a.mp4", images, times=[0, 1, 2, 30, 31, 32])
     assert load_dataset("folder", path, start="0.5s").keys() == ["000003", "000004"]

@@ -11,6 +11,8 @@ from robustflow.benchmarks import load_benchmark
 from robustflow.errors import DataError, RunError, UsageError
 from robustflow.testing import ZeroFlow, check_dataset
 
+from ..video.videos import write_video
+
 MODULE = """
 from pathlib import Path
 import numpy as np
@@ -171,8 +173,6 @@ def test_an_edited_source_never_continues_a_run(module):
 
 
 def test_a_video_alone_is_a_folder(tmp_path):
-    from .test_folder import write_video
-
     write_video(tmp_path / "clip.mp4", 6, 3)
     assert load_benchmark("demo", tmp_path / "clip.mp4").dataset.name == "folder"
     with pytest.raises(DataError, match="holds videos, not frames; give one file"):

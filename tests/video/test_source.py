@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-from pathlib import Path
-
 import av
 import numpy as np
 import pytest
@@ -16,38 +13,7 @@ from robustflow.video.reader import VideoReader
 from robustflow.video.source import PictureFolder, VideoFile
 
 from . import clips
-
-
-def video(
-    path: Path,
-    frames,
-    pixels: str = "yuv420p",
-    codec: str = "libx264",
-    times: list[int] | None = None,
-    rotation: int = 0,
-    sound: bool = False,
-    options: dict[str, str] | None = None,
-) -> Path:
-    """A video somebody else might have made."""
-    with av.open(str(path), "w", options=options or {}) as container:
-        stream = container.add_stream(codec, rate=30, options={"crf": "10"} if codec == "libx264" else {})
-        stream.height, stream.width = frames[0].shape[:2]
-        stream.pix_fmt = pixels
-        if rotation:
-            stream.set_display_rotation(rotation)
-        audio = container.add_stream("aac", rate=44100, layout="mono") if sound else None
-        for index, image in enumerate(frames):
-            frame = av.VideoFrame.from_ndarray(image, format="rgb24").reformat(format=pixels)
-            frame.pts, frame.time_base = (times[index] if times else index), Fraction(1, 30)
-            container.mux(stream.encode(frame))
-            if audio is not None:
-                silence = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
-                silence.sample_rate, silence.pts = 44100, index * 1024
-                container.mux(audio.encode(silence))
-        container.mux(stream.encode(None))
-        if audio is not None:
-            container.mux(audio.encode(None))
-    return path
+from .videos import video
 
 
 def test_an_ordinary_video_with_sound(tmp_path):
