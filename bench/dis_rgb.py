@@ -25,7 +25,7 @@ import numpy as np
 from robustflow import load_model
 from robustflow.datasets import load_dataset
 from robustflow.metrics import epe
-from robustflow.models.dis.operating_point import OPERATING_POINTS
+from robustflow.models.dis.model import OPERATING_POINTS
 from robustflow.sample import Flow, Frame, Sample
 
 Predict = Callable[[Frame, Frame], Flow]

@@ -11,7 +11,7 @@ import pytest
 from skimage import data
 
 from robustflow.analysis.conclusion import CAVEAT, conclusions, without_truth
-from robustflow.analysis.scores import note_of
+from robustflow.analysis.run_results import comparison_note
 from robustflow.api import Result, evaluate
 from robustflow.cli.main import main
 from robustflow.images.io import write_image
@@ -118,7 +118,7 @@ def test_enough_scenes_give_an_interval_and_a_verdict(runs):
 
 def test_nothing_is_measured_against_the_paper(runs):
     for run in runs:
-        note = note_of(run)
+        note = comparison_note(run)
         assert note.startswith("3 pairs of your own frames; average over contrast and gaussian noise")
         assert "paper" not in note
     for table in tables_of(runs, published=False):
@@ -145,4 +145,4 @@ def test_with_ground_truth_nothing_of_this_is_said(tmp_path):
     run = evaluate("dis", "demo", output=tmp_path, corruptions=["contrast"], severities=[1], examples=False)
     assert not without_truth(run)
     assert conclusions([run]) == []
-    assert note_of(run) == "1 pair of the demo; average over contrast; severity 1 only"
+    assert comparison_note(run) == "1 pair of the demo; average over contrast; severity 1 only"

@@ -8,9 +8,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from robustflow.analysis.doubts import sound_results
+from robustflow.analysis.model_result import values_frame
 from robustflow.analysis.run_names import run_names
-from robustflow.analysis.scores import note_of, run_results, run_setting
+from robustflow.analysis.run_results import comparison_note, run_results, run_setting
 from robustflow.api import Result, evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
 from robustflow.errors import UsageError
@@ -64,12 +64,12 @@ def test_other_severities_and_other_data_of_the_same_names_are_other_sample_sets
     assert sample_set(run("b", "other")) != sample_set(first)
     calibrated = run("a", "calibrated", severity_scale="calibrated")
     assert sample_set(calibrated) != sample_set(first)
-    assert "calibrated severities" in note_of(calibrated)
-    assert "calibrated" not in note_of(first)
+    assert "calibrated severities" in comparison_note(calibrated)
+    assert "calibrated" not in comparison_note(first)
 
 
 def test_values_are_those_of_the_summary(runs):
-    frame = run_results(runs)
+    frame = values_frame(run_results(runs))
     for run, name in zip(runs, run_names(runs), strict=True):
         rows = frame.filter(model=name)
         found = {(row["metric"], row["corruption"]): row["value"] for row in rows.iter_rows(named=True)}
@@ -136,7 +136,7 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     assert "not ranked: its clean EPE of 0.03 px is not below half of the 0.00 px of zero flow" in best["Useless"][1]
     assert best["Good"][0] > 0
     content = whole_content([useless, *others], published=False)
-    assert set(sound_results(content.results, content.doubted)["model"]) == {"Good", "Bad"}
+    assert set(content.ranked["model"]) == {"Good", "Bad"}
     entries = {entry.name: entry for entry in content.entries}
     assert not entries["Useless"].best
     assert ("epe", "average") in entries["Good"].best
@@ -210,7 +210,7 @@ def test_coverage_is_a_column_where_a_model_left_out_pixels(runs, tmp_path):
 def test_settings_and_notes(runs):
     assert [run_setting(run) for run in runs] == ["knowledge", "own", "ID"]
     for run in runs:
-        note = note_of(run)
+        note = comparison_note(run)
         assert note == "1 pair of the demo; average over JPEG compression and contrast; severities 1 and 3 only"
 
 
@@ -231,7 +231,7 @@ def test_what_is_averaged_over_less_is_not_a_rival(runs, tmp_path):
     part = Result(folder.path)
     assert part.rows.height < runs[0].rows.height
     assert sample_set(part) != sample_set(runs[0])
-    assert "not complete" in note_of(part)
+    assert "not complete" in comparison_note(part)
 
 
 def test_runs_of_one_name_alike_in_everything_are_named_by_digest_and_number(runs, tmp_path):
@@ -314,7 +314,7 @@ def test_runs_alone(runs):
 
 
 def test_results_of_both(runs):
-    both = results_of(runs, published=True)
+    both = values_frame(results_of(runs, published=True))
     assert set(both["sample_set"]) == {"paper", sample_set(runs[0])}
     assert both.filter(pl.col("sample_set") != "paper")["decimals"].null_count() == 3 * 13
 

@@ -15,7 +15,7 @@ from skimage import data
 from typer.testing import CliRunner
 
 import robustflow as rf
-from robustflow.analysis.scores import note_of
+from robustflow.analysis.run_results import comparison_note
 from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.base import spread
 from robustflow.benchmarks.export import export
@@ -94,7 +94,7 @@ def test_non_occluded_ground_truth_is_named_wherever_a_result_is(kitti, only_noc
     assert noc.manifest.identity.frames.protocol == {"ground_truth": "non-occluded"}
     assert occ.manifest.identity.frames.protocol == {}
     assert sample_set(noc) != sample_set(occ)
-    assert words in note_of(noc)
+    assert words in comparison_note(noc)
     pages = {run: (run.path / "report.html").read_text() for run in (noc, occ)}
     shown = {run: CliRunner().invoke(app, ["show", str(run.path)]).output for run in (noc, occ)}
     tables = {run: render(tables_of([run], published=False, wanted=["epe"])[0], "latex") for run in (noc, occ)}

@@ -120,3 +120,14 @@ def test_the_command_after_training_repeats_the_options_of_the_model(monkeypatch
     done = CliRunner().invoke(app, arguments)
     command = shlex.split(done.stdout.partition("measure it with: ")[2])
     assert command == ["robustflow", "run", "--model", "my.nets:Net", *given, "--checkpoint", f"{tmp_path}/last.pth"]
+
+
+@pytest.mark.torch
+@pytest.mark.parametrize(
+    "option", [("--validate-data", "x"), ("--validate-every", "5"), ("--validate-corruptions", "fog")], ids=" ".join
+)
+def test_an_option_of_validation_without_a_benchmark_is_a_usage_error(option):
+    pytest.importorskip("torch", reason="needs the torch extra")
+    error = CliRunner().invoke(app, ["train", "raft_small", "--recipe", "chairs", "--data", "x", *option]).exception
+    assert isinstance(error, UsageError)
+    assert str(error) == f"{option[0]} needs --validate BENCHMARK, which names what is measured"

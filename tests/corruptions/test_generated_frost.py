@@ -13,8 +13,8 @@ from robustflow.benchmarks import load_benchmark
 from robustflow.benchmarks.demo import DEMO_CLASSES
 from robustflow.benchmarks.export import export
 from robustflow.corruptions import load_corruption
+from robustflow.corruptions.weather.frost import photograph
 from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
-from robustflow.corruptions.weather.frost_textures import photograph
 from robustflow.corruptions.weather.generated_frost import STYLES, generated_texture
 from robustflow.errors import AssetError
 from robustflow.images.io import read_image, write_image

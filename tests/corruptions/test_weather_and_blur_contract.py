@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robustflow.corruptions.api import load_corruption
-from robustflow.corruptions.weather.frost_textures import photograph
+from robustflow.corruptions.weather.frost import photograph
 from robustflow.errors import AssetError
 from robustflow.random.rng import Rng
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from robustflow.cache import CACHE_VARIABLE, cache_folder
-from robustflow.corruptions.weather import frost_assets, frost_textures
-from robustflow.corruptions.weather.frost import Frost
-from robustflow.corruptions.weather.frost_textures import enlarged_shape, enlarged_texture, photograph, resize_cubic
+from robustflow.corruptions.weather import frost, frost_assets
+from robustflow.corruptions.weather.frost import Frost, enlarged_shape, enlarged_texture, photograph, resize_cubic
 from robustflow.errors import AssetError
 from robustflow.random.rng import Rng
 
@@ -42,7 +41,7 @@ def invented(monkeypatch, tmp_path):
 
 def forget():
     photograph.cache_clear()
-    frost_textures._enlarged.clear()
+    frost._enlarged.clear()
 
 
 def wheel_of(folder, path, tamper=None):
@@ -201,14 +200,12 @@ def test_all_five_slots_are_drawn_and_cuts_differ(invented, monkeypatch):
 
 def test_enlarged_textures_are_kept_within_the_bound(invented, monkeypatch):
     monkeypatch.setenv(frost_assets.FOLDER_VARIABLE, str(invented))
-    monkeypatch.setattr(frost_textures, "_KEPT_BYTES", 100_000)
+    monkeypatch.setattr(frost, "_KEPT_BYTES", 100_000)
     first = enlarged_texture(photograph, 0, (50, 80))
     assert enlarged_texture(photograph, 0, (50, 80)) is first
     for size in range(60, 120, 5):
         enlarged_texture(photograph, 1, (size, size))
-        assert sum(image.nbytes for image in frost_textures._enlarged.values()) <= 100_000 or (
-            len(frost_textures._enlarged) == 1
-        )
+        assert sum(image.nbytes for image in frost._enlarged.values()) <= 100_000 or (len(frost._enlarged) == 1)
 
 
 def test_the_real_textures():

@@ -8,7 +8,7 @@ import pytest
 
 import robustflow as rf
 from robustflow.analysis.published.tables import published_methods
-from robustflow.analysis.scores import run_setting
+from robustflow.analysis.run_results import run_setting
 from robustflow.benchmarks.setting import setting_of as setting_on
 from robustflow.datasets import DATASETS, dataset_facts
 from robustflow.datasets.split import drive_disjoint_split, kitti_split

@@ -10,13 +10,14 @@ import torch
 from torch import nn
 
 from robustflow import load_model
-from robustflow.analysis.published.tables import COUNTED_SIZE, published_costs
+from robustflow.analysis.published.tables import published_costs
 from robustflow.errors import ModelError, UsageError
 from robustflow.models.tiling import TiledModel
 from robustflow.profiling.counts import count
 from robustflow.profiling.measure import measure_prediction
 from robustflow.profiling.network_of import network_of
 from robustflow.profiling.paper import EveryFlow
+from robustflow.runs.costs import COUNTED_SIZE
 
 pytestmark = pytest.mark.torch
 

@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
+from robustflow.analysis.model_result import values_frame
 from robustflow.analysis.results import read_results, results_csv, values_of
 from robustflow.analysis.robustspring import robustspring_results
-from robustflow.analysis.scores import note_of, run_results
+from robustflow.analysis.run_results import comparison_note, run_results
 from robustflow.api import evaluate
 from robustflow.atomic import json_bytes
 from robustflow.benchmarks import load_benchmark
@@ -104,22 +105,22 @@ def test_rcre_is_how_far_the_flow_moves(run, expected):
 
 
 def test_a_run_says_nothing_of_the_papers_severities(run):
-    assert note_of(run) == "12 pairs of RobustSpring; average over RobustSpring fog and RobustSpring zoom blur"
+    assert comparison_note(run) == "12 pairs of RobustSpring; average over RobustSpring fog and RobustSpring zoom blur"
 
 
 def test_the_export_has_the_same_numbers_under_the_same_names(run, expected):
     flows = [Submitted("clean", "a", True, "0", None)]
     flows += [Submitted(name, "a", True, "1", Robustness(value, 0.0, 0.0)) for name, value in expected.items()]
     results = robustspring_results(run, flows)
-    ours = values_of(run_results([run]), "rcre", benchmark="robustspring")
+    ours = values_of(values_frame(run_results([run])), "rcre", benchmark="robustspring")
     assert ours == pytest.approx(values_of(results, "rcre", benchmark="robustspring"), rel=1e-6)
 
 
 def test_results_can_be_written_and_read_again(run, tmp_path):
     path = tmp_path / "results.csv"
-    path.write_text(results_csv(run_results([run])))
+    path.write_text(results_csv(values_frame(run_results([run]))))
     again = values_of(read_results(path), "rcre", benchmark="robustspring")
-    assert again == values_of(run_results([run]), "rcre")
+    assert again == values_of(values_frame(run_results([run])), "rcre")
 
 
 def test_it_stands_in_tables_and_on_pages_like_any_other(run):

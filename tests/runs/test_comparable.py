@@ -8,7 +8,7 @@ import pytest
 from pydantic.fields import FieldInfo
 
 from robustflow.analysis.conditions import orders, seeds_of
-from robustflow.analysis.scores import notes_of, run_results
+from robustflow.analysis.run_results import comparison_notes, run_results
 from robustflow.api import evaluate
 from robustflow.atomic import write_json
 from robustflow.digest import digest_of_value
@@ -112,7 +112,7 @@ def test_a_difference_makes_another_sample_set_and_is_named(base, what):
     one, other = made_run(base, rows()), made_run(base, changed, **identity)
     assert sample_set(one) != sample_set(other)
     assert words in differences({"A": one, "B": other})
-    assert set(run_results([one, other])["sample_set"]) == {sample_set(one), sample_set(other)}
+    assert [line.frames for line in run_results([one, other])] == [sample_set(one), sample_set(other)]
 
 
 @pytest.mark.parametrize(
@@ -126,10 +126,10 @@ def test_the_model_and_its_errors_make_no_other_sample_set(base, identity):
 
 def test_lines_that_cannot_be_compared_say_why(base):
     runs = [made_run(base, rows(), "A"), made_run(base, rows(), "B", seed=1), made_run(base, rows(), "C")]
-    notes = notes_of(runs)
+    notes = comparison_notes(runs)
     assert [note.rpartition("; ")[2] for note in notes] == ["seed 0", "seed 1", "seed 0"]
-    assert list(dict.fromkeys(run_results(runs)["note"])) == [notes[0], notes[1]]
-    assert "seed" not in notes_of(runs[::2])[0]
+    assert [line.note for line in run_results(runs)] == notes
+    assert "seed" not in comparison_notes(runs[::2])[0]
 
 
 def test_no_bold_mark_over_other_frames(base):
@@ -282,7 +282,7 @@ def test_a_field_added_to_the_frames_is_followed_by_resume_groups_compare_record
     assert sample_set(dry) != sample_set(wet)
     assert differences({"A": dry, "B": wet}) == "A has weather dry; B has weather wet"
     assert "weather dry" in compare(dry, wet).remark
-    assert [note.rpartition("; ")[2] for note in notes_of([dry, wet])] == ["weather dry", "weather wet"]
+    assert [note.rpartition("; ")[2] for note in comparison_notes([dry, wet])] == ["weather dry", "weather wet"]
     packed = load_any_run(pack(dry, tmp_path / "a.robustflow"))
     assert packed.manifest.identity == dry.manifest.identity
     with pytest.raises(RunError, match="weather: dry, here wet"):

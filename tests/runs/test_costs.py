@@ -52,8 +52,7 @@ def measured(tmp_path_factory):
 @pytest.fixture(autouse=True)
 def no_doubts(monkeypatch):
     """Models that move every pixel alike hardly depend on the frames; their ranks are what is tested here."""
-    for module in ("assemble", "site.content"):
-        monkeypatch.setattr(f"robustflow.report.{module}.doubted_runs", lambda runs: {})
+    monkeypatch.setattr("robustflow.analysis.run_results.excluded_runs", lambda runs: {})
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 import robustflow as rf
-from robustflow.analysis.doubts import doubts
+from robustflow.analysis.exclusion import exclusion_reasons
 from robustflow.analysis.uncertainty.of_runs import interval_ends
 from robustflow.errors import DataError, RunError
 from robustflow.report.site import write as site_write
@@ -140,7 +140,7 @@ def _edit_manifest(folder):
 
 def _asked(run):
     """What pages ask of a run."""
-    return sample_set(run), doubts(run), interval_ends(run, beside_published=True), run.summary
+    return sample_set(run), exclusion_reasons(run), interval_ends(run, beside_published=True), run.summary
 
 
 def _computed(folder, tmp_path):
@@ -169,11 +169,11 @@ def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder)
     assert run.rows.height
     _edit_rows(folder)
     (folder / FACTS_FILE).unlink()
-    before = doubts(run)
+    before = exclusion_reasons(run)
     run.keep()
     later = rf.load_run(folder)
     assert not later.has_fact("doubts")
-    assert doubts(later) != before
+    assert exclusion_reasons(later) != before
 
 
 @pytest.mark.parametrize("facts", ["[]", "{", '{"doubts": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}'])

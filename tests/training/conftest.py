@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import cv2
@@ -31,17 +32,19 @@ def chairs(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def request_for(chairs, tmp_path):
-    """A request to train RAFT-small on it for a few updates; keywords change the recipe or the request."""
+    """A request to train RAFT-small on it for a few updates; keywords change the recipe, its data or the request."""
     pytest.importorskip("torch", reason="needs the torch extra")
     pytest.importorskip("torchvision", reason="needs the torch extra")
     from robustflow.training.recipe import Recipe, load_recipe
-    from robustflow.training.session import Request
+    from robustflow.training.request import Checkpoints, DataPlan, Request
 
     def make(output: str = "training", **changes) -> Request:
         recipe = load_recipe(changes.pop("method", "raft_small"), "chairs")
         of_recipe = {"steps": 5, "batch": 2, "crop": (128, 144), "iterations": 2}
         of_recipe |= {key: changes.pop(key) for key in set(changes) & set(Recipe.model_fields) - {"start"}}
-        settings = {"start": "random", "device": "cpu", "loaders": 0, "save_every": 2, **changes}
-        return Request(recipe.changed(**of_recipe), [chairs], tmp_path / output, **settings)
+        of_data = {key: changes.pop(key) for key in set(changes) & {field.name for field in fields(DataPlan)}}
+        data = DataPlan(**{"sources": [chairs], "loaders": 0, **of_data})
+        settings = {"start": "random", "device": "cpu", "checkpoints": Checkpoints(2), **changes}
+        return Request(recipe.changed(**of_recipe), data, tmp_path / output, **settings)
 
     return make

@@ -22,6 +22,7 @@ pytest.importorskip("torchvision", reason="needs the torch extra")
 from robustflow.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
 from robustflow.training.checkpoint import Progressed, read_progress, save_training  # noqa: E402
 from robustflow.training.data.loader import workers_watched  # noqa: E402
+from robustflow.training.request import Checkpoints, DataPlan, Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
@@ -60,10 +61,10 @@ def test_stopped_anywhere_and_resumed_with_other_loaders_it_is_the_undisturbed_t
     whole = request_for("whole")
     run_training(whole)
     for stop, loaders in ((1, 0), (3, 1)):
-        parted = request_for(f"parted{stop}", save_every=1000)
+        parted = request_for(f"parted{stop}", checkpoints=Checkpoints(1000))
         run_training(parted, StopAfter(stop))
         assert len(lines(parted.output)) == stop
-        run_training(replace(parted, resume=True, loaders=loaders))
+        run_training(replace(parted, resume=True, data=replace(parted.data, loaders=loaders)))
         assert_equal(whole.output / "last.pth", parted.output / "last.pth")
         assert without_time(lines(parted.output)) == without_time(lines(whole.output))
 
@@ -90,9 +91,9 @@ def test_killed_at_ten_moments_and_resumed(request_for, tmp_path):
         command = [sys.executable, str(tmp_path / "it.py"), str(tmp_path / "request.pkl")]
         return subprocess.Popen(command, env={**os.environ, "OMP_NUM_THREADS": "1"}, stderr=subprocess.DEVNULL)
 
-    whole = request_for("whole", steps=12, save_every=1)
+    whole = request_for("whole", steps=12, checkpoints=Checkpoints(1))
     assert start(whole).wait() == 0
-    killed = request_for("killed", steps=12, save_every=1)
+    killed = request_for("killed", steps=12, checkpoints=Checkpoints(1))
     moments, kills = random.Random(1), 0
     process = start(killed)
     while kills < 10:
@@ -113,7 +114,7 @@ def test_killed_at_ten_moments_and_resumed(request_for, tmp_path):
         if not resumed:
             for path in killed.output.glob("metrics.jsonl"):
                 path.unlink()
-        process = start(replace(killed, resume=resumed, loaders=kills % 2))
+        process = start(replace(killed, resume=resumed, data=replace(killed.data, loaders=kills % 2)))
     assert process.wait() == 0
     assert kills >= 5
     assert_equal(whole.output / "last.pth", killed.output / "last.pth")
@@ -198,7 +199,7 @@ def test_a_reading_process_that_is_killed_is_an_error_in_a_sentence(request_for)
         return False
 
     with pytest.raises(RunError, match="a process that reads training pairs was ended from outside"):
-        run_training(request_for(steps=200, save_every=1, loaders=1), kill)
+        run_training(request_for(steps=200, checkpoints=Checkpoints(1), loaders=1), kill)
 
 
 @pytest.mark.parametrize("later", [None, RuntimeError("unexpected pos 64 vs 0"), DataError("no room")])
@@ -238,7 +239,7 @@ def test_a_signal_to_all_processes_ends_the_training_with_a_checkpoint(sent, cha
 
 
 def test_a_loss_that_is_not_finite_names_update_and_pairs_and_keeps_the_last_checkpoint(request_for):
-    request = request_for(learning_rate=1e30, save_every=1)
+    request = request_for(learning_rate=1e30, checkpoints=Checkpoints(1))
     with pytest.raises(ModelError, match=r"the (loss|gradient) is (nan|inf) at update \d, on flyingchairs 0000\d, fly"):
         run_training(request)
     assert (request.output / "last.pth").exists()
@@ -346,16 +347,16 @@ def test_a_pair_that_cannot_be_read_is_named_or_skipped(request_for, chairs, tmp
 
     copy = Path(shutil.copytree(chairs, tmp_path / "copy"))
     (copy / "FlyingChairs_release" / "data" / "00003_img1.ppm").write_bytes(b"P6 not a picture")
-    request = replace(request_for(steps=4), data=[copy])
+    request = request_for(steps=4, sources=[copy])
     with pytest.raises(DataError, match=r"training pair '00003' of flyingchairs: .*00003_img1\.ppm.*--skip-bad"):
         run_training(request)
     with pytest.warns(UserWarning, match="training pair '00003' of flyingchairs is skipped"):
-        run_training(replace(request, skip_bad=True, output=request.output.parent / "skipped"))
+        run_training(request_for("skipped", steps=4, sources=[copy], skip_bad=True))
 
 
 def test_missing_data_and_a_missing_start_are_one_line(request_for, tmp_path):
     with pytest.raises(DataError, match=r"flyingchairs split=train was not found .*flyingchairs=FOLDER"):
-        run_training(replace(request_for(), data=[tmp_path]))
+        run_training(request_for(sources=[tmp_path]))
     with pytest.raises(ModelError, match=r"no file .*nothing\.pth"):
         run_training(request_for(start=str(tmp_path / "nothing.pth")))
     from robustflow.training.recipe import load_recipe
@@ -368,10 +369,10 @@ def test_missing_data_and_a_missing_start_are_one_line(request_for, tmp_path):
 def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for):
     from robustflow.runs.run import Run
 
-    request = request_for(steps=3, validate="demo", validate_every=2, validate_corruptions=["contrast"], iterations=1)
+    request = request_for(steps=3, validation=Validation("demo", every=2, corruptions=["contrast"]), iterations=1)
     run_training(request)
     entries = [entry for entry in lines(request.output) if "validation_epe" in entry]
-    assert [entry["update"] for entry in entries] == [1, 3]
+    assert [entry["update"] for entry in entries] == [1, 2]  # after two, and in the end
     for entry in entries:
         run = Run(request.output / "validation" / f"update-{entry['update'] + 1}")
         assert run.epe_clean == entry["validation_epe"]
@@ -380,16 +381,17 @@ def test_validation_is_a_run_of_its_own_and_keeps_the_best(request_for):
 
 
 def test_corrupted_frames_change_what_is_learned_and_the_identity(request_for):
-    plain, corrupted = request_for("plain", steps=2), request_for("corrupted", steps=2, corrupt=["fog"])
+    plain = request_for("plain", steps=2)
+    corrupted = request_for("corrupted", steps=2, corruptions=["fog"], probability=1.0)
     run_training(plain)
-    run_training(replace(corrupted, corrupt_probability=1.0))
+    run_training(corrupted)
     assert lines(plain.output)[0]["loss"] != lines(corrupted.output)[0]["loss"]
     with pytest.raises(RunError, match="differs in: corruptions"):
-        run_training(replace(corrupted, resume=True, corrupt=[]))
+        run_training(replace(corrupted, resume=True, data=plain.data))
 
 
 def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypatch):
-    request = request_for(steps=4, save_every=2)
+    request = request_for(steps=4, checkpoints=Checkpoints(2))
     run_training(request, StopAfter(2))
     before = (request.output / "last.pth").read_bytes()
 
@@ -407,7 +409,7 @@ def test_a_full_disk_at_a_checkpoint_keeps_the_one_before(request_for, monkeypat
 @pytest.mark.slow
 def test_a_disk_that_is_full_indeed(request_for, tmp_path):
     """A file system in memory that has room for one checkpoint and no second one."""
-    request = request_for(steps=4, save_every=2)
+    request = request_for(steps=4, checkpoints=Checkpoints(2))
     request.output.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=18m", "tmpfs", str(request.output)]
     if subprocess.run(mount, capture_output=True).returncode:
@@ -440,12 +442,12 @@ def test_a_folder_of_another_data_set_names_what_was_expected(request_for, chair
             (tmp_path / "mixed" / "data" / path.name).symlink_to(path)
     (tmp_path / "mixed" / "training" / "image_2").mkdir(parents=True)
     with pytest.raises(DataError, match=r"00002_img2\.ppm: missing, though .*00002_.* needs it"):
-        run_training(replace(request_for(), data=[f"flyingchairs={tmp_path / 'mixed'}"]))
+        run_training(request_for(sources=[f"flyingchairs={tmp_path / 'mixed'}"]))
     kitti = request_for(mix="kitti")
     with pytest.raises(DataError, match=r"kitti2015 was not found \(.*; put it into a folder kitti2015 or kitti there"):
-        run_training(replace(kitti, data=[chairs]))
+        run_training(replace(kitti, data=DataPlan([chairs])))
     with pytest.raises(DataError, match=r"not laid out like KITTI 2015; expected .*image_2"):
-        run_training(replace(kitti, data=[f"kitti2015={chairs}"]))
+        run_training(replace(kitti, data=DataPlan([f"kitti2015={chairs}"])))
 
 
 OWN_NETWORK = """

@@ -17,7 +17,8 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe, recipes_of, trained_methods  # noqa: E402
-from robustflow.training.session import Request, run_training  # noqa: E402
+from robustflow.training.request import DataPlan, Request  # noqa: E402
+from robustflow.training.session import run_training  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch, pytest.mark.slow]
 
@@ -47,7 +48,7 @@ def three_steps(method: str, precision: str, folder: Path, data: Path) -> Reques
         mix=str(mix),
         devices=1,
     )
-    return Request(small, [data], folder / "out", start="random", device="cpu", loaders=0)
+    return Request(small, DataPlan([data], loaders=0), folder / "out", start="random", device="cpu")
 
 
 def assert_learned(request: Request) -> None:
@@ -158,8 +159,8 @@ def test_raft_small_learns_one_pair_by_heart(shared, tmp_path):
     recipe = load_recipe("raft_small", "chairs").changed(
         steps=2000, batch=1, crop=(128, 192), iterations=4, mix=str(mix), learning_rate=4e-4, devices=1
     )
-    request = Request(recipe, [f"middlebury={folder}"], tmp_path / "out", start="random", device="cpu", loaders=1)
-    run_training(replace(request, save_every=1000))
+    data = DataPlan([f"middlebury={folder}"])
+    run_training(Request(recipe, data, tmp_path / "out", start="random", device="cpu"))
     lines = (tmp_path / "out" / "metrics.jsonl").read_text().splitlines()
     errors = [json.loads(line)["epe"] for line in lines]
     assert sum(errors[-20:]) / 20 < 0.5

@@ -16,7 +16,8 @@ from robustflow.models import load_model  # noqa: E402
 from robustflow.training.networks import load_network  # noqa: E402
 from robustflow.training.plan import plan_text  # noqa: E402
 from robustflow.training.recipe import Recipe, load_recipe  # noqa: E402
-from robustflow.training.session import Request, run_training  # noqa: E402
+from robustflow.training.request import DataPlan, Request  # noqa: E402
+from robustflow.training.session import run_training  # noqa: E402
 
 pytestmark = [pytest.mark.training, pytest.mark.torch]
 
@@ -57,7 +58,8 @@ def entries(folder: Path) -> list[dict]:
 @pytest.mark.parametrize(("method", "precision"), [*((method, "fp32") for method in MIXES), ("arflow", "bf16")])
 def test_three_steps(method, precision, shared, tmp_path):
     recipe = small(method, tmp_path, precision=precision)
-    request = Request(recipe, [shared("data")], tmp_path / "out", start="random", device="cpu", loaders=0)
+    data = DataPlan([shared("data")], loaders=0)
+    request = Request(recipe, data, tmp_path / "out", start="random", device="cpu")
     last = run_training(request)
     lines = entries(request.output)
     assert len(lines) == STEPS
@@ -150,11 +152,10 @@ def test_arflow_learns_one_pair_by_heart(shared, tmp_path):
     whole = {**raw.objective.model_dump(), "census_from": 1.0}
     first = Request(
         raw.changed(steps=90, learning_rate=1e-3, objective=whole, **small),
-        [f"middlebury={folder}"],
+        DataPlan([f"middlebury={folder}"], loaders=0),
         tmp_path / "raw",
         start="random",
         device="cpu",
-        loaders=0,
     )
     last = run_training(first)
     photometric = [line["photometric"] for line in entries(first.output)]

@@ -16,13 +16,13 @@ class Compared(Generic[Key]):
     Attributes:
         group: lines of one group are compared.
         texts: printed number by column.
-        doubted: whether there are doubts about its model (`robustflow.analysis.doubts`): then it is never marked as
-            best, and being better than it does not count.
+        excluded: whether its model is not ranked (`robustflow.analysis.exclusion`): then it is never marked as best,
+            and being better than it does not count.
     """
 
     group: Hashable
     texts: Mapping[Key, str]
-    doubted: bool = False
+    excluded: bool = False
 
 
 def best_of_columns(lines: Sequence[Compared[Key]]) -> list[set[Key]]:
@@ -35,7 +35,7 @@ def best_of_columns(lines: Sequence[Compared[Key]]) -> list[set[Key]]:
     """
     groups: dict[Hashable, list[Compared[Key]]] = {}
     for line in lines:
-        if not line.doubted:
+        if not line.excluded:
             groups.setdefault(line.group, []).append(line)
     least: dict[tuple[Hashable, Key], float] = {}
     for group, members in groups.items():
@@ -45,7 +45,7 @@ def best_of_columns(lines: Sequence[Compared[Key]]) -> list[set[Key]]:
                     least[group, key] = min(float(text), least.get((group, key), float("inf")))
     return [
         set()
-        if line.doubted
+        if line.excluded
         else {key for key, text in line.texts.items() if least.get((line.group, key)) == float(text)}
         for line in lines
     ]

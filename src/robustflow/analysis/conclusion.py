@@ -10,7 +10,7 @@ from ..errors import RunError
 from ..metrics.rows import CLEAN
 from ..runs.comparable import sample_set
 from ..text import counted, plain
-from .doubts import doubted_runs
+from .exclusion import excluded_runs
 from .labels import long_label
 from .results import AVERAGE
 from .run_names import run_names
@@ -38,7 +38,7 @@ def without_truth(run: Run) -> bool:
 def conclusions(runs: Sequence[Run]) -> list[str]:
     """One conclusion for each set of frames that runs measured without ground truth: which corruption changes the flow
     most, or which model changes least under which; how strong the evidence is; and what would settle it."""
-    doubted = doubted_runs(runs)
+    doubted = excluded_runs(runs)
     groups: dict[str, dict[str, Run]] = {}
     against: dict[str, dict[str, str]] = {}
     for run, name in zip(runs, run_names(runs), strict=True):
@@ -54,7 +54,7 @@ def conclusion(runs: Mapping[str, Run], against: Mapping[str, str]) -> str:
 
     Args:
         runs: by name.
-        against: by name, why a run is not ranked (`doubts.doubted_runs`); "" if there is no reason.
+        against: by name, why a run is not ranked (`exclusion.excluded_runs`); "" if there is no reason.
     """
     sound = {name: run for name, run in runs.items() if not against[name]}
     reasons = [f"{name}, because {against[name]}" for name in runs if against[name]]

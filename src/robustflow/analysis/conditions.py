@@ -24,7 +24,7 @@ from ..runs.comparable import (
 )
 from ..runs.run import Run
 from ..text import joined, plain
-from .doubts import doubts
+from .exclusion import exclusion_reasons
 from .run_names import run_names
 
 
@@ -132,7 +132,7 @@ def orders(runs: Sequence[Run], metric: str) -> Orders | None:
     everywhere = set.intersection(*map(set, scores.values()))
     if len(scores) < 2 or len(everywhere) < 2:
         return None
-    against = {models[_model(run)]: found[0] for run in runs if (found := doubts(run))}
+    against = {models[_model(run)]: found[0] for run in runs if (found := exclusion_reasons(run))}
     doubted = {name: against[base] for name in sorted(everywhere) if (base := name.partition(" #")[0]) in against}
     reasons = "; ".join(f"{plain(name)}, because {reason}" for name, reason in doubted.items())
     if len(everywhere) - len(doubted) < 2:

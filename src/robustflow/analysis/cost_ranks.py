@@ -2,21 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import polars as pl
-
-from ..runs.comparable import sample_set
-from ..runs.costs import RunCost, read_cost
-from ..runs.run import Run
+from ..runs.costs import RunCost
+from .model_result import ModelResult, ranked
 from .published.tables import Cost
 from .ranking import average_ranks, competition_ranks
-from .results import AVERAGE, CLEAN
-from .run_names import run_names
-
-Measured = tuple[str, str, str]
-"""(sample set, setting, model)."""
 
 
 @dataclass(frozen=True)
@@ -46,60 +38,24 @@ def cost_ranks(costs: Mapping[str, Cost]) -> dict[str, dict[str, int]]:
     return ranks
 
 
-def run_costs(runs: Sequence[Run]) -> dict[tuple[str, str], RunCost]:
-    """Costs by (sample set, name) as `run_results` gives them; runs without one are left out."""
-    costs = {(sample_set(run), name): read_cost(run) for name, run in zip(run_names(runs), runs, strict=True)}
-    return {key: cost for key, cost in costs.items() if cost is not None}
-
-
-def measured_crer(results: pl.DataFrame) -> dict[Measured, tuple[float, str]]:
-    """(sample set, setting, model) -> (CREr, note): as given, or computed from the average and the clean EPE."""
-    by_model: dict[tuple[str, str, str], dict[tuple[str, str], float]] = {}
-    notes = {}
-    for row in results.iter_rows(named=True):
-        key = (row["sample_set"], row["setting"], row["model"])
-        by_model.setdefault(key, {})[row["metric"], row["corruption"]] = row["value"]
-        notes[key] = row["note"]
-    out = {}
-    for key, values in by_model.items():
-        given, clean, epe = (values.get(k) for k in (("crer", AVERAGE), ("epe", CLEAN), ("epe", AVERAGE)))
-        if given is None and epe is not None and clean:
-            given = (epe - clean) / clean
-        if given is not None:
-            out[key] = (given, notes[key])
-    return out
-
-
-def run_ranks(
-    measured: Mapping[Measured, tuple[float, str]],
-    run_costs: Mapping[tuple[str, str], RunCost],
-    doubted: Container[tuple[str, str]] = (),
-) -> dict[Measured, RunRanks]:
-    """Ranks of models that are not from the paper, among those of their setting on the same frames.
-
-    Args:
-        measured: the result of `measured_crer`.
-        run_costs: of runs, by (sample set, name).
-        doubted: runs that get no rank, and against which the others are not ranked.
-    """
-    sound = {key: value for key, value in measured.items() if (key[0], key[2]) not in doubted}
-    known = {key: run_costs[key[0], key[2]] for key in sound if (key[0], key[2]) in run_costs}
+def run_ranks(results: Sequence[ModelResult]) -> dict[ModelResult, RunRanks]:
+    """Ranks of models that are not from the paper, among those of their setting on the same frames: of each with a
+    CREr. A model that is excluded gets no rank, and the others are not ranked against it."""
+    measured = [line for line in results if line.crer is not None]
+    sound = ranked(measured)
     ranks = dict.fromkeys(measured, RunRanks(None, None, None))
-    for key in sound:
-        crer = _ranks({k: round(value, 2) for k, (value, _) in sound.items() if k[:2] == key[:2]})
-        flops = _ranks(
-            {
-                k: round(other.flops_g, 1)
-                for k, other in known.items()
-                if key in known and k[0] == key[0] and counted_size(other) == counted_size(known[key])
-            }
-        )
+    for line in sound:
+        peers = [other for other in sound if other.frames == line.frames]
+        crer = _ranks({one: round(one.crer or 0.0, 2) for one in peers if one.setting == line.setting})
+        size = line.cost and counted_size(line.cost)
+        alike = {one: one.cost for one in peers if one.cost is not None and counted_size(one.cost) == size}
+        flops = _ranks({one: round(cost.flops_g, 1) for one, cost in alike.items()})
         average = average_ranks(crer, flops)
-        ranks[key] = RunRanks(crer.get(key), flops.get(key), average.get(key) if len(average) > 1 else None)
+        ranks[line] = RunRanks(crer.get(line), flops.get(line), average.get(line) if len(average) > 1 else None)
     return ranks
 
 
-def _ranks(values: Mapping[Measured, float]) -> dict[Measured, int]:
+def _ranks(values: Mapping[ModelResult, float]) -> dict[ModelResult, int]:
     """Ranks; none for a single model."""
     return competition_ranks(values) if len(values) > 1 else {}
 

@@ -14,7 +14,7 @@ from ..runs.run import Run
 from ..text import counted, joined
 from .labels import inside, long_label
 from .results import AVERAGE, RESULT_SCHEMA
-from .scores import OWN_SETTING
+from .run_results import OWN_SETTING
 
 ROBUSTNESS = ("epe", "fl", "px1")
 """RobustSpring's three numbers of a corrupted flow: the distance to the clean one in pixels, and the percentages of

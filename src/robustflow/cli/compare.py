@@ -44,7 +44,7 @@ def compare(
     import polars as pl
 
     from ..analysis.conditions import orders, seeds_of
-    from ..analysis.doubts import not_ranked
+    from ..analysis.exclusion import not_ranked
     from ..analysis.labels import METRIC_LABELS
     from ..analysis.run_names import run_names
     from ..analysis.uncertainty import compare_all, rank_stability, standings, variance_split

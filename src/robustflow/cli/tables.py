@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ..analysis.conclusion import conclusions, enough_to_compare, without_truth
 from ..analysis.conditions import seed_groups, seeds_of
-from ..analysis.doubts import doubts, not_ranked
+from ..analysis.exclusion import exclusion_reasons, not_ranked
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.run_names import run_names
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
@@ -61,7 +61,7 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     if metric in UNCOUPLED:
         overall = getattr(uncoupled(result.rows).overall, metric)
         console.print(f"{metric} {cell(overall)}, the mean over corruptions", highlight=False, soft_wrap=True)
-    if reasons := doubts(result):
+    if reasons := exclusion_reasons(result):
         sentence = f"This says nothing about robustness: {' and '.join(reasons)}."
         console.print(plain(sentence, None), highlight=False, soft_wrap=True)
     if summary.paper is not None and set(summary.averaged_over) != set(summary.paper_over):

@@ -130,11 +130,18 @@ def train(
         return
     if not data and needs_data(chosen):
         raise UsageError("nothing to train on: give --data FOLDER, which holds the data sets; --plan lists them")
-    from ..training.session import Request, run_training
+    if validate is None:
+        _refuse_alone(
+            ("--validate-data", validate_data),
+            ("--validate-every", validate_every),
+            ("--validate-corruptions", validate_corruptions),
+        )
+    from ..training.request import Checkpoints, DataPlan, Request, Validation
+    from ..training.session import run_training
 
     request = Request(
         recipe=chosen,
-        data=data or [],
+        data=DataPlan(data or [], _corruptions(corrupt), corrupt_probability, skip_bad, loaders),
         output=output or Path("trainings") / f"{method}-{recipe}",
         start=init,
         start_trained_on=init_trained_on,
@@ -142,16 +149,10 @@ def train(
         seed=seed,
         device=device or "auto",
         options=keyword_options(option),
-        loaders=loaders,
-        save_every=save_every,
-        keep_every=keep_every,
-        validate=validate,
-        validate_data=validate_data,
-        validate_every=validate_every,
-        validate_corruptions=names(validate_corruptions) or [],
-        corrupt=_corruptions(corrupt),
-        corrupt_probability=corrupt_probability,
-        skip_bad=skip_bad,
+        checkpoints=Checkpoints(save_every, keep_every),
+        validation=Validation(validate, validate_data, validate_every, names(validate_corruptions) or [])
+        if validate
+        else None,
     )
     interrupted = Interrupted()
     checkpoint = run_training(request, interrupted)
@@ -180,6 +181,12 @@ class Interrupted:
             raise KeyboardInterrupt
         self._came = True
         typer.echo("robustflow: stopping after this update; press Ctrl-C again to stop at once", err=True)
+
+
+def _refuse_alone(*options: tuple[str, object]) -> None:
+    for option, value in options:
+        if value is not None:
+            raise UsageError(f"{option} needs --validate BENCHMARK, which names what is measured")
 
 
 def _corruptions(text: str | None) -> list[str]:

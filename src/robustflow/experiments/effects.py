@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import polars as pl
 
-from ..analysis.doubts import missed_motion
+from ..analysis.exclusion import missed_motion
 from ..errors import UsageError
 from ..metrics.rows import CLEAN
 from ..runs.run import Run

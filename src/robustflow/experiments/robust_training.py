@@ -23,7 +23,8 @@ from ..models import ModelSpec
 from ..runs.run import Run
 from ..training.checkpoint import LAST, read_progress
 from ..training.recipe import Recipe, load_recipe
-from ..training.session import Request, run_training
+from ..training.request import Checkpoints, DataPlan, Request
+from ..training.session import run_training
 from .arms import Arm, arms, measured
 from .effects import Runs
 from .hypotheses import DATASET
@@ -188,16 +189,14 @@ def _trained(
         return folder / LAST
     request = Request(
         recipe=recipe,
-        data=[],
+        data=DataPlan(corruptions=[] if arm is None else arm.corruptions, loaders=experiment.loaders),
         output=folder,
         start=None if start is None else str(start),
         start_trained_on=None if start is None else "FS",
         resume=resume,
         seed=seed if arm is None else seed + _SEED_OF_ARMS,
         device="auto",
-        loaders=experiment.loaders,
-        save_every=_SAVE_EVERY,
-        corrupt=[] if arm is None else arm.corruptions,
+        checkpoints=Checkpoints(_SAVE_EVERY),
     )
     checkpoint = run_training(request, stop)
     if stop():

@@ -6,7 +6,7 @@ folder only.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from ..sample import Flow, Frame
 from .input_convention import InputConvention, named_convention
 from .model_file import damaged, opened, require_file
 from .option_checks import check_count
-from .pairs import predict_by_size
+from .pairs import PairNetwork
 from .signature import (
     Dim,
     batch_and_size,
@@ -35,7 +35,7 @@ _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(d
 _CUDA = "CUDAExecutionProvider"
 
 
-class OnnxModel:
+class OnnxModel(PairNetwork):
     """Satisfies `FlowModel`.
 
     Args:
@@ -117,32 +117,9 @@ class OnnxModel:
             "library": f"onnxruntime {onnxruntime.__version__}",
         }
 
-    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`."""
-        return self.predict_batch([frame1], [frame2])[0]
-
-    def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
-        """Flows of several pairs; on a GPU those of one size go through together where the network's batch is dynamic.
-
-        On the CPU each goes by itself, so that no flow depends on the others by a bit.
-
-        Args:
-            frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
-            frames2: as many, each of its first frame's size.
-
-        Returns:
-            float32 (H, W, 2) each, (u right, v down) in pixels.
-
-        Raises:
-            UsageError: frames that are not pairs of RGB uint8 images.
-            ModelError: a frame larger than the network takes, or a network that fails or returns no flow.
-        """
-        return predict_by_size(self._predict, frames1, frames2)
-
-    def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        if self._batched and self.device != "cpu":
-            return self.run(frames1, frames2)
-        return [self.run([frame1], [frame2])[0] for frame1, frame2 in zip(frames1, frames2, strict=True)]
+    @property
+    def _together(self) -> bool:
+        return self._batched and self.device != "cpu"
 
     def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
         """One call of the network for pairs of one size, returned as by `predict_batch`."""

@@ -2,12 +2,59 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from ..errors import ModelError, UsageError
 from ..sample import Flow, Frame
+
+
+class PairNetwork(ABC):
+    """A network that is given batches of pairs of one size."""
+
+    @property
+    @abstractmethod
+    def _together(self) -> bool:
+        """Whether pairs of one size go through the network together: on a GPU, where the network's batch is dynamic.
+
+        On the CPU each pair runs alone: together they are no faster, and change the last bits of each other's flow
+        (up to 1e-4 px), because convolutions of another batch add up in another order.
+        """
+
+    @abstractmethod
+    def run(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
+        """Call the network once for pairs of one size; returns what `predict_batch` does.
+
+        Raises:
+            ModelError: frames of a size that the network cannot take, or the network fails on them.
+        """
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        """See `FlowModel.predict`."""
+        return self.predict_batch([frame1], [frame2])[0]
+
+    def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
+        """Return the flows of several pairs.
+
+        Args:
+            frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
+            frames2: as many, each of its first frame's size.
+
+        Returns:
+            float32 (H, W, 2) each, (u right, v down) in pixels.
+
+        Raises:
+            UsageError: frames that are not pairs of RGB uint8 images.
+            ModelError: a size that the network cannot take, or a network that fails or returns no flow.
+        """
+        return predict_by_size(self._predict, frames1, frames2)
+
+    def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
+        if self._together:
+            return self.run(frames1, frames2)
+        return [self.run([frame1], [frame2])[0] for frame1, frame2 in zip(frames1, frames2, strict=True)]
 
 
 def predict_by_size(

@@ -15,7 +15,7 @@ from ..analysis.observations import observations
 from ..analysis.published.tables import Cost
 from ..analysis.results import AVERAGE, CLEAN
 from ..analysis.run_names import run_names
-from ..analysis.scores import notes_of
+from ..analysis.run_results import comparison_notes
 from ..analysis.uncertainty import intervals
 from ..analysis.uncertainty.bootstrap import LEVEL, fewest_clusters
 from .table import Column, Line, Section, Table, TableCell, number_text, spread_text
@@ -35,7 +35,7 @@ def means_table(
     columns += [Column(metric_label(metric)) for metric in METRIC_LABELS]
     lines, known = [], []
     values: dict[str, list[float | None]] = {}
-    for name, run, note in zip(run_names(runs), runs, notes_of(runs), strict=True):
+    for name, run, note in zip(run_names(runs), runs, comparison_notes(runs), strict=True):
         estimates = {
             (row["metric"], row["corruption"]): row for row in intervals(run.rows, level=level, seed=seed).to_dicts()
         }
@@ -113,7 +113,7 @@ def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost], pairs: 
             for part in observation.parts
         ]
         sections.append(Section(f"{observation.number}. {observation.title}: {observation.verdict}", tuple(lines)))
-    return Table("observations", "The paper's observations", columns, tuple(sections), lines_are="Part")
+    return Table("observations", "The paper's observations", columns, tuple(sections), row_header="Part")
 
 
 def _estimate(row: dict[str, float | None] | None, brackets: bool) -> str:

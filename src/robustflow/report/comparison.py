@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from ..analysis.doubts import not_ranked
+from ..analysis.exclusion import not_ranked
 from ..analysis.labels import METRIC_LABELS, long_label, metric_label
 from ..analysis.run_names import run_names
 from ..analysis.uncertainty import compare_rows

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import polars as pl
-
-from ..analysis.cost_ranks import Measured, cost_ranks, counted_size, measured_crer, run_ranks
+from ..analysis.cost_ranks import cost_ranks, counted_size, run_ranks
+from ..analysis.model_result import ModelResult
 from ..analysis.published.tables import COUNTED_ITERATIONS, PAPER, Cost
 from ..errors import UsageError
 from ..runs.costs import COUNTED_SIZE, RunCost
-from .table import Column, Line, Section, Table, TableCell, number_text, with_doubt
+from .table import Column, Line, Section, Table, TableCell, number_text, with_exclusion
 
 _COLUMNS = (
     Column("Param. (M)"),
@@ -27,12 +26,7 @@ _PLACE = {"OOD": (2, 5), "ID": (3, 6)}
 _OTHER = (4, 7)
 
 
-def cost_table(
-    results: pl.DataFrame,
-    costs: Mapping[str, Cost],
-    run_costs: Mapping[tuple[str, str], RunCost] | None = None,
-    doubted: Mapping[tuple[str, str], str] | None = None,
-) -> Table:
+def cost_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Table:
     """CREr and cost, ranked by the rule of `ranking`.
 
     The models of `costs` come first, with their printed CREr in both settings; then models of `results` that were
@@ -40,10 +34,8 @@ def cost_table(
     the published models are never ranked with them.
 
     Args:
-        results: columns of `results.RESULT_SCHEMA`.
+        results: of any source.
         costs: the published ones.
-        run_costs: of runs, by (sample set, name).
-        doubted: for runs, why their models have no rank.
 
     Raises:
         UsageError: neither costs nor a CREr.
@@ -51,12 +43,12 @@ def cost_table(
     sections = []
     if costs:
         sections.append(Section("Published", _published_lines(costs)))
-    others = measured_crer(results.filter(pl.col("sample_set") != PAPER))
-    if others:
-        sections.append(Section("Measured on other frames", _measured_lines(others, run_costs or {}, doubted or {})))
+    others = [line for line in results if line.frames != PAPER]
+    if lines := _measured_lines(others):
+        sections.append(Section("Measured on other frames", lines))
     if not sections:
         raise UsageError("the table 'cost' would be empty: it needs the published costs, or runs with a CREr")
-    shown = [index for index in range(len(_COLUMNS)) if others or index not in _OTHER]
+    shown = [index for index in range(len(_COLUMNS)) if lines or index not in _OTHER]
     sections = [
         Section(s.title, tuple(replace(x, cells=tuple(x.cells[i] for i in shown)) for x in s.lines)) for s in sections
     ]
@@ -64,7 +56,7 @@ def cost_table(
         "FLOPs are ranked over all models, CREr within its setting, equal values alike; lower is better. The average "
         "rank is that of their mean."
     ]
-    if run_costs:
+    if any(line.cost for line in others):
         remarks.append(
             f"FLOPs are multiply-accumulates as the paper counts them ({COUNTED_ITERATIONS} iterations, frames of "
             f"{COUNTED_SIZE[0]}x{COUNTED_SIZE[1]}, unless noted); "
@@ -97,26 +89,20 @@ def _published_lines(costs: Mapping[str, Cost]) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def _measured_lines(
-    measured: Mapping[Measured, tuple[float, str]],
-    run_costs: Mapping[tuple[str, str], RunCost],
-    doubted: Mapping[tuple[str, str], str],
-) -> tuple[Line, ...]:
-    ranks, lines = run_ranks(measured, run_costs, doubted), []
-    for key, (value, note) in measured.items():
-        frames, setting, model = key
-        rank, cost = ranks[key], run_costs.get((frames, model))
+def _measured_lines(results: Sequence[ModelResult]) -> tuple[Line, ...]:
+    lines = []
+    for result, rank in run_ranks(results).items():
+        cost, note = result.cost, result.note
         cells = [TableCell("-")] * len(_COLUMNS)
-        crer_at, average_at = _PLACE.get(setting, _OTHER)
-        cells[crer_at] = TableCell(number_text(value, None) + _shown(rank.crer), rank.crer == 1)
+        crer_at, average_at = _PLACE.get(result.setting, _OTHER)
+        cells[crer_at] = TableCell(number_text(result.crer, None) + _shown(rank.crer), rank.crer == 1)
         if cost is not None:
             cells[0] = TableCell(f"{cost.parameters_m:.2f}")
             cells[1] = TableCell(f"{cost.flops_g:.1f}{_shown(rank.flops)}")
             if rank.average is not None:
                 cells[average_at] = TableCell(str(rank.average), rank.average == 1)
             note = "; ".join(part for part in (note, _counted_note(cost)) if part)
-        note = with_doubt(note, doubted.get((frames, model)))
-        lines.append(Line(model, tuple(cells), note, best=rank.average == 1))
+        lines.append(Line(result.name, tuple(cells), with_exclusion(note, result.excluded), best=rank.average == 1))
     return tuple(lines)
 
 

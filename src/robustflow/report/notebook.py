@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
+from ..analysis.model_result import values_frame
 from ..analysis.run_names import run_names
-from ..analysis.scores import note_of, run_results, run_setting
+from ..analysis.run_results import comparison_note, run_results, run_setting
 from ..errors import UsageError, unknown_name
 from ..runs.comparable import common_to, differences
 from .render import render
@@ -45,7 +46,7 @@ def result_table(run: Run) -> Table:
     lines = [_line("all", summary, shown)]
     lines += [_line(FAMILY_LABELS[name], scores, shown) for name, scores in summary.families.items()]
     remarks = [f"clean EPE {summary.epe_clean:.2f} px"] if summary.epe_clean is not None else []
-    remarks += [note] if (note := note_of(run)) else []
+    remarks += [note] if (note := comparison_note(run)) else []
     benchmark = benchmark_words(run.benchmark)
     title = f"{run.name} ({setting_words(run_setting(run))}) on {benchmark}"
     return Table("result", title, tuple(columns), (Section("Means", tuple(lines)),), tuple(remarks), "Corruptions")
@@ -88,7 +89,7 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         return figures.severity_curves(common_to(dict(zip(names, runs, strict=True))).rows, metric)
     if words := differences(dict(zip(names, runs, strict=True))):
         raise UsageError(f"these runs did not measure the same and cannot be drawn together ({words}); plot each alone")
-    results = run_results(runs)
+    results = values_frame(run_results(runs))
     return figures.crer_by_family(results, tuple(names)) if kind == "classes" else of_results[kind](results)
 
 

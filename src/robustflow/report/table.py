@@ -58,7 +58,7 @@ class Table:
         columns: all but the first, which names the lines.
         sections: in the paper's order.
         remarks: sentences below it.
-        lines_are: the heading of the first column.
+        row_header: the heading of the first column.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Table:
     columns: tuple[Column, ...]
     sections: tuple[Section, ...]
     remarks: tuple[str, ...] = ()
-    lines_are: str = "Model"
+    row_header: str = "Model"
 
     def without_empty_columns(self) -> Table:
         """The table without the columns that have a dash in every line.
@@ -87,10 +87,10 @@ class Table:
         return replace(self, columns=(*compress(self.columns, filled),), sections=sections)
 
 
-def with_doubt(note: str, reason: str | None) -> str:
+def with_exclusion(note: str, reason: str) -> str:
     """The note of a line, and why its model is not ranked.
 
-    >>> with_doubt("3 pairs", "its weights are random")
+    >>> with_exclusion("3 pairs", "its weights are random")
     '3 pairs; not ranked: its weights are random'
     """
     return "; ".join(part for part in (note, reason and f"not ranked: {reason}") if part)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from ..analysis.model_result import ModelResult
 from ..analysis.results import AVERAGE
-from ..analysis.run_names import run_names
-from ..analysis.scores import notes_of
 from ..analysis.uncoupled import Coupling, Uncoupled, coupling, uncoupled
 from ..errors import UsageError
-from ..runs.comparable import sample_set
 from .table import Column, Line, Section, Table, TableCell, number_text
 
 if TYPE_CHECKING:
@@ -33,27 +31,25 @@ _REMARK = (
 )
 
 
-def uncoupled_table(runs: Sequence[Run], doubted: Mapping[tuple[str, str], str]) -> Table:
-    """`uncoupled` of runs; with five sound models or more on the same frames also how CRE and log ratio follow the
+def uncoupled_table(results: Sequence[ModelResult]) -> Table:
+    """`uncoupled` of runs; with five ranked models or more on the same frames also how CRE and log ratio follow the
     accuracy.
-
-    Args:
-        runs: at least one.
-        doubted: by (sample set, name), why a run is in no correlation.
 
     Raises:
         UsageError: no run has ground truth.
     """
     lines = []
     same_frames: dict[str, list[tuple[float, float, float]]] = {}
-    for name, run, note in zip(run_names(runs), runs, notes_of(runs), strict=True):
+    for result in results:
+        if (run := result.run) is None:
+            continue
         measured = uncoupled(run.rows)
         if measured.overall.log_ratio is None and measured.overall.median_cre is None:
             continue
-        lines.append(Line(name, tuple(map(TableCell, _texts(run, measured))), note))
-        frames, clean, cre, ratio = sample_set(run), run.epe_clean, run.cre, measured.overall.log_ratio
-        if clean is not None and cre is not None and ratio is not None and (frames, name) not in doubted:
-            same_frames.setdefault(frames, []).append((clean, cre, ratio))
+        lines.append(Line(result.name, tuple(map(TableCell, _texts(run, measured))), result.note))
+        clean, cre, ratio = run.epe_clean, run.cre, measured.overall.log_ratio
+        if clean is not None and cre is not None and ratio is not None and not result.excluded:
+            same_frames.setdefault(result.frames, []).append((clean, cre, ratio))
     if not lines:
         raise UsageError("the table 'uncoupled' needs ground truth, which none of these runs has")
     couplings = (coupling(*map(list, zip(*models, strict=True))) for models in same_frames.values())

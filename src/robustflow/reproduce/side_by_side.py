@@ -11,9 +11,10 @@ from statistics import fmean
 import polars as pl
 
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, family_label, short_label
+from ..analysis.model_result import values_frame
 from ..analysis.published.tables import published_costs, published_results
 from ..analysis.results import AVERAGE, CLEAN, RESULT_METRICS
-from ..analysis.scores import note_of, run_results
+from ..analysis.run_results import comparison_note, run_results
 from ..benchmarks import benchmark_facts
 from ..corruptions.registry import FAMILIES
 from ..report.table import Column, Line, Section, Table, TableCell, number_text
@@ -51,7 +52,7 @@ class SideBySide:
 
 def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
     """A variant that was run, beside the published values over the same corruptions."""
-    here = _values(run_results([run], beside_published=True))
+    here = _values(values_frame(run_results([run], beside_published=True)))
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
     levels = run.manifest.selection.severities
     setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
@@ -59,7 +60,7 @@ def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBy
     notes = (
         runnable.weights,
         f"{setting}, not the setting of this line" if differs else "",
-        note_of(run, beside_published=True),
+        comparison_note(run, beside_published=True),
         "" if len(measured) == len(_of_paper(artefact)) else "the published average is over the same corruptions",
         "" if set(levels) == set(SEVERITIES) else "the published values are over all five severities",
     )

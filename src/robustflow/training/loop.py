@@ -29,38 +29,29 @@ from .network_with_loss import NetworkWithLoss
 from .networks import TrainedNetwork, learning_parameters
 from .optimizers import set_rate
 from .processes import Process
-from .recipe import Recipe
+from .request import Request
 from .schedules import rate_of
 from .unsupervised.objective import TrainingStep
 
 
 @dataclass(frozen=True)
 class TrainingSetup:
-    """Everything that the loop needs.
+    """What the loop needs besides the state that changes.
 
     Attributes:
-        recipe: with the user's changes.
-        seed: of every draw.
-        trained_on: what the weights will have been trained on; None if unknown.
+        request: the user's.
         folder: where checkpoints and the log go.
+        trained_on: what the weights will have been trained on; None if unknown.
         pairs: the data.
-        loaders: processes that prepare batches in advance.
-        save_every: updates between checkpoints.
-        keep_every: updates between files of weights that are kept; None for none.
-        validate_every: updates between validations; None for none.
-        validate: the error of the network as it is after so many updates, `epe` in pixels, and more for the log.
+        validate: the error of the network as it is after so many updates, `epe` in pixels, and more for the log; None
+            for no validation.
         stop: called after each update; True ends the training there.
     """
 
-    recipe: Recipe
-    seed: int
-    trained_on: str | None
+    request: Request
     folder: Path
+    trained_on: str | None
     pairs: TrainingPairs
-    loaders: int
-    save_every: int
-    keep_every: int | None = None
-    validate_every: int | None = None
     validate: Callable[[int], dict[str, float]] | None = None
     stop: Callable[[], bool] = lambda: False
 
@@ -83,14 +74,15 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
         RunError: a process that reads pairs was ended from outside.
         DataError: a pair cannot be read, or a file cannot be written.
     """
-    recipe, network = training.recipe, state.network
+    request, network = training.request, state.network
+    recipe, checkpoints = request.recipe, request.checkpoints
     called: nn.Module = NetworkWithLoss(network, recipe)
     if process.world > 1:
         called = DistributedDataParallel(called, find_unused_parameters=True)  # GMA has some
     first, last = state.done.updates, recipe.updates
     share = Share(recipe.batch, process.rank, process.world)
     steps = range(first * recipe.accumulate, last * recipe.accumulate)
-    stream = batches(training.pairs, share, steps, training.loaders)
+    stream = batches(training.pairs, share, steps, request.data.loaders)
     network.train()
     leads = process.rank == 0
     with workers_watched(), MetricsLog(training.folder, first) if leads else nullcontext() as log, progress:
@@ -106,12 +98,12 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
                 log.write(update, numbers)
                 shown = f"loss {numbers['loss']:.3g}, EPE {numbers['epe']:.3g} px" if "epe" in numbers else ""
                 progress.update("update", update + 1, shown)
-            if training.validate is not None and _due(update + 1, training.validate_every, last) and leads:
+            if _due(update + 1, request.validate_every, last) and leads:
                 _validate(training, state, log)
             stopped = process.any(training.stop())
-            if leads and (stopped or _due(update + 1, training.save_every, last)):
+            if leads and (stopped or _due(update + 1, checkpoints.every, last)):
                 _save(training, state)
-            if leads and training.keep_every and (update + 1) % training.keep_every == 0:
+            if leads and checkpoints.keep_every and (update + 1) % checkpoints.keep_every == 0:
                 path = training.folder / f"update-{update + 1}.pth"
                 save_weights(path, network.weights(), state.done, training.trained_on)
             if stopped:
@@ -122,15 +114,15 @@ def _update(
     called: nn.Module, state: TrainingState, stream: Iterator[Batch], training: TrainingSetup, share: Share, update: int
 ) -> dict[str, float]:
     """Make one update of the weights, and return its numbers for the log."""
-    recipe, device = training.recipe, next(called.parameters()).device
+    recipe, seed, device = training.request.recipe, training.request.seed, next(called.parameters()).device
     state.optimizer.zero_grad(set_to_none=True)
     total: dict[str, float] = {}
     for part in range(recipe.accumulate):
         number = update * recipe.accumulate + part
         positions = share.positions(number)
-        batch = prepared(next(stream).to(device), recipe, training.seed, number, positions)
-        torch.manual_seed(key_of(training.seed, "network", number, share.rank) % 2**63)
-        step = TrainingStep(training.seed, number, tuple(positions), update / recipe.updates)
+        batch = prepared(next(stream).to(device), recipe, seed, number, positions)
+        torch.manual_seed(key_of(seed, "network", number, share.rank) % 2**63)
+        step = TrainingStep(seed, number, tuple(positions), update / recipe.updates)
         last = part == recipe.accumulate - 1
         with nullcontext() if last or share.world == 1 else called.no_sync():
             loss, numbers = called(batch, step)

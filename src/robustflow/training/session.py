@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,56 +28,8 @@ from .networks import TrainedNetwork, load_network
 from .optimizers import build_optimizer
 from .processes import Process, this_process
 from .recipe import Recipe, mix_parts
+from .request import DataPlan, Request
 from .validate import validator
-
-PAIRS_OF_VALIDATION = 20
-
-
-@dataclass(frozen=True)
-class Request:
-    """A user's request.
-
-    Attributes:
-        recipe: with the user's changes.
-        data: folders, see `open_part`.
-        output: the training's folder.
-        start: a checkpoint to start from, or "random"; None for what the recipe starts from.
-        start_trained_on: what those weights were trained on, if their file does not say.
-        resume: continue from `last.pth`.
-        seed: of every draw.
-        device: as for `run --device`.
-        options: of the model.
-        loaders: processes that prepare batches in advance.
-        save_every, keep_every, validate_every: updates, see `loop.TrainingSetup`.
-        validate: a benchmark, or None.
-        validate_data: its data.
-        validate_corruptions: besides the clean frames.
-        validate_limit: use only so many of its pairs, spread evenly.
-        corrupt: corruptions applied to training frames.
-        corrupt_probability: that a pair is corrupted.
-        skip_bad: see `TrainingPairs`.
-    """
-
-    recipe: Recipe
-    data: Sequence[str | Path]
-    output: Path
-    start: str | None = None
-    start_trained_on: str | None = None
-    resume: bool = False
-    seed: int = 0
-    device: str = "auto"
-    options: tuple[tuple[str, Any], ...] = ()
-    loaders: int = 1
-    save_every: int = 1000
-    keep_every: int | None = None
-    validate: str | None = None
-    validate_data: str | Path | None = None
-    validate_every: int | None = None
-    validate_corruptions: Sequence[str] = ()
-    validate_limit: int | None = PAIRS_OF_VALIDATION
-    corrupt: Sequence[str] = ()
-    corrupt_probability: float = 0.5
-    skip_bad: bool = False
 
 
 def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> Path:
@@ -95,10 +46,16 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         RunError: nothing to resume, or another training.
     """
     recipe, folder = request.recipe, user_path(request.output)
-    parts = [open_part(part, request.data) for part in mix_parts(recipe.mix)]
+    parts = [open_part(part, request.data.sources) for part in mix_parts(recipe.mix)]
     order = Order(sum(map(len, parts)), recipe.batch * recipe.accumulate, request.seed)
     pairs = TrainingPairs(
-        parts, order, recipe.crop, request.seed, _corruption(request), request.skip_bad, recipe.objective
+        parts,
+        order,
+        recipe.crop,
+        request.seed,
+        _corruption(request.data, request.seed),
+        request.data.skip_bad,
+        recipe.objective,
     )
     content, done = _earlier(folder, request)
     with this_process(request.device) as process:
@@ -118,16 +75,11 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
             make_folder(folder)
             write_json(folder / "recipe.json", {**recipe.model_dump(mode="json"), "training": done.identity})
         training = TrainingSetup(
-            recipe=recipe,
-            seed=request.seed,
-            trained_on=_trained_on(done.identity["start_trained_on"], parts),
+            request=request,
             folder=folder,
+            trained_on=_trained_on(done.identity["start_trained_on"], parts),
             pairs=pairs,
-            loaders=request.loaders,
-            save_every=request.save_every,
-            keep_every=request.keep_every,
-            validate_every=request.validate_every or request.save_every,
-            validate=_validator(model, folder, request),
+            validate=validator(model, folder, request.validation) if request.validation else None,
             stop=stop,
         )
         train(training, TrainingState(network, optimizer, scaler, done), process, ProgressBar(process.rank == 0))
@@ -207,7 +159,7 @@ def _identity(request: Request, parts: Sequence[OpenPart]) -> dict[str, Any]:
         "seed": request.seed,
         "options": {key: str(value) for key, value in request.options},
         "data": digest_of_bytes(*keys, size=8),
-        "corruptions": [*request.corrupt, request.corrupt_probability] if request.corrupt else [],
+        "corruptions": [*request.data.corruptions, request.data.probability] if request.data.corruptions else [],
     }
 
 
@@ -232,20 +184,7 @@ def _check_process(recipe: Recipe, process: Process) -> None:
         )
 
 
-def _corruption(request: Request) -> CorruptionTransform | None:
-    if not request.corrupt:
+def _corruption(data: DataPlan, seed: int) -> CorruptionTransform | None:
+    if not data.corruptions:
         return None
-    return CorruptionTransform(list(request.corrupt), probability=request.corrupt_probability, seed=request.seed)
-
-
-def _validator(model: NetworkModel, folder: Path, request: Request) -> Callable[[int], dict[str, float]] | None:
-    if request.validate is None:
-        return None
-    return validator(
-        model,
-        folder,
-        request.validate,
-        request.validate_data,
-        request.validate_corruptions,
-        request.validate_limit,
-    )
+    return CorruptionTransform(list(data.corruptions), probability=data.probability, seed=seed)

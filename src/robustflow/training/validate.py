@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from ..runner.setup import open_benchmark, set_up
 from ..runs.run import Run
 from ..runs.store import RunFolder
 from ..sample import Flow, Frame
+from .request import Validation
 
 
 @dataclass(frozen=True)
@@ -34,14 +35,7 @@ class _AtUpdate:
         return self.model.predict(frame1, frame2)
 
 
-def validator(
-    model: NetworkModel,
-    folder: Path,
-    benchmark: str,
-    data: str | Path | None,
-    corruptions: Sequence[str],
-    limit: int | None,
-) -> Callable[[int], dict[str, float]]:
+def validator(model: NetworkModel, folder: Path, validation: Validation) -> Callable[[int], dict[str, float]]:
     """A function that measures the model on a benchmark after so many updates: `epe` on clean frames, and where
     corruptions are named `cre` and `rcre`, in pixels.
 
@@ -51,11 +45,13 @@ def validator(
     Raises:
         UsageError, DataError: see `robustflow.evaluate`.
     """
-    chosen = open_benchmark(benchmark, data)
+    corruptions, limit = validation.corruptions, validation.limit
+    chosen = open_benchmark(validation.benchmark, validation.data)
     chosen = chosen.narrowed(corruptions, None, limit) if corruptions else _clean_alone(chosen.narrowed(limit=limit))
     if not chosen.dataset.has_flow:
         raise UsageError(
-            f"--validate {benchmark}: it has no ground truth, so no error can be measured; choose another benchmark"
+            f"--validate {validation.benchmark}: it has no ground truth, so no error can be measured; choose a "
+            "different benchmark"
         )
 
     def validate(updates: int) -> dict[str, float]:

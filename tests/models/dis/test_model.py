@@ -17,7 +17,7 @@ from robustflow import load_model
 from robustflow.datasets import load_dataset
 from robustflow.errors import ModelError, UsageError
 from robustflow.metrics import epe
-from robustflow.models.dis.operating_point import OPERATING_POINTS
+from robustflow.models.dis.model import OPERATING_POINTS
 
 SHIFTS = [(0.5, -0.25), (3.3, 2.7), (-7.5, 4.4), (12.4, -9.8), (-19.6, 3.2)]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from robustflow.models.dis.densify import densified
+from robustflow.models.dis.model import densified
 from robustflow.models.dis.patches import grid
 from robustflow.models.dis.search import inverse_search
 

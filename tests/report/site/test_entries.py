@@ -8,13 +8,14 @@ import pytest
 
 from robustflow.analysis.imported import NOTE
 from robustflow.analysis.labels import SETTING_LABELS
+from robustflow.analysis.model_result import ModelResult, Value, model_results
 from robustflow.analysis.published.tables import published_costs, published_results
 from robustflow.analysis.results import parse_results
 from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
 from robustflow.report.site.entries import PLACE, default_order, entries_of
 from robustflow.report.tables import build_table
 
-_ENTRIES = entries_of(published_results(), published_costs())
+_ENTRIES = entries_of(model_results(published_results()), published_costs())
 _SETTING_OF = {label: setting for setting, label in SETTING_LABELS.items()}
 
 
@@ -23,7 +24,7 @@ def test_values_and_marks_are_those_of_the_tables(table):
     """Every cell of Tab. 2, 4, 7 and 8 with its bold mark, against the table that the renderers get."""
     metric = table.removeprefix("gopro-")
     benchmark = "gopro-fc" if table.startswith("gopro") else "kitti-fc"
-    built = build_table(table, published_results())
+    built = build_table(table, model_results(published_results()))
     names = ["clean"] * (metric == "epe")
     measured = {c for e in _ENTRIES if e.benchmark == benchmark for m, c in e.texts if m == metric}
     names += [name for name in PAPER_ORDER if name in measured] + ["average"]
@@ -77,9 +78,11 @@ def test_class_means_are_means_of_the_printed_values():
 def test_knowledge_driven_methods_and_models_alone_are_not_marked():
     assert not any(entry.best for entry in _ENTRIES if entry.setting == "knowledge")
     head = "setting,model,metric,corruption,value\n"
-    alone = entries_of(parse_results(head + "OOD,A,epe,clean,2.00\n", "a.csv", "a"), {})
+    alone = entries_of(model_results(parse_results(head + "OOD,A,epe,clean,2.00\n", "a.csv", "a")), {})
     assert not alone[0].best
-    two = entries_of(parse_results(head + "OOD,A,epe,clean,2.00\nOOD,B,epe,clean,2.004\n", "a.csv", "a"), {})
+    two = entries_of(
+        model_results(parse_results(head + "OOD,A,epe,clean,2.00\nOOD,B,epe,clean,2.004\n", "a.csv", "a")), {}
+    )
     assert [bool(entry.best) for entry in two] == [True, False]
 
 
@@ -88,7 +91,9 @@ def test_same_name_on_other_frames_is_another_page_and_no_rival():
     text = head + "OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n"
     import polars as pl
 
-    entries = entries_of(pl.concat([parse_results(text, "a.csv", "a"), published_results()]), published_costs())
+    entries = entries_of(
+        model_results(pl.concat([parse_results(text, "a.csv", "a"), published_results()])), published_costs()
+    )
     mine = entries[0]
     assert mine.page != next(e for e in entries if e.model == "RAFT" and e.sample_set == "paper").page
     assert ("flops", "") not in mine.texts
@@ -100,7 +105,7 @@ def test_same_name_on_other_frames_is_another_page_and_no_rival():
 def test_order_puts_what_is_missing_last():
     head = "setting,model,metric,corruption,value\n"
     text = head + "OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n"
-    entries = sorted(entries_of(parse_results(text, "a.csv", "a"), {}), key=default_order)
+    entries = sorted(entries_of(model_results(parse_results(text, "a.csv", "a")), {}), key=default_order)
     assert [entry.model for entry in entries] == ["C", "A", "B"]
 
 
@@ -109,16 +114,30 @@ def test_imported_lines_are_the_best_of_nothing():
     numbers = [(model, f"own,{model},epe,fog,{value}") for model, value in (("A", "1.00"), ("B", "2.00"))]
     for note, best in (("", 1), (NOTE, 0)):
         text = lines + "".join(f'{line},"{note}"\n' for _, line in numbers)
-        entries = entries_of(parse_results(text, "r.csv", "file"), {})
+        entries = entries_of(model_results(parse_results(text, "r.csv", "file")), {})
         assert len([entry for entry in entries if ("epe", "fog") in entry.best]) == best
 
 
+class _Measured(ModelResult):
+    """The line of a run without cost, coverage and intervals."""
+
+    cost = coverage = None
+
+    def intervals(self, corruptions=True):
+        return {}
+
+
 def _measured(*models: tuple[str, str, float]):
-    cells = "".join(f"{setting},{name},epe,average,{value},here\n" for name, setting, value in models)
-    results = parse_results("setting,model,metric,corruption,value,sample_set\n" + cells, "mine.csv", "file")
-    first = [("kitti-fc", "here", setting, name, "") for name, setting, _ in models]
-    doubted = {("here", "Blind"): "it is blind"}
-    return {entry.name: entry.texts.get(PLACE) for entry in entries_of(results, {}, None, None, first, doubted)}
+    lines = [
+        _Measured(
+            *("kitti-fc", "here", setting, name, ""),
+            {("epe", "average"): Value(number)},
+            run=object(),
+            exclusions=lambda: {("here", "Blind"): "it is blind"},
+        )
+        for name, setting, number in models
+    ]
+    return {entry.name: entry.texts.get(PLACE) for entry in entries_of(lines, {})}
 
 
 def test_measured_models_of_every_setting_are_ranked_together_and_doubted_ones_not():

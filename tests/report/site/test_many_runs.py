@@ -9,7 +9,7 @@ import pytest
 
 from robustflow.api import evaluate
 from robustflow.cache import CACHE_VARIABLE
-from robustflow.corruptions.weather import frost_textures
+from robustflow.corruptions.weather.frost import photograph
 from robustflow.corruptions.weather.frost_assets import FOLDER_VARIABLE
 from robustflow.report.gallery.pictures import gallery
 from robustflow.report.site import embedded
@@ -62,7 +62,7 @@ def test_the_embedded_pair_is_drawn_once(drawn):
 def test_the_embedded_pair_needs_no_photographs_of_frost(tmp_path, monkeypatch):
     monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path))
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path))
-    frost_textures.photograph.cache_clear()
+    photograph.cache_clear()
     monkeypatch.setattr(embedded, "gallery", partial(gallery, corruptions=["frost"]))
     assert [name for name, _ in embedded.embedded_slider().corruptions] == ["Frost"]
 

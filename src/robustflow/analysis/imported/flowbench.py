@@ -30,7 +30,7 @@ from ...models.provenance import training_of_entry
 from ...severity import SEVERITIES
 from ...text import plain
 from ..results import AVERAGE
-from ..scores import OWN_SETTING
+from ..run_results import OWN_SETTING
 from .averaged import averaged_over
 from .json_file import finite_number
 

@@ -27,7 +27,7 @@ from ...metrics.rows import CLEAN
 from ...severity import SEVERITIES
 from ...text import plain
 from ..results import AVERAGE
-from ..scores import OWN_SETTING
+from ..run_results import OWN_SETTING
 from .averaged import averaged_over
 from .json_file import finite_number
 

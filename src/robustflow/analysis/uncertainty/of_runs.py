@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...runs.run import Run
-from ..scores import more_than_paper, paper_rows
+from ..paper_means import more_than_paper, paper_rows
 from .intervals import intervals
 from .sums import AVERAGE, CLEAN
 

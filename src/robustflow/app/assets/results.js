@@ -72,10 +72,11 @@ function showPictures(results) {
   const whose = (caption, index) => (second ? `${caption}, ${results[index].label}${index ? colours : ""}` : caption);
   const captions = {
     frame1: "Frame 1", frame2: "Frame 2", corrupted1: "Corrupted frame 1", corrupted2: "Corrupted frame 2",
-    truth_flow: "Ground truth (black: unknown)",
   };
   const pictures = { ...result.pictures };
-  for (const [name, caption] of [["clean_flow", "Flow on the clean frames"], ["flow", "Flow on the corrupted frames"], ["error", error]]) {
+  const predicted = [["clean_flow", "Flow on the clean frames"], ["flow", "Flow on the corrupted frames"], ["error", error]];
+  for (const [name, caption] of predicted) {
+    if (name === "error") captions.truth_flow = "Ground truth (black: unknown)";
     captions[name] = whose(caption, 0);
     if (!second) continue;
     captions[`${name}_second`] = whose(caption, 1);
@@ -102,7 +103,10 @@ function showPictures(results) {
 function save() {
   const [room, line, gap] = [640, 26, 12];
   const shown = [...$("pictures").children].map((one) => [one.querySelector("img"), one.querySelector("figcaption").textContent]);
-  const numbers = [...$("numbers").children].map((one) => one.textContent.replace(/\s+/g, " "));
+  const numbers = [...$("numbers").children].map((box) => {
+    const [label, ...values] = [...box.children].map((one) => one.textContent);
+    return `${label}: ${values.join(", ")}`;
+  });
   const head = [$("shown").textContent, $("status").textContent, ...numbers, $("call").textContent, `Full colour of the flow from ${$("radius").textContent}`];
   const columns = shown.length > 8 ? 3 : 2;
   const tall = Math.round((room * shown[0][0].height) / shown[0][0].width) + line + gap;

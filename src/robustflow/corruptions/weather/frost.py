@@ -2,17 +2,110 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Callable
+from functools import lru_cache
+from threading import Lock
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 
 from ...compiled import njit
+from ...errors import AssetError
 from ...images.contiguous import contiguous
 from ...random.rng import Rng
 from ...sample import Frame
 from ..base import Corruption
-from .frost_assets import TEXTURES
-from .frost_textures import enlarged_shape, enlarged_texture, photograph
+from .frost_assets import TEXTURES, read_texture
+
+Texture = Callable[[int], Frame]
+"""A function that returns texture 0 to 4, RGB uint8."""
+
+_KEPT_BYTES = 128 << 20
+"""Enlarged textures kept: every one for a few frame sizes of KITTI, three at 4K. The newest is always kept."""
+_MARGIN = 1.1
+
+_enlarged: OrderedDict[tuple[Texture, int, int, int], Frame] = OrderedDict()
+_lock = Lock()
+
+
+@lru_cache(maxsize=len(TEXTURES))
+def photograph(slot: int) -> Frame:
+    """Texture `slot` (0 to 4) as it was photographed, RGB uint8."""
+    encoded = np.frombuffer(read_texture(slot), np.uint8)
+    decoded = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
+    if decoded is None:
+        raise AssetError(
+            f"OpenCV cannot decode frost texture {list(TEXTURES)[slot]}; install a build with PNG and JPEG"
+        )
+    return np.ascontiguousarray(decoded[..., ::-1])
+
+
+def enlarged_shape(texture: Texture, slot: int, shape: tuple[int, int]) -> tuple[int, int]:
+    """(H, W) of the texture for frames of `shape`: 1.1 times the smallest scale, at least 1, that covers them."""
+    height, width = texture(slot).shape[:2]
+    scale = max(1.0, shape[0] / height, shape[1] / width) * _MARGIN
+    return int(np.ceil(height * scale)), int(np.ceil(width * scale))
+
+
+def enlarged_texture(texture: Texture, slot: int, shape: tuple[int, int]) -> Frame:
+    """The texture for frames of `shape` (H, W), RGB uint8, from the cache where it is there."""
+    key = (texture, slot, *enlarged_shape(texture, slot, shape))
+    with _lock:
+        if key in _enlarged:
+            _enlarged.move_to_end(key)
+            return _enlarged[key]
+    fresh = resize_cubic(texture(slot), key[2:])
+    with _lock:
+        _enlarged[key] = fresh
+        while len(_enlarged) > 1 and sum(image.nbytes for image in _enlarged.values()) > _KEPT_BYTES:
+            _enlarged.popitem(last=False)
+    return fresh
+
+
+def resize_cubic(image: Frame, shape: tuple[int, int]) -> Frame:
+    """Cubic convolution (a = -0.75, edges repeated, pixel centres aligned), as OpenCV's INTER_CUBIC.
+
+    OpenCV's own takes a different path, with different rounding, on different processors.
+    """
+    rows, row_weights = _taps(image.shape[0], shape[0])
+    columns, column_weights = _taps(image.shape[1], shape[1])
+    out = np.empty((*shape, 3), np.uint8)
+    _resize(image, rows, row_weights, columns, column_weights, out)
+    return out
+
+
+def _taps(source: int, target: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+    """Index int64 (target, 4) and weight float32 (target, 4) of the source pixels of each target pixel."""
+    at = (np.arange(target) + 0.5) * (source / target) - 0.5
+    left = np.floor(at)
+    t, a = at - left, -0.75
+    near = [((a + 2) * d - (a + 3)) * d * d + 1 for d in (t, 1 - t)]
+    far = [((a * d - 5 * a) * d + 8 * a) * d - 4 * a for d in (t + 1, 2 - t)]
+    weights = np.stack([far[0], near[0], near[1], far[1]], axis=1).astype(np.float32)
+    index = left.astype(np.int64)[:, None] + np.arange(-1, 3)
+    return np.clip(index, 0, source - 1), weights
+
+
+@njit(cache=True, nogil=True)
+def _resize(image: Any, rows: Any, row_weights: Any, columns: Any, column_weights: Any, out: Any) -> None:
+    width = image.shape[1]
+    line = np.empty(3 * width, np.float32)
+    for y in range(out.shape[0]):
+        a, b = image[rows[y, 0]].reshape(-1), image[rows[y, 1]].reshape(-1)
+        c, d = image[rows[y, 2]].reshape(-1), image[rows[y, 3]].reshape(-1)
+        w = row_weights[y]
+        for i in range(line.size):
+            inner = w[1] * np.float32(b[i]) + w[2] * np.float32(c[i])
+            line[i] = inner + (w[0] * np.float32(a[i]) + w[3] * np.float32(d[i]))
+        for x in range(out.shape[1]):
+            v = column_weights[x]
+            for k in range(3):
+                inner = v[1] * line[3 * columns[x, 1] + k] + v[2] * line[3 * columns[x, 2] + k]
+                value = inner + (v[0] * line[3 * columns[x, 0] + k] + v[3] * line[3 * columns[x, 3] + k])
+                out[y, x, k] = np.uint8(np.rint(min(max(value, np.float32(0)), np.float32(255))))
 
 
 class FrostState(NamedTuple):

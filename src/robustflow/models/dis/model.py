@@ -2,19 +2,70 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from ...compiled import njit
 from ...errors import unknown_name
 from ...sample import Flow, Frame
 from ..pairs import check_pair
-from .densify import densified
-from .operating_point import OPERATING_POINTS
-from .pyramid import enlarged, pyramid
+from .patches import grid, in_search_area, search_area
+from .pyramid import Image, enlarged, pyramid
 from .refine import refined
-from .search import inverse_search
+from .search import Displacements, inverse_search
+
+_REACHED_BY_THE_PAPER = 5
+"""The coarsest scale of 1024 px at every operating point."""
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """How much work the method does; Kroeger et al. 2016, section 3.
+
+    Attributes:
+        finest_scale: the flow of frames 1024 px wide is searched down to frames shrunk by 2**finest_scale, and enlarged
+            from there; see `scales`.
+        patch_size: side of a patch in pixels.
+        overlap: how much of a patch's side the next one shares, 0 to 1 (1 excluded).
+        iterations: steps of gradient descent per patch and scale, at most.
+        refined: whether each scale's dense flow is refined variationally.
+    """
+
+    finest_scale: int
+    patch_size: int
+    overlap: float
+    iterations: int
+    refined: bool
+
+    @property
+    def stride(self) -> int:
+        """Pixels from one patch to the next."""
+        return max(1, self.patch_size - int(self.patch_size * self.overlap))
+
+    def scales(self, height: int, width: int) -> tuple[int, int]:
+        """The coarsest and the finest scale for frames of a size.
+
+        The coarsest is the one where a patch can reach a motion of a fifth of the longer side, but no coarser than
+        leaves room for a patch. The finest is `finest_scale` for frames of the paper's width, 1024 px, or larger; for
+        smaller ones it is finer by as many scales as the reach is.
+
+        >>> [OPERATING_POINTS[2].scales(*size) for size in [(375, 1242), (436, 1024), (240, 320), (16, 16)]]
+        [(5, 3), (5, 3), (4, 2), (0, 0)]
+        """
+        reach, room = 2 * max(height, width) // (5 * self.patch_size), min(height, width) // self.patch_size
+        reached, roomy = (max(0, pixels.bit_length() - 1) for pixels in (reach, room))
+        finest = max(0, self.finest_scale - max(0, _REACHED_BY_THE_PAPER - reached))
+        return min(reached, roomy), min(finest, roomy)
+
+
+OPERATING_POINTS = {
+    1: OperatingPoint(finest_scale=3, patch_size=8, overlap=0.30, iterations=16, refined=False),
+    2: OperatingPoint(finest_scale=3, patch_size=8, overlap=0.40, iterations=12, refined=True),
+    3: OperatingPoint(finest_scale=1, patch_size=12, overlap=0.75, iterations=16, refined=True),
+    4: OperatingPoint(finest_scale=0, patch_size=12, overlap=0.75, iterations=256, refined=True),
+}
 
 
 class DisRgb:
@@ -70,3 +121,55 @@ class DisRgb:
             if point.refined:
                 flow = refined(image1, image2, flow, iterations=scale + 1)
         return enlarged(flow, 1 << finest, height, width)
+
+
+def densified(image1: Image, image2: Image, displacements: Displacements, patch: int, stride: int) -> Flow:
+    """Every pixel's flow: the mean of the displacements u_i of the patches that cover it.
+
+    Their weights are 1 / max(1, |d_i|), with d_i the difference of colour, in grey levels, between the pixel in frame 1
+    and where u_i puts it in frame 2: the patches that explain the pixel count.
+
+    Args:
+        image1, image2: float32 (H, 3 W) interleaved RGB.
+        displacements: of `inverse_search` with the same `patch` and `stride`.
+
+    Returns:
+        float32 (H, W, 2).
+    """
+    height, width = image1.shape[0], image1.shape[1] // 3
+    total = np.zeros((height, width, 2), np.float32)
+    rows, columns = grid(height, patch, stride), grid(width, patch, stride)
+    _spread(image1, search_area(image2, patch), rows, columns, displacements, patch, total)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _spread(image1: Any, image2: Any, rows: Any, columns: Any, displacements: Any, patch: int, total: Any) -> None:
+    height, width, _ = total.shape
+    weights = np.zeros((height, width), np.float32)
+    squares = np.empty(3 * patch, np.float32)
+    one = np.float32(1)
+    for i in range(rows.size):
+        for j in range(columns.size):
+            y, x = rows[i], columns[j]
+            u, v = displacements[i, j, 0], displacements[i, j, 1]
+            y0, at_y = in_search_area(y + float(v), height, patch)
+            x0, at_x = in_search_area(x + float(u), width, patch)
+            wy, wx = np.float32(at_y), np.float32(at_x)
+            w00, w01, w10, w11 = (one - wy) * (one - wx), (one - wy) * wx, wy * (one - wx), wy * wx
+            for r in range(patch):
+                here = image1[y + r, 3 * x : 3 * (x + patch)]
+                above, below = image2[y0 + r, 3 * x0 :], image2[y0 + r + 1, 3 * x0 :]
+                for k in range(3 * patch):
+                    there = (w00 * above[k] + w01 * above[k + 3]) + (w10 * below[k] + w11 * below[k + 3])
+                    squares[k] = (there - here[k]) * (there - here[k])
+                for k in range(patch):
+                    square = squares[3 * k] + squares[3 * k + 1] + squares[3 * k + 2]
+                    weight = one / np.sqrt(max(one, square))
+                    weights[y + r, x + k] += weight
+                    total[y + r, x + k, 0] += weight * u
+                    total[y + r, x + k, 1] += weight * v
+    for y in range(height):
+        for x in range(width):
+            total[y, x, 0] /= weights[y, x]
+            total[y, x, 1] /= weights[y, x]

@@ -10,10 +10,10 @@ from torch.nn import functional as F
 
 from ...errors import ModelError
 from ..torch.resize import resize, resize_flow
+from .blocks.allpairs import pixel_grid
 from .blocks.local_correlation import WINDOW, local_correlation
 from .blocks.pwc import ContextNetwork, DenseEstimator, FeaturePyramid, conv
 from .blocks.warp import inside_mask, warp
-from .upflow_visibility import visible
 
 
 @dataclass(frozen=True)
@@ -163,3 +163,27 @@ def _normalised(features: Tensor) -> Tensor:
     mean = features.mean(dim=(2, 3), keepdim=True)
     variance = features.var(dim=(2, 3), keepdim=True)
     return (features - mean) / torch.sqrt(variance + 1e-16)
+
+
+def visible(flow: Tensor, other: Tensor) -> Tensor:
+    """Forward and backward flow agree, or the pixel leaves the frame.
+
+    Pixels that leave count as visible: the losses that use these masks sample them from beyond the crop.
+
+    Args:
+        flow: (N, 2, H, W), from this frame to the other one, in pixels.
+        other: (N, 2, H, W), from the other frame to this one.
+
+    Returns:
+        bool (N, 1, H, W).
+
+    >>> flow = torch.full((1, 2, 4, 6), 1.0)
+    >>> visible(flow, -flow).all().item(), visible(flow, 9 * flow)[0, 0, 0].tolist()
+    (True, [False, False, False, False, False, True])
+    """
+    difference = (flow + warp(other, flow)).abs().sum(dim=1, keepdim=True)
+    bound = 0.1 * (flow.abs().sum(dim=1, keepdim=True) + other.abs().sum(dim=1, keepdim=True)) + 0.5
+    height, width = flow.shape[2:]
+    x, y = (pixel_grid(flow) + flow).split(1, dim=1)
+    leaves = (x < 0) | (x > width - 1) | (y < 0) | (y > height - 1)
+    return torch.logical_or(difference < bound, leaves)

@@ -2,12 +2,77 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
+
+import numpy as np
 
 from ...sample import Flow, Frame
 from ..pairs import check_pair
-from .network import predict
+from .layers import Maps, Weights, convolve, correlate, enlarge, normalised, resized, warp
+from .plan import DECODER, EPSILON, FINEST, LEVELS, MULTIPLE, RADIUS
 from .shipped import ShippedWeights
+
+
+def predict(weights: Mapping[str, Weights], frame1: Frame, frame2: Frame) -> Flow:
+    """The flow of a pair.
+
+    Args:
+        weights: by the names of the trained network's state, float32.
+        frame1: RGB uint8 (H, W, 3).
+        frame2: as frame 1.
+
+    Returns:
+        float32 (H, W, 2), pixels.
+    """
+    height, width = frame1.shape[:2]
+    top, left = (-height % MULTIPLE) // 2, (-width % MULTIPLE) // 2
+    first, second = (_pyramid(weights, _entering(frame)) for frame in (frame1, frame2))
+    flow = np.zeros((2, *first[-1].shape[1:]), np.float32)
+    hidden = flow
+    for level, (own, other) in enumerate(zip(first[::-1], second[::-1], strict=True)):
+        if level:
+            flow = resized(flow, *own.shape[1:])
+        hidden = _decoded(weights, level, own, other, flow)
+        flow = flow + convolve(hidden, weights["flow.0.weight"], weights["flow.0.bias"], linear=True)
+    mask = convolve(hidden, weights["mask.0.weight"], weights["mask.0.bias"], linear=True)
+    fine = np.empty((2, FINEST * flow.shape[1], FINEST * flow.shape[2]), np.float32)
+    enlarge(flow, mask, FINEST, fine)
+    return np.ascontiguousarray(fine[:, top : top + height, left : left + width].transpose(1, 2, 0))
+
+
+def _entering(frame: Frame) -> Maps:
+    """A frame as the network wants it: -1 to 1, its border repeated up to multiples of 32, (3, H, W)."""
+    height, width = frame.shape[:2]
+    rows, columns = -height % MULTIPLE, -width % MULTIPLE
+    sides = ((rows // 2, rows - rows // 2), (columns // 2, columns - columns // 2), (0, 0))
+    padded = np.pad(frame, sides, mode="edge").transpose(2, 0, 1)
+    return (padded.astype(np.float32) - np.float32(127.5)) * np.float32(2 / 255)
+
+
+def _pyramid(weights: Mapping[str, Weights], maps: Maps) -> list[Maps]:
+    """Features at 1/4, 1/8, 1/16 and 1/32."""
+    levels = []
+    for level in range(LEVELS):
+        for place, stride in ((0, 2), (1, 1)):
+            name = f"pyramid.convs.{level}.{place}.0"
+            maps = convolve(maps, weights[f"{name}.weight"], weights[f"{name}.bias"], stride)
+        levels.append(maps)
+    return levels[1:]
+
+
+def _decoded(weights: Mapping[str, Weights], level: int, own: Maps, other: Maps, flow: Maps) -> Maps:
+    """What the decoder makes of a level, (32, H, W)."""
+    warped = np.empty_like(other)
+    warp(other, flow, warped)
+    correlation = np.empty(((2 * RADIUS + 1) ** 2, *own.shape[1:]), np.float32)
+    correlate(normalised(own, EPSILON), normalised(warped, EPSILON), RADIUS, correlation)
+    reduced = convolve(own, weights[f"reduce.{level}.0.weight"], weights[f"reduce.{level}.0.bias"])
+    maps = np.concatenate((correlation, reduced, flow))
+    for place, (_, dilation) in enumerate(DECODER):
+        name = f"decoder.{place}.0"
+        maps = convolve(maps, weights[f"{name}.weight"], weights[f"{name}.bias"], dilation=dilation)
+    return maps
 
 
 class NumpyTiny:

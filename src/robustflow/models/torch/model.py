@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import torch
@@ -12,13 +12,13 @@ from ...errors import ModelError, RobustFlowError, UsageError, first_line
 from ...sample import Flow, Frame
 from ..execution import Execution
 from ..input_convention import InputConvention
-from ..pairs import predict_by_size
+from ..pairs import PairNetwork
 from ..traceback_hint import traceback_hint
 from .fit import fitted_images, fitted_values, unfitted_flow
 from .reproducible import reproducible
 
 
-class NetworkModel:
+class NetworkModel(PairNetwork):
     """Satisfies `FlowModel`.
 
     Args:
@@ -67,32 +67,9 @@ class NetworkModel:
             "torch": torch.__version__,
         }
 
-    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
-        """See `FlowModel.predict`."""
-        return self.predict_batch([frame1], [frame2])[0]
-
-    def predict_batch(self, frames1: Sequence[Frame], frames2: Sequence[Frame]) -> list[Flow]:
-        """Flows of several pairs; on a GPU those of one size go through the network together.
-
-        On the CPU each runs alone: together they are no faster, and change the last bits of each other's flow
-        (up to 1e-4 px), because convolutions of another batch add up in another order.
-
-        Args:
-            frames1: RGB uint8 (H, W, 3) each, sizes may differ from pair to pair.
-            frames2: as many, each of its first frame's size.
-
-        Returns:
-            float32 (H, W, 2) each, (u right, v down) in pixels.
-
-        Raises:
-            UsageError: frames that are not pairs of RGB uint8 images.
-        """
-        return predict_by_size(self._predict, frames1, frames2)
-
-    def _predict(self, frames1: list[Frame], frames2: list[Frame]) -> list[Flow]:
-        if self.device.type == "cpu":
-            return [self.run([frame1], [frame2])[0] for frame1, frame2 in zip(frames1, frames2, strict=True)]
-        return self.run(frames1, frames2)
+    @property
+    def _together(self) -> bool:
+        return self.device.type != "cpu"
 
     def differentiable(self, images1: Tensor, images2: Tensor) -> Tensor:
         """See `Differentiable`.

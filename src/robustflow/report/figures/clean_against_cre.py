@@ -45,7 +45,7 @@ def clean_against_cre(results: pl.DataFrame, looks: Looks | None = None, *, toge
     looks = looks or Looks()
     epe, without, styles = values_of(results, "epe"), not_discussed(results), looks.of(results)
     panels: dict[str, list[Model]] = {}
-    for setting in settings_in_order(results):
+    for setting in settings_in_order(results["setting"]):
         models = [(s, model) for s, model, name in epe if s == setting and name == AVERAGE and model not in without]
         models = [key for key in models if epe.get((*key, CLEAN))]
         if models:

@@ -14,7 +14,7 @@ def render(table: Table) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     headings = [_heading(column) for column in table.columns]
-    writer.writerow(["section", text_cell(table.lines_are.lower()), *headings, "best", "note"])
+    writer.writerow(["section", text_cell(table.row_header.lower()), *headings, "best", "note"])
     for section in table.sections:
         for line in section.lines:
             best = "; ".join(h for h, cell in zip(headings, line.cells, strict=True) if cell.best)

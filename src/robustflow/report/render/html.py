@@ -22,7 +22,7 @@ def render(table: Table) -> str:
         )
         lines.append(f"<tr><td></td>{over}</tr>")
     headings = "".join(f'<th scope="col">{escape(column.label)}</th>' for column in table.columns)
-    lines += [f'<tr><th scope="col">{escape(table.lines_are)}</th>{headings}</tr>', "</thead>"]
+    lines += [f'<tr><th scope="col">{escape(table.row_header)}</th>{headings}</tr>', "</thead>"]
     for section in table.sections:
         span = len(table.columns) + 1
         lines += ["<tbody>", f'<tr><th scope="rowgroup" colspan="{span}">{escape(section.title)}</th></tr>']

@@ -147,8 +147,8 @@ def _cell(cell: TableCell, shaded: bool) -> str:
 def _headings(table: Table) -> list[str]:
     groups = [(group, len(list(columns))) for group, columns in groupby(table.columns, lambda column: column.group)]
     if all(not group for group, _ in groups):
-        return [" & ".join([escape(table.lines_are), *(escape(column.label) for column in table.columns)]) + r" \\"]
-    first, rules, at = [escape(table.lines_are)], [], 2
+        return [" & ".join([escape(table.row_header), *(escape(column.label) for column in table.columns)]) + r" \\"]
+    first, rules, at = [escape(table.row_header)], [], 2
     for group, count in groups:
         first.append(rf"\multicolumn{{{count}}}{{c}}{{{escape(group)}}}")
         if group:

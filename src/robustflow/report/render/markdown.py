@@ -14,7 +14,7 @@ _SPECIAL = str.maketrans({c: f"\\{c}" for c in "\\`*_{}[]#|~$!"} | {"<": "&lt;",
 def render(table: Table) -> str:
     """The table as a Markdown section."""
     notes = numbered_notes(table)
-    headings = [table.lines_are, *(f"{column.group} {column.label}".strip() for column in table.columns)]
+    headings = [table.row_header, *(f"{column.group} {column.label}".strip() for column in table.columns)]
     lines = [_row(map(escape, headings)), _row([":--", *["--:"] * len(table.columns)])]
     for section in table.sections:
         lines.append(_row([f"*{escape(section.title)}*", *[""] * len(table.columns)]))

@@ -65,7 +65,7 @@ def _blocks(table: Table, width: int) -> list[list[int]]:
 def _grid(table: Table, sections: tuple[Section, ...], block: list[int], colour: bool) -> RichTable:
     notes = numbered_notes(table)
     grid = RichTable(show_edge=False, pad_edge=False)
-    grid.add_column(Text(plain(table.lines_are)), no_wrap=True)
+    grid.add_column(Text(plain(table.row_header)), no_wrap=True)
     for index in block:
         column = table.columns[index]
         justify: Literal["left", "right"] = "left" if column.prose else "right"

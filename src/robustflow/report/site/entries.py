@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import polars as pl
-
 from ...analysis.best import Compared, best_of_columns
-from ...analysis.cost_ranks import cost_ranks, measured_crer, run_ranks
+from ...analysis.cost_ranks import cost_ranks, run_ranks
 from ...analysis.imported import NOTE as IMPORTED
+from ...analysis.model_result import ModelResult
 from ...analysis.published.tables import PAPER, Cost
 from ...analysis.ranking import competition_ranks
 from ...analysis.results import AVERAGE, CLEAN
 from ...benchmarks import benchmark_facts
-from ...runs.costs import RunCost
 from ...runs.family_means import family_means
 from ...text import plain
 from ..table import number_text
@@ -75,71 +73,48 @@ class LeaderboardEntry:
 
 
 def entries_of(
-    results: pl.DataFrame,
-    costs: Mapping[str, Cost],
-    intervals: Mapping[tuple[str, str], Mapping[NumberKey, Interval]] | None = None,
-    run_costs: Mapping[tuple[str, str], RunCost] | None = None,
-    first: Sequence[tuple[str, str, str, str, str]] = (),
-    doubted: Mapping[tuple[str, str], str] | None = None,
-    coverage: Mapping[tuple[str, str], float] | None = None,
+    results: Sequence[ModelResult], costs: Mapping[str, Cost], detailed: bool = True
 ) -> list[LeaderboardEntry]:
     """Entries of results, in their order, with the means over classes of corruptions that the paper does not print.
 
     Args:
-        results: columns of `results.RESULT_SCHEMA`.
+        results: of any source.
         costs: the paper's, by model: its CREr is shown as printed.
-        intervals: by (sample set, name) of a run.
-        run_costs: of runs, by (sample set, name).
-        first: (benchmark, sample set, setting, model, note) of runs, which come first, whatever the results.
-        doubted: by (sample set, name) of a run, why its model is not called the best of any column.
-        coverage: for runs that left out pixels, the share that is included in the errors.
+        detailed: whether each corruption has an interval, or the averages alone.
     """
-    entries: dict[tuple[str, str, str, str], LeaderboardEntry] = {}
     slugs = Slugs()
-
-    def entry_of(benchmark: str, frames: str, setting: str, model: str, note: str) -> LeaderboardEntry:
-        key = (benchmark, frames, setting, model)
-        if key not in entries:
-            texts = (plain(setting, 40), plain(model), model, plain(note, 300))
-            entries[key] = LeaderboardEntry(benchmark, frames, *texts, page=slugs.of((frames, model), model))
-        return entries[key]
-
-    for head in first:
-        entry_of(*head)
-    measured = {(frames, model) for _, frames, _, model, _ in first}
-    for row in results.iter_rows(named=True):
-        entry = entry_of(*(row[name] for name in ("benchmark", "sample_set", "setting", "model", "note")))
-        entry.set((row["metric"], row["corruption"]), row["value"], row["decimals"])
-    crer = {
-        (benchmark, *key): value
-        for benchmark in dict.fromkeys(results["benchmark"])
-        for key, (value, _) in measured_crer(results.filter(benchmark=benchmark)).items()
-    }
     ranks = cost_ranks(costs) if costs else {}
-    own_ranks = run_ranks(measured_crer(results.filter(pl.col("sample_set") != PAPER)), run_costs or {}, doubted or {})
-    for key, entry in entries.items():
+    own_ranks = run_ranks([line for line in results if line.frames != PAPER])
+    entries = []
+    for line in results:
+        entry = LeaderboardEntry(
+            *(line.benchmark, line.frames),
+            *(plain(line.setting, 40), plain(line.name), line.name, plain(line.note, 300)),
+            page=slugs.of(line.key, line.name),
+            intervals=line.intervals(detailed),
+            doubt=line.excluded,
+            measured=line.run is not None,
+        )
+        entries.append(entry)
+        for key, value in line.values.items():
+            entry.set(key, value.number, value.decimals)
         for metric in ("epe", "cre", "rcre"):
             values = {name: value for (of, name), value in entry.numbers.items() if of == metric}
             for family, mean in family_means(values).items():
                 entry.set((metric, family), mean)
-        run = (entry.sample_set, entry.name)
-        entry.set(("crer", AVERAGE), crer.get(key))
-        if entry.sample_set == PAPER and ("crer", AVERAGE) in entry.numbers:
+        entry.set(("crer", AVERAGE), line.crer)
+        if line.frames == PAPER and line.crer is not None:
             entry.derived.add(("crer", AVERAGE))
-        if entry.sample_set == PAPER and benchmark_facts(entry.benchmark).has_flow and entry.name in costs:
-            _add_published(entry, costs[entry.name], ranks)
-        elif run_costs and run in run_costs:
-            entry.set(("parameters", ""), run_costs[run].parameters_m)
-            entry.set(("flops", ""), run_costs[run].flops_g, 1)
-            own = own_ranks.get(key[1:])
-            entry.set(("rank", ""), own.average if own else None, 0)
-        entry.doubt = (doubted or {}).get(run, "")
-        entry.measured = run in measured
-        entry.set(COVERAGE, (coverage or {}).get(run))
-        entry.intervals = dict((intervals or {}).get(run, {}))
-    _mark_best(list(entries.values()), doubted or {})
-    _rank_measured(list(entries.values()))
-    return list(entries.values())
+        if line.frames == PAPER and benchmark_facts(line.benchmark).has_flow and line.name in costs:
+            _add_published(entry, costs[line.name], ranks)
+        elif line.cost is not None:
+            entry.set(("parameters", ""), line.cost.parameters_m)
+            entry.set(("flops", ""), line.cost.flops_g, 1)
+            entry.set(("rank", ""), own_ranks[line].average if line in own_ranks else None, 0)
+        entry.set(COVERAGE, line.coverage)
+    _mark_best(entries)
+    _rank_measured(entries)
+    return entries
 
 
 def _add_published(entry: LeaderboardEntry, cost: Cost, ranks: Mapping[str, Mapping[str, int]]) -> None:
@@ -157,7 +132,7 @@ def _add_published(entry: LeaderboardEntry, cost: Cost, ranks: Mapping[str, Mapp
 _UNMARKED = {("parameters", ""), ("flops", ""), COVERAGE}
 
 
-def _mark_best(entries: list[LeaderboardEntry], doubted: Mapping[tuple[str, str], str]) -> None:
+def _mark_best(entries: list[LeaderboardEntry]) -> None:
     """As in the paper, knowledge-driven methods have no marks, and neither do numbers that the paper does not print.
     Nor do imported lines: that they were measured on the same frames cannot be verified."""
     lines = []
@@ -166,7 +141,7 @@ def _mark_best(entries: list[LeaderboardEntry], doubted: Mapping[tuple[str, str]
         unmarked = entry.texts.keys() if never else entry.derived | _UNMARKED
         texts = {key: text for key, text in entry.texts.items() if key not in unmarked}
         group = (entry.benchmark, entry.sample_set, entry.setting)
-        lines.append(Compared(group, texts, (entry.sample_set, entry.name) in doubted))
+        lines.append(Compared(group, texts, bool(entry.doubt)))
     for entry, best in zip(entries, best_of_columns(lines), strict=True):
         entry.best |= best
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from ...analysis.published.tables import method_of
-from ...analysis.scores import note_of
+from ...analysis.run_results import comparison_note
 from ...benchmarks import benchmark_facts
 from ...runs.costs import read_cost
 from ...runs.plan import left_out_sentence
@@ -33,7 +33,7 @@ def run_facts(run: Run) -> Facts:
         ("Note on the training", provenance.note),
         ("Benchmark", f"{frames.benchmark} ({frames.dataset})"),
         ("Samples", str(len(manifest.samples))),
-        ("Difference from the paper" if published else "Measured on", note_of(run)),
+        ("Difference from the paper" if published else "Measured on", comparison_note(run)),
         ("Severities", ", ".join(map(str, manifest.selection.severities))),
         ("Severity scale", frames.severity_scale or "paper"),
         ("Left out", left_out_sentence(run.left_out) if run.left_out else ""),

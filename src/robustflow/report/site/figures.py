@@ -10,7 +10,6 @@ from itertools import islice
 from markupsafe import Markup
 
 from ...analysis.displacements import displacements_of
-from ...analysis.doubts import sound_results
 from ...analysis.published.tables import PAPER
 from ...errors import UsageError
 from ...text import plain
@@ -83,9 +82,9 @@ def page_figures(content: Content) -> list[FigureGroup]:
     count = 0
     for benchmark, frames in dict.fromkeys(content.focus.select("benchmark", "sample_set").iter_rows()):
         drawn: list[tuple[str, MarkedFigure, str]] = []
-        part = sound_results(content.focus.filter(benchmark=benchmark, sample_set=frames), content.doubted)
-        doubted = [plain(name) for of, name in content.doubted if of == frames]
-        note = f"Not drawn, because not ranked: {', '.join(doubted)}. " if doubted else ""
+        part = content.ranked.filter(benchmark=benchmark, sample_set=frames)
+        excluded = [plain(line.name) for line in content.lines if line.frames == frames and line.excluded]
+        note = f"Not drawn, because not ranked: {', '.join(excluded)}. " if excluded else ""
         for figures in figures_by_sample_set(part, looks).values():
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]
         drawn += _of_runs(frames, content, looks.get(frames, Looks()))

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import polars as pl
 
 from ...analysis.audit import AUDIT_CHECKS, Audit, Finding, audit_results
-from ...analysis.doubts import sound_results
 from ...analysis.observations import Observation, observations
 from ...analysis.observations.verdict import THIN, UNKNOWN
 from ...analysis.published.tables import PAPER
@@ -39,7 +38,7 @@ class Checked:
 def checked_observations(content: Content, benchmark: str) -> list[Checked]:
     """The observations on each sample set of a benchmark that the page is about, if at least one can be computed."""
     checked = []
-    sound = sound_results(content.focus.filter(benchmark=benchmark), content.doubted)
+    sound = content.ranked.filter(benchmark=benchmark)
     for frames in dict.fromkeys(sound["sample_set"]):
         part = sound.filter(pl.col("sample_set") == frames)
         pairs = next((run.summary.samples for (of, _), run in content.runs.items() if of == frames), None)

@@ -9,9 +9,9 @@ from ...analysis.audit.rounding import misfits
 from ...analysis.conclusion import conclusion, without_truth
 from ...analysis.imported import NOTE as IMPORTED
 from ...analysis.labels import METRIC_LABELS, benchmark_label, benchmark_words, on_benchmark
+from ...analysis.paper_means import paper_rows
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
-from ...analysis.scores import paper_rows
 from ...analysis.uncertainty import compare_all
 from ...errors import RunError
 from ...text import counted, joined, plain

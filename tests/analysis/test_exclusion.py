@@ -8,7 +8,14 @@ import polars as pl
 import pytest
 
 from robustflow.analysis.conclusion import conclusions
-from robustflow.analysis.doubts import ACCURATE_BELOW, clean_epe, doubted_runs, doubts, doubts_from_rows, zero_flow_epe
+from robustflow.analysis.exclusion import (
+    ACCURATE_BELOW,
+    clean_epe,
+    excluded_runs,
+    exclusion_reasons,
+    reasons_from_rows,
+    zero_flow_epe,
+)
 from robustflow.analysis.uncertainty import compare_all, compare_rows
 from robustflow.api import evaluate
 from robustflow.cli.compare import compare
@@ -40,23 +47,23 @@ _USELESS, _SOUND = _rows(31.0, 0.5), _rows(13.0, 5.0)
 def test_clean_error_at_half_of_zero_flows_is_doubted():
     assert zero_flow_epe(_SOUND) == pytest.approx(50.0)
     assert clean_epe(_SOUND) == pytest.approx(13)
-    (reason,) = doubts_from_rows(_USELESS)
+    (reason,) = reasons_from_rows(_USELESS)
     assert reason == (
         "its clean EPE of 31.00 px is not below half of the 50.00 px of zero flow (a flow that misses the motion has "
         "little to lose)"
     )
-    (reason,) = doubts_from_rows(_rows(11.93, 0.02, motion=12.10))
+    (reason,) = reasons_from_rows(_rows(11.93, 0.02, motion=12.10))
     assert "11.93 px is not below half of the 12.10 px" in reason
-    assert not doubts_from_rows(_SOUND)
-    assert not doubts_from_rows(_rows(24.9, 5.0))
-    assert doubts_from_rows(_rows(25.1, 5.0))
+    assert not reasons_from_rows(_SOUND)
+    assert not reasons_from_rows(_rows(24.9, 5.0))
+    assert reasons_from_rows(_rows(25.1, 5.0))
 
 
 def test_reason_on_small_motion_names_the_motion():
     """An honest model is off by 0.2 px wherever it looks, which is more than half of a motion of 0.3 px."""
-    (reason,) = doubts_from_rows(_rows(0.2, 0.1, motion=0.3))
+    (reason,) = reasons_from_rows(_rows(0.2, 0.1, motion=0.3))
     assert "motion this small cannot tell a sound model from one that predicts none: measure it on larger" in reason
-    assert not doubts_from_rows(_rows(0.2, 0.1, motion=0.5))
+    assert not reasons_from_rows(_rows(0.2, 0.1, motion=0.5))
 
 
 def test_experiments_and_rankings_use_one_guard():
@@ -70,7 +77,7 @@ def test_experiments_and_rankings_use_one_guard():
     runs = {(arm.name, "demo", seed): Better for arm in arms() for seed in (0, 1)}
     runs[PLAIN, "demo", 1] = Arm
     assert left_out(runs, "demo") == {1: f"{PLAIN}: clean EPE 25.10 px, zero flow's 50.00 px"}
-    assert [bool(doubts_from_rows(one.rows)) for one in (Arm, Better)] == [True, False]
+    assert [bool(reasons_from_rows(one.rows)) for one in (Arm, Better)] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -81,19 +88,19 @@ def test_experiments_and_rankings_use_one_guard():
 def test_flow_that_does_not_follow_the_frames_is_doubted_relative_to_its_length(motion, moved, blind):
     """DIS moves by 0.008 px where things move by 0.24 px, under the mildest corruption: less than a noisy constant."""
     for truth in (True, False):
-        reasons = doubts_from_rows(_rows(0.01 * motion, moved, motion=motion, truth=truth))
+        reasons = reasons_from_rows(_rows(0.01 * motion, moved, motion=motion, truth=truth))
         assert [reason.startswith("its flow hardly depends on the frames") for reason in reasons] == [True] * blind
 
 
 def test_frames_that_no_corruption_changed_are_no_reason_for_doubt():
     same = _rows(1.0, 0.0).with_columns(frames_digest=pl.lit("same"))
-    assert not doubts_from_rows(same)
+    assert not reasons_from_rows(same)
 
 
 def test_almost_no_flow_without_ground_truth_is_doubted():
-    (reason,) = doubts_from_rows(_rows(0.0, 0.02, motion=0.03, truth=False))
+    (reason,) = reasons_from_rows(_rows(0.0, 0.02, motion=0.03, truth=False))
     assert reason == "its clean flow is 0.03 px long on average, so it cannot be told from zero flow"
-    assert not doubts_from_rows(_rows(0.0, 0.02, motion=0.2, truth=False))
+    assert not reasons_from_rows(_rows(0.0, 0.02, motion=0.2, truth=False))
 
 
 class ScaledDis:
@@ -122,11 +129,11 @@ def measured(tmp_path_factory):
 
 def test_a_tenth_of_dis_and_a_constant_vector_are_doubted_and_dis_is_not(measured):
     """The constant is near the pair's mean motion: its error is below half of zero flow's, and it still is blind."""
-    assert not doubts(measured["dis"])
+    assert not exclusion_reasons(measured["dis"])
     assert measured["tenth"].cre < 0.3 * measured["dis"].cre
-    assert "is not below half of the 34.34 px of zero flow" in doubts(measured["tenth"])[0]
+    assert "is not below half of the 34.34 px of zero flow" in exclusion_reasons(measured["tenth"])[0]
     assert clean_epe(measured["constant"].rows) < 0.5 * 34.34
-    assert doubts(measured["constant"])[0].startswith("its flow hardly depends on the frames")
+    assert exclusion_reasons(measured["constant"])[0].startswith("its flow hardly depends on the frames")
 
 
 @pytest.mark.parametrize("format", ["terminal", "markdown"])
@@ -156,8 +163,8 @@ def test_without_ground_truth_a_flow_much_shorter_than_the_others_is_doubted(tmp
         for factor in (1.0, 0.1)
     ]
     assert runs[1].rcre < 0.2 * runs[0].rcre
-    assert not any(doubts(run) for run in runs)
-    ((_, name), reason), *others = doubted_runs(runs).items()
+    assert not any(exclusion_reasons(run) for run in runs)
+    ((_, name), reason), *others = excluded_runs(runs).items()
     assert (name, others) == ("0.1 x DIS", [])
     assert "less than half of the" in reason
     (sentence,) = conclusions(runs)

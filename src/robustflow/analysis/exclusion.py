@@ -4,7 +4,7 @@ to its frames."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from statistics import median_low
 
 import polars as pl
@@ -29,22 +29,22 @@ STILL_BELOW = 0.05
 """Mean length of the clean flow in pixels below which, without ground truth, a model cannot be told from zero flow."""
 
 
-def doubts(run: Run) -> list[str]:
+def exclusion_reasons(run: Run) -> list[str]:
     """The reasons against ranking a run's model by robustness, each as a clause; empty for a sound model.
 
     A model can change little under corruption because it ignores its frames: random weights, zero flow, a constant.
     """
     reasons = ["its weights are random"] if run.setting == "untrained" else []
-    return reasons + run.fact("doubts", list[str], lambda: doubts_from_rows(run.rows))
+    return reasons + run.fact("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
 
 
-def doubted_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
+def excluded_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
     """(sample set, name) -> why a run should not be ranked, for the runs with such a reason.
 
     Without ground truth a short flow has a small RCRE, so a run whose clean flow is less than half as long as that of
-    at least half of the others on the same frames is doubted, too.
+    at least half of the others on the same frames is excluded, too.
     """
-    reasons = {(sample_set(run), name): doubts(run) for name, run in zip(run_names(runs), runs, strict=True)}
+    reasons = {(sample_set(run), name): exclusion_reasons(run) for name, run in zip(run_names(runs), runs, strict=True)}
     lengths: dict[str, dict[str, float]] = {}
     for (frames, name), run in zip(reasons, runs, strict=True):
         length = run.summary.clean_flow_length
@@ -63,21 +63,14 @@ def doubted_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:
 
 def not_ranked(runs: Sequence[Run]) -> dict[str, str]:
     """Name -> why a run is not ranked, as a sentence."""
-    return {name: plain(f"Not ranked: {name}, because {why}.", None) for (_, name), why in doubted_runs(runs).items()}
+    return {name: plain(f"Not ranked: {name}, because {why}.", None) for (_, name), why in excluded_runs(runs).items()}
 
 
-def sound_results(results: pl.DataFrame, doubted: Mapping[tuple[str, str], str]) -> pl.DataFrame:
-    """Results (columns `sample_set` and `model` among others) without those of doubted runs, for statements about
-    models in general."""
-    left_out = pl.DataFrame(list(doubted), schema={"sample_set": pl.String, "model": pl.String}, orient="row")
-    return results.join(left_out, on=["sample_set", "model"], how="anti", maintain_order="left")
-
-
-def doubts_from_rows(rows: pl.DataFrame) -> list[str]:
-    """The reasons of `doubts` that follow from the rows of a run (columns of `robustflow.metrics.rows.ROW_SCHEMA`).
+def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
+    """The reasons of `exclusion_reasons` that follow from the rows of a run (columns of `ROW_SCHEMA`).
 
     >>> from robustflow.metrics.rows import rows_frame
-    >>> doubts_from_rows(rows_frame([]))
+    >>> reasons_from_rows(rows_frame([]))
     []
     """
     reasons = []

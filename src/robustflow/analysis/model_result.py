@@ -1,0 +1,141 @@
+"""`ModelResult`: one line of any table, whoever measured it: a run, the paper, or a results file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import polars as pl
+
+from ..metrics.summary import has_gaps
+from ..runs.costs import RunCost, read_cost
+from .results import AVERAGE, CLEAN, RESULT_SCHEMA
+from .uncertainty.of_runs import IntervalEnds, interval_ends
+
+if TYPE_CHECKING:
+    from ..runs.run import Run
+
+ValueKey = tuple[str, str]
+"""(metric, condition): the condition is a corruption, "clean" or "average"."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number, its digits after the point as printed (None if it was not rounded), whether its source sets it in bold
+    (None if it marks nothing), and the source."""
+
+    number: float
+    decimals: int | None = None
+    marked: bool | None = None
+    source: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelResult:
+    """One line of any table. What follows from a run's rows is computed when it is asked for, once.
+
+    Attributes:
+        benchmark, setting, name: what was measured, what the training means for it, and the model.
+        frames: lines with the same value can be compared.
+        note: what a reader must know before comparing; "" for nothing.
+        values: (metric, condition) -> value.
+        run: whose line it is; None for the paper and results files.
+        beside_published: whether averages are over the paper's corruptions only, to compare with the published ones.
+        exclusions: key -> why its model is not ranked, for the runs that this one was read with.
+    """
+
+    benchmark: str
+    frames: str
+    setting: str
+    name: str
+    note: str
+    values: Mapping[ValueKey, Value]
+    run: Run | None = None
+    beside_published: bool = False
+    exclusions: Callable[[], Mapping[tuple[str, str], str]] = field(default=dict, repr=False)
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """(frames, name), by which the lines of runs are unique."""
+        return self.frames, self.name
+
+    @cached_property
+    def excluded(self) -> str:
+        """Why the model is not ranked; "" for one that is."""
+        return self.exclusions().get(self.key, "")
+
+    @cached_property
+    def cost(self) -> RunCost | None:
+        """What was counted of the run's model."""
+        return read_cost(self.run) if self.run else None
+
+    @cached_property
+    def coverage(self) -> float | None:
+        """The share of the pixels that the errors are over, if the model left out any."""
+        return self.run.summary.coverage if self.run and has_gaps(self.run.summary) else None
+
+    @cached_property
+    def pairs(self) -> int | None:
+        """The number of pairs of a run."""
+        return self.run.summary.samples if self.run else None
+
+    @cached_property
+    def crer(self) -> float | None:
+        """The average CREr: as given, or computed from the average and the clean EPE."""
+        given, clean, epe = (self.number(*key) for key in (("crer", AVERAGE), ("epe", CLEAN), ("epe", AVERAGE)))
+        if given is None and epe is not None and clean:
+            given = (epe - clean) / clean
+        return given
+
+    def number(self, metric: str, condition: str) -> float | None:
+        """A value as a number; None if there is none."""
+        value = self.values.get((metric, condition))
+        return None if value is None else value.number
+
+    def intervals(self, corruptions: bool = True) -> dict[ValueKey, IntervalEnds]:
+        """The 95 % intervals of a run, see `interval_ends`; empty for others."""
+        return interval_ends(self.run, corruptions, self.beside_published) if self.run else {}
+
+
+def model_results(frame: pl.DataFrame) -> list[ModelResult]:
+    """The lines of results in the tidy shape (columns of `RESULT_SCHEMA`), in the order in which they begin.
+
+    >>> from robustflow.analysis.published.tables import published_results
+    >>> lines = model_results(published_results())
+    >>> len(lines), lines[0].benchmark, len(lines[0].values)
+    (40, 'kitti-fc', 64)
+    """
+    lines: dict[tuple[str, str, str, str], tuple[str, dict[ValueKey, Value]]] = {}
+    for row in frame.iter_rows(named=True):
+        key = (row["benchmark"], row["sample_set"], row["setting"], row["model"])
+        _, values = lines.setdefault(key, (row["note"], {}))
+        values[row["metric"], row["corruption"]] = Value(row["value"], row["decimals"], row["marked"], row["source"])
+    return [ModelResult(*key, note, values) for key, (note, values) in lines.items()]
+
+
+def values_frame(results: Iterable[ModelResult]) -> pl.DataFrame:
+    """Results in the tidy shape: one value per line, columns of `RESULT_SCHEMA`."""
+    records = [
+        (
+            *(line.benchmark, line.setting, line.name, *key),
+            *(value.number, value.decimals, value.marked, value.source, line.frames, line.note),
+        )
+        for line in results
+        for key, value in line.values.items()
+    ]
+    return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
+
+
+def ranked(results: Iterable[ModelResult]) -> list[ModelResult]:
+    """The lines without those whose model is not ranked, for statements about models in general."""
+    return [line for line in results if not line.excluded]
+
+
+def by_frames(results: Iterable[ModelResult]) -> dict[str, Sequence[ModelResult]]:
+    """frames -> the lines that can be compared."""
+    groups: dict[str, list[ModelResult]] = {}
+    for line in results:
+        groups.setdefault(line.frames, []).append(line)
+    return dict(groups)
