@@ -1,10 +1,18 @@
-"""matplotlib's own settings for every figure, whatever `matplotlibrc` the working folder or the user has."""
+"""matplotlib's default settings for every figure, whatever `matplotlibrc` the working folder or the user has; and
+pictures in a figure."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .sample import Frame
 
 _OF_THE_WORKING_FOLDER = "matplotlibrc"
 
@@ -41,3 +49,24 @@ def default_style() -> Iterator[None]:
         {name: value for name, value in matplotlib.rcParamsDefault.items() if name != "backend"}
     ):
         yield
+
+
+def add_picture(
+    figure: Figure, left: float, top: float, width: float, height: float, picture: Frame, title: str, size: float
+) -> Axes:
+    """Add a picture under its title to a figure.
+
+    Args:
+        figure: whose size is final.
+        left, top: upper left corner of the picture, inches from that of the figure.
+        width, height: of the picture, inches; it is stretched to them.
+        picture: RGB uint8 (H, W, 3).
+        title: above the picture, from its left edge.
+        size: of the title, points.
+    """
+    wide, tall = figure.get_size_inches()
+    axes = figure.add_axes((left / wide, 1 - (top + height) / tall, width / wide, height / tall))
+    axes.axis("off")
+    axes.imshow(picture, aspect="auto", interpolation="antialiased")
+    axes.set_title(title, fontsize=size, pad=0.3 * size, loc="left")
+    return axes

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from PIL import Image
 
-from ..figure_style import default_style
+from ..figure_style import add_picture, default_style
 from ..images.error_colours import COLOUR_MAP, HIGHEST, LOWEST, error_colours
 from ..images.flow_colours import flow_colours, flow_radius
 from ..images.sparse import thickened
@@ -105,15 +105,13 @@ def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:
     for index, (title, picture) in enumerate(pictures):
         row, column = divmod(index, 2)
         top = _HEAD_IN + row * (each + _TITLE_IN) + _TITLE_IN
-        axes = figure.add_axes((0.005 + 0.5 * column, 1 - (top + each) / total, 0.4925, each / total))
-        axes.axis("off")
+        left = (0.005 + 0.5 * column) * _WIDTH_IN
         if picture is None:  # in place of ground truth
+            axes = figure.add_axes((left / _WIDTH_IN, 1 - (top + each) / total, 0.4925, each / total))
             _wheel(axes)
             axes.set_title(_WHEEL_SAYS, fontsize=_TITLE_PT, pad=4)
         else:
-            axes.imshow(picture, interpolation="antialiased")
-            axes.set_anchor("W")
-            axes.set_title(title, fontsize=_TITLE_PT, pad=4, loc="left")
+            add_picture(figure, left, top, each * width / height, each, picture, title, _TITLE_PT)
     if all(picture is not None for _, picture in pictures):
         _wheel(figure.add_axes((0.005, 0.06 / total, _WHEEL_IN / _WIDTH_IN, _WHEEL_IN / total)))
         beside = 0.005 + (_WHEEL_IN + 0.15) / _WIDTH_IN

@@ -6,15 +6,15 @@ import io
 import math
 from collections.abc import Sequence
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...figure_style import default_style
+from ...figure_style import add_picture, default_style
 from ...sample import Frame
 from .pictures import CorruptedPicture
 
 _WIDTH_IN = 12.0
 _CAPTION_IN = 0.26
+_GAP_IN = 0.06
 _DPI = 160
 
 
@@ -34,21 +34,19 @@ def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, for
     ratio = clean.shape[0] / clean.shape[1]
     columns = min(len(cells) + 1, 3 if ratio < 0.4 else 4 if ratio < 0.6 else 5)
     rows = math.ceil((len(cells) + 1) / columns)
-    picture = _WIDTH_IN / columns * ratio
-    height = rows * (picture + _CAPTION_IN) + 2 * _CAPTION_IN
+    width = (_WIDTH_IN - _GAP_IN) / columns - _GAP_IN
+    step = width * ratio + _CAPTION_IN
+    height = rows * step + _CAPTION_IN + _GAP_IN
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=_DPI, facecolor="white")
     figure.text(0.006, 1 - _CAPTION_IN / height, title, va="center", fontsize=11)
-    axes = figure.subplots(rows, columns, squeeze=False).ravel()
-    figure.subplots_adjust(0.005, 0.005, 0.995, 1 - 2 * _CAPTION_IN / height, 0.02, _CAPTION_IN / picture)
-    for ax in axes:
-        ax.axis("off")
-    _show(axes[0], clean, "clean")
-    for ax, cell in zip(axes[1:], cells, strict=False):
-        if cell.frame is None:
-            _show(ax, clean * 0 + 236, cell.name)
-            ax.text(0.5, 0.5, "not on this scale", transform=ax.transAxes, ha="center", va="center", fontsize=9)
-        else:
-            _show(ax, cell.frame, caption(cell))
+    shown = [("clean", clean), *((caption(cell), cell.frame) for cell in cells)]
+    for index, (words, frame) in enumerate(shown):
+        row, column = divmod(index, columns)
+        left, top = _GAP_IN + column * (width + _GAP_IN), _CAPTION_IN + row * step + _CAPTION_IN
+        picture = clean * 0 + 236 if frame is None else frame
+        axes = add_picture(figure, left, top, width, width * ratio, picture, words, 8.5)
+        if frame is None:
+            axes.text(0.5, 0.5, "not on this scale", transform=axes.transAxes, ha="center", va="center", fontsize=9)
     file = io.BytesIO()
     figure.savefig(file, format=form, metadata={"CreationDate": None} if form == "pdf" else None)
     return file.getvalue()
@@ -57,13 +55,11 @@ def draw_figure(clean: Frame, cells: Sequence[CorruptedPicture], title: str, for
 def caption(cell: CorruptedPicture) -> str:
     """The line above a picture.
 
-    >>> caption(CorruptedPicture("over_exposure", 2, index=1, ssim=0.8231))
+    >>> import numpy as np
+    >>> caption(CorruptedPicture("over_exposure", 2, np.zeros((1, 1, 3), np.uint8), index=1, ssim=0.8231))
     'over_exposure (frame 2)  SSIM 0.82'
     """
+    if cell.frame is None:
+        return cell.name
     which = " (frame 2)" if cell.index else ""
     return f"{cell.name}{which}  SSIM {cell.ssim:.2f}"
-
-
-def _show(ax: Axes, frame: Frame, title: str) -> None:
-    ax.imshow(frame, aspect="auto")
-    ax.set_title(title, fontsize=8.5, pad=2.5, loc="left")

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...corruptions import Corruption, corrupt_clip
-from ...figure_style import default_style
+from ...figure_style import add_picture, default_style
 from ...images.error_colours import error_colours
 from ...images.flow_colours import flow_colours, flow_radius
 from ...images.io import shrunk
@@ -96,12 +96,8 @@ def draw_strip(sample: Sample, columns: Sequence[StripColumn], model: str) -> by
             (f"{what} {mean:.1f} px" if first else f"{mean:.1f} px", error),
         )
         for row, (title, shown) in enumerate(rows):
-            left = (_MARGIN_IN + place * (_COLUMN_IN + _MARGIN_IN)) / size[0]
-            bottom = 1 - ((row + 1) * step) / size[1]
-            ax = figure.add_axes((left, bottom, _COLUMN_IN / size[0], picture / size[1]))
-            ax.axis("off")
-            ax.imshow(shrunk(shown, round(_COLUMN_IN * _DPI)), aspect="auto")
-            ax.set_title(title, fontsize=8, pad=2, loc="left")
+            left, top = _MARGIN_IN + place * (_COLUMN_IN + _MARGIN_IN), row * step + _CAPTION_IN
+            add_picture(figure, left, top, _COLUMN_IN, picture, shrunk(shown, round(_COLUMN_IN * _DPI)), title, 8)
     file = io.BytesIO()
     figure.savefig(file, format="webp", pil_kwargs={"quality": _QUALITY, "method": 6})
     return file.getvalue()
