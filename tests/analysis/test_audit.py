@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from robustflow.analysis.audit import AUDIT_CHECKS, Audit, audit_published, audit_results
 from robustflow.analysis.audit.row_rules import RULES
+from robustflow.analysis.model_result import ModelResult, model_results
 from robustflow.analysis.published.tables import published_results
 from robustflow.analysis.results import AVERAGE, CLEAN, parse_results
 from robustflow.api import evaluate
@@ -95,13 +96,13 @@ def test_what_fits_is_not_reported():
     assert set(_FOUND.checked) <= set(AUDIT_CHECKS)
 
 
-def _csv(values: dict[tuple[str, str, str], str], marked: set[tuple[str, str, str]] = frozenset()) -> pl.DataFrame:
+def _csv(values: dict[tuple[str, str, str], str], marked: set[tuple[str, str, str]] = frozenset()) -> list[ModelResult]:
     lines = ["setting,model,metric,corruption,value,marked"]
     lines += [
         f"ID,{model},{metric},{name},{value},{'yes' if (model, metric, name) in marked else 'no'}"
         for (model, metric, name), value in values.items()
     ]
-    return parse_results("\n".join(lines), "made.csv", "made")
+    return model_results(parse_results("\n".join(lines), "made.csv", "made"))
 
 
 def _consistent(errors: dict[str, list[float]], decimals: int) -> dict[tuple[str, str, str], str]:

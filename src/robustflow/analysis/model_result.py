@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 ValueKey = tuple[str, str]
 """(metric, condition): the condition is a corruption, "clean" or "average"."""
 
+_UNROUNDED = 1e-9
+"""The relative error of a number that was not rounded for a reader."""
+
 
 @dataclass(frozen=True)
 class Value:
@@ -30,6 +33,15 @@ class Value:
     decimals: int | None = None
     marked: bool | None = None
     source: str = ""
+
+    @property
+    def half(self) -> float:
+        """Half a unit of the last printed digit: the exact value is at most that far off.
+
+        >>> Value(4.2, 2).half
+        0.005
+        """
+        return _UNROUNDED * max(1.0, abs(self.number)) if self.decimals is None else 0.5 * 10.0**-self.decimals
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..analysis.audit import Audit, audit_results, audit_run
+from ..analysis.model_result import model_results
 from ..analysis.results import read_results
 from .load import is_record, load_any_run
 
@@ -18,4 +19,4 @@ def audit(path: str | Path) -> Audit:
     path = Path(path).expanduser()
     if path.is_dir() or is_record(path):
         return audit_run(load_any_run(path), str(path))
-    return audit_results(read_results(path), audited=str(path))
+    return audit_results(model_results(read_results(path)), audited=str(path))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-import polars as pl
-
+from ..model_result import ModelResult, model_results
 from ..published.tables import Cost, published_costs, published_results
-from .checks import Book, check_averages, check_bound, check_cre, check_crer, check_marks
+from .checks import check_averages, check_bound, check_cre, check_crer, check_marks
 from .costs import check_costs
 from .findings import AUDIT_CHECKS, Audit, Finding, merged_audit
 from .patterns import check_shifted, check_swapped
@@ -22,12 +21,13 @@ def audit_published() -> Audit:
     >>> audit_published().counts()["swapped"]
     2
     """
-    return audit_results(published_results(), published_costs(), audited="the published tables")
+    return audit_results(model_results(published_results()), published_costs(), audited="the published tables")
 
 
-def audit_results(results: pl.DataFrame, costs: Mapping[str, Cost] | None = None, audited: str = "results") -> Audit:
-    """Results in the tidy shape (`robustflow.analysis.results.RESULT_SCHEMA`), and a cost table if there is one."""
-    book = Book(results)
+def audit_results(
+    results: Sequence[ModelResult], costs: Mapping[str, Cost] | None = None, audited: str = "results"
+) -> Audit:
+    """Results of any source, and a cost table if there is one."""
     checks = (check_swapped, check_shifted, check_cre, check_averages, check_crer, check_bound, check_marks)
-    parts = [check(book) for check in checks]
-    return merged_audit(audited, parts + (check_costs(book, costs) if costs else []))
+    parts = [check(results) for check in checks]
+    return merged_audit(audited, parts + (check_costs(results, costs) if costs else []))

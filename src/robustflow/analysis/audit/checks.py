@@ -2,151 +2,134 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import polars as pl
+from collections.abc import Iterator, Mapping, Sequence
 
 from ...corruptions.names import ORDER
 from ..labels import METRIC_LABELS
+from ..model_result import ModelResult, Value, ValueKey
 from ..results import AVERAGE, CLEAN
 from .findings import Finding
-from .rounding import Printed, misfits, ratio_range
+from .rounding import misfits, ratio_range
 
-ModelKey = tuple[str, str, str, str]
-"""(sample set, benchmark, setting, model)."""
-PrintedValues = dict[tuple[str, str], Printed]
-"""(metric, corruption) -> number."""
+Values = Mapping[ValueKey, Value]
 
 
-class Book:
-    """Results by model, with the source of each number."""
-
-    def __init__(self, results: pl.DataFrame) -> None:
-        self.values: dict[ModelKey, PrintedValues] = {}
-        self.marks: dict[ModelKey, dict[tuple[str, str], bool]] = {}
-        self._sources: dict[tuple[ModelKey, str], str] = {}
-        for row in results.iter_rows(named=True):
-            key = (row["sample_set"], row["benchmark"], row["setting"], row["model"])
-            cell = (row["metric"], row["corruption"])
-            self.values.setdefault(key, {})[cell] = Printed(row["value"], row["decimals"])
-            if row["marked"] is not None:
-                self.marks.setdefault(key, {})[cell] = row["marked"]
-            self._sources[key, row["metric"]] = row["source"]
-
-    def finding(
-        self,
-        check: str,
-        key: ModelKey,
-        metric: str,
-        corruption: str,
-        says: str,
-        numbers: tuple[float, float, float] | None = None,
-    ) -> Finding:
-        """A finding about one number of a model; `numbers` are given, recomputed and tolerance."""
-        given, recomputed, tolerance = numbers or (None, None, None)
-        return Finding(
-            check=check,
-            source=self._sources.get((key, metric), ""),
-            setting=key[2],
-            model=key[3],
-            metric=metric,
-            corruption=corruption,
-            given=given,
-            recomputed=recomputed,
-            tolerance=tolerance,
-            says=says,
-        )
+def finding(
+    check: str,
+    line: ModelResult,
+    metric: str,
+    corruption: str,
+    says: str,
+    numbers: tuple[float, float, float] | None = None,
+) -> Finding:
+    """A finding about one number of a model; `numbers` are given, recomputed and tolerance."""
+    given, recomputed, tolerance = numbers or (None, None, None)
+    return Finding(
+        check=check,
+        source=next((value.source for (of, _), value in line.values.items() if of == metric), ""),
+        setting=line.setting,
+        model=line.name,
+        metric=metric,
+        corruption=corruption,
+        given=given,
+        recomputed=recomputed,
+        tolerance=tolerance,
+        says=says,
+    )
 
 
-def expected_cre(values: PrintedValues) -> dict[str, float]:
+def expected_cre(values: Values) -> dict[str, float]:
     """corruption -> EPE - clean EPE."""
     if ("epe", CLEAN) not in values:
         return {}
     return {name: _change(values, name) for metric, name in values if metric == "epe" and name != CLEAN}
 
 
-def change_tolerance(epe: PrintedValues, corruption: str, given: Printed) -> float:
+def change_tolerance(epe: Values, corruption: str, given: Value) -> float:
     """How much the rounding of the EPE, the clean EPE and a number compared with their difference (CRE, RCRE) can add
     up to."""
     return epe["epe", corruption].half + epe["epe", CLEAN].half + given.half
 
 
-def misfits_change(epe: PrintedValues, corruption: str, cre: Printed) -> bool:
+def misfits_change(epe: Values, corruption: str, cre: Value) -> bool:
     """Whether a CRE does not follow from these EPE."""
-    return misfits(cre.value, _change(epe, corruption), change_tolerance(epe, corruption, cre))
+    return misfits(cre.number, _change(epe, corruption), change_tolerance(epe, corruption, cre))
 
 
-def below_change(epe: PrintedValues, corruption: str, rcre: Printed) -> bool:
+def below_change(epe: Values, corruption: str, rcre: Value) -> bool:
     """Whether an RCRE is impossible given these EPE: below |EPE - clean EPE|."""
     lowest = abs(_change(epe, corruption))
-    return rcre.value < lowest and misfits(rcre.value, lowest, change_tolerance(epe, corruption, rcre))
+    return rcre.number < lowest and misfits(rcre.number, lowest, change_tolerance(epe, corruption, rcre))
 
 
-def check_cre(book: Book) -> tuple[str, int, list[Finding]]:
+def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """CRE = EPE - clean EPE."""
     count, findings = 0, []
-    for key, values in book.values.items():
+    for line in results:
+        values = line.values
         for corruption, expected in expected_cre(values).items():
             given = values.get(("cre", corruption))
             if given is None:
                 continue
             count += 1
             if misfits_change(values, corruption, given):
-                epe, clean = values["epe", corruption].value, values["epe", CLEAN].value
+                epe, clean = values["epe", corruption].number, values["epe", CLEAN].number
                 says = (
-                    f"{_where(key, corruption)}: CRE {given.value:.2f}, but EPE {epe:.2f} - clean EPE {clean:.2f} = "
+                    f"{_where(line, corruption)}: CRE {given.number:.2f}, but EPE {epe:.2f} - clean EPE {clean:.2f} = "
                     f"{expected:.2f}"
                 )
-                numbers = (given.value, expected, change_tolerance(values, corruption, given))
-                findings.append(book.finding("cre", key, "cre", corruption, says, numbers))
+                numbers = (given.number, expected, change_tolerance(values, corruption, given))
+                findings.append(finding("cre", line, "cre", corruption, says, numbers))
     return "cre", count, findings
 
 
-def check_averages(book: Book) -> tuple[str, int, list[Finding]]:
+def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """The average of each metric is the mean over those corruptions with a place in tables that are listed."""
     count, findings = 0, []
-    for key, metric, values in _metrics(book):
+    for line, metric, values in _metrics(results):
         given = values.get((metric, AVERAGE))
         parts = [values[metric, name] for name in ORDER if (metric, name) in values]
         if given is None or not parts:
             continue
         count += 1
-        mean = sum(part.value for part in parts) / len(parts)
+        mean = sum(part.number for part in parts) / len(parts)
         tolerance = given.half + sum(part.half for part in parts) / len(parts)
-        if misfits(given.value, mean, tolerance):
+        if misfits(given.number, mean, tolerance):
             says = (
-                f"{_where(key, AVERAGE)}: {METRIC_LABELS[metric]} {given.value:.2f}, but the mean over "
+                f"{_where(line, AVERAGE)}: {METRIC_LABELS[metric]} {given.number:.2f}, but the mean over "
                 f"{len(parts)} corruptions is {mean:.3f}"
             )
-            numbers = (given.value, mean, tolerance)
-            findings.append(book.finding("average", key, metric, AVERAGE, says, numbers))
+            numbers = (given.number, mean, tolerance)
+            findings.append(finding("average", line, metric, AVERAGE, says, numbers))
     return "average", count, findings
 
 
-def check_crer(book: Book) -> tuple[str, int, list[Finding]]:
+def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """CREr = (EPE - clean EPE) / clean EPE, for results that list it."""
     count, findings = 0, []
-    for key, values in book.values.items():
+    for line in results:
+        values = line.values
         clean = values.get(("epe", CLEAN))
-        if clean is None or clean.value <= clean.half:
+        if clean is None or clean.number <= clean.half:
             continue
         for corruption in [name for metric, name in values if metric == "crer" and ("epe", name) in values]:
             given, epe = values["crer", corruption], values["epe", corruption]
             count += 1
-            ratio = (epe.value - clean.value) / clean.value
-            low, high = ratio_range((epe.value - clean.value, epe.half + clean.half), (clean.value, clean.half))
+            ratio = (epe.number - clean.number) / clean.number
+            low, high = ratio_range((epe.number - clean.number, epe.half + clean.half), (clean.number, clean.half))
             tolerance = given.half + max(high - ratio, ratio - low)
-            if misfits(given.value, ratio, tolerance):
-                says = f"{_where(key, corruption)}: CREr {given.value:.2f}, but from its EPE it is {ratio:.3f}"
-                numbers = (given.value, ratio, tolerance)
-                findings.append(book.finding("crer", key, "crer", corruption, says, numbers))
+            if misfits(given.number, ratio, tolerance):
+                says = f"{_where(line, corruption)}: CREr {given.number:.2f}, but from its EPE it is {ratio:.3f}"
+                numbers = (given.number, ratio, tolerance)
+                findings.append(finding("crer", line, "crer", corruption, says, numbers))
     return "crer", count, findings
 
 
-def check_bound(book: Book) -> tuple[str, int, list[Finding]]:
+def check_bound(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """RCRE >= |EPE - clean EPE|: a flow cannot lose more accuracy than it moves (triangle inequality)."""
     count, findings = 0, []
-    for key, values in book.values.items():
+    for line in results:
+        values = line.values
         for corruption, expected in expected_cre(values).items():
             given = values.get(("rcre", corruption))
             if given is None:
@@ -154,63 +137,67 @@ def check_bound(book: Book) -> tuple[str, int, list[Finding]]:
             count += 1
             if below_change(values, corruption, given):
                 says = (
-                    f"{_where(key, corruption)}: RCRE {given.value:.2f} is impossible with a change of the EPE by "
+                    f"{_where(line, corruption)}: RCRE {given.number:.2f} is impossible with a change of the EPE by "
                     f"{expected:+.2f}; it is at least as large"
                 )
-                numbers = (given.value, abs(expected), change_tolerance(values, corruption, given))
-                findings.append(book.finding("bound", key, "rcre", corruption, says, numbers))
+                numbers = (given.number, abs(expected), change_tolerance(values, corruption, given))
+                findings.append(finding("bound", line, "rcre", corruption, says, numbers))
     return "bound", count, findings
 
 
-def check_marks(book: Book) -> tuple[str, int, list[Finding]]:
+def check_marks(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """The smallest number of a column among the models of a setting is marked, and nothing else.
 
     Columns of settings in which nothing is marked at all (the paper's knowledge-driven methods) are not checked.
     """
     count, findings = 0, []
-    for metric, peers in _settings(book):
-        for corruption in dict.fromkeys(name for key in peers for m, name in book.marks[key] if m == metric):
-            cell = (metric, corruption)
-            numbers = {key: book.values[key][cell].value for key in peers if cell in book.marks[key]}
-            least = min(numbers.values())
-            best = [key[3] for key, value in numbers.items() if value == least]
-            marked = [key[3] for key in numbers if book.marks[key][cell]]
+    for metric, peers in _settings(results):
+        for corruption in dict.fromkeys(name for line in peers for name in _marked_columns(line, metric)):
+            cells = {
+                line: value
+                for line in peers
+                if (value := line.values.get((metric, corruption))) is not None and value.marked is not None
+            }
+            least = min(value.number for value in cells.values())
+            best = [line.name for line, value in cells.items() if value.number == least]
+            marked = {line: value for line, value in cells.items() if value.marked}
             count += 1
-            if set(best) == set(marked):
+            if set(best) == {line.name for line in marked}:
                 continue
-            first = next((key for key in numbers if key[3] in marked), next(iter(numbers)))
-            shown = (
-                ", ".join(f"{key[3]} {value:.2f}" for key, value in numbers.items() if key[3] in marked) or "nothing"
-            )
+            first = next(iter(marked or cells))
+            shown = ", ".join(f"{line.name} {value.number:.2f}" for line, value in marked.items()) or "nothing"
             says = (
-                f"{first[2]}, {corruption}: {METRIC_LABELS[metric]} marked best is {shown}, but the least is "
+                f"{first.setting}, {corruption}: {METRIC_LABELS[metric]} marked best is {shown}, but the least is "
                 f"{' and '.join(best)} {least:.2f}"
             )
-            pair = (numbers[first], least, 0.0)
-            findings.append(book.finding("best", first, metric, corruption, says, pair))
+            findings.append(finding("best", first, metric, corruption, says, (cells[first].number, least, 0.0)))
     return "best", count, findings
 
 
-def _metrics(book: Book) -> Iterator[tuple[ModelKey, str, PrintedValues]]:
-    for key, values in book.values.items():
-        for metric in dict.fromkeys(metric for metric, _ in values):
-            yield key, metric, values
+def _metrics(results: Sequence[ModelResult]) -> Iterator[tuple[ModelResult, str, Values]]:
+    for line in results:
+        for metric in dict.fromkeys(metric for metric, _ in line.values):
+            yield line, metric, line.values
 
 
-def _settings(book: Book) -> Iterator[tuple[str, list[ModelKey]]]:
+def _settings(results: Sequence[ModelResult]) -> Iterator[tuple[str, list[ModelResult]]]:
     """(metric, the models of one setting) for every metric and setting in which something is marked."""
-    by_setting: dict[tuple[str, str, str, str], list[ModelKey]] = {}
-    for key, marks in book.marks.items():
-        for metric in dict.fromkeys(metric for metric, _ in marks):
-            by_setting.setdefault((metric, *key[:3]), []).append(key)
-    for (metric, *_), keys in by_setting.items():
-        if any(book.marks[key][cell] for key in keys for cell in book.marks[key] if cell[0] == metric):
-            yield metric, keys
+    by_setting: dict[tuple[str, str, str, str], list[ModelResult]] = {}
+    for line in results:
+        for metric in dict.fromkeys(of for (of, _), value in line.values.items() if value.marked is not None):
+            by_setting.setdefault((metric, line.frames, line.benchmark, line.setting), []).append(line)
+    for (metric, *_), lines in by_setting.items():
+        if any(value.marked for line in lines for (of, _), value in line.values.items() if of == metric):
+            yield metric, lines
 
 
-def _where(key: ModelKey, corruption: str) -> str:
-    return f"{key[2]} {key[3]}, {corruption}"
+def _marked_columns(line: ModelResult, metric: str) -> list[str]:
+    return [name for (of, name), value in line.values.items() if of == metric and value.marked is not None]
 
 
-def _change(values: PrintedValues, corruption: str) -> float:
-    return values["epe", corruption].value - values["epe", CLEAN].value
+def _where(line: ModelResult, corruption: str) -> str:
+    return f"{line.setting} {line.name}, {corruption}"
+
+
+def _change(values: Values, corruption: str) -> float:
+    return values["epe", corruption].number - values["epe", CLEAN].number

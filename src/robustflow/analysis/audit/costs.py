@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from ...benchmarks import benchmark_facts
 from ..cost_ranks import cost_ranks
+from ..model_result import ModelResult, Value
 from ..published.tables import PAPER, Cost
 from ..results import AVERAGE, CLEAN
-from .checks import Book
 from .findings import Finding
-from .rounding import Printed, misfits, ratio_range
+from .rounding import misfits, ratio_range
 
 _CRER_HALF = 0.005
 _Part = tuple[str, int, list[Finding]]
 
 
-def check_costs(book: Book, costs: Mapping[str, Cost]) -> list[_Part]:
+def check_costs(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> list[_Part]:
     """CREr and ranks of a cost table against the published results of the same models."""
     from_epe: list[Finding] = []
     from_cre: list[Finding] = []
     corrected: dict[str, Cost] = {}
     paper = {
-        (setting, model): values
-        for (frames, benchmark, setting, model), values in book.values.items()
-        if frames == PAPER and benchmark_facts(benchmark).has_flow
+        (line.setting, line.name): line.values
+        for line in results
+        if line.frames == PAPER and benchmark_facts(line.benchmark).has_flow
     }
     count = 0
     for name, cost in costs.items():
@@ -36,13 +36,13 @@ def check_costs(book: Book, costs: Mapping[str, Cost]) -> list[_Part]:
                 continue
             count += 1
             clean, epe, cre = values["epe", CLEAN], values["epe", AVERAGE], values["cre", AVERAGE]
-            top = (epe.value - clean.value, epe.half + clean.half)
+            top = (epe.number - clean.number, epe.half + clean.half)
             misfit = _crer("crer", cost, setting, given, "EPE", top, clean)
             from_epe += misfit
-            from_cre += _crer("crer_from_cre", cost, setting, given, "CRE", (cre.value, cre.half), clean)
+            from_cre += _crer("crer_from_cre", cost, setting, given, "CRE", (cre.number, cre.half), clean)
             if misfit:
                 # Printed values have two decimals, and equal printed values share a rank.
-                corrected[name] = corrected[name].model_copy(update={field: round(top[0] / clean.value, 2)})
+                corrected[name] = corrected[name].model_copy(update={field: round(top[0] / clean.number, 2)})
     return [
         ("crer", count, from_epe),
         ("crer_from_cre", count, from_cre),
@@ -52,10 +52,10 @@ def check_costs(book: Book, costs: Mapping[str, Cost]) -> list[_Part]:
 
 
 def _crer(
-    check: str, cost: Cost, setting: str, given: float, made_of: str, top: tuple[float, float], clean: Printed
+    check: str, cost: Cost, setting: str, given: float, made_of: str, top: tuple[float, float], clean: Value
 ) -> list[Finding]:
-    ratio = top[0] / clean.value
-    low, high = ratio_range(top, (clean.value, clean.half))
+    ratio = top[0] / clean.number
+    low, high = ratio_range(top, (clean.number, clean.half))
     tolerance = _CRER_HALF + max(high - ratio, ratio - low)
     if not misfits(given, ratio, tolerance):
         return []

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
+from ..model_result import ModelResult
 from ..results import AVERAGE
-from .checks import Book, ModelKey, PrintedValues, below_change, change_tolerance, expected_cre, misfits_change
+from .checks import Values, below_change, change_tolerance, expected_cre, finding, misfits_change
 from .findings import Finding
 from .rounding import misfits
 
@@ -13,38 +15,40 @@ _LEAST = 3
 """With fewer numbers that happen to fit elsewhere, there is no pattern."""
 
 
-def check_swapped(book: Book) -> tuple[str, int, list[Finding]]:
+def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """Rows of two models of a setting that fit each other's EPE, but not their own."""
     count, findings = 0, []
-    wrong = {key: _misfitting(book.values[key], book.values[key]) for key in book.values}
-    for first, second in combinations([key for key, names in wrong.items() if len(names) >= _LEAST], 2):
-        if first[:3] != second[:3]:
+    wrong = {line: _misfitting(line.values, line.values) for line in results}
+    for first, second in combinations([line for line, names in wrong.items() if len(names) >= _LEAST], 2):
+        if any(getattr(first, part) != getattr(second, part) for part in ("frames", "benchmark", "setting")):
             continue
         count += 1
-        one, two = book.values[first], book.values[second]
+        one, two = first.values, second.values
         crossed = _misfitting(one, two) + _misfitting(two, one)
         if crossed:
             continue
         cells = len(_both(one, two))
+        rows = f"rows of {first.name} and {second.name} ({first.setting}) are swapped against their EPE rows"
         says = (
-            f"the CRE rows of {first[3]} and {second[3]} ({first[2]}) are swapped against their EPE rows: all {cells} "
-            f"values of each fit the EPE of the other; {len(wrong[first])} and {len(wrong[second])} misfit their own"
+            f"the CRE {rows}: all {cells} values of each fit the EPE of the other; {len(wrong[first])} and "
+            f"{len(wrong[second])} misfit their own"
         )
-        findings.append(book.finding("swapped", first, "cre", "", says))
+        findings.append(finding("swapped", first, "cre", "", says))
         own, other = _impossible(one, one) + _impossible(two, two), _impossible(one, two) + _impossible(two, one)
         if own and not other:
             says = (
-                f"the RCRE rows of {first[3]} and {second[3]} ({first[2]}) are swapped against their EPE rows: {own} "
-                "values are impossible (RCRE below |EPE - clean EPE|) as they stand, none when exchanged"
+                f"the RCRE {rows}: {own} values are impossible (RCRE below |EPE - clean EPE|) as they stand, none when "
+                "exchanged"
             )
-            findings.append(book.finding("swapped", first, "rcre", "", says))
+            findings.append(finding("swapped", first, "rcre", "", says))
     return "swapped", count, findings
 
 
-def check_shifted(book: Book) -> tuple[str, int, list[Finding]]:
+def check_shifted(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
     """Consecutive values of a model that fit the neighbouring column, but not their own."""
     count, findings = 0, []
-    for key, values in book.values.items():
+    for line in results:
+        values = line.values
         expected = expected_cre(values)
         names = [name for name in expected if name != AVERAGE and ("cre", name) in values]
         for step, side in ((1, "right"), (-1, "left")):
@@ -55,38 +59,38 @@ def check_shifted(book: Book) -> tuple[str, int, list[Finding]]:
                 if fits:
                     run.append(here)
                     continue
-                findings += _shift(book, key, run, side)
+                findings += _shift(line, run, side)
                 run = []
-            findings += _shift(book, key, run, side)
+            findings += _shift(line, run, side)
     return "shifted", count, findings
 
 
-def _shift(book: Book, key: ModelKey, run: list[str], side: str) -> list[Finding]:
+def _shift(line: ModelResult, run: list[str], side: str) -> list[Finding]:
     if len(run) < _LEAST:
         return []
     says = (
-        f"{key[2]} {key[3]}: EPE - clean EPE of {', '.join(run)} equals the CRE one column to the {side}, not its own: "
-        "a row moved by a column in one of the tables"
+        f"{line.setting} {line.name}: EPE - clean EPE of {', '.join(run)} equals the CRE one column to the {side}, "
+        "not its own: a row moved by a column in one of the tables"
     )
-    return [book.finding("shifted", key, "epe", run[0], says)]
+    return [finding("shifted", line, "epe", run[0], says)]
 
 
-def _fits_beside(values: PrintedValues, expected: float, here: str, there: str) -> bool:
+def _fits_beside(values: Values, expected: float, here: str, there: str) -> bool:
     tolerance = change_tolerance(values, here, values["cre", here])
-    return misfits(values["cre", here].value, expected, tolerance) and not misfits(
-        values["cre", there].value, expected, tolerance
+    return misfits(values["cre", here].number, expected, tolerance) and not misfits(
+        values["cre", there].number, expected, tolerance
     )
 
 
-def _both(epe: PrintedValues, cre: PrintedValues) -> list[str]:
+def _both(epe: Values, cre: Values) -> list[str]:
     return [name for name in expected_cre(epe) if ("cre", name) in cre]
 
 
-def _misfitting(epe: PrintedValues, cre: PrintedValues) -> list[str]:
+def _misfitting(epe: Values, cre: Values) -> list[str]:
     """Corruptions at which the CRE of one row does not follow from the EPE of another."""
     return [name for name in _both(epe, cre) if misfits_change(epe, name, cre["cre", name])]
 
 
-def _impossible(epe: PrintedValues, rcre: PrintedValues) -> int:
+def _impossible(epe: Values, rcre: Values) -> int:
     """How many RCRE of one row are below the change of the EPE of another."""
     return sum(below_change(epe, name, rcre["rcre", name]) for name in expected_cre(epe) if ("rcre", name) in rcre)

@@ -2,27 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-_UNROUNDED = 1e-9
 _FLOAT = 1e-9
 """Tolerance for binary fractions: 0.1 + 0.2 is not a mismatch."""
-
-
-class Printed(NamedTuple):
-    """A number as it was printed, with its decimals; None for one that was not rounded."""
-
-    value: float
-    decimals: int | None
-
-    @property
-    def half(self) -> float:
-        """Half a unit of the last digit: the exact value is at most that far off.
-
-        >>> Printed(4.2, 2).half
-        0.005
-        """
-        return _UNROUNDED * max(1.0, abs(self.value)) if self.decimals is None else 0.5 * 10.0**-self.decimals
 
 
 def misfits(given: float, recomputed: float, tolerance: float) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import polars as pl
 
 from ...analysis.audit import AUDIT_CHECKS, Audit, Finding, audit_results
+from ...analysis.model_result import by_frames
 from ...analysis.observations import Observation, observations
 from ...analysis.observations.verdict import THIN, UNKNOWN
 from ...analysis.published.tables import PAPER
@@ -51,13 +52,14 @@ def checked_observations(content: Content, benchmark: str) -> list[Checked]:
 def audits(content: Content, benchmark: str) -> list[Audit]:
     """The audit of what the paper's tables and results files have of a benchmark; runs are audited by `robustflow audit
     RUN`."""
-    from_runs = {frames for frames, _ in content.runs}
-    of_benchmark = content.focus.filter(benchmark=benchmark)
+    results = [line for line in content.lines if line.benchmark == benchmark and line.run is None]
     made = []
-    for frames in dict.fromkeys(name for name in of_benchmark["sample_set"] if name not in from_runs):
+    for frames, lines in by_frames(results).items():
+        if frames == PAPER and content.alone:
+            continue
         costs = content.costs if frames == PAPER and benchmark_facts(benchmark).has_flow else {}
         audited = "the published tables" if frames == PAPER else content.group_titles.get(frames, plain(frames))
-        made.append(audit_results(of_benchmark.filter(sample_set=frames), costs, audited))
+        made.append(audit_results(lines, costs, audited))
     return made
 
 
