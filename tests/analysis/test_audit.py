@@ -33,13 +33,13 @@ def _of(check: str, **where: str) -> list:
 
 def test_rows_of_brightflow_and_upflow_are_swapped():
     assert [(f.source, f.metric) for f in _of("swapped")] == [("Tab. 7", "cre"), ("Tab. 8", "rcre")]
-    assert all("BrightFlow and UPFlow" in finding.says for finding in _of("swapped"))
+    assert all("BrightFlow and UPFlow" in finding.message for finding in _of("swapped"))
 
 
 def test_samflow_t_disagrees_in_six_columns():
     found = [f.corruption for f in _of("cre", setting="OOD", model="SAMFlow-T") if f.corruption != AVERAGE]
     assert found == ["low_light", "snow", "gaussian_noise", "shot_noise", "impulse_noise", "psf_blur"]
-    assert "snow, gaussian_noise, shot_noise" in _of("shifted")[0].says
+    assert "snow, gaussian_noise, shot_noise" in _of("shifted")[0].message
 
 
 def test_flowdiffuser_disagrees_in_both_settings():
@@ -146,7 +146,7 @@ def test_swapped_rows_are_found_in_any_table():
         (m, metric, name): values[({"A": "B", "B": "A"}.get(m, m) if metric == "cre" else m), metric, name]
         for m, metric, name in values
     }
-    says = [f.says for f in audit_results(_csv(swapped)).findings if f.check == "swapped"]
+    says = [f.message for f in audit_results(_csv(swapped)).findings if f.check == "swapped"]
     assert len(says) == 1
     assert "A and B" in says[0]
 
@@ -185,7 +185,7 @@ def test_a_changed_summary_is_found(run, tmp_path):
     summary["corruptions"]["contrast"]["by_severity"]["epe"][1] += 1e-6
     summary["extra"] = 1
     (folder / "summary.json").write_text(json.dumps(summary))
-    says = [finding.says for finding in audit(folder).findings]
+    says = [finding.message for finding in audit(folder).findings]
     assert len(says) == 3
     assert any(": cre is " in text for text in says)
     assert any("corruptions.contrast.by_severity.epe.1" in text for text in says)
@@ -207,7 +207,7 @@ def test_a_summary_without_its_parts_is_found(run, tmp_path):
     del summary["corruptions"]
     summary["cre"] = 10**400
     (folder / "summary.json").write_text(json.dumps(summary))
-    says = [finding.says for finding in audit(folder).findings]
+    says = [finding.message for finding in audit(folder).findings]
     assert any("corruptions is not there" in one for one in says)
     assert any("cre is 1000" in one for one in says)
 
@@ -222,7 +222,7 @@ def test_impossible_rows_are_found(run, tmp_path):
             pl.when(contrast).then(to).otherwise(name).alias(name) for name, to in changed.items()
         ),
     )
-    says = " ".join(finding.says for finding in audit(folder).findings if finding.check == "rows")
+    says = " ".join(finding.message for finding in audit(folder).findings if finding.check == "rows")
     assert "more outliers than pixels" in says
     assert "changed by more than the flow moved" in says
 

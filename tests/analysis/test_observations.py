@@ -33,7 +33,7 @@ def test_correlation_that_the_other_sign_is_as_likely_for_is_too_little_evidence
     part = _part(1, "CRE grows with clean EPE (ID)")
     assert part.verdict == "too little evidence"
     assert part.numbers["low"] < 0 < part.numbers["high"]
-    assert "12 families (14 models)" in part.says
+    assert "12 families (14 models)" in part.message
     assert _part(1, "corrupted EPE grows with clean EPE (OOD)").verdict == "holds"
 
 
@@ -49,10 +49,10 @@ def test_verdicts_are_those_of_intervals_that_scipy_gives():
     ood, in_domain = (families(setting, "supervised", evidence.crer) for setting in ("OOD", "ID"))
     rises = [in_domain[name] - ood[name] for name in ood]
     low, high = ttest_1samp(rises, 0).confidence_interval()
-    assert f"{fmean(rises):+.2f} [{low:+.2f}, {high:+.2f}] over 9 families" in _part(4, "on average over").says
+    assert f"{fmean(rises):+.2f} [{low:+.2f}, {high:+.2f}] over 9 families" in _part(4, "on average over").message
     without = list(families("ID", "unsupervised", evidence.crer).values())
     low, high = ttest_ind(list(in_domain.values()), without, equal_var=False).confidence_interval()
-    assert f"[{low:+.2f}, {high:+.2f}] over 9 and 3 families" in _part(3, "lower CREr").says
+    assert f"[{low:+.2f}, {high:+.2f}] over 9 and 3 families" in _part(3, "lower CREr").message
     exact = binomtest(13, 24).proportion_ci(method="exact")
     assert exact.low < 0.5 < exact.high
     assert _part(9, "under most corruptions").verdict == "too little evidence"
@@ -100,7 +100,7 @@ def test_variants_of_one_model_count_once():
 
 
 def test_numbers_read_off_the_tables_by_hand():
-    assert "ID GMA, ID SKFlow, ID CRAFT" in _part(7, "low_light has a higher EPE than high_light, for most").says
+    assert "ID GMA, ID SKFlow, ID CRAFT" in _part(7, "low_light has a higher EPE than high_light, for most").message
     stable = _part(3, "lower CREr").numbers
     assert stable["highest_unsupervised"] == pytest.approx((7.33 - 3.52) / 3.52)
     assert stable["lowest_supervised"] == pytest.approx((9.13 - 3.67) / 3.67)
@@ -108,7 +108,7 @@ def test_numbers_read_off_the_tables_by_hand():
     ood = ((10.82 + 9.75 + 10.95) / 3 - 4.11) / 4.11
     in_domain = ((11.31 + 8.51 + 12.96) / 3 - 1.96) / 1.96
     assert noise == pytest.approx(100 * (in_domain / ood - 1))
-    assert _part(9, "under most corruptions").says == "under 13 of 24"
+    assert _part(9, "under most corruptions").message == "under 13 of 24"
     assert _part(10, "than most CNN").numbers == {"best_samflow": 1.54, "middle_cnn": 1.53}
 
 
@@ -218,7 +218,7 @@ def test_models_of_equal_error_have_no_correlation():
     results = parse_results("setting,model,metric,corruption,value\n" + "\n".join(lines), "made.csv", "made")
     first = observations(results)[0]
     assert first.verdict == "cannot be computed"
-    assert "all models have the same" in first.parts[0].says
+    assert "all models have the same" in first.parts[0].message
 
 
 def test_two_models_or_three_pairs_are_too_little_evidence():
@@ -228,7 +228,7 @@ def test_two_models_or_three_pairs_are_too_little_evidence():
         assert any(part.verdict != "cannot be computed" for part in whole.parts)
         assert thin.verdict == "too little evidence"
         weighed = [part for part in thin.parts if part.verdict != "cannot be computed"]
-        assert all("3 image pairs, at least 20 are needed" in part.says for part in weighed)
+        assert all("3 image pairs, at least 20 are needed" in part.message for part in weighed)
         assert [part.numbers for part in thin.parts] == [part.numbers for part in whole.parts]
     two = published_results().filter(pl.col("model").is_in(["RAFT", "ARFlow"]))
     verdicts = {observation.verdict for observation in observations(two, published_costs(), pairs=80)}
@@ -237,8 +237,8 @@ def test_two_models_or_three_pairs_are_too_little_evidence():
 
 def test_a_printed_cre_that_does_not_follow_stands_beside_the_one_that_does():
     """SAMFlow-B, OOD: EPE 8.53, clean 4.06, printed CRE 4.44."""
-    assert "4.47 from the EPE (printed: 4.44)" in _part(2, "three best in CRE (OOD)").says
-    assert "4.47 from the EPE (printed: 4.44)" in _part(2, "larger foundation model gives lower EPE and CRE: T").says
+    assert "4.47 from the EPE (printed: 4.44)" in _part(2, "three best in CRE (OOD)").message
+    assert "4.47 from the EPE (printed: 4.44)" in _part(2, "larger foundation model gives lower EPE and CRE: T").message
 
 
 def test_the_factor_by_which_errors_grow_does_not_follow_the_accuracy():

@@ -229,11 +229,11 @@ def test_pointing_at_a_mark_names_it(opened):
     """At the middle of a bubble, where a dot is drawn over it."""
     page = opened("leaderboard", reduced_motion="reduce")
     _kitti(page)
-    mark = page.locator("svg.chart .mark[data-says^='RAFT (ID): clean EPE 1.81 px, CRE 6.70 px']")
+    mark = page.locator("svg.chart .mark[data-label^='RAFT (ID): clean EPE 1.81 px, CRE 6.70 px']")
     mark.scroll_into_view_if_needed()
     mark.hover(force=True)
     assert page.locator("#tip").is_visible()
-    assert page.locator("#tip").inner_text() == mark.get_attribute("data-says")
+    assert page.locator("#tip").inner_text() == mark.get_attribute("data-label")
     page.mouse.move(1, 1)
     assert not page.locator("#tip").is_visible()
 
@@ -300,7 +300,7 @@ def test_a_hostile_name_stays_text(opened):
     _kitti(page) if page.get_by_role("radio", name="KITTI-FC").count() else None
     row = page.locator(".board:visible tbody a:visible", has_text="onerror")
     assert row.inner_text() == HOSTILE
-    mark = page.locator("svg.chart .mark[data-says^='<img']").first
+    mark = page.locator("svg.chart .mark[data-label^='<img']").first
     mark.scroll_into_view_if_needed()
     mark.focus()
     assert page.locator("#tip").inner_text().startswith(HOSTILE)

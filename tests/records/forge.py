@@ -56,8 +56,8 @@ def failure(data: bytes) -> tuple[str, str]:
     assert not found.ok
     check = next(check for check in found.checks if check.status == "failed")
     for one in found.checks:
-        assert one.says.isprintable() or "\ufffd" in one.says
-        assert "\x1b" not in one.says
-        assert "\n" not in one.says
-        assert len(one.says) <= 600
-    return check.name, check.says
+        assert one.message.isprintable() or "\ufffd" in one.message
+        assert "\x1b" not in one.message
+        assert "\n" not in one.message
+        assert len(one.message) <= 600
+    return check.name, check.message

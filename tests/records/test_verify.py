@@ -95,7 +95,7 @@ def test_better_rows(packed):
     """Rows that were made better, hashes fitting: the means no longer follow, or the rows cannot be."""
     half = _at(_FOG, epe_sum=pl.col("epe_sum") / 2)
     found = verified(with_rows(packed, half))
-    failed = {check.name: check.says for check in found.checks if check.status == "failed"}
+    failed = {check.name: check.message for check in found.checks if check.status == "failed"}
     assert set(failed) == {"measurements", "summary"}
     assert "regions do not add up" in failed["measurements"]
     assert "corruptions.fog" in failed["summary"]

@@ -56,7 +56,7 @@ def test_the_page_draws_it_with_its_numbers(kept):
     found = read_displacement(kept).table.filter(pl.col("share") > 0)
     for low, high, share in found.iter_rows():
         said = f"demo, 1 pair (ground truth): length {low:g} to {high:g} px, pixels {100 * share:.3g} %"
-        assert page.count(f'data-says="{said}"') == 1
+        assert page.count(f'data-label="{said}"') == 1
     assert "displacement" in figures_of([kept], published=False)
     assert rf.Result(kept.path).plot("displacement").marks
 

@@ -46,7 +46,7 @@ def audit(
             )
             for finding in findings:
                 where = f"{finding.source}: " if finding.source else ""
-                typer.echo(f"  {plain(where + finding.says, 400)}")
+                typer.echo(f"  {plain(where + finding.message, 400)}")
         if not audit.checked:
             typer.echo("none of its numbers can be derived from the others, so nothing was checked")
         typer.echo(f"{plain(audit.audited, 200)}: {len(audit.findings)} finding{'s' * (len(audit.findings) != 1)}")

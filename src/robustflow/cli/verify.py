@@ -112,11 +112,11 @@ def _print(result: "Verification") -> None:
 
     container, *others = result.checks
     if container.status == "failed" and not any(check.status == "ok" for check in others):
-        typer.echo(f"not verified: {plain(container.says, None)}")  # no record, so nothing else could be looked at
+        typer.echo(f"not verified: {plain(container.message, None)}")  # no record, so nothing else could be looked at
         return
     typer.echo(plain(result.file, 200))
     for check in result.checks:
-        about = f"{VERIFICATION_CHECKS[check.name]}{f': {check.says}' if check.says else ''}"
+        about = f"{VERIFICATION_CHECKS[check.name]}{f': {check.message}' if check.message else ''}"
         typer.echo(f"  {check.status:11s}  {check.name:12s}  {about}")
     stated = result.facts.model_dump(include={"author", "link", "description"}) if result.facts else {}
     for name, text in stated.items():

@@ -43,9 +43,9 @@ def cell_problems(run: Run, reader: Reader) -> tuple[list[str], str]:
             f"{severity}"
         )
     if bool(missing) == reader.facts.complete:
-        says = "complete" if reader.facts.complete else "not complete"
+        message = "complete" if reader.facts.complete else "not complete"
         problems.append(
-            f"record.json says that the run is {says}, but {len(missing)} of {len(planned)} rows are missing"
+            f"record.json says that the run is {message}, but {len(missing)} of {len(planned)} rows are missing"
         )
     without = {sample for sample, _, _ in present} - {sample for sample, name, _ in present if name == CLEAN}
     if without:

@@ -42,7 +42,7 @@ class Check(Frozen):
 
     name: str
     status: Literal["ok", "failed", "not checked"]
-    says: str
+    message: str
 
 
 class Verification(Frozen):
@@ -73,7 +73,7 @@ class Verification(Frozen):
 
     def first_failure(self) -> str:
         """The first check that failed, in words; "" if all passed."""
-        return next((f"{check.name}: {check.says}" for check in self.checks if check.status == "failed"), "")
+        return next((f"{check.name}: {check.message}" for check in self.checks if check.status == "failed"), "")
 
 
 DataCheck = Callable[[Reader], str]
@@ -141,8 +141,8 @@ def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
     with TemporaryDirectory(prefix="robustflow-") as folder:
         reader.extract(Path(folder))
         run = Run(folder)
-        problems, says = cell_problems(run, reader)
-        out["cells"] = _outcome(problems, says)
+        problems, message = cell_problems(run, reader)
+        out["cells"] = _outcome(problems, message)
         if problems:
             return out, None  # sums over unplanned cells are meaningless
         try:
@@ -151,15 +151,15 @@ def _check_claims(reader: Reader) -> tuple[dict[str, _Outcome], Subject | None]:
             return out | {"summary": ("failed", str(error))}, None
         subject = subject_of(run, reader.plan)
     for check, name in (("measurements", "rows"), ("summary", "summary")):
-        problems = [finding.says for finding in audited.findings if finding.check == name]
+        problems = [finding.message for finding in audited.findings if finding.check == name]
         out[check] = _outcome(problems, f"{audited.checked.get(name, 0)} comparisons")
     return out, subject
 
 
-def _outcome(problems: list[str], says: str) -> _Outcome:
+def _outcome(problems: list[str], message: str) -> _Outcome:
     more = len(problems) - _SHOWN
     listed = "; ".join(problems[:_SHOWN]) + (f"; and {more} more" if more > 0 else "")
-    return ("failed", listed) if problems else ("ok", says)
+    return ("failed", listed) if problems else ("ok", message)
 
 
 def _later(frames: DataCheck | None, predictions: DataCheck | None) -> dict[str, DataCheck]:
@@ -170,9 +170,9 @@ def _later(frames: DataCheck | None, predictions: DataCheck | None) -> dict[str,
 
 def _checks(outcomes: dict[str, _Outcome], later: dict[str, DataCheck]) -> tuple[Check, ...]:
     return tuple(
-        Check(name=check, status=outcomes[check][0], says=plain(outcomes[check][1], 600))
+        Check(name=check, status=outcomes[check][0], message=plain(outcomes[check][1], 600))
         if check in outcomes
-        else Check(name=check, status="not checked", says="")
+        else Check(name=check, status="not checked", message="")
         for check in VERIFICATION_CHECKS
         if check not in ("frames", "predictions") or check in later
     )

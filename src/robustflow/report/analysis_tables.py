@@ -108,7 +108,8 @@ def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost], pairs: 
     for observation in observations(results, costs, pairs=pairs):
         lines = [
             Line(
-                "main" if part.main else "also", (TableCell(part.verdict), TableCell(part.claim), TableCell(part.says))
+                "main" if part.main else "also",
+                (TableCell(part.verdict), TableCell(part.claim), TableCell(part.message)),
             )
             for part in observation.parts
         ]

@@ -168,7 +168,7 @@ def test_the_mildest_corruption_is_none_of_the_worst(metric, values, says):
     )
     results = parse_results(f"setting,model,metric,corruption,value\n{lines}", "mine.csv", "mine")
     (page,) = model_pages(whole_content([], [("mine.csv", results)], published=False), {})
-    assert page.says[0].endswith(says)
+    assert page.sentences[0].endswith(says)
 
 
 def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp_path, monkeypatch):

@@ -30,7 +30,7 @@ def _marks(root):
 def test_every_model_is_a_mark_with_its_numbers():
     marks = _marks(_svg(clean_against_cre(_KITTI)))
     assert len(marks) == 11 + 14
-    said = {mark.get("data-says") for mark in marks}
+    said = {mark.get("data-label") for mark in marks}
     assert "RAFT (ID): clean EPE 1.81 px, CRE 6.70 px, CREr 3.70" in said
     assert {mark.get("data-page") for mark in marks} >= {"page-RAFT", "page-ARFlow"}
 
@@ -44,7 +44,7 @@ def test_a_mark_is_where_its_model_is():
         for row in _KITTI.filter(setting="OOD", metric="epe", corruption="clean").iter_rows(named=True)
     }
     first = root.find("svg")
-    panel = [mark for mark in _marks(first) if "(OOD)" in mark.get("data-says")]
+    panel = [mark for mark in _marks(first) if "(OOD)" in mark.get("data-label")]
     by_place = sorted(panel, key=lambda mark: float(mark.get("x")))
     names = [mark.get("data-page").removeprefix("page-") for mark in by_place]
     assert names == sorted(names, key=epe.__getitem__)
@@ -69,7 +69,7 @@ def test_a_hostile_name_is_a_text_of_the_svg():
     root = _svg(clean_against_cre(results))
     assert not [element for element in root.iter() if element.tag.endswith("script")]
     assert any((element.text or "").startswith(name) for element in root.iter())
-    assert _marks(root)[0].get("data-says").startswith(f"{name} (OOD)")
+    assert _marks(root)[0].get("data-label").startswith(f"{name} (OOD)")
 
 
 def test_panels_are_apart_and_all_of_one_size():
@@ -90,6 +90,6 @@ def test_panels_are_apart_and_all_of_one_size():
 def test_points_of_one_line_are_told_apart():
     rows = rows_of(*(Truth().draw(np.random.default_rng(0), np.ones(3, int))[i] for i in (0, 1, 1)))
     root = _svg(severity_curves({"a": rows}))
-    said = [mark.get("data-says") for mark in _marks(root)]
+    said = [mark.get("data-label") for mark in _marks(root)]
     assert len(said) == len(set(said)) == 3
     assert [re.search("severity ([0-9])", text)[1] for text in said] == ["1", "3", "2"]

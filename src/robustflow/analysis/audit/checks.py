@@ -19,7 +19,7 @@ def finding(
     line: ModelResult,
     metric: str,
     corruption: str,
-    says: str,
+    message: str,
     numbers: tuple[float, float, float] | None = None,
 ) -> Finding:
     """A finding about one number of a model; `numbers` are given, recomputed and tolerance."""
@@ -34,7 +34,7 @@ def finding(
         given=given,
         recomputed=recomputed,
         tolerance=tolerance,
-        says=says,
+        message=message,
     )
 
 
@@ -74,12 +74,12 @@ def check_cre(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]:
             count += 1
             if misfits_change(values, corruption, given):
                 epe, clean = values["epe", corruption].number, values["epe", CLEAN].number
-                says = (
+                message = (
                     f"{_where(line, corruption)}: CRE {given.number:.2f}, but EPE {epe:.2f} - clean EPE {clean:.2f} = "
                     f"{expected:.2f}"
                 )
                 numbers = (given.number, expected, change_tolerance(values, corruption, given))
-                findings.append(finding("cre", line, "cre", corruption, says, numbers))
+                findings.append(finding("cre", line, "cre", corruption, message, numbers))
     return "cre", count, findings
 
 
@@ -95,12 +95,12 @@ def check_averages(results: Sequence[ModelResult]) -> tuple[str, int, list[Findi
         mean = sum(part.number for part in parts) / len(parts)
         tolerance = given.half + sum(part.half for part in parts) / len(parts)
         if misfits(given.number, mean, tolerance):
-            says = (
+            message = (
                 f"{_where(line, AVERAGE)}: {METRIC_LABELS[metric]} {given.number:.2f}, but the mean over "
                 f"{len(parts)} corruptions is {mean:.3f}"
             )
             numbers = (given.number, mean, tolerance)
-            findings.append(finding("average", line, metric, AVERAGE, says, numbers))
+            findings.append(finding("average", line, metric, AVERAGE, message, numbers))
     return "average", count, findings
 
 
@@ -119,9 +119,9 @@ def check_crer(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]]
             low, high = ratio_range((epe.number - clean.number, epe.half + clean.half), (clean.number, clean.half))
             tolerance = given.half + max(high - ratio, ratio - low)
             if misfits(given.number, ratio, tolerance):
-                says = f"{_where(line, corruption)}: CREr {given.number:.2f}, but from its EPE it is {ratio:.3f}"
+                message = f"{_where(line, corruption)}: CREr {given.number:.2f}, but from its EPE it is {ratio:.3f}"
                 numbers = (given.number, ratio, tolerance)
-                findings.append(finding("crer", line, "crer", corruption, says, numbers))
+                findings.append(finding("crer", line, "crer", corruption, message, numbers))
     return "crer", count, findings
 
 
@@ -136,12 +136,12 @@ def check_bound(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]
                 continue
             count += 1
             if below_change(values, corruption, given):
-                says = (
+                message = (
                     f"{_where(line, corruption)}: RCRE {given.number:.2f} is impossible with a change of the EPE by "
                     f"{expected:+.2f}; it is at least as large"
                 )
                 numbers = (given.number, abs(expected), change_tolerance(values, corruption, given))
-                findings.append(finding("bound", line, "rcre", corruption, says, numbers))
+                findings.append(finding("bound", line, "rcre", corruption, message, numbers))
     return "bound", count, findings
 
 
@@ -166,11 +166,11 @@ def check_marks(results: Sequence[ModelResult]) -> tuple[str, int, list[Finding]
                 continue
             first = next(iter(marked or cells))
             shown = ", ".join(f"{line.name} {value.number:.2f}" for line, value in marked.items()) or "nothing"
-            says = (
+            message = (
                 f"{first.setting}, {corruption}: {METRIC_LABELS[metric]} marked best is {shown}, but the least is "
                 f"{' and '.join(best)} {least:.2f}"
             )
-            findings.append(finding("best", first, metric, corruption, says, (cells[first].number, least, 0.0)))
+            findings.append(finding("best", first, metric, corruption, message, (cells[first].number, least, 0.0)))
     return "best", count, findings
 
 

@@ -59,8 +59,8 @@ def _crer(
     tolerance = _CRER_HALF + max(high - ratio, ratio - low)
     if not misfits(given, ratio, tolerance):
         return []
-    says = f"{setting} {cost.model}: CREr {given:.2f}, but from its {made_of} and clean EPE it is {ratio:.3f}"
-    return [_finding(check, cost, setting, (given, ratio, tolerance), says)]
+    message = f"{setting} {cost.model}: CREr {given:.2f}, but from its {made_of} and clean EPE it is {ratio:.3f}"
+    return [_finding(check, cost, setting, (given, ratio, tolerance), message)]
 
 
 def _ranks(check: str, costs: Mapping[str, Cost], ranks: Mapping[str, Mapping[str, int]], how: str) -> _Part:
@@ -75,12 +75,12 @@ def _ranks(check: str, costs: Mapping[str, Cost], ranks: Mapping[str, Mapping[st
                 continue
             count += 1
             if given != made[name]:
-                says = f"{f'{setting} ' * bool(setting)}{name}: {what} {given}, but {how} it is {made[name]}"
-                findings.append(_finding(check, cost, setting, (given, made[name], 0.0), says))
+                message = f"{f'{setting} ' * bool(setting)}{name}: {what} {given}, but {how} it is {made[name]}"
+                findings.append(_finding(check, cost, setting, (given, made[name], 0.0), message))
     return check, count, findings
 
 
-def _finding(check: str, cost: Cost, setting: str, numbers: tuple[float, float, float], says: str) -> Finding:
+def _finding(check: str, cost: Cost, setting: str, numbers: tuple[float, float, float], message: str) -> Finding:
     given, recomputed, tolerance = map(float, numbers)
     return Finding(
         check=check,
@@ -92,5 +92,5 @@ def _finding(check: str, cost: Cost, setting: str, numbers: tuple[float, float, 
         given=given,
         recomputed=recomputed,
         tolerance=tolerance,
-        says=says,
+        message=message,
     )

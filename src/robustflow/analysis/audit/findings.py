@@ -33,7 +33,7 @@ class Finding(FrozenFinite):
         given: the number as printed.
         recomputed: what follows from the other numbers.
         tolerance: how far apart rounding alone could put the two.
-        says: the finding in words.
+        message: the finding in words.
     """
 
     check: str
@@ -45,7 +45,7 @@ class Finding(FrozenFinite):
     given: float | None = None
     recomputed: float | None = None
     tolerance: float | None = None
-    says: str
+    message: str
 
 
 class Audit(Frozen):

@@ -29,18 +29,18 @@ def check_swapped(results: Sequence[ModelResult]) -> tuple[str, int, list[Findin
             continue
         cells = len(_both(one, two))
         rows = f"rows of {first.name} and {second.name} ({first.setting}) are swapped against their EPE rows"
-        says = (
+        message = (
             f"the CRE {rows}: all {cells} values of each fit the EPE of the other; {len(wrong[first])} and "
             f"{len(wrong[second])} misfit their own"
         )
-        findings.append(finding("swapped", first, "cre", "", says))
+        findings.append(finding("swapped", first, "cre", "", message))
         own, other = _impossible(one, one) + _impossible(two, two), _impossible(one, two) + _impossible(two, one)
         if own and not other:
-            says = (
+            message = (
                 f"the RCRE {rows}: {own} values are impossible (RCRE below |EPE - clean EPE|) as they stand, none when "
                 "exchanged"
             )
-            findings.append(finding("swapped", first, "rcre", "", says))
+            findings.append(finding("swapped", first, "rcre", "", message))
     return "swapped", count, findings
 
 
@@ -68,11 +68,11 @@ def check_shifted(results: Sequence[ModelResult]) -> tuple[str, int, list[Findin
 def _shift(line: ModelResult, run: list[str], side: str) -> list[Finding]:
     if len(run) < _LEAST:
         return []
-    says = (
+    message = (
         f"{line.setting} {line.name}: EPE - clean EPE of {', '.join(run)} equals the CRE one column to the {side}, "
         "not its own: a row moved by a column in one of the tables"
     )
-    return [finding("shifted", line, "epe", run[0], says)]
+    return [finding("shifted", line, "epe", run[0], message)]
 
 
 def _fits_beside(values: Values, expected: float, here: str, there: str) -> bool:

@@ -48,7 +48,7 @@ def _summary(run: Run) -> tuple[str, int, list[Finding]]:
         count += 1
         if not _same(left, right):
             where = ".".join(path)
-            says = f"summary.json: {where} is {_shown(left)}, but from the rows it is {_shown(right)}"
+            message = f"summary.json: {where} is {_shown(left)}, but from the rows it is {_shown(right)}"
             findings.append(
                 Finding(
                     check="summary",
@@ -57,7 +57,7 @@ def _summary(run: Run) -> tuple[str, int, list[Finding]]:
                     given=_number(left),
                     recomputed=_number(right),
                     tolerance=_CLOSE,
-                    says=says,
+                    message=message,
                 )
             )
     return "summary", count, findings
@@ -123,6 +123,6 @@ def _rows(rows: pl.DataFrame) -> tuple[str, int, list[Finding]]:
     for reason, broken in broken_rules(rows):
         for row in broken.iter_rows(named=True):
             where = f"sample '{row['sample']}', {row['corruption']} severity {row['severity']}"
-            says = f"rows: {where}: {reason}"
-            findings.append(Finding(check="rows", source="rows", corruption=str(row["corruption"]), says=says))
+            message = f"rows: {where}: {reason}"
+            findings.append(Finding(check="rows", source="rows", corruption=str(row["corruption"]), message=message))
     return "rows", rows.height * len(RULES), findings

@@ -24,9 +24,9 @@ def dark_and_overexposed(evidence: Evidence) -> Observation:
             continue
         gap = {entry: evidence.epe(entry, worse) - evidence.epe(entry, milder) for entry in every}
         margin = of_mean(list(evidence.by_family(discussed, gap.__getitem__).values()), "family")
-        says = f"by {margin} ({len(discussed)} models), px"
+        message = f"by {margin} ({len(discussed)} models), px"
         numbers = {"mean_difference": margin.estimate}
-        parts.append(part(f"{claim}, on average over models", margin.verdict, says, True, numbers))
+        parts.append(part(f"{claim}, on average over models", margin.verdict, message, True, numbers))
         parts.append(most_models(evidence, claim, gap))
     title = "Low-Light and Over Exposure are more serious than High-Light and Under Exposure respectively"
     return Observation(number=7, title=title, parts=parts)
@@ -39,12 +39,12 @@ def most_models(evidence: Evidence, claim: str, gap: dict[ModelInSetting, float]
     margin = of_majority(sum(value > 0 for value in families.values()), len(families), "family")
     assert margin.low is not None
     assert margin.high is not None
-    says = (
+    message = (
         f"{len(gap) - len(against)} of {len(gap)} models{f'; not {named(against)}' if against else ''}; share of "
         f"{margin.over} {100 * (0.5 + margin.estimate):.0f} % [{100 * (0.5 + margin.low):.0f} %, "
         f"{100 * (0.5 + margin.high):.0f} %]"
     )
-    return part(f"{claim}, for most models", margin.verdict, says)
+    return part(f"{claim}, for most models", margin.verdict, message)
 
 
 def local_information(evidence: Evidence) -> Observation:
@@ -61,11 +61,11 @@ def local_information(evidence: Evidence) -> Observation:
     gap = {e: local[e] - visual[e] for e in entries}
     margin = of_mean(list(evidence.by_family(entries, gap.__getitem__).values()), "family")
     mean_local, mean_visual = fmean(local.values()), fmean(visual.values())
-    says = f"{mean_local:.2f} px against {mean_visual:.2f} px; by {margin} ({len(entries)} models)"
+    message = f"{mean_local:.2f} px against {mean_visual:.2f} px; by {margin} ({len(entries)} models)"
     every = [e for e in evidence.entries if evidence.has(e, "saturate", "jpeg_compression")]
     other = {e: evidence.epe(e, "jpeg_compression") - evidence.epe(e, "saturate") for e in every}
     parts = [
-        part(claim, margin.verdict, says, True, {"local": mean_local, "visual": mean_visual}),
+        part(claim, margin.verdict, message, True, {"local": mean_local, "visual": mean_visual}),
         most_models(evidence, claim, gap),
         most_models(evidence, "saturate has a lower EPE than jpeg_compression", other),
     ]

@@ -21,7 +21,7 @@ def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
     rise = {entry: evidence.crer(entry) - evidence.crer(ood) for ood, entry in pairs}
     margin = _mean(evidence, rise)
     least = min(pairs, key=lambda pair: rise[pair[1]])
-    says = (
+    message = (
         f"by {margin} ({len(pairs)} models); least for {least[1][1]}, {evidence.crer(least[0]):.2f} to "
         f"{evidence.crer(least[1]):.2f}"
     )
@@ -29,7 +29,7 @@ def fine_tuning_costs_robustness(evidence: Evidence) -> Observation:
     fall = {i: evidence.cre(o) - evidence.cre(i) for o, i in pairs if i in transformers}
     falls = _mean(evidence, fall) if fall else None
     parts = [
-        part(f"{claim}, on average over supervised models", margin.verdict, says, True, {"models": len(pairs)}),
+        part(f"{claim}, on average over supervised models", margin.verdict, message, True, {"models": len(pairs)}),
         most_models(evidence, claim, rise),
         part(
             "the CRE of Transformer-based models falls from OOD to ID",
@@ -98,11 +98,11 @@ def _csflow_increase(evidence: Evidence) -> list[Statement]:
     if not increase:
         return []
     largest = max(increase.values())
-    says = "CREr grows by " + ", ".join(f"{value:.0f} % ({family})" for family, value in increase.items())
-    says += f", to {largest + 100:.0f} % of its OOD value"
+    message = "CREr grows by " + ", ".join(f"{value:.0f} % ({family})" for family, value in increase.items())
+    message += f", to {largest + 100:.0f} % of its OOD value"
     claim = "CSFlow's CREr increases by up to 291 % in Illumination and Noise"
     verdict: Verdict = "holds" if abs(largest - 291) < 5 else "does not hold"
-    return [part(claim, verdict, says, numbers=increase)]
+    return [part(claim, verdict, message, numbers=increase)]
 
 
 def _both_settings(evidence: Evidence) -> list[tuple[ModelInSetting, ModelInSetting]]:

@@ -52,16 +52,16 @@ def _lowest(
         best.setdefault(evidence.family(other), other)
     best[evidence.family(entry)] = entry
     names = _common(evidence, list(best.values()))
-    says = ", ".join(f"{other[1]} {evidence.rcre[other][AVERAGE]:.2f}" for other in order[:3])
+    message = ", ".join(f"{other[1]} {evidence.rcre[other][AVERAGE]:.2f}" for other in order[:3])
     if len(names) < 2 or len(best) < 2:
-        return part(claim, THIN, says, main)
+        return part(claim, THIN, message, main)
     ranks = places({family: [evidence.rcre[one][name] for name in names] for family, one in best.items()})
     first, last = ranks[evidence.family(entry)]
-    says += (
+    message += (
         f"; possible places of {entry[1]}: {first} to {last} (paired tests over {len(names)} corruptions, corrected "
         f"for all pairs of {len(best)})"
     )
-    return part(claim, among(1, [(first, last)]), says, main)
+    return part(claim, among(1, [(first, last)]), message, main)
 
 
 def foundation_model_does_not_help(evidence: Evidence) -> Observation:
@@ -86,12 +86,12 @@ def foundation_model_does_not_help(evidence: Evidence) -> Observation:
     than_flowformer = of_mean([own - other for own, other, _ in under.values()], "corruption") if names else None
     than_cnn = of_mean([own - other for own, _, other in under.values()], "corruption") if names else None
     best, middle = min(average[entry] for entry in sam), median(average[entry] for entry in cnn)
-    says = ", ".join(f"{entry[1]} {average[entry]:.2f}" for entry in [_FLOWFORMER, *sam])
+    message = ", ".join(f"{entry[1]} {average[entry]:.2f}" for entry in [_FLOWFORMER, *sam])
     parts = [
         part(
             claim,
             than_flowformer.verdict if than_flowformer else THIN,
-            f"{says}; mean of SAMFlow - FlowFormer {than_flowformer}",
+            f"{message}; mean of SAMFlow - FlowFormer {than_flowformer}",
             True,
         ),
         part(

@@ -28,14 +28,14 @@ def accuracy_and_robustness(evidence: Evidence) -> Observation:
             claim = f"{name} grows with clean EPE ({setting})"
             margin = of_correlation(clean, list(evidence.by_family(entries, value).values()), "family")
             if margin is None:
-                says = f"{setting}: all models have the same clean EPE or {name}, so there is no correlation"
-                parts.append(part(claim, UNKNOWN, says, True))
+                message = f"{setting}: all models have the same clean EPE or {name}, so there is no correlation"
+                parts.append(part(claim, UNKNOWN, message, True))
                 continue
-            says = f"{setting}: Spearman {margin} ({len(entries)} models)"
-            parts.append(part(claim, margin.verdict, says, True, _ends(margin, "rho")))
+            message = f"{setting}: Spearman {margin} ({len(entries)} models)"
+            parts.append(part(claim, margin.verdict, message, True, _ends(margin, "rho")))
     if not parts:
-        says = f"needs {_LEAST} families of models"
-        parts.append(part("corrupted EPE and CRE grow with clean EPE", UNKNOWN, says, True))
+        message = f"needs {_LEAST} families of models"
+        parts.append(part("corrupted EPE and CRE grow with clean EPE", UNKNOWN, message, True))
     parts += _uncoupled(evidence, settings)
     return Observation(
         number=1, title="Absolute robustness of the model depends heavily on estimation performance", parts=parts
@@ -53,19 +53,19 @@ def _uncoupled(evidence: Evidence, settings: list[str]) -> list[Statement]:
         )
         correlation, margin = coupling(clean, cre, ratio), of_correlation(clean, ratio, "family")
         if correlation is not None and correlation.cre is not None and margin is not None:
-            says = (
+            message = (
                 f"{setting}: Spearman with clean EPE {correlation.cre:+.2f} for CRE, and for ln(EPE / clean EPE) "
                 f"{margin} ({len(entries)} models)"
             )
             claim = f"not only CRE but also the factor by which errors grow rises with clean EPE ({setting})"
             numbers = {"cre": correlation.cre, "ratio": margin.estimate}
-            parts.append(part(claim, margin.verdict, says, numbers=numbers))
-    says = (
+            parts.append(part(claim, margin.verdict, message, numbers=numbers))
+    message = (
         "CRE is EPE - clean EPE, so it contains the clean EPE that it is compared with: noise in the clean EPE alone "
         "makes a correlation, of the other sign, and errors that all grow by one factor make one of this sign. CRE is "
         "made from the printed EPE here; where a printed CRE differs, both are given"
     )
-    return [*parts, part("the correlation of CRE with clean EPE is not arithmetic alone", UNKNOWN, says)]
+    return [*parts, part("the correlation of CRE with clean EPE is not arithmetic alone", UNKNOWN, message)]
 
 
 def samflow_and_csflow(evidence: Evidence) -> Observation:
@@ -83,15 +83,15 @@ def samflow_and_csflow(evidence: Evidence) -> Observation:
                 continue
             order = sorted(best, key=lambda family: value(best[family]))
             text = evidence.cre_text if name == "CRE" else lambda e: f"{evidence.epe(e):.2f}"
-            says = ", ".join(f"{family} {text(best[family])}" for family in order[:4])
+            message = ", ".join(f"{family} {text(best[family])}" for family in order[:4])
             ranks, over = _places(evidence, best, value)
             verdict = among(3, [ranks["SAMFlow"], ranks["CSFlow"]]) if ranks else THIN
-            says += "; possible places: " + ", ".join(
+            message += "; possible places: " + ", ".join(
                 f"{family} {first} to {last}"
                 for family, (first, last) in ranks.items()
                 if family in ("SAMFlow", "CSFlow")
             )
-            parts.append(part(claim, verdict, f"{says} {over}", True, {f: value(best[f]) for f in order}))
+            parts.append(part(claim, verdict, f"{message} {over}", True, {f: value(best[f]) for f in order}))
         parts += _larger_is_better(evidence, setting)
     return Observation(
         number=2,
@@ -127,8 +127,8 @@ def _larger_is_better(evidence: Evidence, setting: str) -> list[Statement]:
         for smaller, larger in (sizes[:2], sizes[1:])
         if names
     ]
-    says = f"EPE {', '.join(epe)}; CRE {', '.join(cre)}; T - B and B - H in EPE {'; '.join(map(str, steps[:2]))}"
-    return [part(claim, all_hold(steps) if steps else THIN, says)]
+    message = f"EPE {', '.join(epe)}; CRE {', '.join(cre)}; T - B and B - H in EPE {'; '.join(map(str, steps[:2]))}"
+    return [part(claim, all_hold(steps) if steps else THIN, message)]
 
 
 def unsupervised_are_stable(evidence: Evidence) -> Observation:
@@ -176,15 +176,15 @@ def _gap(
 
 def _lowest_of(evidence: Evidence, entries: list[ModelInSetting], name: str) -> Statement:
     claim = f"{name} has the lowest CRE and CREr of them"
-    says = ", ".join(f"{e[1]} {evidence.cre(e):.2f} px, {evidence.crer(e):.2f}" for e in entries)
+    message = ", ".join(f"{e[1]} {evidence.cre(e):.2f} px, {evidence.crer(e):.2f}" for e in entries)
     if ("ID", name) not in entries:
-        return part(claim, UNKNOWN, says)
+        return part(claim, UNKNOWN, message)
     models = {entry[1]: entry for entry in entries}
     ranked = [_places(evidence, models, value) for value in (evidence.cre, evidence.crer)]
     if not all(ranks for ranks, _ in ranked):
-        return part(claim, THIN, says)
+        return part(claim, THIN, message)
     verdict = among(1, [ranks[name] for ranks, _ in ranked])
-    return part(claim, verdict, f"{says} {ranked[0][1]}")
+    return part(claim, verdict, f"{message} {ranked[0][1]}")
 
 
 def cost_considered(evidence: Evidence) -> Observation:
@@ -204,7 +204,7 @@ def cost_considered(evidence: Evidence) -> Observation:
     supervised, unsupervised = ([("ID", name) for name in groups[kind]] for kind in ("supervised", "unsupervised"))
     gap = _gap(evidence, supervised, unsupervised, lambda entry: float(ranks["average_id"][entry[1]]))
     best = min(groups["supervised"].values())
-    says = ", ".join(f"{name} {rank}" for name, rank in groups["unsupervised"].items()) + f"; best supervised {best}"
+    message = ", ".join(f"{name} {rank}" for name, rank in groups["unsupervised"].items()) + f"; best supervised {best}"
     first = groups["unsupervised"].get("ARFlow")
     csflow = {
         setting: {name: rank for name, rank in ranks[f"average_{setting}"].items() if kinds.get(name) == "supervised"}
@@ -213,7 +213,7 @@ def cost_considered(evidence: Evidence) -> Observation:
     known = any("CSFlow" in ranked for ranked in csflow.values())
     single = "one rank for each model, so no interval"
     parts = [
-        part(claim, gap.verdict, f"{says}; supervised - unsupervised {gap}", True),
+        part(claim, gap.verdict, f"{message}; supervised - unsupervised {gap}", True),
         part("ARFlow ranks first", UNKNOWN if first is None else THIN, f"rank {first}; {single}"),
         part(
             "CSFlow ranks highest of the supervised models in both settings",

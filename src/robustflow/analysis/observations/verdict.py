@@ -17,14 +17,14 @@ class Statement(FrozenFinite):
     Attributes:
         claim: what is computed, in words.
         verdict: whether it holds.
-        says: the numbers, in words.
+        message: the numbers, in words.
         numbers: the same by name.
         main: whether the observation depends on it; the others are further sentences below its heading.
     """
 
     claim: str
     verdict: Verdict
-    says: str
+    message: str
     numbers: dict[str, float] = {}
     main: bool = False
 
@@ -56,14 +56,16 @@ class Observation(FrozenFinite):
 def without_verdict(observation: Observation, reason: str) -> Observation:
     """The numbers of an observation without a verdict, because they come from too few models or image pairs."""
     parts = [
-        one if one.verdict == UNKNOWN else one.model_copy(update={"verdict": THIN, "says": f"{one.says} ({reason})"})
+        one
+        if one.verdict == UNKNOWN
+        else one.model_copy(update={"verdict": THIN, "message": f"{one.message} ({reason})"})
         for one in observation.parts
     ]
     return observation.model_copy(update={"parts": parts})
 
 
 def part(
-    claim: str, verdict: Verdict, says: str, main: bool = False, numbers: dict[str, float] | None = None
+    claim: str, verdict: Verdict, message: str, main: bool = False, numbers: dict[str, float] | None = None
 ) -> Statement:
     """A statement, for the positions of `Statement`'s fields."""
-    return Statement(claim=claim, verdict=verdict, says=says, numbers=numbers or {}, main=main)
+    return Statement(claim=claim, verdict=verdict, message=message, numbers=numbers or {}, main=main)

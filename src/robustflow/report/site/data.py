@@ -107,7 +107,7 @@ def _model(page: ModelPage, labels: Mapping[str, int]) -> dict[str, Any]:
     return {
         "name": page.name,
         "tiles": tiles,
-        "says": page.says,
+        "sentences": page.sentences,
         "tables": [_heat_table(table, labels) for table in page.tables],
         "anatomy": None if page.anatomy is None else _plain_table(page.anatomy),
         "panels": [

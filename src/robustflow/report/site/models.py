@@ -51,7 +51,7 @@ class ModelPage:
         id: of the page.
         name: of the model.
         tiles: per line of the leaderboard (label, text, interval) of the overall means.
-        says: sentences about it.
+        sentences: about it.
         tables: heat tables, the first one the most telling.
         facts: what ran.
         anatomy: error by region and family, of a run.
@@ -61,7 +61,7 @@ class ModelPage:
     id: str
     name: str
     tiles: tuple[tuple[LeaderboardEntry, tuple[tuple[str, str, str], ...]], ...]
-    says: tuple[str, ...]
+    sentences: tuple[str, ...]
     tables: tuple[HeatTable, ...]
     facts: Facts
     anatomy: Table | None
@@ -94,7 +94,7 @@ def _of_run(page: str, entry: LeaderboardEntry, run: Run, panels: tuple[PanelPic
         id=page,
         name=entry.model,
         tiles=((entry, _tiles(entry)),),
-        says=_sentences(entry),
+        sentences=_sentences(entry),
         tables=tuple(
             _severity_table(entry, run, metric) for metric in _METRICS if any(of == metric for of, _ in entry.texts)
         ),
@@ -115,7 +115,7 @@ def _of_results(page: str, entries: list[LeaderboardEntry], content: Content) ->
         id=page,
         name=first.model,
         tiles=tuple((entry, _tiles(entry)) for entry in entries),
-        says=tuple(sentence for entry in entries for sentence in _sentences(entry)),
+        sentences=tuple(sentence for entry in entries for sentence in _sentences(entry)),
         tables=tuple(tables),
         facts=published_facts(first.name, list(dict.fromkeys(of_model["source"]))),
         anatomy=None,

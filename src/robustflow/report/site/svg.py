@@ -82,7 +82,7 @@ def inline_svg(figure: MarkedFigure, prefix: str, page_of: Callable[[str], str |
         page_of: the id of a model's page, by the model's name.
 
     Returns:
-        The element; marks have `class="mark"`, `data-page` and `data-says`, names next to them `class="name"`.
+        The element; marks have `class="mark"`, `data-page` and `data-label`, names next to them `class="name"`.
     """
     for index, axes in enumerate(figure.axes):
         axes.set_gid(f"panel-{index}")
@@ -160,7 +160,7 @@ def _name_marks(group: ElementTree.Element, marks: Sequence[Mark], page_of: Call
             element.set("data-page", page)
         element.set("class", "mark" if mark.values else "name")
         if mark.values:
-            element.set("data-says", mark_text(mark))
+            element.set("data-label", mark_text(mark))
 
 
 def _drop(root: ElementTree.Element, *tags: str) -> None:

@@ -23,7 +23,7 @@ function say(mark) {
   tip.hidden = mark === null;
   light(mark?.dataset.page ?? pinned);
   if (mark === null) return;
-  tip.textContent = mark.dataset.says;
+  tip.textContent = mark.dataset.label;
   const box = mark.getBoundingClientRect();
   const wide = document.documentElement.clientWidth;
   const left = Math.min(Math.max(8, box.x + box.width / 2 - tip.offsetWidth / 2), wide - tip.offsetWidth - 8);
@@ -43,7 +43,7 @@ for (const chart of charts) {
   chart.setAttribute("role", "group");
   marks.forEach((mark, index) => {
     mark.setAttribute("role", "img");
-    mark.setAttribute("aria-label", mark.dataset.says);
+    mark.setAttribute("aria-label", mark.dataset.label);
     mark.setAttribute("tabindex", index === 0 ? "0" : "-1");
   });
   const go = (from, to) => {

@@ -59,7 +59,7 @@ window.robustflow.modelPage = (id, primary) => {
     make("p", { class: "back" }, make("a", { href: "#board" }, "← Leaderboard")),
     make("h2", { class: "name", id: `title-${id}`, tabindex: "-1" }, name),
     make("div", { class: "all-scores" }, ...page.tiles.map(scoresOf)),
-    ...page.says.map((sentence) => make("p", {}, sentence)),
+    ...page.sentences.map((sentence) => make("p", {}, sentence)),
     make("div", { class: "tables" }, ...page.tables.map((table) => heatTable(table, name, id, page.panels))),
   ];
   if (page.anatomy !== null) {
