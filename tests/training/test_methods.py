@@ -89,7 +89,7 @@ def assert_learned(request: Request) -> None:
         assert running <= same
 
 
-@pytest.mark.parametrize("method", [name for name in SUPERVISED if name != "samflow_h"])  # 2.6 GB of weights
+@pytest.mark.parametrize("method", SUPERVISED)  # samflow_h takes 6.5 GB
 def test_three_steps(method, shared, tmp_path):
     request = three_steps(method, "fp32", tmp_path, shared("data"))
     if method == "csflow":
