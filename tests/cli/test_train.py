@@ -17,6 +17,7 @@ from robustflow.datasets import dataset_facts
 from robustflow.errors import UsageError
 from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe
+from robustflow.training.request import DataPlan
 
 pytestmark = pytest.mark.training
 
@@ -28,7 +29,7 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
-    text = plan_text(load_recipe("raft", "ood"), [tmp_path])
+    text = plan_text(load_recipe("raft", "ood"), DataPlan([tmp_path]))
     assert text.count("missing  ") == 5
     assert "put it into a folder sintel or mpisintel there, or give --data sintel=FOLDER" in text
     assert "100001 updates of 6 pairs, crop 368x768, fp32, 12 iterations" in text
@@ -36,7 +37,7 @@ def test_the_plan_says_what_is_missing_and_where_it_is_looked_for(tmp_path):
 
 
 def test_the_plan_counts_what_is_there(shared):
-    text = plan_text(load_recipe("raft", "kitti").changed(steps=6), [shared("data")])
+    text = plan_text(load_recipe("raft", "kitti").changed(steps=6), DataPlan([shared("data")]))
     pairs = len(list(shared("data/kitti2015/training/flow_occ").glob("*.png")))
     title = dataset_facts("kitti2015").title
     assert f"found    {title}: {pairs} pairs x 1, 100.0 % of an epoch; sparse augmentation" in text
@@ -44,22 +45,22 @@ def test_the_plan_counts_what_is_there(shared):
 
 
 def test_a_data_set_by_its_name_and_an_unknown_one(tmp_path):
-    text = plan_text(load_recipe("raft", "kitti"), [f"kitti2015={tmp_path}"])
+    text = plan_text(load_recipe("raft", "kitti"), DataPlan([f"kitti2015={tmp_path}"]))
     assert f"{tmp_path}: the folder is empty; expected" in text
-    assert "unknown data set 'kity'" in plan_text(load_recipe("raft", "kitti"), [f"kity={tmp_path}"])
+    assert "unknown data set 'kity'" in plan_text(load_recipe("raft", "kitti"), DataPlan([f"kity={tmp_path}"]))
 
 
 def test_the_training_part_of_a_few_pairs_of_kitti_is_empty_and_says_so(shared):
-    text = plan_text(load_recipe("raft", "id"), [shared("data")])
+    text = plan_text(load_recipe("raft", "id"), DataPlan([shared("data")]))
     assert "with fewer than 200 pairs all are evaluated, and none is left to train on" in text
 
 
 def test_the_plan_names_every_value_that_the_user_changed(tmp_path):
     original = load_recipe("raft", "kitti")
-    text = plan_text(original.changed(steps=6, crop=(64, 96)), [tmp_path], original)
+    text = plan_text(original.changed(steps=6, crop=(64, 96)), DataPlan([tmp_path]), original)
     changes = [line for line in text.splitlines() if line.startswith("changed:")]
     assert changes == ["changed: steps 6 instead of 50000", "changed: crop 64x96 instead of 288x960"]
-    assert "changed:" not in plan_text(original, [tmp_path], original)
+    assert "changed:" not in plan_text(original, DataPlan([tmp_path]), original)
 
 
 @pytest.mark.skipif(find_spec("torch") is not None, reason="torch is installed")
@@ -89,6 +90,14 @@ def test_an_unknown_recipe_and_no_data_are_one_line():
     assert "nothing to train on: give --data FOLDER" in done.stderr
 
 
+def test_plan_names_the_corruptions_of_the_frames_and_refuses_unknown_ones():
+    recipe = load_recipe("raft", "ood")
+    text = plan_text(recipe, DataPlan(corruptions=["fog", "snow"], probability=0.25))
+    assert "changed: 25 % of the pairs are corrupted: fog, snow\n" in text
+    with pytest.raises(UsageError, match="unknown corruption 'fogg'"):
+        plan_text(recipe, DataPlan(corruptions=["fogg"]))
+
+
 def test_a_part_without_a_recipe_is_a_usage_error():
     with pytest.raises(UsageError, match="unknown method with a recipe 'dis'"):
         load_recipe("dis", "ood")
@@ -97,7 +106,7 @@ def test_a_part_without_a_recipe_is_a_usage_error():
 def test_a_pass_of_sintel_that_is_missing_is_named_without_an_option_that_train_lacks(tmp_path):
     for name in ("albedo", "flow"):
         (tmp_path / "sintel/training" / name / "alley_1").mkdir(parents=True)
-    text = plan_text(load_recipe("raft", "ood"), [tmp_path])
+    text = plan_text(load_recipe("raft", "ood"), DataPlan([tmp_path]))
     assert "no pass 'clean'; found: albedo" in text
     accepted = {name for parameter in get_command(app).commands["train"].params for name in parameter.opts}
     assert {word for word in text.split() if word.startswith("-")} <= accepted

@@ -7,6 +7,7 @@ import pytest
 from robustflow.training.memory import expected_memory
 from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe, trained_methods
+from robustflow.training.request import DataPlan
 
 pytestmark = pytest.mark.training
 
@@ -40,11 +41,11 @@ def test_the_count_of_another_crop():
 def test_every_measured_method_has_a_recipe_and_a_plan_says_what_it_expects(tmp_path):
     known = [name for name in trained_methods() if expected_memory(load_recipe_of(name)) is not None]
     assert {"raft", "gma", "skflow", "gmflownet", "gmflownet_mix"} <= set(known)
-    text = plan_text(load_recipe("raft", "ood"), [tmp_path])
+    text = plan_text(load_recipe("raft", "ood"), DataPlan([tmp_path]))
     assert f"memory: about {expected_memory(load_recipe('raft', 'ood')):.1f} GiB for the whole batch" in text
-    assert "less in fp16" in plan_text(load_recipe("gma", "ood"), [tmp_path])
+    assert "less in fp16" in plan_text(load_recipe("gma", "ood"), DataPlan([tmp_path]))
     own = load_recipe("raft", "ood").changed(method="somewhere:Net")
-    assert "memory: not measured for this network" in plan_text(own, [tmp_path])
+    assert "memory: not measured for this network" in plan_text(own, DataPlan([tmp_path]))
 
 
 def load_recipe_of(name: str):

@@ -12,6 +12,7 @@ from robustflow.errors import UsageError
 from robustflow.models.registry import MODELS
 from robustflow.training.plan import plan_text
 from robustflow.training.recipe import load_recipe, mix_parts, recipes_of, trained_methods
+from robustflow.training.request import DataPlan
 
 pytestmark = pytest.mark.training
 
@@ -148,7 +149,7 @@ def test_remarks_of_a_stage_add_to_those_of_all_stages(method):
     common = document.pop("all", {})
     for stage, own in document.items():
         recipe = load_recipe(method, stage)
-        text = plan_text(recipe, [])
+        text = plan_text(recipe, DataPlan())
         for name in ("unverified", "differs"):
             given = [part.get(name, []) for part in (common, own)]
             remarks = [remark for one in given for remark in ([one] if isinstance(one, str) else one)]

@@ -116,7 +116,7 @@ def test_a_crop_that_cannot_be(method, crop, says, request_for, tmp_path):
 
 
 def test_the_plan_says_what_is_minimised_and_which_folder_is_missing(tmp_path):
-    text = plan_text(load_recipe("arflow", "unsupervised"), [tmp_path])
+    text = plan_text(load_recipe("arflow", "unsupervised"), DataPlan([tmp_path]))
     assert "no labels: census from 0, smooth 75, second order true, self supervision 0.02" in text
     assert "put it into a folder kittimultiview or datasceneflowmultiview there" in text
     for frame in range(21):
@@ -124,7 +124,7 @@ def test_the_plan_says_what_is_minimised_and_which_folder_is_missing(tmp_path):
             path = tmp_path / "data_scene_flow_multiview" / "training" / camera / f"000000_{frame:02d}.png"
             path.parent.mkdir(parents=True, exist_ok=True)
             path.touch()
-    text = plan_text(load_recipe("arflow", "unsupervised"), [tmp_path])
+    text = plan_text(load_recipe("arflow", "unsupervised"), DataPlan([tmp_path]))
     assert "30 pairs x 1, 100.0 % of an epoch; stretched to the crop, flips, half of the pairs exchanged" in text
 
 

@@ -122,11 +122,13 @@ def train(
         precision=precision,
     )
     from ..training.data.find import needs_data
+    from ..training.request import Checkpoints, DataPlan, Request, Validation
 
+    reading = DataPlan(data or [], _corruptions(corrupt), corrupt_probability, skip_bad, loaders)
     if plan:
         from ..training.plan import plan_text
 
-        typer.echo(plan_text(chosen, data or [], original))
+        typer.echo(plan_text(chosen, reading, original))
         return
     if not data and needs_data(chosen):
         raise UsageError("nothing to train on: give --data FOLDER, which holds the data sets; --plan lists them")
@@ -136,12 +138,11 @@ def train(
             ("--validate-every", validate_every),
             ("--validate-corruptions", validate_corruptions),
         )
-    from ..training.request import Checkpoints, DataPlan, Request, Validation
     from ..training.session import run_training
 
     request = Request(
         recipe=chosen,
-        data=DataPlan(data or [], _corruptions(corrupt), corrupt_probability, skip_bad, loaders),
+        data=reading,
         output=output or Path("trainings") / f"{method}-{recipe}",
         start=init,
         start_trained_on=init_trained_on,

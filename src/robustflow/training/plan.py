@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-
 from ..datasets import dataset_facts
 from ..errors import RobustFlowError
 from ..text import counted
 from .data.find import OpenPart, open_part
 from .memory import expected_memory
 from .recipe import Part, Recipe, mix_parts
+from .request import DataPlan
 
 
-def plan_text(recipe: Recipe, data: Sequence[str | Path], original: Recipe | None = None) -> str:
+def plan_text(recipe: Recipe, data: DataPlan, original: Recipe | None = None) -> str:
     """The recipe, which data are there and which are missing, what each contributes, how long it takes, and what it
     deviates from.
 
     Args:
         recipe: with the user's changes.
-        data: see `open_part`.
+        data: what it reads.
         original: the recipe without them; None if there are none.
+
+    Raises:
+        UsageError: unknown corruptions, or an invalid probability.
     """
     lines = [
         f"{recipe.method}, recipe '{recipe.stage}' ({recipe.source})",
         *_changes(recipe, original or recipe),
+        *_corrupted(data),
         *_settings(recipe),
         _memory(recipe),
         "data:",
@@ -33,7 +35,7 @@ def plan_text(recipe: Recipe, data: Sequence[str | Path], original: Recipe | Non
     missing: list[tuple[Part, str]] = []
     for part in mix_parts(recipe.mix):
         try:
-            available.append(open_part(part, data))
+            available.append(open_part(part, data.sources))
         except RobustFlowError as error:
             missing.append((part, str(error)))
     places = sum(map(len, available))
@@ -62,6 +64,13 @@ def _changes(recipe: Recipe, original: Recipe) -> list[str]:
         for name, before, value in pairs
         if value != before and name != "extra_update"  # follows from `steps`
     ]
+
+
+def _corrupted(data: DataPlan) -> list[str]:
+    transform = data.corruption(seed=0)
+    if transform is None:
+        return []
+    return [f"changed: {100 * data.probability:g} % of the pairs are corrupted: {', '.join(data.corruptions)}"]
 
 
 def _written(value: object) -> str:

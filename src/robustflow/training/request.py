@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..corruptions.transforms.transform import CorruptionTransform
 from .recipe import Recipe
 
 PAIRS_OF_VALIDATION = 20
@@ -29,6 +30,16 @@ class DataPlan:
     probability: float = 0.5
     skip_bad: bool = False
     loaders: int = 1
+
+    def corruption(self, seed: int) -> CorruptionTransform | None:
+        """What corrupts the training frames; None for nothing.
+
+        Raises:
+            UsageError: unknown corruptions, or an invalid probability.
+        """
+        if not self.corruptions:
+            return None
+        return CorruptionTransform(list(self.corruptions), probability=self.probability, seed=seed)
 
 
 @dataclass(frozen=True)

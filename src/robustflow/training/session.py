@@ -9,7 +9,6 @@ from typing import Any
 import torch
 
 from ..atomic import make_folder, write_json
-from ..corruptions.transforms.transform import CorruptionTransform
 from ..datasets import dataset_facts
 from ..digest import digest_of_bytes
 from ..errors import ModelError, RunError, UsageError, first_line
@@ -28,7 +27,7 @@ from .networks import TrainedNetwork, load_network
 from .optimizers import build_optimizer
 from .processes import Process, this_process
 from .recipe import Recipe, mix_parts
-from .request import DataPlan, Request
+from .request import Request
 from .validate import validator
 
 
@@ -53,7 +52,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
         order,
         recipe.crop,
         request.seed,
-        _corruption(request.data, request.seed),
+        request.data.corruption(request.seed),
         request.data.skip_bad,
         recipe.objective,
     )
@@ -182,9 +181,3 @@ def _check_process(recipe: Recipe, process: Process) -> None:
             f"recipe '{recipe.stage}' of {recipe.method} computes in fp16, which needs a GPU; give --precision fp32 or "
             "bf16"
         )
-
-
-def _corruption(data: DataPlan, seed: int) -> CorruptionTransform | None:
-    if not data.corruptions:
-        return None
-    return CorruptionTransform(list(data.corruptions), probability=data.probability, seed=seed)
