@@ -449,14 +449,17 @@ def test_a_folder_that_cannot_be_written(robustflow, tmp_path):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
 def test_a_read_only_file_system(robustflow, tmp_path):
-    code, _, _ = robustflow("run", "--model", "dis", "-c", "contrast", "-s", "1", "-o", "run", "--no-examples")
+    code, _, _ = robustflow("run", "--model", "dis", "-c", "contrast", "-s", "1", "-o", "run")
     assert code == 0
     place = tmp_path / "read-only"
     place.mkdir()
     if subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "tmpfs", str(place)], capture_output=True).returncode:
         pytest.skip("needs the right to mount a file system")
     try:
-        for arguments in (("pack", "run", "-o", place / "x.robustflow"), ("leaderboard", "run", "-o", place)):
+        for arguments in (
+            ("pack", "run", "-o", place / "x.robustflow"),
+            ("leaderboard", "run", "--no-published", "-o", place),
+        ):
             code, _, error = robustflow(*arguments)
             assert (code, error.count("\n")) == (1, 1)
             assert "Read-only file system" in error
