@@ -20,7 +20,7 @@ torch = pytest.importorskip("torch", reason="needs the torch extra")
 pytest.importorskip("torchvision", reason="needs the torch extra")
 
 from robustflow.errors import DataError, ModelError, RunError, UsageError  # noqa: E402
-from robustflow.training.checkpoint import Progressed, read_progress, save_training  # noqa: E402
+from robustflow.training.checkpoint import TrainingProgress, read_progress, save_training  # noqa: E402
 from robustflow.training.data.loader import workers_watched  # noqa: E402
 from robustflow.training.request import Checkpoints, DataPlan, Validation  # noqa: E402
 from robustflow.training.session import run_training  # noqa: E402
@@ -287,7 +287,7 @@ def small(tmp_path) -> Path:
     optimizer = torch.optim.AdamW(net.parameters())
     net(torch.ones(5)).sum().backward()
     optimizer.step()
-    about = Progressed(1, {"seed": 0}, 2.5)
+    about = TrainingProgress(1, {"seed": 0}, 2.5)
     path = tmp_path / "last.pth"
     save_training(path, net.state_dict(), about, "C+T", optimizer, torch.amp.GradScaler("cpu", enabled=False))
     return path

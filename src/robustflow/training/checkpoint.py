@@ -30,8 +30,8 @@ _STATE = ("model", "optimizer", "scaler")
 
 
 @dataclass(frozen=True)
-class Progressed:
-    """The progress of a training.
+class TrainingProgress:
+    """How far a training has come.
 
     Attributes:
         updates: number made so far.
@@ -44,7 +44,7 @@ class Progressed:
     best: float | None = None
 
 
-def save_weights(path: Path, weights: dict[str, Tensor], about: Progressed, trained_on: str | None) -> None:
+def save_weights(path: Path, weights: dict[str, Tensor], about: TrainingProgress, trained_on: str | None) -> None:
     """Write weights and their origin, completely or not at all.
 
     Raises:
@@ -56,7 +56,7 @@ def save_weights(path: Path, weights: dict[str, Tensor], about: Progressed, trai
 def save_training(
     path: Path,
     weights: dict[str, Tensor],
-    about: Progressed,
+    about: TrainingProgress,
     trained_on: str | None,
     optimizer: torch.optim.Optimizer,
     scaler: torch.amp.GradScaler,
@@ -66,7 +66,7 @@ def save_training(
     write_with(path, lambda file: _save({**_content(weights, about, trained_on), **state}, file))
 
 
-def read_progress(path: Path) -> tuple[dict[str, Any], Progressed]:
+def read_progress(path: Path) -> tuple[dict[str, Any], TrainingProgress]:
     """Read what `save_training` wrote: the complete content, and the progress.
 
     Raises:
@@ -86,7 +86,7 @@ def read_progress(path: Path) -> tuple[dict[str, Any], Progressed]:
         best = None if about["best"] is None else float(about["best"])
         if any(not isinstance(content[name], dict) for name in _STATE):
             raise ValueError("its parts are of other types")
-        return content, Progressed(int(about["updates"]), dict(about["identity"]), best)
+        return content, TrainingProgress(int(about["updates"]), dict(about["identity"]), best)
     except (KeyError, TypeError, ValueError, RuntimeError, RecursionError) as error:
         raise ModelError(
             f"{path} is damaged ({first_line(error)}); restore it, or start again from a file of weights"
@@ -147,7 +147,7 @@ def _tensors(value: Any) -> Iterator[Tensor]:
             yield from _tensors(part)
 
 
-def _content(weights: dict[str, Tensor], about: Progressed, trained_on: str | None) -> dict[str, Any]:
+def _content(weights: dict[str, Tensor], about: TrainingProgress, trained_on: str | None) -> dict[str, Any]:
     entries: dict[str, Any] = {
         "model": weights,
         _ABOUT: json.dumps({"updates": about.updates, "identity": about.identity, "best": about.best}, sort_keys=True),

@@ -20,7 +20,7 @@ from torch.nn.parallel import DistributedDataParallel
 from ..errors import ModelError
 from ..progress_bar import ProgressBar
 from ..random.rng import key_of
-from .checkpoint import BEST, LAST, Progressed, save_training, save_weights
+from .checkpoint import BEST, LAST, TrainingProgress, save_training, save_weights
 from .data.loader import Batch, Share, batches, workers_watched
 from .data.pairs import TrainingPairs
 from .draws import prepared
@@ -63,7 +63,7 @@ class TrainingState:
     network: TrainedNetwork
     optimizer: torch.optim.Optimizer
     scaler: torch.amp.GradScaler
-    done: Progressed
+    done: TrainingProgress
 
 
 def train(training: TrainingSetup, state: TrainingState, process: Process, progress: ProgressBar) -> None:
@@ -92,7 +92,7 @@ def train(training: TrainingSetup, state: TrainingState, process: Process, progr
             rate = rate_of(recipe, update)
             set_rate(state.optimizer, rate)
             numbers = _update(called, state, stream, training, share, update)
-            state.done = Progressed(update + 1, state.done.identity, state.done.best)
+            state.done = TrainingProgress(update + 1, state.done.identity, state.done.best)
             numbers |= {"rate": rate, "seconds": round(time.perf_counter() - began, 4)}
             if log is not None:
                 log.write(update, numbers)
@@ -162,7 +162,7 @@ def _validate(training: TrainingSetup, state: TrainingState, log: MetricsLog | N
         log.write(state.done.updates - 1, {f"validation_{name}": value for name, value in numbers.items()})
     error = numbers["epe"]
     if state.done.best is None or error < state.done.best:
-        state.done = Progressed(state.done.updates, state.done.identity, error)
+        state.done = TrainingProgress(state.done.updates, state.done.identity, error)
         save_weights(training.folder / BEST, state.network.weights(), state.done, training.trained_on)
 
 

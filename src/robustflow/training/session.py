@@ -18,7 +18,7 @@ from ..models.provenance import TRAINING_SETS, training_of
 from ..models.torch.find_checkpoint import RANDOM
 from ..models.torch.model import NetworkModel
 from ..progress_bar import ProgressBar
-from .checkpoint import LAST, Progressed, read_progress
+from .checkpoint import LAST, TrainingProgress, read_progress
 from .data.find import OpenPart, open_part
 from .data.order import Order
 from .data.pairs import TrainingPairs
@@ -60,11 +60,12 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
     with this_process(request.device) as process:
         _check_process(recipe, process)
         start = RANDOM if request.resume else _start(request)
-        parted = recipe.changed(devices=max(1, recipe.devices // process.world))  # each process is one of them already
-        model, network = load_network(parted, start, str(process.device), dict(request.options), request.seed)
+        # Each process is one of the original's devices already.
+        share = recipe.changed(devices=max(1, recipe.devices // process.world))
+        model, network = load_network(share, start, str(process.device), dict(request.options), request.seed)
         identity = _identity(request, parts)
         if done is None:
-            done = Progressed(0, {**identity, **_start_record(model, request)})
+            done = TrainingProgress(0, {**identity, **_start_record(model, request)})
         _check_same(folder, identity, done.identity)
         optimizer = build_optimizer(network, recipe)
         scaler = torch.amp.GradScaler(process.device.type, enabled=recipe.precision == "fp16")
@@ -85,7 +86,7 @@ def run_training(request: Request, stop: Callable[[], bool] = lambda: False) -> 
     return folder / LAST
 
 
-def _earlier(folder: Path, request: Request) -> tuple[dict[str, Any] | None, Progressed | None]:
+def _earlier(folder: Path, request: Request) -> tuple[dict[str, Any] | None, TrainingProgress | None]:
     """The last checkpoint's content if a training is resumed."""
     refuse_links(folder, "validation", "tensorboard")
     if request.resume:
