@@ -240,6 +240,14 @@ def test_runs_of_one_name_alike_in_everything_are_named_by_digest_and_number(run
     assert run_names([runs[1], copy]) == [f"{runs[1].name} ({digest})", f"{runs[1].name} ({digest}) #2"]
 
 
+def test_runs_that_differ_in_their_files_alone_are_named_by_these(runs, tmp_path):
+    copies = [Result(shutil.copytree(runs[0].path, tmp_path / name)) for name in ("one", "other")]
+    change_manifest(copies[1], file_digests=dict.fromkeys(copies[1].manifest.samples, ("0" * 16,) * 3))
+    names = run_names(copies)
+    assert all(name.startswith("DIS (files ") for name in names)
+    assert len(set(names)) == 2
+
+
 def _changed(run, folder, **identity):
     """A copy of a run with another identity; `model` is merged."""
     copy = Result(shutil.copytree(run.path, folder))

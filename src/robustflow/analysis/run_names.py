@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..digest import digest_of_value
 from ..runs.comparable import recipe_in_words
 from ..severity import SEVERITIES
 from ..text import counted, plain
@@ -69,6 +70,7 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
     yield "corruptions", _named(selection.corruptions, "corruption")
     yield "severities", "severities " + ", ".join(map(str, selection.severities or SEVERITIES))
     yield "samples", counted(len(run.manifest.samples), "pair")
+    yield "files", f"files {digest_of_value(dict(run.manifest.file_digests))[:_DIGITS]}"
 
 
 def _flat(model: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -59,10 +59,10 @@ def methods(incomplete: str) -> list[str]:
 
 def tables(incomplete: str) -> list[str]:
     """Tables of `report`, for what follows the last comma."""
-    from ..report.assemble import ALL_TABLES
+    from ..report.assemble import ALL_TABLES, ROW
 
     cut = incomplete.rfind(",") + 1
-    return [incomplete[:cut] + name for name in _beginning(ALL_TABLES, incomplete[cut:])]
+    return [incomplete[:cut] + name for name in _beginning((*ALL_TABLES, ROW), incomplete[cut:])]
 
 
 def _beginning(names: Iterable[str], incomplete: str) -> list[str]:

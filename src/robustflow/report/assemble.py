@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from ..runs.run import Run
 
 ROW = "row"
-ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations", ROW)
+ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations")
+"""What is made of runs where no table is asked for by name; `ROW` is the means again."""
 _MOST_NAMED = 4
 
 
@@ -49,7 +50,7 @@ def tables_of(
     Args:
         runs: none or more.
         published: whether the paper's results are shown as well.
-        wanted: names of `ALL_TABLES`; by default all that these runs can fill.
+        wanted: names of `ALL_TABLES`, and `ROW`; by default all that these runs can fill.
         seed: of the bootstrap behind the intervals.
         only_own: whether effective robustness and observations are left out for the paper's models.
 
@@ -57,8 +58,8 @@ def tables_of(
         UsageError: an unknown table, or a wanted one that would be empty.
     """
     for name in wanted or ():
-        if name not in ALL_TABLES:
-            raise unknown_name("table", name, ALL_TABLES)
+        if name not in (*ALL_TABLES, ROW):
+            raise unknown_name("table", name, (*ALL_TABLES, ROW))
     results = results_of(runs, published)
     costs = published_costs() if published else {}
     about = [line for line in results if line.frames != PAPER] if only_own else results
@@ -94,8 +95,6 @@ def tables_of(
     makers["observations"] = lambda: _by_sample_set(about, computable_observations)
     tables: list[Table] = []
     for name in ALL_TABLES:
-        if name == ROW:  # the means again
-            continue
         try:
             tables += makers[name]()
         except UsageError:

@@ -189,7 +189,8 @@ def _anatomy(run: Run) -> Table | None:
     if not lines:
         return None
     kept = tuple(Line(line.label, line.cells[:-1]) for line in lines)
-    return replace(whole, columns=whole.columns[:-1], sections=(Section("", kept),))
+    remarks = tuple(remark.partition("; slope: ")[0] + "." for remark in whole.remarks)
+    return replace(whole, columns=whole.columns[:-1], sections=(Section("", kept),), remarks=remarks)
 
 
 def _number(value: float | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,6 +84,12 @@ def open_part(part: Part, data: Sequence[str | Path]) -> OpenPart:
                 f"{part.data}: with fewer than 200 pairs all are evaluated, and none is left to train on; give the "
                 "whole data set, or use the recipe 'kitti', which trains on every pair"
             )
+    if getattr(dataset, "non_occluded", False):
+        warnings.warn(
+            f"{part.data} has no flow_occ/, so it is trained on with non-occluded ground truth (flow_noc/): the "
+            "network learns nothing about what is hidden in frame 2, and it is not the recipe's data; unpack flow_occ/",
+            stacklevel=2,
+        )
     return OpenPart(part, dataset, tuple(keys))
 
 
