@@ -73,7 +73,7 @@ def test_older_rows_get_their_groups_when_they_are_read():
 def old_folder(shared, tmp_path):
     """A run of two pairs of one drive, as it was written before samples had drives."""
     from robustflow.api import evaluate
-    from robustflow.runs.shards import list_shards, shard_name
+    from robustflow.runs.shards import list_shards, shard_name, write_shard
     from robustflow.runs.store import RunFolder
 
     root = Path(shared("data/kitti2015"))
@@ -82,7 +82,7 @@ def old_folder(shared, tmp_path):
     for path in list_shards(folder.rows_folder):
         rows = pl.read_parquet(path).with_columns(group=pl.col("sample"))
         path.unlink()
-        rows.write_parquet(path.with_name(f"{shard_name(path)}.parquet"))
+        write_shard(path.parent, shard_name(path), rows)
     return root, run.path
 
 

@@ -35,7 +35,7 @@ def exclusion_reasons(run: Run) -> list[str]:
     A model can change little under corruption because it ignores its frames: random weights, zero flow, a constant.
     """
     reasons = ["its weights are random"] if run.setting == "untrained" else []
-    return reasons + run.fact("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
+    return reasons + run.cached_value("exclusion reasons", list[str], lambda: reasons_from_rows(run.rows))
 
 
 def excluded_runs(runs: Sequence[Run]) -> dict[tuple[str, str], str]:

@@ -14,6 +14,7 @@ from ..metrics.rows import ROW_KEY, ROW_SCHEMA, ROW_SCHEMA_VERSION
 from ..runs.costs import PROFILE, parse_cost
 from ..runs.identity import IDENTITY_VERSION
 from ..runs.manifest import MANIFEST_SCHEMA, Manifest, manifest_file
+from ..runs.shards import PACK, write_shard
 from ..text import plain
 from .container import LIMITS, read_container
 from .contents import Record, check_version, parsed
@@ -168,4 +169,4 @@ class Reader:
         for name in ("summary.json", PROFILE):
             if name in self.entries:
                 write_bytes(folder / name, self.entries[name])
-        self.frame.write_parquet(folder / "rows" / "rows.parquet")
+        write_shard(folder / "rows", PACK, self.frame)

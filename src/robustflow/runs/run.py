@@ -20,16 +20,16 @@ from ..metrics.summary import Averaging, Summary
 from ..models.catalog import methods
 from ..text import counted, plain
 from .aggregate import summarize, summary_in_order
-from .facts import Facts
-from .made_from import is_current, made_from, note_made
+from .cached_values import CachedValues
 from .manifest import Manifest
 from .plan import Cell, planned_cells
 from .provenance import Provenance
+from .staleness import is_current, note_made, source_digest
 from .store import RunFolder
 
 SUMMARY = "summary.json"
 
-Fact = TypeVar("Fact")
+Cached = TypeVar("Cached")
 
 
 class Run:
@@ -173,48 +173,48 @@ class Run:
 
     def write_means(self) -> None:
         """Write `summary.json`, unless the existing one was made from these rows."""
-        if not is_current(self.path, SUMMARY, self._made_from):
+        if not is_current(self.path, SUMMARY, self._source):
             write_json(self.path / SUMMARY, self.document())
-            note_made(self.path, SUMMARY, self._made_from)
+            note_made(self.path, SUMMARY, self._source)
 
-    def fact(self, name: str, kind: type[Fact], make: Callable[[], Fact]) -> Fact:
+    def cached_value(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
         """A value that follows from the rows and is costly to compute: the one stored for exactly these rows, otherwise
         computed now.
 
         Args:
-            name: of the fact.
+            name: of the value.
             kind: its type, one that JSON holds.
             make: computes it.
         """
-        return self._facts.get(name, kind, make)
+        return self._cached.get(name, kind, make)
 
-    def has_fact(self, name: str) -> bool:
-        """Whether a fact is known already."""
-        return name in self._facts
+    def has_cached_value(self, name: str) -> bool:
+        """Whether such a value is known already."""
+        return name in self._cached
 
     def keep(self) -> None:
-        """Store the means and the facts computed so far with the run, if its folder can be written; a page of many runs
-        then reads no rows."""
+        """Store the means and the values computed so far with the run, if its folder can be written; a page of many
+        runs then reads no rows."""
         try:
             self.write_means()
-            self._facts.write()
+            self._cached.write()
         except RobustFlowError:
             pass  # The folder is read-only: the next page computes them again.
 
     @cached_property
-    def _facts(self) -> Facts:
-        return Facts(self.path, self._made_from)
+    def _cached(self) -> CachedValues:
+        return CachedValues(self.path, self._source)
 
     @cached_property
     def _means(self) -> Summary:
         return self.summarize("image")
 
     @cached_property
-    def _made_from(self) -> str:
-        return made_from(self.path, self.rows_digest, self.manifest, beside=False)
+    def _source(self) -> str:
+        return source_digest(self.path, self.rows_digest, self.manifest, beside=False)
 
     def _kept_means(self) -> Summary | None:
-        if not is_current(self.path, SUMMARY, self._made_from):
+        if not is_current(self.path, SUMMARY, self._source):
             return None
         try:
             document = json.loads((self.path / SUMMARY).read_text(encoding="utf-8"))

@@ -5,8 +5,6 @@ NAME.DIGEST.parquet, DIGEST being 32 hexadecimal digits of BLAKE2b over the file
 SAMPLE.CORRUPTION.SEVERITIES   one unit, as it was finished
 SAMPLE                         all units of a sample
 pack                           many samples
-
-Files without a digest are those of versions before there was one; they are read, and replaced when they are merged.
 """
 
 from __future__ import annotations
@@ -52,8 +50,6 @@ def shard_name(path: Path) -> str:
 
     >>> shard_name(Path("a-0011.fog-2233.13.00112233445566778899aabbccddeeff.parquet"))
     'a-0011.fog-2233.13'
-    >>> shard_name(Path("a-0011.parquet"))
-    'a-0011'
     """
     return _DIGEST.sub("", path.name.removesuffix(_SUFFIX))
 
@@ -77,7 +73,9 @@ def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame
     """
     data = _bytes(path)
     digest = _DIGEST.search(path.name.removesuffix(_SUFFIX))
-    if digest and digest[1] != digest_of_bytes(data):
+    if digest is None:
+        raise _damaged(path, "its name has no digest")
+    if digest[1] != digest_of_bytes(data):
         raise _damaged(path, "its bytes are not those that were written")
     try:
         rows = pl.read_parquet(io.BytesIO(data), columns=None if columns is None else list(columns))

@@ -15,8 +15,8 @@ from robustflow.report.site.board import boards_of
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.headline import headline
 from robustflow.report.site.models import model_pages
-from robustflow.runs.made_from import FACTS_FILE
 from robustflow.runs.run import Run
+from robustflow.runs.staleness import CACHED_VALUES_FILE
 from robustflow.testing import ConstantFlow
 
 _HEAD = "setting,model,metric,corruption,value,sample_set\n"
@@ -179,7 +179,7 @@ def test_many_runs_have_intervals_of_their_averages_alone_and_let_go_of_rows(tmp
         for seed in (0, 1)
     ]
     for folder in folders:
-        (folder / FACTS_FILE).unlink(missing_ok=True)
+        (folder / CACHED_VALUES_FILE).unlink(missing_ok=True)
     asked = []
 
     def counted(rows, *, corruptions, families):

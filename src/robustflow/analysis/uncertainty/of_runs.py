@@ -23,9 +23,9 @@ def interval_ends(
     """
     fewer = beside_published and more_than_paper(run)
     kind = "paper " if fewer else ""
-    whole = corruptions or run.has_fact(f"{kind}intervals")
+    whole = corruptions or run.has_cached_value(f"{kind}intervals")
     name = f"{kind}{'' if whole else 'average '}intervals"
-    lines = run.fact(name, list[_Line], lambda: _lines(run, whole, fewer))
+    lines = run.cached_value(name, list[_Line], lambda: _lines(run, whole, fewer))
     return {(metric, of): (low, high) for metric, of, low, high in lines if corruptions or of in (AVERAGE, CLEAN)}
 
 

@@ -15,7 +15,7 @@ from ...cache import cache_folder
 from ...datasets import load_dataset
 from ...digest import digest_of_bytes, digest_of_value
 from ...errors import AssetError, DataError
-from ...runs.made_from import code_digest
+from ...runs.staleness import code_digest
 from ...sample import Frame
 from ...sealed import sealed, unsealed
 from ...severity import SEVERITIES

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ...atomic import write_bytes
-from ...runs.made_from import is_current, made_from, note_made
 from ...runs.run import Run
+from ...runs.staleness import is_current, note_made, source_digest
 
 if TYPE_CHECKING:
     pass
@@ -23,7 +23,7 @@ def write_report(run: Run) -> None:
     Raises:
         DataError: the folder cannot be written.
     """
-    source = made_from(run.path, run.rows_digest, run.manifest, beside=True)
+    source = source_digest(run.path, run.rows_digest, run.manifest, beside=True)
     if is_current(run.path, REPORT, source):
         return
     from .content import run_content

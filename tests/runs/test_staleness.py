@@ -16,8 +16,8 @@ from robustflow.errors import DataError, RunError
 from robustflow.report.site import write as site_write
 from robustflow.runs import run as run_module
 from robustflow.runs.comparable import sample_set
-from robustflow.runs.made_from import FACTS_FILE, MADE_FROM_FILE, code_digest, note_made
 from robustflow.runs.shards import list_shards, read_shard, write_shard
+from robustflow.runs.staleness import CACHED_VALUES_FILE, STALENESS_FILE, code_digest, note_made
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ConstantFlow
 
@@ -97,7 +97,7 @@ def test_a_summary_changed_by_hand_is_not_believed(folder):
 @pytest.mark.parametrize("damage", ["", "[]", "{", '{"summary.json": 3}', "[" * 100_000])
 def test_a_damaged_note_costs_time_and_nothing_else(folder, damage):
     before = rf.load_run(folder).summary
-    (folder / MADE_FROM_FILE).write_text(damage)
+    (folder / STALENESS_FILE).write_text(damage)
     run = rf.load_run(folder)
     assert run.summary == before
     run.write_means()
@@ -130,7 +130,7 @@ def _edit_rows(folder):
 
 
 def _edit_facts(folder):
-    path = folder / FACTS_FILE
+    path = folder / CACHED_VALUES_FILE
     path.write_text(json.dumps({**json.loads(path.read_text()), "sample_set": "0", "doubts": ["a lie"]}))
 
 
@@ -146,14 +146,14 @@ def _asked(run):
 def _computed(folder, tmp_path):
     """The same, of a copy without anything kept."""
     copy = shutil.copytree(folder, tmp_path / "copy")
-    for name in (MADE_FROM_FILE, FACTS_FILE, "summary.json"):
+    for name in (STALENESS_FILE, CACHED_VALUES_FILE, "summary.json"):
         (copy / name).unlink(missing_ok=True)
     return _asked(rf.load_run(copy))
 
 
 @pytest.mark.parametrize("edit", [lambda folder: None, _edit_summary, _edit_rows, _edit_facts, _edit_manifest])
 def test_what_is_kept_is_what_would_be_computed(folder, tmp_path, edit):
-    assert (folder / FACTS_FILE).is_file(), "kept by the run's own report"
+    assert (folder / CACHED_VALUES_FILE).is_file(), "kept by the run's own report"
     edit(folder)
     assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
 
@@ -168,23 +168,25 @@ def test_rows_that_come_while_a_run_is_read_are_not_those_that_were_kept(folder)
     run = rf.load_run(folder)
     assert run.rows.height
     _edit_rows(folder)
-    (folder / FACTS_FILE).unlink()
+    (folder / CACHED_VALUES_FILE).unlink()
     before = exclusion_reasons(run)
     run.keep()
     later = rf.load_run(folder)
-    assert not later.has_fact("doubts")
+    assert not later.has_cached_value("doubts")
     assert exclusion_reasons(later) != before
 
 
-@pytest.mark.parametrize("facts", ["[]", "{", '{"doubts": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}'])
-def test_facts_of_another_shape_are_made_again(folder, tmp_path, facts):
-    (folder / FACTS_FILE).write_text(facts)
-    note_made(folder, FACTS_FILE, rf.load_run(folder)._made_from)
+@pytest.mark.parametrize(
+    "content", ["[]", "{", '{"exclusion reasons": 3, "sample_set": [], "intervals": [["cre", "fog", "x", 1]]}']
+)
+def test_cached_values_of_another_shape_are_computed_again(folder, tmp_path, content):
+    (folder / CACHED_VALUES_FILE).write_text(content)
+    note_made(folder, CACHED_VALUES_FILE, rf.load_run(folder)._source)
     assert _asked(rf.load_run(folder)) == _computed(folder, tmp_path)
 
 
 def test_a_folder_that_cannot_be_written_keeps_nothing(folder, monkeypatch):
-    (folder / MADE_FROM_FILE).unlink()
+    (folder / STALENESS_FILE).unlink()
     run = rf.load_run(folder)
     whole = _asked(run)
 

@@ -11,18 +11,18 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 
 from ..atomic import write_json
-from .made_from import FACTS_FILE, is_current, note_made
+from .staleness import CACHED_VALUES_FILE, is_current, note_made
 
-Fact = TypeVar("Fact")
+Cached = TypeVar("Cached")
 _LARGEST = 2**24
 
 
-class Facts:
-    """Facts by name: read once, and computed if missing.
+class CachedValues:
+    """Values by name: read once, and computed if missing.
 
     Args:
         folder: of the run.
-        source: what they are computed from (`made_from.made_from`); facts of anything else are not read.
+        source: what they are computed from (`staleness.source_digest`); values of anything else are not read.
     """
 
     def __init__(self, folder: Path, source: str) -> None:
@@ -33,8 +33,8 @@ class Facts:
     def __contains__(self, name: str) -> bool:
         return name in self._known
 
-    def get(self, name: str, kind: type[Fact], make: Callable[[], Fact]) -> Fact:
-        """A fact, computed if it is missing or of another kind."""
+    def get(self, name: str, kind: type[Cached], make: Callable[[], Cached]) -> Cached:
+        """A value, computed if it is missing or of another kind."""
         if name in self._known:
             try:
                 return TypeAdapter(kind).validate_python(self._known[name])
@@ -51,17 +51,17 @@ class Facts:
             DataError: the folder cannot be written.
         """
         if self._new:
-            write_json(self._folder / FACTS_FILE, self._known)
-            note_made(self._folder, FACTS_FILE, self._source)
+            write_json(self._folder / CACHED_VALUES_FILE, self._known)
+            note_made(self._folder, CACHED_VALUES_FILE, self._source)
             self._new = False
 
 
 def _read(folder: Path, source: str) -> dict[str, Any]:
-    path = folder / FACTS_FILE
+    path = folder / CACHED_VALUES_FILE
     try:
-        if not is_current(folder, FACTS_FILE, source) or path.stat().st_size > _LARGEST:
+        if not is_current(folder, CACHED_VALUES_FILE, source) or path.stat().st_size > _LARGEST:
             return {}
-        facts = json.loads(path.read_bytes())
+        values = json.loads(path.read_bytes())
     except (OSError, ValueError, RecursionError):
         return {}
-    return facts if isinstance(facts, dict) else {}
+    return values if isinstance(values, dict) else {}

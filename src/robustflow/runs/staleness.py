@@ -1,5 +1,5 @@
-"""What was made from a run's rows is kept as long as it is up to date: `summary.json`, `report.html`, and the facts
-that pages use.
+"""What was made from a run's rows is kept as long as it is up to date: `summary.json`, `report.html`, and the
+values that pages use.
 
 A hidden file in the folder holds, for each of them, its digest and one of everything that decides it: the bytes of the
 shards, the manifest, the other files of the folder, and the code that makes it. If any of these differs, or the hidden
@@ -21,14 +21,14 @@ from ..atomic import write_json
 from ..digest import digest_of_bytes, digest_of_value
 from .manifest import Manifest
 
-MADE_FROM_FILE = ".made_from.json"
-FACTS_FILE = ".facts.json"
-_MADE = ("summary.json", "report.html", FACTS_FILE)
+STALENESS_FILE = ".staleness.json"
+CACHED_VALUES_FILE = ".cached_values.json"
+_MADE = ("summary.json", "report.html", CACHED_VALUES_FILE)
 _NOT_BESIDE = ("rows", "clean", "manifest.json", "source.json", *_MADE)
 _LARGEST = 2**28
 
 
-def made_from(folder: Path, rows: str, manifest: Manifest, *, beside: bool) -> str:
+def source_digest(folder: Path, rows: str, manifest: Manifest, *, beside: bool) -> str:
     """The hash of what a file of a run is made from.
 
     Args:
@@ -44,7 +44,7 @@ def made_from(folder: Path, rows: str, manifest: Manifest, *, beside: bool) -> s
 def is_current(folder: Path, name: str, source: str) -> bool:
     """Whether a file of a run exists, is unchanged, and was made from the same source."""
     entry = _entries(folder).get(name)
-    if not isinstance(entry, dict) or entry.get("made_from") != source:
+    if not isinstance(entry, dict) or entry.get("source") != source:
         return False
     data = _read(folder / name)
     return data is not None and entry.get("digest") == digest_of_bytes(data)
@@ -54,13 +54,13 @@ def note_made(folder: Path, name: str, source: str) -> None:
     """Record what a file of a run, just written, was made from."""
     data = _read(folder / name)
     if data is not None:
-        entry = {"made_from": source, "digest": digest_of_bytes(data)}
-        write_json(folder / MADE_FROM_FILE, {**_entries(folder), name: entry})
+        entry = {"source": source, "digest": digest_of_bytes(data)}
+        write_json(folder / STALENESS_FILE, {**_entries(folder), name: entry})
 
 
 def _entries(folder: Path) -> dict[str, Any]:
     try:
-        entries = json.loads(_read(folder / MADE_FROM_FILE) or b"{}")
+        entries = json.loads(_read(folder / STALENESS_FILE) or b"{}")
     except (ValueError, RecursionError):
         return {}
     return {name: entries[name] for name in _MADE if name in entries} if isinstance(entries, dict) else {}
