@@ -23,6 +23,7 @@ from robustflow.records.load import is_record, load_any_run
 from robustflow.records.pack import pack, record_bytes
 from robustflow.records.rows_text import rows_from_text, rows_to_text
 from robustflow.records.verify import verify
+from robustflow.runs.shards import write_shard
 from robustflow.testing import ZeroFlow
 from tests.made_rows import changed_identity
 
@@ -91,7 +92,7 @@ def test_the_same_run_is_the_same_file_however_its_rows_lie(run, tmp_path, packe
     for path in (copy.path / "rows").iterdir():
         path.unlink()
     for index in range(rows.height):
-        rows[[index]].write_parquet(copy.path / "rows" / f"{rows.height - index}.parquet")
+        write_shard(copy.path / "rows", str(rows.height - index), rows[[index]])
     texts = {"author": "Ada", "link": "https://example.org", "description": "A run."}
     assert record_bytes(Result(copy.path), **texts) == packed
     first, second = (pack(copy, tmp_path / f"{name}.robustflow", **texts) for name in "ab")
