@@ -205,3 +205,10 @@ def test_a_format_of_the_users_own(tmp_path, monkeypatch):
         render(_table("RAFT"), "mine_json:line")
     with pytest.raises(UsageError, match="unknown format 'latx': did you mean 'latex'"):
         render(_table("RAFT"), "latx")
+
+
+def test_the_end_of_a_long_name_that_tells_two_runs_apart_is_printed_in_the_terminal():
+    names = [f"DIS (KITTI flow 2015, preset {preset})" for preset in ("medium", "ultrafast")]
+    lines = tuple(Line(name, (TableCell("1.00"),)) for name in names)
+    text = render(Table("x", "Errors", (Column("Clean"),), (Section("Runs", lines),)), "terminal")
+    assert all(name in text for name in names)

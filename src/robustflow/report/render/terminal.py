@@ -14,7 +14,7 @@ from ..table import Column, Section, Table
 from .footnotes import note_text, numbered_notes
 
 _WIDTH = 120
-_NAME = 34
+_NAME = 60
 _GROUP = 11
 
 
