@@ -234,7 +234,7 @@ def test_a_local_object_needs_the_serial_engine(tmp_path):
 def test_a_script_without_a_guard_says_what_it_lacks(tmp_path):
     (tmp_path / "script.py").write_text(
         "import robustflow as rf\n"
-        "rf.evaluate('farneback', output='run', corruptions=['contrast'], severities=[1], workers=2)\n"
+        "rf.evaluate('farneback', output='run', corruptions='contrast', engine='processes', workers=1)\n"
     )
     ended = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True)
     assert ended.returncode == 1
