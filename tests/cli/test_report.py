@@ -119,7 +119,7 @@ def test_audit_of_the_published_tables(robustflow):
     assert code == 3
     found = json.loads(text)
     assert out.count("\n  ") == len(found["findings"])
-    assert {"given", "recomputed", "tolerance", "source", "says"} <= found["findings"][0].keys()
+    assert {"given", "recomputed", "tolerance", "source", "message"} <= found["findings"][0].keys()
 
 
 def test_audit_of_own_results(robustflow, runs, tmp_path):
