@@ -340,3 +340,20 @@ def test_a_ball_moves_uphill_by_the_size_of_its_step():
 
     assert ball.size_of(change) * 255 == pytest.approx(3, rel=1e-4)
     assert np.corrcoef(change.ravel(), gradient.ravel())[0, 1] > 0.9999
+
+
+@pytest.mark.slow  # 200 flows of a real pair
+@pytest.mark.parametrize("name", ["dis", "farneback"])
+def test_square_on_a_classical_method_beats_random_noise_on_a_real_pair(shared, name):
+    data = rf.load_dataset("middlebury", shared("data/middlebury"))
+    sample = data.load(data.keys()[0])
+    cut = (slice(60, 220), slice(60, 320))
+    pair = [frame[cut] for frame in sample.frames[:2]]
+    truth = {"flow": sample.flow[cut], "valid": sample.valid[cut]}
+
+    noise = rf.attack(*pair, name, "random_sign", 4, **truth)
+    attacked = rf.attack(*pair, name, "square", 4, queries=200, **truth)
+
+    assert attacked.loss > noise.loss
+    assert attacked.loss > attacked.clean_loss
+    assert attacked.linf == noise.linf == 8

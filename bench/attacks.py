@@ -1,0 +1,75 @@
+"""What an attack costs beside the model's own forward and backward passes, CPU seconds for a step.
+
+    python bench/attacks.py [--steps 5] [--rounds 3]
+
+One thread. The same gradients are asked for without an attack and by steps of PGD; the ratio of the best rounds counts.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
+
+import argparse
+import time
+from collections.abc import Callable
+from typing import Any
+
+import torch
+
+from robustflow import load_model
+from robustflow.attacks.ball import Ball
+from robustflow.attacks.loss import Loss
+from robustflow.attacks.problem import Problem
+from robustflow.models.torch.reproducible import reproducible
+from robustflow.testing import TexturePairs
+
+CASES = (("tiny", {}, (375, 1242)), ("raft_small", {"checkpoint": "random"}, (256, 320)))
+"""Model, its options, (H, W) of the frames."""
+
+
+def passes(model: Any, ball: Ball, steps: int) -> None:
+    """Forward and backward, and nothing else."""
+    images = torch.from_numpy(ball.clean)
+    with reproducible():
+        for _ in range(steps):
+            tensor = images.clone().requires_grad_()
+            flow = model.differentiable(tensor[:1], tensor[1:])
+            torch.autograd.grad(flow, tensor, torch.ones_like(flow))
+
+
+def attack(problem: Problem, steps: int) -> None:
+    """Steps of PGD."""
+    images = problem.ball.clean
+    for _ in range(steps):
+        _, gradient = problem.slope(images)
+        images = problem.ball.step(images, gradient, 0.5)
+
+
+def spent(call: Callable[..., None], *arguments: Any) -> float:
+    """CPU seconds of a call."""
+    start = time.process_time()
+    call(*arguments)
+    return time.process_time() - start
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--steps", type=int, default=5)
+    parser.add_argument("--rounds", type=int, default=3)
+    given = parser.parse_args()
+    for name, options, size in CASES:
+        sample, model = TexturePairs(1, size).load("0"), load_model(name, device="cpu", **options)
+        ball = Ball(*sample.frames, 4)
+        problem = Problem(model, ball, Loss(sample.flow, sample.valid))
+        rounds = [
+            (spent(passes, model, ball, given.steps), spent(attack, problem, given.steps)) for _ in range(given.rounds)
+        ]
+        alone, attacked = (min(times) / given.steps for times in zip(*rounds, strict=True))
+        share = 100 * (attacked / alone - 1)
+        print(f"{name} {size[0]}x{size[1]}: passes {alone:.3f} s, a step of PGD {attacked:.3f} s, {share:+.1f} %")
+
+
+if __name__ == "__main__":
+    main()
