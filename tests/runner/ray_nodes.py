@@ -18,7 +18,7 @@ QUICK_HEALTH_CHECKS = {
     "RAY_health_check_initial_delay_ms": "0",
     "RAY_health_check_period_ms": "500",
     "RAY_health_check_failure_threshold": "2",
-    "RAY_health_check_timeout_ms": "500",
+    "RAY_health_check_timeout_ms": "5000",  # a killed node answers at once that it is gone; a busy one takes its time
     "RAY_USAGE_STATS_ENABLED": "0",
 }
 """A killed node is noticed within 2.5 s instead of 10."""
