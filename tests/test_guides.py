@@ -94,7 +94,7 @@ def test_add_your_dataset(reader):
     identity, haze = (rf.load_run(folder).manifest.identity.frames for folder in reader.runs)
     assert (identity.benchmark, identity.protocol["options"]) == ("shifted", {"size": "80"})
     assert identity.protocol["own"]["dataset"] == "my_data:Shifted"
-    assert (haze["benchmark"], haze["dataset"]) == ("haze", "shifted")
+    assert (haze.benchmark, haze.dataset) == ("haze", "shifted")
     assert set(rf.load_run(reader.runs[1]).summary.corruptions) == {"fog", "contrast"}
 
 

@@ -73,7 +73,7 @@ def test_a_changed_record_fails_and_the_others_are_still_checked(robustflow, rec
     assert code == 1
     assert not err
     assert "\x1b" not in out
-    assert out.count("  not verified") == 2
+    assert out.count("not verified: ") == 2
     assert out.count("\n  verified") == 1
     code, out, _ = robustflow("verify", "nowhere", "--json")
     assert code == 1

@@ -207,7 +207,7 @@ def test_a_run_leaves_gaps_out_and_says_so(tmp_path):
     have = GAPS[GAP][0]
     ask = {"corruptions": [GAP, "contrast"], "severities": [MISSING, have], "severity_scale": "calibrated"}
     result = rf.evaluate(ZeroFlow(), output=tmp_path / "run", **ask)
-    assert result.left_out == {GAP: [MISSING]}
+    assert result.left_out == {GAP: (MISSING,)}
     assert result.summary.complete
     assert result.summary.corruptions[GAP].severities == [have]
     assert result.summary.corruptions["contrast"].severities == sorted([MISSING, have])

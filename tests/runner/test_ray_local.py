@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import robustflow as rf
-from robustflow.errors import RunError, UsageError
+from robustflow.errors import AssetError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.runs.store import RunFolder
 from robustflow.testing import ZeroFlow
@@ -83,7 +83,7 @@ def test_an_object_that_cannot_travel_is_one_sentence(tmp_path):
 
 def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(UsageError, match=r"pip install 'robustflow\[ray\]'"):
+    with pytest.raises(AssetError, match=r"pip install 'robustflow\[ray\]'"):
         rf.evaluate(DIS, output=tmp_path / "run", engine="ray", **SETTING)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robustflow import load_model
-from robustflow.errors import ModelError, UsageError
+from robustflow.errors import AssetError, ModelError, UsageError
 from robustflow.models.registry import MODELS
 from robustflow.models.tiling import TiledModel
 
@@ -33,7 +33,9 @@ def test_every_size_is_offered_with_the_same_options(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_without_a_checkpoint_the_message_says_what_is_missing(name):
-    with pytest.raises(ModelError, match=rf"model '{name}' needs (PyTorch|its checkpoint: get .*github\.com)"):
+    with pytest.raises(
+        (AssetError, ModelError), match=rf"model '{name}' needs (PyTorch|its checkpoint: get .*github\.com)"
+    ):
         load_model(name)
 
 
