@@ -88,7 +88,7 @@ def test_the_catalogue_knows_a_file_by_its_content_and_a_name_is_not_enough(tmp_
     renamed, altered = weights_in([tmp_path])
     assert (renamed.entry, renamed.altered) == (entry, None)
     assert (altered.entry, altered.altered) == (None, entry)
-    assert "another hash" in choose(RAFT[:1], "kitti-fc", [altered])[0].reason
+    assert "wrong hash" in choose(RAFT[:1], "kitti-fc", [altered])[0].reason
     with pytest.raises(DataError, match="no such folder"):
         weights_in([tmp_path / "none"])
 
