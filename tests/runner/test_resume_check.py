@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
 from dataclasses import replace
 
@@ -146,7 +147,9 @@ def test_an_edited_module_that_the_model_imports_stops_a_run(tmp_path, frames, m
             _run(tmp_path, frames, [1], "model_that_imports_for_test:flow")
 
 
-def test_an_interrupted_run_continues_with_the_same_model(tmp_path, frames):
+def test_an_interrupted_run_continues_with_the_same_model(tmp_path, frames, request):
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where tests run in the background
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
     alive = []
     clean = cv2.imread(str(frames / "0000.bmp"))[..., ::-1]
 
