@@ -1,0 +1,76 @@
+"""Which cells a run consists of, written out by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from robustflow.benchmarks import load_benchmark
+from robustflow.runs.manifest import Manifest, Selection
+from robustflow.runs.plan import Plan, RunOptions, Unit, planned_attacks, planned_cells, unfinished_samples
+
+FIXED = "fog:2+snow:4"
+"""A stack that exists at severity 4 alone."""
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    """Two samples, three conditions; no frame is read."""
+    demo = load_benchmark("demo").narrowed(["fog", "snow"], [1, 3])
+    return replace(demo, keys=("a", "b"), corruptions=("fog", FIXED), attacks=("square",))
+
+
+def _manifest(**fields):
+    selection = Selection(corruptions=("fog", FIXED), severities=(1, 3), attacks=("square",))
+    return Manifest.model_construct(**{"selection": selection, "samples": {"a": [], "b": []}, "left_out": {}} | fields)
+
+
+CELLS = [(key, name, severity) for key in "ab" for name, severity in (("clean", 0), ("fog", 1), ("fog", 3), (FIXED, 4))]
+ATTACKED = [(key, "square", severity) for key in "ab" for severity in (1, 3)]
+
+
+def test_units_of_a_plan_are_each_sample_clean_first_then_every_condition(benchmark):
+    plan = Plan(benchmark, RunOptions(), {})
+    expected = [
+        Unit(key, name, levels)
+        for key in "ab"
+        for name, levels in (("clean", (0,)), ("fog", (1, 3)), (FIXED, (4,)), ("square", (1, 3)))
+    ]
+    assert plan.units() == expected
+    assert plan.count() == 8
+
+
+@given(st.sets(st.sampled_from([*CELLS, *ATTACKED])))
+def test_missing_units_and_done_cells_are_the_whole_plan(benchmark, done):
+    plan = Plan(benchmark, RunOptions(), {})
+    left = plan.missing(done)
+    cells = [cell for unit in left for cell in unit.cells]
+    assert sorted([*cells, *done]) == sorted([*CELLS, *ATTACKED])
+    assert all(unit.severities for unit in left)
+    assert plan.missing(iter(done)) == left
+
+
+def test_severities_that_the_calibrated_scale_lacks_are_left_out_and_not_counted(benchmark):
+    whole = replace(benchmark, corruptions=("fog", "h264_crf"), attacks=())
+    plan = Plan(whole, RunOptions(severity_scale="calibrated"), {})
+    assert plan.left_out() == {"h264_crf": [1, 3]}
+    assert {unit.corruption for unit in plan.units()} == {"clean", "fog"}
+    assert plan.count() == len(plan.units()) == 4
+    assert Plan(whole, RunOptions(), {}).left_out() == {}
+
+
+def test_cells_of_a_manifest_are_those_of_its_plan():
+    assert list(planned_cells(_manifest())) == CELLS
+    assert list(planned_attacks(_manifest())) == ATTACKED
+    without = [cell for cell in CELLS if cell[1:] != ("fog", 3)]
+    assert list(planned_cells(_manifest(left_out={"fog": [3]}))) == without
+
+
+def test_a_sample_is_unfinished_while_any_row_of_it_is_missing():
+    assert unfinished_samples(_manifest(), {*CELLS, *ATTACKED}) == set()
+    assert unfinished_samples(_manifest(), set()) == {"a", "b"}
+    for cell in (*CELLS, *ATTACKED):
+        assert unfinished_samples(_manifest(), {*CELLS, *ATTACKED} - {cell}) == {cell[0]}
