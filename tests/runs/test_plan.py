@@ -13,7 +13,7 @@ from robustflow.runs.manifest import Manifest, Selection
 from robustflow.runs.plan import Plan, RunOptions, Unit, planned_attacks, planned_cells, unfinished_samples
 
 FIXED = "fog:2+snow:4"
-"""A stack that exists at severity 4 alone."""
+"""A stack that exists only at severity 4."""
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ class BySeed:
 
 @dataclass(frozen=True)
 class SeedGroup:
-    """Runs that differ in the seed alone.
+    """Runs that differ only in the seed.
 
     Attributes:
         name: of the model, with what distinguishes it from other models of the same name.
@@ -71,7 +71,7 @@ class Orders:
 
 
 def seeds_of(runs: Sequence[Run]) -> BySeed | None:
-    """Runs of one model whose frames differ in the seed alone; None for others."""
+    """Runs of one model whose frames differ only in the seed; None for others."""
     recipes = [run.manifest.identity.frames.record() for run in runs]
     seeds = [int(recipe.pop("seed")) for recipe in recipes]
     rows, remark = _in_all(runs)
@@ -83,7 +83,7 @@ def seeds_of(runs: Sequence[Run]) -> BySeed | None:
 
 
 def seed_groups(runs: Sequence[Run]) -> list[SeedGroup]:
-    """The groups among runs that differ in the seed alone, and have every row in common."""
+    """The groups among runs that differ only in the seed, and have every row in common."""
     alike: dict[tuple[str, str], list[int]] = {}
     for index, run in enumerate(runs):
         recipe = run.manifest.identity.frames.record()

@@ -12,7 +12,7 @@ from .pgd import Pgd
 class CosPgd(Pgd):
     """PGD whose gradient is that of each pixel's loss times the cosine between softmax(u, v) and that of the reference.
 
-    The weight depends on u - v alone, and is near 0 or 1 once that is a few pixels; docs/attacks.md says what follows.
+    The weight depends only on u - v, and is near 0 or 1 once that is a few pixels; docs/attacks.md says what follows.
     """
 
     name: ClassVar[str] = "cospgd"

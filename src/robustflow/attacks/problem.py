@@ -138,8 +138,9 @@ def refuse_without_gradient(model: AnyModel, attack: str) -> None:
     if not isinstance(model, Differentiable):
         name = model_identity(model).get("name") or type(model).__name__
         raise ModelError(
-            f"model '{name}' offers no gradient of its flow, which the attack {attack} follows; choose square, which "
-            "only asks for flows, or give the model a method differentiable(images1, images2)"
+            f"model '{name}' offers no gradient of its flow, which the attack {attack} needs; choose square, which "
+            "only asks for flows, install the extra torch if it is tiny, or give the model a method "
+            "differentiable(images1, images2)"
         )
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 ROW = "row"
 ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations")
-"""What is made of runs where no table is asked for by name; `ROW` is the means again."""
+"""The tables of runs where none is asked for by name; `ROW` has the same means."""
 _MOST_NAMED = 4
 
 

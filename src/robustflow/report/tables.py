@@ -152,7 +152,7 @@ def _over_seeds(
     chosen: Mapping[ModelResult, Mapping[str, Value]],
     keys: Sequence[str],
 ) -> Line:
-    """The means over runs that differ in the seed alone."""
+    """The means over runs that differ only in the seed."""
     numbers = ([chosen[one][key].number if key in chosen[one] else None for one in results] for key in keys)
     cells = tuple(TableCell(spread_text(each)) for each in numbers)
     return Line(group.label, cells, with_exclusion(group.note, results[0].excluded))

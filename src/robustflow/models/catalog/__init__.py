@@ -56,7 +56,7 @@ class CheckpointEntry(Frozen):
     """A public checkpoint.
 
     Attributes:
-        model: the name of the model it is for; `ptlflow:NAME` where NAME is another library's model.
+        model: the name of the model it is for; `ptlflow:NAME` where NAME is a different library's model.
         checkpoint: its name.
         file: its file's name.
         sha256: the first eight digits of the file's hash.
@@ -107,7 +107,7 @@ def checkpoints() -> tuple[CheckpointEntry, ...]:
 
 
 def entries_of(model: str) -> list[CheckpointEntry]:
-    """The public checkpoints of a model; `ptlflow:NAME` has those of NAME, unless NAME is another library's model.
+    """The public checkpoints of a model; `ptlflow:NAME` has those of NAME, unless NAME is a different library's model.
 
     >>> entries_of("ptlflow:raft") == entries_of("raft"), entries_of("ptlflow:raft_small") == entries_of("raft_small")
     (True, False)
