@@ -109,6 +109,7 @@ def evaluate(
     limit: int | None = None,
     split: str | Path | None = None,
     data_options: dict[str, Any] | None = None,
+    still: bool = False,
     seed: int = 0,
     variant: str = "default",
     severity_scale: str = "paper",
@@ -143,6 +144,8 @@ def evaluate(
             includes them; see `Result.attack_table`.
         split: a file naming the samples to use, one key per line; or "drive-disjoint", for KITTI 2015.
         data_options: options of a data set, for example {"render_pass": "final"}.
+        still: pair every frame with itself, with a true flow of zero, so that errors are phantom motion
+            (docs/still-scenes.md).
         seed: of every random draw. The same seed gives the same bytes on any machine.
         variant: of the corruptions: "default", "reference", "reference-bgr" or "paper".
         name: what the model is called in tables, figures and pages; its own name by default. It changes no number: a
@@ -189,7 +192,7 @@ def evaluate(
     from .runs.store import RunFolder
 
     refuse_unguarded_script()
-    chosen = open_benchmark(benchmark, data, split, data_options, variant).narrowed(
+    chosen = open_benchmark(benchmark, data, split, data_options, variant, still).narrowed(
         corruptions, severities, limit, attacks
     )
     setup = set_up(

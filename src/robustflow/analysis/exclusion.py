@@ -67,12 +67,15 @@ def not_ranked(runs: Sequence[Run]) -> dict[str, str]:
 
 
 def reasons_from_rows(rows: pl.DataFrame) -> list[str]:
-    """The reasons of `exclusion_reasons` that follow from the rows of a run (columns of `ROW_SCHEMA`).
+    """The reasons of `exclusion_reasons` that follow from the rows of a run (columns of `ROW_SCHEMA`); none of them is
+    about still scenes.
 
     >>> from robustflow.metrics.rows import rows_frame
     >>> reasons_from_rows(rows_frame([]))
     []
     """
+    if zero_flow_epe(rows) == 0:
+        return []  # nothing moves: zero flow is right, and a flow that ignores the frames no worse than another
     reasons = []
     if (missed := missed_motion(rows)) is not None:
         epe, still = missed

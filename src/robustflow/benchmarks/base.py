@@ -11,10 +11,11 @@ from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_name, load_co
 from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import split_stack
 from ..datasets.base import Dataset, PreCorrupted
+from ..datasets.still import Still
 from ..errors import UsageError
 from ..layout import VIDEO_SUFFIXES
 from ..severity import check_severity
-from .facts import NEUTRAL, BenchmarkFacts
+from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_still, still_name
 
 AnyCorruption = str | Corruption | type[Corruption]
 """A corruption's name, or one of the user's as an object or a class."""
@@ -83,6 +84,24 @@ class Benchmark:
         if both := set(chosen) & set(against):
             raise UsageError(f"'{min(both)}' is an attack: give your own corruption another name")
         return replace(self, keys=spread(self.keys, limit), corruptions=chosen, severities=levels, attacks=against)
+
+    def still(self) -> Benchmark:
+        """Its frames without motion: each paired with itself, and a true flow of zero everywhere.
+
+        Raises:
+            UsageError: a benchmark of the paper, whose name stands for its pairs and their ground truth; or frames that
+                are corrupted beforehand.
+        """
+        check_still(self.name, self.facts)
+        dataset = Still(self.dataset, self.keys)
+        return replace(
+            self,
+            name=still_name(self.name),
+            dataset=dataset,
+            keys=tuple(dataset.keys()),
+            protocol={name: value for name, value in self.protocol.items() if name not in NON_OCCLUDED},
+            facts=facts_of_still(self.facts),
+        )
 
     def _refuse_clip_corruption(self, name: str) -> None:
         """Raise for a corruption of whole clips, which this data set does not hold."""

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from ..corruptions import IMAGE_PAIR
 from ..datasets.facts import DatasetFacts
+from ..errors import UsageError
 from ..severity import SEVERITIES
 from ..validated import Frozen
 
@@ -75,3 +76,61 @@ def facts_of_dataset(dataset: DatasetFacts) -> BenchmarkFacts:
         training_set=dataset.training_set,
         same_domain=dataset.same_domain,
     )
+
+
+_STILL = "-still"
+"""The end of the name of a benchmark in which nothing moves."""
+
+
+def still_name(name: str) -> str:
+    """The name of a benchmark whose frames are paired with themselves.
+
+    >>> still_name("sintel")
+    'sintel-still'
+    """
+    return f"{name}{_STILL}"
+
+
+def is_still(benchmark: str) -> bool:
+    """Whether nothing moves in a benchmark of this name, so that its errors are phantom motion.
+
+    >>> is_still("sintel-still"), is_still("sintel")
+    (True, False)
+    """
+    return benchmark.endswith(_STILL)
+
+
+def moving_name(benchmark: str) -> str:
+    """The name of the benchmark that the frames of a still one come from; other names as they are.
+
+    >>> moving_name("sintel-still"), moving_name("sintel")
+    ('sintel', 'sintel')
+    """
+    return benchmark.removesuffix(_STILL)
+
+
+def facts_of_still(facts: BenchmarkFacts) -> BenchmarkFacts:
+    """The facts of a benchmark whose frames are paired with themselves: every pixel has a known flow, which is zero."""
+    return facts.model_copy(
+        update={
+            "title": f"{facts.title[:70]}, still",
+            "description": "Every frame paired with itself: any flow is phantom motion.",
+            "has_flow": True,
+            "published": False,
+            "paper_pairs": None,
+        }
+    )
+
+
+def check_still(name: str, facts: BenchmarkFacts) -> None:
+    """Raise if the name of a benchmark stands for its pairs and their ground truth, as the paper's do, so that still
+    scenes under it would mislead.
+
+    Raises:
+        UsageError: it does.
+    """
+    if facts.published:
+        raise UsageError(
+            f"{name} is a benchmark of moving scenes, with its own pairs and ground truth; for still scenes name a "
+            "data set instead: --benchmark kitti2015, folder, ... with --still"
+        )

@@ -13,7 +13,7 @@ from ..registry import Registry
 from ..target import is_target
 from .base import Benchmark
 from .dataset import from_dataset
-from .facts import BenchmarkFacts, facts_of_dataset
+from .facts import BenchmarkFacts, facts_of_dataset, facts_of_still, is_still, moving_name
 from .own import own_benchmark, own_dataset_benchmark
 
 
@@ -127,17 +127,22 @@ def _opened(
 def benchmark_facts(name: str) -> BenchmarkFacts:
     """What is known of a benchmark by its name alone, for code that reads manifests and tables and has no data.
 
-    A data set's name gives its own title. An unregistered name, as in manifests from other machines, gives neutral
-    facts: its name as the title, and nothing from the paper; no code is loaded for it.
+    A data set's name gives its own title, and that of its still scenes says so. An unregistered name, as in manifests
+    from other machines, gives neutral facts: its name as the title, and nothing from the paper; no code is loaded for
+    it.
 
     >>> facts = benchmark_facts("kitti-fc")
     >>> facts.title, facts.paper_pairs, len(facts.paper_corruptions), facts.training_set
     ('KITTI-FC', 80, 20, 'kitti2015')
     >>> benchmark_facts("gopro-fc").has_flow, benchmark_facts("sintel").title
     (False, 'MPI-Sintel')
+    >>> benchmark_facts("sintel-still").title
+    'MPI-Sintel, still'
     >>> benchmark_facts("someone:Else")
     BenchmarkFacts(title='someone:Else', description='', data='', has_flow=True, published=False, ...)
     """
+    if is_still(name):
+        return facts_of_still(benchmark_facts(moving_name(name)))
     if name in BENCHMARKS.names():
         facts = getattr(BENCHMARKS.get(name), "facts", None)
         if isinstance(facts, BenchmarkFacts):

@@ -16,7 +16,9 @@ from typing import Any
 
 from ..datasets.kitti_drives import drives, related
 from ..datasets.split import KITTI_KEYS, KITTI_SPLITS, kitti_split
+from ..datasets.still import pair_key
 from ..models.provenance import RANDOM, Setting, Training
+from .facts import is_still
 from .registry import benchmark_facts
 
 _KITTI = "kitti2015"
@@ -59,6 +61,8 @@ def judge(
     if not training.trained:
         return ("untrained" if training.basis == RANDOM else "knowledge"), []
     facts = benchmark_facts(benchmark)
+    if is_still(benchmark) and keys is not None:
+        keys = sorted(set(map(pair_key, keys)))
     if training.sets is None or not (facts.training_set or facts.same_domain):
         return "UNKNOWN", []
     if facts.training_set in training.sets:

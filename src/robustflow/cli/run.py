@@ -83,6 +83,14 @@ def run(
         ),
     ] = 1,
     data_option: DataOptions = None,
+    still: Annotated[
+        bool,
+        typer.Option(
+            "--still",
+            help="Pair every frame with itself, with a true flow of zero: errors are phantom motion.",
+            rich_help_panel=WHAT,
+        ),
+    ] = False,
     limit: Limit = None,
     split: Split = None,
     workers: Annotated[
@@ -160,6 +168,7 @@ def run(
       robustflow run --model raft --device cuda --engine ray --address auto --benchmark kitti-fc --data /shared/kitti
       robustflow run --model mypackage.flow:MyModel --benchmark folder --data clip.mp4
       robustflow run --model dis --seeds 3 --output runs/dis && robustflow compare runs/dis/seed*
+      robustflow run --model dis --data clip.mp4 --still
       robustflow run --model tiny --attacks apgd,square --severities 1,3
       robustflow run --model dis -O preset=fast --corruptions fog,snow --severities 1,3,5
     """
@@ -201,6 +210,7 @@ def run(
                         limit=limit,
                         split=split,
                         data_options=dict(keyword_options(data_option)),
+                        still=still,
                         seed=number,
                         variant=variant,
                         severity_scale=severity_scale,

@@ -16,8 +16,9 @@ from ..analysis.conditions import seed_groups, seeds_of
 from ..analysis.exclusion import exclusion_reasons, not_ranked
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.run_names import run_names
+from ..analysis.still import PHANTOM, phantom_motion
 from ..analysis.uncoupled import UNCOUPLED, uncoupled
-from ..benchmarks.facts import truth_remark
+from ..benchmarks.facts import is_still, truth_remark
 from ..errors import unknown_name
 from ..metrics.summary import METRICS, Scores, has_gaps
 from ..report import table as report_table
@@ -56,6 +57,8 @@ def print_result(result: Run, metric: str = "all", *, report: bool = True, with_
     elif metric != "all":
         console.print(_by_severity(result, metric, whose))
     console.print(_sentence(result), highlight=False, soft_wrap=True)
+    if phantom := phantom_motion(result):
+        console.print(f"{plain(phantom)}\n{PHANTOM}", highlight=False, soft_wrap=True)
     if attacked is not None:
         print(for_stdout(attacked))
     if metric in UNCOUPLED:
@@ -110,6 +113,9 @@ def print_results(results: Sequence[Run]) -> None:
         console.print(f"{note[0].upper()}{note[1:]}.", highlight=False)
     for remark in {truth_remark(result.manifest.identity.frames.protocol) for result in results} - {""}:
         console.print(f"Errors are on {remark}.")
+    for run in results:
+        if phantom := phantom_motion(run):
+            console.print(f"{plain(run.name)}: {plain(phantom)}", highlight=False, soft_wrap=True)
     for sentence in not_ranked([run for run in results if not without_truth(run)]).values():
         console.print(sentence, highlight=False, soft_wrap=True)
     _print_conclusions(console, results)
@@ -143,7 +149,8 @@ def for_stdout(table: report_table.Table) -> str:
 
 def _overview(result: Run, whose: str) -> Table:
     summary = result.summary
-    table = Table(title=f"{whose}, {counted(summary.samples, 'pair')}", title_justify="left")
+    noun = "still frame" if is_still(result.benchmark) else "pair"
+    table = Table(title=f"{whose}, {counted(summary.samples, noun)}", title_justify="left")
     table.add_column("corruption")
     shown = [
         m

@@ -116,6 +116,10 @@ class PairDataset(Samples):
         frames = [*reversed(earlier), first, second, *later]
         return [frames[len(earlier) + offset] for offset in wanted]
 
+    def frame_names(self, key: str) -> tuple[Path, Path]:
+        """See `SharesFrames.frame_names`."""
+        return self.pair(key).frames
+
     def steps(self) -> Iterable[tuple[Path, Path]]:
         """Consecutive frames; override if there are more than those of the pairs."""
         return (pair.frames for pair in self._pairs.values())

@@ -79,6 +79,11 @@ class Video(Samples):
         """See `Clips.frame_files`."""
         return self.files(key)
 
+    def frame_names(self, key: str) -> tuple[int, int]:
+        """See `SharesFrames.frame_names`."""
+        index = self._index(key)
+        return index, index + self._step
+
     def _index(self, key: str) -> int:
         number = int(key) - self._begin if key.isascii() and key.isdigit() and len(key) < 12 else -1
         if not 0 <= number < len(self._keys) or self._keys[number] != key:

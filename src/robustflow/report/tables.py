@@ -19,7 +19,9 @@ from ..analysis.labels import (
 from ..analysis.model_result import ModelResult, Value
 from ..analysis.published.tables import Cost
 from ..analysis.results import AVERAGE, CLEAN
+from ..analysis.still import PHANTOM
 from ..benchmarks import benchmark_facts
+from ..benchmarks.facts import is_still
 from ..corruptions.names import ordered
 from ..errors import UsageError, unknown_name
 from ..text import joined
@@ -85,7 +87,10 @@ def build_table(
         for setting in settings_in_order(line.setting for line in chosen)
     )
     title = f"{METRIC_LABELS[metric]} on {_measured_on(line.benchmark for line in chosen)}"
-    return Table(name, title, tuple(columns), sections, (_BEST, _SHARE) if gaps else (_BEST,))
+    remarks = [_BEST, _SHARE] if gaps else [_BEST]
+    if any(is_still(line.benchmark) for line in chosen):
+        remarks.append(PHANTOM)
+    return Table(name, title, tuple(columns), sections, tuple(remarks))
 
 
 def _published_without_flow(benchmark: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+from ..benchmarks.facts import moving_name
 from ..datasets.folder import OWN_FRAMES
 from ..errors import RunError
 from ..layout import user_path
@@ -19,7 +20,7 @@ def default_folder(plan: Plan, spec: ModelSpec | None, data: str | Path | None =
     they are the user's own frames, which an identity does not tell apart."""
     name = spec.name if spec is not None else plan.model_identity.get("name", "model")
     benchmark = plan.benchmark.name
-    if benchmark == OWN_FRAMES and data is not None:
+    if moving_name(benchmark) == OWN_FRAMES and data is not None:
         benchmark += f"-{file_name(user_path(data).absolute().stem)[-40:]}"
     return Path("runs") / f"{benchmark}_{file_name(str(name))[-40:]}_{plan.digest()[:8]}"
 

@@ -67,6 +67,8 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
     """
     sample = panel.sample
     truth, valid = sample.flow, sample.valid
+    if truth is not None and not truth.any():
+        return _file(_drawn(panel, _of_still(panel)), form)
     radius = flow_radius(panel.clean_flow) if truth is None else flow_radius(truth, valid)
     pictures: list[tuple[str, Frame | None]] = [
         ("frame 1", sample.frames[0]),
@@ -90,6 +92,20 @@ def draw_panel(panel: Panel, form: Literal["png", "jpeg"] = "png") -> bytes:
             "ignore", "Glyph .* missing"
         )  # characters of a name that the font lacks are shown as boxes
         return _file(figure, form)
+
+
+def _of_still(panel: Panel) -> list[tuple[str, Frame | None]]:
+    """The pictures of a scene in which nothing moves: all flow in it is phantom motion."""
+    radius = flow_radius(panel.flow)
+    zero = np.zeros_like(panel.flow)
+    return [
+        ("corrupted frame 1", panel.frames[0]),
+        ("corrupted frame 2, of the same frame", panel.frames[1]),
+        ("phantom motion on the clean frames", flow_colours(panel.clean_flow, radius)),
+        (f"phantom motion on the corrupted frames (full colour: {radius:.3g} px)", flow_colours(panel.flow, radius)),
+        ("the frame, uncorrupted", panel.sample.frames[0]),
+        ("length of the phantom motion on the corrupted frames", error_colours(epe_map(panel.flow, zero))),
+    ]
 
 
 def _drawn(panel: Panel, pictures: list[tuple[str, Frame | None]]) -> Figure:

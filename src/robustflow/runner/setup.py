@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..benchmarks import BENCHMARKS, Benchmark, load_benchmark
+from ..benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
+from ..benchmarks.facts import check_still, is_still, moving_name
 from ..corruptions import load_corruption
 from ..corruptions.base import BGR, VARIANTS, Corruption
 from ..corruptions.on_disk import on_disk
@@ -18,7 +19,7 @@ from ..datasets.base import Dataset, FromClips
 from ..datasets.context_frames import window_on
 from ..errors import RobustFlowError, RunError, UsageError
 from ..models import ModelSpec
-from ..models.base import AnyModel
+from ..models.base import AnyModel, FlowLookup
 from ..models.provenance import training_of
 from ..models.window import Window
 from ..runs.identity import FrameIdentity, Identity, checked_name, differing_fields
@@ -80,6 +81,8 @@ def set_up(
             "or give the uncorrupted data"
         )
     named = name_model(model)
+    if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
+        raise UsageError("flows from files are those of moving pairs; leave out --still, or name a model that predicts")
     check_attacks(benchmark.attacks, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     options = _options(
@@ -157,12 +160,13 @@ _REMEDIES = {
 
 def _benchmark_of(frames: FrameIdentity, data: str | Path | None, data_options: dict[str, Any]) -> Benchmark:
     """The benchmark of a run; raises if only code named by a stranger's file could open it."""
-    if frames.benchmark not in BENCHMARKS and frames.benchmark not in DATASETS:
+    name = moving_name(frames.benchmark)
+    if name not in BENCHMARKS and name not in DATASETS:
         raise RunError(
             f"unknown benchmark '{plain(frames.benchmark)}' of the run: neither this package nor an installed one "
             "offers it, and no code is loaded because a run names it"
         )
-    return open_benchmark(frames.benchmark, data, None, data_options, frames.variant)
+    return open_benchmark(name, data, None, data_options, frames.variant, still=is_still(frames.benchmark))
 
 
 def open_benchmark(
@@ -171,16 +175,20 @@ def open_benchmark(
     split: str | Path | None = None,
     options: dict[str, Any] | None = None,
     variant: str = "default",
+    still: bool = False,
 ) -> Benchmark:
-    """A benchmark, by name or as an object, its clips under a variant of the corruptions.
+    """A benchmark, by name or as an object, its clips under a variant of the corruptions; or its frames without motion
+    (`Benchmark.still`).
 
     Raises:
-        UsageError, DataError: see `load_benchmark`.
+        UsageError, DataError: see `load_benchmark` and `Benchmark.still`.
     """
+    if still and isinstance(benchmark, str):
+        check_still(benchmark, benchmark_facts(benchmark))  # before a video is prepared, which takes minutes
     chosen = load_benchmark(benchmark, data, split, options) if isinstance(benchmark, str) else benchmark
     if isinstance(chosen.dataset, FromClips):
         chosen = replace(chosen, dataset=chosen.dataset.with_variant(variant))
-    return chosen
+    return chosen.still() if still else chosen
 
 
 def _options_of(

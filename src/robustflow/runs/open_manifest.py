@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
+from ..benchmarks.facts import moving_name
 from ..datasets.base import Clips, FromClips, PreCorrupted
 from ..datasets.context_frames import ContextFrames
 from ..datasets.folder import OWN_FRAMES
@@ -95,7 +96,7 @@ def _to_be_recognised(folder: RunFolder, plan: Plan, old: Manifest | None) -> li
     Raises:
         RunError: the data have no such sample.
     """
-    if old is None or plan.benchmark.name != OWN_FRAMES:
+    if old is None or moving_name(plan.benchmark.name) != OWN_FRAMES:
         return []
     known = set(plan.benchmark.dataset.keys())
     for key in old.samples:

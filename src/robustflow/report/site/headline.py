@@ -12,7 +12,9 @@ from ...analysis.labels import METRIC_LABELS, benchmark_label, benchmark_words, 
 from ...analysis.paper_means import paper_rows
 from ...analysis.published.tables import PAPER
 from ...analysis.results import AVERAGE, CLEAN
+from ...analysis.still import PHANTOM, phantom_motion
 from ...analysis.uncertainty import compare_all
+from ...benchmarks.facts import is_still
 from ...errors import RunError
 from ...text import counted, joined, plain
 from .content import Content
@@ -43,6 +45,8 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
             published += [f"on {benchmark_words(of)} {best}"] if best else []
         elif own := _own_without_truth(entries, content):
             sentences.append(conclusion(own, {entry.model: entry.doubt for entry in entries}))
+        elif is_still(of):
+            sentences += [*_phantom(entries, content), PHANTOM]
         elif len(entries) == 1:
             sentences += _alone(entries[0]) + _not_ranked(entries, "No sign of robustness")
         else:
@@ -55,6 +59,13 @@ def headline(content: Content, benchmark: str | None = None) -> list[str]:
     if imported:
         sentences.append(f"Not judged here: {counted(imported, 'imported line')}, in which nothing can be verified.")
     return sentences
+
+
+def _phantom(entries: Sequence[LeaderboardEntry], content: Content) -> list[str]:
+    """The phantom motion of each run of a group over still scenes."""
+    runs = {entry.model: content.runs.get((entry.sample_set, entry.name)) for entry in entries}
+    known = {model: phantom_motion(run) for model, run in runs.items() if run is not None}
+    return [f"{plain(model)}: {sentence}." for model, sentence in known.items() if sentence]
 
 
 def _own_without_truth(entries: Sequence[LeaderboardEntry], content: Content) -> dict[str, Run]:

@@ -1,0 +1,29 @@
+"""Phantom motion: what a model sees move in frames where nothing does."""
+
+from __future__ import annotations
+
+from ..benchmarks.facts import is_still
+from ..runs.run import Run
+from .labels import inside, long_label
+
+PHANTOM = (
+    "Nothing moves in these frames, so EPE is phantom motion: on clean frames bias, under corruption flicker. A model "
+    "that never sees motion has none; its error on moving scenes says what that costs."
+)
+"""What a reader of errors on still scenes has to know."""
+
+
+def phantom_motion(run: Run) -> str:
+    """The phantom motion of a run over still scenes in one sentence; "" for other runs, or if nothing was measured."""
+    clean, corrupted = run.summary.epe_clean, run.summary.epe
+    if not is_still(run.benchmark) or clean is None:
+        return ""
+    sentence = f"phantom motion: {clean:.3f} px on clean frames"
+    known = {name: scores.epe for name, scores in run.summary.corruptions.items() if scores.epe is not None}
+    if corrupted is None or not known:
+        return sentence
+    sentence += f", {corrupted:.3f} px under corruption"
+    most = max(known, key=lambda name: known[name])
+    if len(known) > 1 and known[most] > min(known.values()):
+        sentence += f", most under {inside(long_label(most))} ({known[most]:.3f} px)"
+    return sentence

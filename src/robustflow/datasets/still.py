@@ -1,0 +1,101 @@
+"""Scenes in which nothing moves: every frame of a data set, paired with itself, with a true flow of zero."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable
+from pathlib import Path
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from ..errors import UsageError
+from ..sample import Frame, Sample
+from .base import Dataset, PreCorrupted
+from .samples import Samples
+
+SECOND = ":2"
+"""The end of the key of a still scene made from the second frame of a pair."""
+
+
+@runtime_checkable
+class SharesFrames(Protocol):
+    """A data set that knows which of its pairs have a frame in common."""
+
+    def frame_names(self, key: str) -> tuple[Hashable, Hashable]:
+        """Names of the two frames of a pair; a frame has the same name in every pair."""
+
+
+class Still(Samples):
+    """Every frame of a data set as a pair with itself, once; the first frame of a pair keeps the pair's key. The true
+    flow is zero everywhere, whatever the ground truth of the pairs is.
+
+    For a multi-frame model the frames around a pair are the same frame, too. Implements `Dataset` and `Clips`.
+
+    Args:
+        dataset: of the frames.
+        keys: its pairs to take the frames from.
+
+    Raises:
+        UsageError: its frames were corrupted beforehand, so that a still scene cannot be made of them.
+
+    >>> from robustflow.datasets import load_dataset
+    >>> still = Still(load_dataset("motorcycle"), ["motorcycle"])
+    >>> still.keys(), float(abs(still[1].flow).max())
+    (['motorcycle', 'motorcycle:2'], 0.0)
+    """
+
+    has_flow = True
+
+    def __init__(self, dataset: Dataset, keys: Iterable[str]) -> None:
+        if isinstance(dataset, PreCorrupted):
+            raise UsageError(
+                f"no still scene can be made of '{dataset.name}', whose frames are corrupted beforehand or as clips; "
+                "give uncorrupted frames: --benchmark folder, kitti2015, sintel, ..."
+            )
+        self.name = dataset.name
+        self._dataset = dataset
+        frames = {key: _frame_names(dataset, key) for key in keys}
+        begin = {first: key for key, (first, _) in reversed(frames.items())}
+        end = {second: key for key, (_, second) in reversed(frames.items()) if second not in begin}
+        chosen = {*begin.values(), *(key + SECOND for key in end.values())}
+        self._keys = [each for key in frames for each in (key, key + SECOND) if each in chosen]
+
+    def keys(self) -> list[str]:
+        """See `Dataset.keys`."""
+        return list(self._keys)
+
+    def files(self, key: str) -> list[Path]:
+        """See `Dataset.files`."""
+        return self._dataset.files(pair_key(key))
+
+    def load(self, key: str) -> Sample:
+        """See `Dataset.load`."""
+        sample = self._dataset.load(pair_key(key))
+        frame = sample.frames[key.endswith(SECOND)]
+        zero = np.zeros((*sample.shape, 2), np.float32)
+        return Sample(key, (frame, frame), zero, np.ones(sample.shape, bool), group=sample.group)
+
+    def around(self, key: str, reach: int) -> range:
+        """See `Clips.around`."""
+        return range(-reach, reach + 2)
+
+    def frame(self, key: str, offset: int) -> Frame:
+        """See `Clips.frame`."""
+        return self.load(key).frames[0]
+
+    def frame_files(self, key: str, offsets: Iterable[int]) -> list[Path]:
+        """See `Clips.frame_files`."""
+        return self.files(key)
+
+
+def _frame_names(dataset: Dataset, key: str) -> tuple[Hashable, Hashable]:
+    return dataset.frame_names(key) if isinstance(dataset, SharesFrames) else ((key, 1), (key, 2))
+
+
+def pair_key(key: str) -> str:
+    """The key of the pair that a still scene comes from.
+
+    >>> pair_key("000010:2"), pair_key("000010")
+    ('000010', '000010')
+    """
+    return key.removesuffix(SECOND)

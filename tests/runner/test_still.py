@@ -1,0 +1,151 @@
+"""Still scenes: every frame paired with itself, so that any flow is phantom motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.analysis.exclusion import exclusion_reasons
+from robustflow.analysis.still import phantom_motion
+from robustflow.datasets.still import Still
+from robustflow.errors import RunError, UsageError
+from robustflow.flowio import write_flow
+from robustflow.images.io import read_image
+from robustflow.models import ModelSpec
+from robustflow.runner.panel import Panel, draw_panel
+from robustflow.runner.recheck import recheck
+from robustflow.runs.comparable import sample_set
+from robustflow.testing import TexturePairs
+
+from .conftest import FRAMES
+
+
+class Unchanged:
+    """Leaves every frame as it is."""
+
+    family = "noise"
+    severities = (1, 2, 3, 4, 5)
+
+    def draw(self, rng, severity, shape):
+        return None
+
+    def apply(self, frame, state, index):
+        return frame
+
+
+def still_run(model, folder, output, **options):
+    given = {"corruptions": ["impulse_noise"], "severities": [2], "still": True, **options}
+    return rf.evaluate(model, "folder", folder, output, **given)
+
+
+def zero(frame1, frame2):
+    return np.zeros((*frame1.shape[:2], 2), np.float32)
+
+
+def test_every_frame_of_a_sequence_is_paired_with_itself_once(clip_folder):
+    still = Still(rf.load_dataset("folder", clip_folder), ["0", "1", "2", "3", "4"])
+    assert still.keys() == ["0", "1", "2", "3", "4", "4:2"]
+    for number, sample in enumerate(still):
+        frame = read_image(clip_folder / f"{number}.png")
+        assert all(np.array_equal(each, frame) for each in sample.frames)
+        assert not sample.flow.any()
+        assert sample.valid.all()
+        assert sample.group == "frames"
+
+
+def test_pairs_that_know_no_common_frames_give_both_of_theirs():
+    still = Still(TexturePairs(2), ["0", "1"])
+    assert still.keys() == ["0", "0:2", "1", "1:2"]
+    for key, frame in zip(("1", "1:2"), TexturePairs(2).load("1").frames, strict=True):
+        assert np.array_equal(still.load(key).frames[0], frame)
+
+
+def test_zero_flow_has_no_phantom_motion_and_no_reason_speaks_against_it(clip_folder, tmp_path):
+    run = still_run(zero, clip_folder, tmp_path / "run")
+    assert run.rows.height == 2 * FRAMES
+    assert run.rows["epe_sum"].to_list() == [0.0] * run.rows.height
+    assert run.rows["n_valid"].to_list() == [48 * 64] * run.rows.height
+    assert exclusion_reasons(run) == []
+    assert phantom_motion(run) == "phantom motion: 0.000 px on clean frames, 0.000 px under corruption"
+
+
+@pytest.mark.parametrize("model", ["dis", "farneback", "tiny"])
+def test_frames_that_stay_equal_give_each_model_its_clean_value(model, clip_folder, tmp_path):
+    run = still_run(model, clip_folder, tmp_path / "run", corruptions=[Unchanged, "impulse_noise"], limit=1, workers=1)
+    clean, same, noisy = (
+        run.rows.filter(corruption=name)["epe_sum"][0] for name in ("clean", "unchanged", "impulse_noise")
+    )
+    assert same == clean
+    assert noisy > clean, "noise that differs between the frames moves the flow"
+
+
+def test_a_still_run_is_compared_with_no_run_of_moving_frames(clip_folder, tmp_path):
+    still = still_run("dis", clip_folder, tmp_path / "still", limit=1, workers=1)
+    moving = still_run("dis", clip_folder, tmp_path / "moving", limit=1, workers=1, still=False)
+    assert still.benchmark == "folder-still"
+    assert sample_set(still) != sample_set(moving)
+    with pytest.raises(RunError, match="Your own frames, still"):
+        still.compare(moving)
+    with pytest.raises(RunError, match="benchmark"):
+        still_run("dis", clip_folder, tmp_path / "moving", limit=1, workers=1)
+
+
+def test_a_still_run_can_be_made_again_from_its_manifest(clip_folder, tmp_path):
+    run = still_run("dis", clip_folder, tmp_path / "run", limit=1, workers=1)
+    said = recheck(run.manifest.identity, run.rows, clip_folder, model=ModelSpec("dis"), count=2)
+    assert "2 of 2 rows" in said
+
+
+def test_a_multi_frame_model_gets_the_same_frame_throughout(clip_folder, tmp_path):
+    class Window:
+        window = (2, 1)
+
+        def predict_clip(self, frames, index):
+            moved = max(float(np.abs(frame.astype(int) - frames[0]).max()) for frame in frames)
+            return np.full((*frames[0].shape[:2], 2), moved, np.float32)
+
+    run = still_run(Window(), clip_folder, tmp_path / "run", limit=1)
+    assert run.epe_clean == 0.0
+    assert run.epe > 0
+
+
+class Corrupted(TexturePairs):
+    """Comes corrupted."""
+
+    def has_corrupted(self, corruption):
+        return True
+
+    def corrupted(self, key, corruption, severity):
+        return self.load(key).frames
+
+    def corrupted_files(self, key, corruption, severity):
+        return []
+
+
+@pytest.mark.parametrize("name", ["kitti-fc", "gopro-fc"])
+def test_a_benchmark_that_stands_for_its_own_truth_is_refused_before_it_is_opened(name, tmp_path):
+    with pytest.raises(UsageError, match=f"^{name} is a benchmark of moving scenes"):
+        rf.evaluate("dis", name, tmp_path / "nothing here", tmp_path / "run", still=True)
+
+
+def test_frames_and_flows_that_exist_only_for_moving_pairs_are_refused_in_one_line(tmp_path, clip_folder):
+    with pytest.raises(UsageError, match="no still scene can be made"):
+        Still(Corrupted(1), ["0"])
+    flows = tmp_path / "flows" / "clean"
+    flows.mkdir(parents=True)
+    write_flow(flows / "0.flo", np.zeros((48, 64, 2), np.float32))
+    with pytest.raises(UsageError, match="flows from files"):
+        still_run(tmp_path / "flows", clip_folder, tmp_path / "run")
+
+
+def test_a_model_trained_on_the_frames_has_seen_them_when_they_are_still():
+    training = rf.models.provenance.Training(("kitti2015",), "declared")
+    assert rf.benchmarks.setting.setting_of(training, "kitti2015-still", ["000000:2"]) == "LEAKED"
+
+
+def test_the_panel_of_a_still_scene_can_be_drawn_without_any_motion(real_pictures):
+    with real_pictures():
+        sample = Still(TexturePairs(1), ["0"]).load("0")
+        flow = zero(*sample.frames)
+        assert draw_panel(Panel(sample, sample.frames, flow, flow, "title", "EPE 0.00 px"))[:4] == b"\x89PNG"
