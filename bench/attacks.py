@@ -21,7 +21,7 @@ import torch
 from robustflow import load_model
 from robustflow.attacks.ball import Ball
 from robustflow.attacks.loss import Loss
-from robustflow.attacks.problem import Problem
+from robustflow.attacks.problem import Pair, Problem
 from robustflow.models.torch.reproducible import reproducible
 from robustflow.testing import TexturePairs
 
@@ -62,7 +62,8 @@ def main() -> None:
     for name, options, size in CASES:
         sample, model = TexturePairs(1, size).load("0"), load_model(name, device="cpu", **options)
         ball = Ball(*sample.frames, 4)
-        problem = Problem(model, ball, Loss(sample.flow, sample.valid))
+        pair = Pair(sample.frames, ball.budget, sample.flow, sample.valid)
+        problem = Problem(model, ball, Loss(sample.flow, sample.valid), pair, sample.flow)
         rounds = [
             (spent(passes, model, ball, given.steps), spent(attack, problem, given.steps)) for _ in range(given.rounds)
         ]

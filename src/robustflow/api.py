@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from .analysis.uncoupled import Uncoupled
-    from .benchmarks.base import AnyCorruption
+    from .benchmarks.base import AnyAttack, AnyCorruption
     from .report.comparison import Comparison
     from .runner.progress import Progress
     from .runner.setup import Setup
@@ -105,7 +105,7 @@ def evaluate(
     *,
     corruptions: AnyCorruption | Sequence[AnyCorruption] | None = None,
     severities: int | Sequence[int] | None = None,
-    attacks: str | Sequence[str] | None = None,
+    attacks: AnyAttack | Sequence[AnyAttack] | None = None,
     limit: int | None = None,
     split: str | Path | None = None,
     data_options: dict[str, Any] | None = None,
@@ -139,9 +139,9 @@ def evaluate(
         corruptions, severities, limit: run only these, one or several; a later call with others adds to the same
             folder. A corruption is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the
             source of your own is part of the run's identity (docs/add-your-corruption.md).
-        attacks: adversarial attacks (docs/attacks.md) to run as well at these severities, one or several names; without
-            `corruptions` they run alone. Random noise of the same norm comes with them, and no mean over corruptions
-            includes them; see `Result.attack_table`.
+        attacks: adversarial attacks (docs/attacks.md) to run as well at these severities, one or several names, with
+            options if there are any (`"pgd:steps=40"`); without `corruptions` they run alone. Random noise of the same
+            norm comes with them, and no mean over corruptions includes them; see `Result.attack_table`.
         split: a file naming the samples to use, one key per line; or "drive-disjoint", for KITTI 2015.
         data_options: options of a data set, for example {"render_pass": "final"}.
         still: pair every frame with itself, with a true flow of zero, so that errors are phantom motion

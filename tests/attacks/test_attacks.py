@@ -15,7 +15,7 @@ from robustflow.attacks import Attack, load_attack
 from robustflow.attacks.ball import MOVED, Ball
 from robustflow.attacks.images import frames_of, images_of
 from robustflow.attacks.loss import LOSSES, Loss
-from robustflow.attacks.registry import SHIPPED
+from robustflow.attacks.registry import SHIPPED, norm_of
 from robustflow.attacks.result import norms_of
 from robustflow.errors import DataError, ModelError, UsageError
 from robustflow.random.rng import Rng
@@ -27,6 +27,8 @@ from .smooth_net import Given, linear_model, random_pair, smooth_model  # noqa: 
 FEW = {"pgd": {"steps": 4}, "bim": {"steps": 4}, "cospgd": {"steps": 4}, "apgd": {"steps": 12}} | {
     "pcfa": {"steps": 2},
     "square": {"queries": 30},
+    "transfer": {"on": smooth_model(), "attack": "pgd", "steps": 4},
+    "worst_of": {"parts": "fgsm+square", "queries": 30},
 }
 """Options with which an attack is quick."""
 
@@ -78,7 +80,7 @@ def test_the_same_seed_gives_the_same_frames_and_another_gives_others(name):
     first, again, other = (_attacked(name, seed=seed)[1].frames for seed in (1, 1, 2))
 
     assert np.array_equal(first, again)
-    drawn = name not in ("fgsm", "bim", "pcfa", "apgd")  # apgd reaches the same corner from both starts
+    drawn = name not in ("fgsm", "bim", "pcfa", "apgd", "worst_of")  # apgd reaches the same corner from both starts
     assert np.array_equal(first, other) != drawn
 
 
@@ -148,6 +150,8 @@ def test_attacks_count_what_they_ask_for():
         "apgd": (13, 13),
         "pcfa": (23, 21),
         "square": (30, 0),
+        "transfer": (5, 4),
+        "worst_of": (33, 1),
     }
 
 
@@ -265,6 +269,81 @@ def test_the_differentiable_flow_of_a_model_is_its_prediction(name):
     assert images.grad[:, :, -1].any()
 
 
+@pytest.mark.parametrize("name", ["fgsm", "pgd", "apgd", "pcfa"])
+def test_a_transfer_to_the_model_it_is_made_on_gives_the_frames_of_the_attack(name):
+    options = FEW.get(name, {})
+    _, alone = _attacked(name, norm="rms")
+    transfer = load_attack("transfer", on=smooth_model(), attack=name, norm="rms", **options)
+    transferred = rf.attack(*random_pair(), smooth_model(), transfer, 4, flow=np.zeros((8, 10, 2), np.float32))
+
+    assert np.array_equal(alone.frames, transferred.frames)
+    assert transferred.loss == pytest.approx(alone.loss)
+
+
+def test_a_transfer_without_truth_moves_away_from_the_other_models_flow():
+    pair, other = random_pair(), smooth_model()
+    own = linear_model()
+
+    frames = [rf.attack(*pair, model, "transfer", 4, on=other, attack="bim").frames for model in (own, other)]
+
+    assert np.array_equal(*frames)  # what is attacked decides nothing
+
+
+def test_a_transfer_fits_a_model_without_gradients():
+    frame = random_pair(40, 48)
+    attacked = rf.attack(*frame, "dis", "transfer:tiny:attack=fgsm", 3)
+
+    assert attacked.linf == 4
+    assert attacked.moved > 0
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 5), st.booleans())
+def test_the_worst_of_attacks_is_never_better_for_the_model_than_one_of_them(seed, severity, with_truth):
+    pair, model = random_pair(seed=seed), smooth_model()
+    options = {"seed": seed, "flow": np.zeros((8, 10, 2), np.float32) if with_truth else None}
+    parts = {"random_sign": {}, "fgsm": {}, "pgd": {"steps": 3}, "square": {"queries": 10}}
+
+    worst = rf.attack(*pair, model, "worst_of:random_sign+fgsm+pgd+square:steps=3:queries=10", severity, **options)
+    each = [rf.attack(*pair, model, name, severity, **options, **mine) for name, mine in parts.items()]
+
+    assert worst.loss == max(one.loss for one in each)
+    assert worst.evaluations == sum(one.evaluations for one in each) + len(each)
+
+
+@pytest.mark.parametrize(
+    ("given", "label"),
+    [
+        ("pgd:steps=20", "pgd"),
+        ("pgd:loss=cosine:steps=40", "pgd:loss=cosine:steps=40"),
+        ("pcfa:target=negative", "pcfa:target=negative"),
+        ("transfer:ptlflow:raft:checkpoint=things", "transfer:ptlflow:raft:checkpoint=things"),
+        ("transfer:raft:steps=40:attack=pgd", "transfer:raft:attack=pgd:steps=40"),
+        ("transfer", "transfer:tiny"),
+        ("worst_of", "worst_of:apgd+square"),
+        ("worst_of:square+apgd:steps=3:queries=7", "worst_of:square+apgd:queries=7:steps=3"),
+        ("worst_of:pcfa+apgd:norm=rms:target=zero", "worst_of:pcfa+apgd:target=zero:norm=rms"),
+    ],
+)
+def test_the_name_of_an_attack_in_a_run_has_its_options_and_gives_it_again(given, label):
+    attack = load_attack(given)
+
+    assert attack.label == label
+    assert load_attack(label) == attack
+    assert norm_of(label) == attack.norm
+
+
+def test_a_variant_reaches_the_attacks_inside_others_unless_they_have_one():
+    names = ("pgd", "apgd", "transfer:tiny:attack=pgd", "worst_of:apgd+pgd", "pcfa:variant=original")
+    transfer, worst = (load_attack(name).with_variant("flowbench") for name in names[2:4])
+
+    assert [load_attack(name).with_variant("flowbench").variant for name in names] == [
+        *("flowbench", "default", "flowbench", "default", "original")
+    ]
+    assert transfer.attack.variant == "flowbench"
+    assert [part.variant for part in worst.parts] == ["default", "flowbench"]
+
+
 def test_a_model_without_gradients_gets_one_sentence_and_square():
     pair = random_pair(40, 48)
     dis = rf.load_model("dis")
@@ -285,6 +364,14 @@ def test_a_model_without_gradients_gets_one_sentence_and_square():
         ({"name": "square", "norm": "rms"}, UsageError, "norm of attack square 'rms'"),
         ({"name": "pcfa", "moved": "joint"}, UsageError, "box=clipping"),
         ({"reference": "truth"}, UsageError, "there is none; give the flow"),
+        ({"name": "pgd:steps=many"}, UsageError, "steps of attack pgd is a whole number from 1, not 'many'"),
+        ({"name": "pgd:20"}, UsageError, "attack pgd takes options, option=value, and no '20'"),
+        ({"name": "transfer:dis"}, ModelError, "model 'dis' offers no gradient of its flow, which the attack apgd"),
+        ({"name": "transfer:tny"}, UsageError, "unknown model 'tny'"),
+        ({"name": "transfer:tiny:attack=transfer"}, UsageError, "name its model alone"),
+        ({"name": "transfer:tiny:attack=pdg"}, UsageError, "unknown attack 'pdg'"),
+        ({"name": "worst_of:pgd+pcfa"}, UsageError, "pgd has norm linf, pcfa has norm rms; .* attacks of one norm"),
+        ({"name": "worst_of:pgd:queries=3"}, UsageError, "unknown option of the attacks in worst_of 'queries'"),
         ({"budget": 0}, UsageError, "more than 0 and at most 255 grey levels"),
         ({"budget": 3, "severity": 2}, UsageError, "not both"),
         ({"valid": np.ones((8, 10), bool)}, UsageError, "give the flow, too"),

@@ -15,7 +15,7 @@ from robustflow.attacks.ball import Ball
 from robustflow.attacks.climb import climb
 from robustflow.attacks.loss import Loss
 from robustflow.attacks.pcfa import _Search
-from robustflow.attacks.problem import Problem
+from robustflow.attacks.problem import Pair, Problem
 from robustflow.random.rng import Rng
 
 from ..parity.pack import Pack
@@ -60,7 +60,7 @@ def _problem(pack: Pack, net: str, model, case: dict, reversed_colours: bool = F
     norm = "rms" if case.get("norm") == "two" else "linf"
     unit = 255 / np.sqrt(3 * height * width) if norm == "rms" else 255
     ball = Ball(*frames, case["eps"] * unit, norm, per_frame=True)
-    problem = Problem(model, ball, Loss(truth))
+    problem = Problem(model, ball, Loss(truth), Pair(tuple(frames), ball.budget), truth)
     clean = problem.flow(ball.clean)
     reference = {"zero": np.zeros_like(clean), "negative": -clean}.get(case.get("target", ""), truth)
     reference = clean if case.get("optim") == "initial_flow" else reference

@@ -8,10 +8,11 @@ import pytest
 
 import robustflow as rf
 from robustflow.analysis.attacks import AttackScore, attack_scores, budget_at_double
-from robustflow.attacks.registry import SHIPPED, norm_of, with_controls
+from robustflow.attacks.api import with_controls
+from robustflow.attacks.registry import SHIPPED, norm_of
 from robustflow.attacks.result import BESIDE_OTHERS, WARNINGS
 from robustflow.benchmarks import Benchmark
-from robustflow.errors import ModelError, UsageError
+from robustflow.errors import ModelError, RunError, UsageError
 from robustflow.models import ModelSpec
 from robustflow.report.attack_table import attack_table
 from robustflow.runner.frames_digest import frames_digest
@@ -140,6 +141,33 @@ def test_a_variant_changes_the_attacks_that_have_it(both, tmp_path):
     assert digests["random_sign"][0] == digests["random_sign"][1]
     assert digests["pgd"][0] != digests["pgd"][1]
     assert theirs.manifest.identity != both.manifest.identity
+
+
+def test_options_and_other_models_are_part_of_a_rows_name_and_of_the_identity(tmp_path):
+    names = ["pgd:target=zero:steps=2", "pgd:moved=joint:steps=3", "transfer:tiny:attack=fgsm:device=cpu"]
+
+    done = run(tmp_path / "run", attacks=names, severities=3, count=1)
+
+    rows = {row["corruption"]: row for row in done.attack_rows.iter_rows(named=True)}
+    assert set(rows) == {"clean", "random_sign", *names}
+    assert [rows[name]["attack_evaluations"] for name in names] == [3, 4, 1]
+    sources = done.manifest.identity.frames.attack_sources
+    assert list(sources) == [names[2]]
+    fgsm = run(tmp_path / "fgsm", attacks="fgsm", severities=3, count=1)
+    same = fgsm.attack_rows.filter(corruption="fgsm")["frames_digest"][0]
+    assert rows[names[2]]["frames_digest"] == same  # on the model itself a transfer is the attack
+    with pytest.raises(RunError, match="begun with the attack transfer:tiny:attack=fgsm:device=cpu besides"):
+        run(tmp_path / "run", attacks="fgsm", severities=3, count=1)
+    assert {line.label for section in attack_table(done).sections for line in section.lines} >= {f"{names[0]} 3"}
+
+
+def test_another_model_behind_a_transfer_is_another_run(tmp_path, monkeypatch):
+    name, model = "transfer:tiny:attack=fgsm:device=cpu", TINY.load()
+    run(tmp_path / "run", model, attacks=name, severities=3, count=1)
+    monkeypatch.setattr("robustflow.attacks.transfer.ModelSpec.identity", lambda spec, model: {"weights": "new"})
+
+    with pytest.raises(RunError, match=f"what decides the attack {name} has changed since"):
+        run(tmp_path / "run", model, attacks=name, severities=3, count=1)
 
 
 @pytest.mark.parametrize(

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
-from ..errors import DataError, ModelError, UsageError, unknown_name
+from ..errors import DataError, ModelError, UsageError
 from ..models.base import AnyModel, FlowModel, predict_checked
 from ..models.construct import as_model
 from ..models.loading import load_model
-from ..random.rng import Rng
 from ..sample import Flow, Frame, Mask, Sample
 from ..severity import check_severity
-from .ball import Ball
 from .base import Attack
 from .images import frames_of
-from .loss import Loss
-from .problem import Problem, refuse_without_gradient
-from .registry import ATTACKS
+from .problem import Pair, Problem
+from .registry import ATTACKS, CONTROLS, control_of, split_name
 from .result import Attacked, norms_of
 
 _LAST_QUARTER = 0.02
@@ -38,11 +35,16 @@ def list_attacks() -> list[str]:
 def load_attack(name: str | Attack, **options: Any) -> Attack:
     """An attack with options, see its class.
 
+    Args:
+        name: as `robustflow list attacks` prints it, with options if there are any: `pgd:steps=40:loss=cosine`,
+            `transfer:tiny:attack=pgd`, `worst_of:apgd+square`.
+        options: as in the name.
+
     Raises:
         UsageError: unknown name or option.
 
-    >>> load_attack("pgd", steps=10).budget(3)
-    4
+    >>> load_attack("pgd:loss=cosine", steps=10).label
+    'pgd:loss=cosine:steps=10'
     >>> load_attack("pgd", step=10)
     Traceback (most recent call last):
     robustflow.errors.UsageError: unknown option of attack pgd 'step': did you mean 'steps'? Known: variant, norm, \
@@ -52,12 +54,25 @@ target, loss, reference, moved, steps, starts
         if options:
             raise UsageError(f"the attack {name.name} is already built, so it takes no options: {', '.join(options)}")
         return name
-    kind = ATTACKS.get(name)
-    known = [each.name for each in fields(kind)]
-    for option in options:
-        if option not in known:
-            raise unknown_name(f"option of attack {name}", option, known)
-    return kind(**options)
+    head, argument, given = split_name(name)
+    kind = ATTACKS.get(head)
+    if argument and not kind.argument:
+        raise UsageError(f"'{name}': attack {head} takes options, option=value, and no '{argument}'")
+    return kind.made(**({kind.argument: argument} if argument else {}), **given, **options)
+
+
+def with_controls(attacks: Iterable[str | Attack]) -> tuple[str, ...]:
+    """Names of attacks as a run has them (`Attack.label`), each once, after the random noise of their norms.
+
+    Raises:
+        UsageError: an unknown attack or option.
+
+    >>> with_controls(["pgd:steps=20", "square"]), with_controls([])
+    (('random_sign', 'pgd', 'square'), ())
+    """
+    asked = list(dict.fromkeys(load_attack(each).label for each in attacks))
+    controls = [control for control in CONTROLS if control in map(control_of, asked)]
+    return tuple(dict.fromkeys((*controls, *asked)))
 
 
 def attack(
@@ -111,9 +126,8 @@ def attack(
     _check(frame1, frame2, flow, valid)
     level = 0 if budget is not None else check_severity(3 if severity is None else severity)
     grey = chosen.budget(level) if budget is None else budget
-    rng = _stream(chosen, level, seed, key)
-    clean_flow = predict_checked(loaded, (frame1, frame2), key, "clean", 0)
-    return attack_pair(chosen, loaded, (frame1, frame2), clean_flow, grey, rng, flow, valid, key)
+    pair = Pair((frame1, frame2), grey, flow, valid, key, seed, level)
+    return attack_pair(chosen, loaded, pair, predict_checked(loaded, pair.frames, key, "clean", 0))
 
 
 def attack_of_sample(
@@ -132,59 +146,39 @@ def attack_of_sample(
     Raises:
         ModelError: see `attack`.
     """
-    rng = _stream(attack, severity, seed, sample.key)
     first, second = sample.frames[:2]
     budget = attack.budget(severity)
-    return attack_pair(attack, model, (first, second), clean_flow, budget, rng, sample.flow, sample.valid, sample.key)
+    pair = Pair((first, second), budget, sample.flow, sample.valid, sample.key, seed, severity)
+    return attack_pair(attack, model, pair, clean_flow)
 
 
-def _stream(attack: Attack, severity: int, seed: int, key: str) -> Rng:
-    return Rng.of(seed, "attack", attack.name, severity, key)
-
-
-def attack_pair(
-    attack: Attack,
-    model: AnyModel,
-    clean: tuple[Frame, Frame],
-    clean_flow: Flow,
-    budget: float,
-    rng: Rng,
-    flow: Flow | None,
-    valid: Mask | None,
-    key: str,
-) -> Attacked:
+def attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow) -> Attacked:
     """Attack a pair whose clean flow is known.
 
     Args:
         attack: with its options.
         model: with `predict`, loaded.
-        clean: RGB uint8 (H, W, 3) each.
-        clean_flow: of these frames, float32 (H, W, 2), pixels.
-        budget: grey levels.
-        rng: for this pair, attack and severity.
-        flow, valid: ground truth as in `attack`, or None.
-        key: of the sample, for messages.
+        pair: with its budget.
+        clean_flow: of its frames, float32 (H, W, 2), pixels.
 
     Raises:
-        UsageError: the attack wants ground truth and there is none.
+        UsageError: the attack needs ground truth and there is none.
         ModelError: see `attack`.
     """
-    ball = Ball(*clean, budget, attack.norm, attack.moved, attack.per_frame)
-    loss, from_clean = _loss(attack, clean_flow, flow, valid)
-    problem = Problem(model, ball, loss, key, from_clean)
-    if attack.needs_gradients:
-        refuse_without_gradient(model, attack.name)
-    images = attack.run(problem, rng)
+    attack.check(model)
+    problem = attack.problem(model, pair, clean_flow)
+    ball, loss = problem.ball, problem.loss
+    images = attack.run(problem, pair.stream(attack.name))
     evaluations, gradients = problem.evaluations, problem.gradients
     frames = frames_of(ball.to_8_bits(images))
     assert isinstance(model, FlowModel)
-    after = predict_checked(model, frames, key, attack.name, 0)
+    after = predict_checked(model, frames, pair.key, attack.name, 0)
     clean_loss, here = loss.of(clean_flow, weighted=False), loss.of(after, weighted=False)
     float_loss = problem.loss_at(images) if attack.needs_gradients else None
-    linf, rms, changed = norms_of(frames, clean)
+    linf, rms, changed = norms_of(frames, pair.frames)
     return Attacked(
         attack=attack.name,
-        budget=budget,
+        budget=pair.budget,
         norm=attack.norm,
         frames=frames,
         flow=after,
@@ -201,24 +195,6 @@ def attack_pair(
         gradients=gradients,
         warnings=tuple(sorted(problem.troubles | _doubts(problem, clean_loss, here, float_loss))),
     )
-
-
-def _loss(attack: Attack, clean_flow: Flow, flow: Flow | None, valid: Mask | None) -> tuple[Loss, bool]:
-    """The loss of an attack on a pair, and whether it is the distance to the clean flow."""
-    if attack.target != "none":
-        target = -clean_flow if attack.target == "negative" else np.zeros_like(clean_flow)
-        return Loss(target, None, attack.loss, towards=True, agreeing=attack.agreeing), False
-    if flow is None or attack.reference == "clean":
-        if attack.reference == "truth":
-            raise UsageError(
-                f"attack {attack.name} moves the flow away from the ground truth, and there is none; give the flow, or "
-                "leave out reference=truth"
-            )
-        return Loss(clean_flow, None, attack.loss, agreeing=attack.agreeing), True
-    if attack.masked:
-        return Loss(flow, valid, attack.loss, agreeing=attack.agreeing), False
-    filled = flow if valid is None else np.where(valid[..., None], flow, np.float32(0))
-    return Loss(filled, None, attack.loss, agreeing=attack.agreeing), False
 
 
 def _doubts(problem: Problem, clean_loss: float, loss: float, float_loss: float | None) -> set[str]:

@@ -7,16 +7,20 @@ the stream that it is given. So the same pair, model, options and seed give the 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
 
 from ..errors import UsageError, unknown_name
+from ..models.base import AnyModel
 from ..random.rng import Rng
+from ..sample import Flow
 from ..severity import check_severity
-from .ball import GREY_LEVELS, MOVED, NORMS
+from .ball import GREY_LEVELS, MOVED, NORMS, Ball
 from .images import Images
-from .loss import LOSSES
-from .problem import Problem
+from .loss import LOSSES, Loss
+from .problem import Pair, Problem, refuse_without_gradient
 
 FAMILY = "adversarial"
 """The family of every attack, and of no corruption: it is never part of the paper's means."""
@@ -58,6 +62,8 @@ class Attack(ABC):
     variants: ClassVar[tuple[str, ...]] = ("default",)
     norms: ClassVar[tuple[str, ...]] = NORMS
     targets: ClassVar[tuple[str, ...]] = TARGETS
+    argument: ClassVar[str] = ""
+    """The option that follows the name without its own: `transfer:tiny` is `transfer` with `model="tiny"`."""
 
     variant: str = "default"
     norm: str = "linf"
@@ -102,9 +108,86 @@ class Attack(ABC):
         """
         return GREY_LEVELS[self.norm][check_severity(severity) - 1]
 
+    @classmethod
+    def made(cls, **options: Any) -> Self:
+        """The attack with options, of which texts are read as numbers where a number belongs.
+
+        Raises:
+            UsageError: an option that there is not.
+        """
+        known = {each.name: each.default for each in fields(cls)}
+        for option, value in options.items():
+            if option not in known:
+                raise unknown_name(f"option of attack {cls.name}", option, known)
+            if isinstance(known[option], int) and isinstance(value, str) and value.isdecimal():
+                options[option] = int(value)
+        return cls(**options)
+
+    def with_variant(self, variant: str) -> Self:
+        """The attack in a variant, unless it has none of that name or a variant was chosen for it."""
+        chosen = self.variant == "default" and variant in self.variants
+        return replace(self, variant=variant) if chosen else self
+
     def options(self) -> dict[str, Any]:
         """The options that are not the default ones."""
         return {each.name: value for each in fields(self) if (value := getattr(self, each.name)) != each.default}
+
+    @property
+    def label(self) -> str:
+        """The name with the options that are not the default ones, as runs and tables have it and `load_attack` reads
+        it: `pgd:steps=40`."""
+        return ":".join([self.name, *(f"{option}={value}" for option, value in self.options().items())])
+
+    @property
+    def source(self) -> str:
+        """A digest of what decides the frames besides the label, such as another model; empty for most attacks."""
+        return ""
+
+    @property
+    def needs(self) -> str:
+        """What it needs of a model, in a word."""
+        return "gradients" if self.needs_gradients else "nothing" if self.control else "any model"
+
+    def check(self, model: AnyModel) -> None:
+        """Raise unless a model can be attacked in this way.
+
+        Raises:
+            ModelError: it cannot.
+        """
+        if self.needs_gradients:
+            refuse_without_gradient(model, self.name)
+
+    def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
+        """What this attack has to solve on a pair.
+
+        Args:
+            model: that is attacked.
+            pair: with its budget.
+            clean_flow: the model's, of the clean frames, float32 (H, W, 2), pixels.
+
+        Raises:
+            UsageError: the attack needs ground truth and there is none.
+        """
+        ball = Ball(*pair.frames, pair.budget, self.norm, self.moved, self.per_frame)
+        loss, from_clean = self._loss(clean_flow, pair)
+        return Problem(model, ball, loss, pair, clean_flow, from_clean)
+
+    def _loss(self, clean_flow: Flow, pair: Pair) -> tuple[Loss, bool]:
+        """What is to grow, and whether it is the distance to the clean flow."""
+        if self.target != "none":
+            target = -clean_flow if self.target == "negative" else np.zeros_like(clean_flow)
+            return Loss(target, None, self.loss, towards=True, agreeing=self.agreeing), False
+        if pair.truth is None or self.reference == "clean":
+            if self.reference == "truth":
+                raise UsageError(
+                    f"attack {self.name} moves the flow away from the ground truth, and there is none; give the flow, "
+                    "or leave out reference=truth"
+                )
+            return Loss(clean_flow, None, self.loss, agreeing=self.agreeing), True
+        if self.masked:
+            return Loss(pair.truth, pair.valid, self.loss, agreeing=self.agreeing), False
+        filled = pair.truth if pair.valid is None else np.where(pair.valid[..., None], pair.truth, np.float32(0))
+        return Loss(filled, None, self.loss, agreeing=self.agreeing), False
 
     @abstractmethod
     def run(self, problem: Problem, rng: Rng) -> Images:

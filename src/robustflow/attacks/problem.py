@@ -9,10 +9,38 @@ import numpy as np
 
 from ..errors import ModelError
 from ..models.base import AnyModel, Differentiable, FlowModel, model_identity, predict_checked
-from ..sample import Flow, Frame
+from ..random.rng import Rng
+from ..sample import Flow, Frame, Mask
 from .ball import Ball
 from .images import Images, images_of
 from .loss import Loss
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """A pair to attack, whatever the model and the attack are.
+
+    Args:
+        frames: RGB uint8 (H, W, 3) each.
+        budget: in the units of an attack's norm.
+        truth: float32 (H, W, 2), pixels; None if it is not known.
+        valid: bool (H, W), where the truth is known; None for everywhere.
+        key: name of the sample.
+        seed: of the random choices.
+        severity: 1 to 5; 0 for a budget that is of none.
+    """
+
+    frames: tuple[Frame, Frame]
+    budget: float
+    truth: Flow | None = None
+    valid: Mask | None = None
+    key: str = ""
+    seed: int = 0
+    severity: int = 0
+
+    def stream(self, attack: str) -> Rng:
+        """The random choices of an attack on this pair, the same wherever that attack is part of another."""
+        return Rng.of(self.seed, "attack", attack, self.severity, self.key)
 
 
 @dataclass
@@ -23,7 +51,8 @@ class Problem:
         model: that is attacked.
         ball: around the clean pair.
         loss: that is to grow.
-        key: of the sample, for messages.
+        pair: what the attack is given.
+        clean_flow: the model's, of the clean pair, float32 (H, W, 2), pixels.
         from_clean: the loss is the distance to the clean flow, which has no gradient at the clean pair.
 
     Attributes:
@@ -37,7 +66,8 @@ class Problem:
     model: AnyModel
     ball: Ball
     loss: Loss
-    key: str = ""
+    pair: Pair
+    clean_flow: Flow
     from_clean: bool = False
     evaluations: int = 0
     gradients: int = 0
@@ -60,7 +90,7 @@ class Problem:
         """The score of 8-bit frames, for attacks that need no gradient."""
         self.evaluations += 1
         assert isinstance(self.model, FlowModel)
-        flow = predict_checked(self.model, frames, self.key, "an attacked pair", 0)
+        flow = predict_checked(self.model, frames, self.pair.key, "an attacked pair", 0)
         return self.note(images_of(*frames), self.loss.of(flow))
 
     def flow(self, images: Images) -> Flow:
@@ -119,6 +149,11 @@ class Problem:
         from ..models.torch.reproducible import reproducible
 
         return reproducible(getattr(self.model, "threads", 1))
+
+    def charge(self, other: Problem) -> None:
+        """Count what another problem has cost as part of this one."""
+        self.evaluations += other.evaluations
+        self.gradients += other.gradients
 
     def note(self, images: Images, loss: float) -> float:
         """Record a loss that is known; the images become the best if they are inside the ball and score higher."""

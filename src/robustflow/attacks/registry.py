@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from ..registry import Registry
@@ -28,6 +27,8 @@ _CLASSES = {
     "apgd": "apgd:Apgd",
     "pcfa": "pcfa:Pcfa",
     "square": "square:Square",
+    "transfer": "transfer:Transfer",
+    "worst_of": "worst_of:WorstOf",
 }
 SHIPPED: tuple[str, ...] = tuple(_CLASSES)
 """The attacks of this package; installed packages add others."""
@@ -36,13 +37,43 @@ NORMS: dict[str, str] = {"random_gauss": "rms", "pcfa": "rms"}
 """The norm of an attack's budget in a run, where it is not "linf"."""
 
 
-def norm_of(name: str) -> str:
-    """The norm in which the budget of an attack holds by default; it is not imported to find out.
+def split_name(name: str) -> tuple[str, str, dict[str, str]]:
+    """The parts of an attack's name as a run has it: its name in the registry, what follows that without a "=", and
+    its options.
 
-    >>> norm_of("pgd"), norm_of("pcfa")
-    ('linf', 'rms')
+    >>> split_name("pgd:steps=40:loss=cosine")
+    ('pgd', '', {'steps': '40', 'loss': 'cosine'})
+    >>> split_name("transfer:ptlflow:raft:checkpoint=things")
+    ('transfer', 'ptlflow:raft', {'checkpoint': 'things'})
     """
-    return NORMS.get(name, "linf")
+    head, *parts = name.split(":")
+    argument: list[str] = []
+    options: dict[str, str] = {}
+    for part in parts:
+        option, is_option, value = part.partition("=")
+        if is_option:
+            options[option.strip()] = value.strip()
+        elif options:
+            options[next(reversed(options))] += f":{part}"  # a colon inside a value
+        else:
+            argument.append(part.strip())
+    return head.strip(), ":".join(argument), options
+
+
+def norm_of(name: str) -> str:
+    """The norm in which the budget of an attack holds, by its name in a run; it is not imported to find out.
+
+    >>> norm_of("pgd"), norm_of("pgd:norm=rms"), norm_of("pcfa"), norm_of("transfer:tiny:attack=pcfa")
+    ('linf', 'rms', 'rms', 'rms')
+    """
+    head, argument, options = split_name(name)
+    if "norm" in options:
+        return options["norm"]
+    if head == "transfer" and "attack" in options:
+        return norm_of(options["attack"])
+    if head == "worst_of" and argument:
+        return norm_of(argument.partition("+")[0])
+    return NORMS.get(head, "linf")
 
 
 def control_of(name: str) -> str:
@@ -52,22 +83,6 @@ def control_of(name: str) -> str:
     'random_sign'
     """
     return next(control for control in CONTROLS if norm_of(control) == norm_of(name))
-
-
-def with_controls(names: Iterable[str]) -> tuple[str, ...]:
-    """Attacks, each once, after the random noise of their norms.
-
-    Raises:
-        UsageError: an unknown attack.
-
-    >>> with_controls(["pgd", "square"]), with_controls([])
-    (('random_sign', 'pgd', 'square'), ())
-    """
-    asked = list(dict.fromkeys(names))
-    for name in asked:
-        ATTACKS.get(name)
-    controls = [control for control in CONTROLS if control in map(control_of, asked)]
-    return tuple(dict.fromkeys((*controls, *asked)))
 
 
 for _name, _target in _CLASSES.items():

@@ -162,8 +162,7 @@ def _attacks() -> list[str]:
     for name in ATTACKS.names():
         one = load_attack(name)
         budgets = ", ".join(f"{one.budget(severity):g}" for severity in SEVERITIES)
-        needs = "gradients" if one.needs_gradients else "nothing" if one.control else "any model"
-        lines.append(f"{name:14s} {one.norm:5s} {needs:10s} {budgets}")
+        lines.append(f"{name:14s} {one.norm:5s} {one.needs:10s} {budgets}")
     return [*lines, "Budgets of severities 1 to 5 in grey levels of 255; docs: attacks."]
 
 

@@ -91,8 +91,9 @@ Attacks = Annotated[
     typer.Option(
         "--attacks",
         "--attack",
-        help="Comma-separated adversarial attacks on the model (robustflow list attacks), with random noise of "
-        "their norms; alone, unless --corruptions names some.",
+        help="Comma-separated adversarial attacks on the model (robustflow list attacks), with options after colons "
+        "(pgd:steps=40:loss=cosine, transfer:tiny, worst_of:apgd+square); with random noise of their norms; alone, "
+        "unless --corruptions names some.",
         rich_help_panel=WHAT,
     ),
 ]

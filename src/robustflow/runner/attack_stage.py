@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 
+from ..attacks import Attack, load_attack
 from ..attacks.api import attack_of_sample
-from ..attacks.problem import refuse_without_gradient
-from ..attacks.registry import ATTACKS
 from ..attacks.result import Attacked
 from ..corruptions.base import BGR, VARIANTS
 from ..errors import UsageError
@@ -37,6 +36,7 @@ class AttackStage:
         on_predict: Callable[[str | None], None] = lambda what: None,
     ) -> None:
         self.names = options.attacks
+        self._attacks = attacks_in_run(options.attacks, options.variant)
         self._model = model
         self._options = options
         self._seconds = seconds
@@ -56,21 +56,21 @@ class AttackStage:
         _, name, severity = cell
         with timed(self._seconds, "attack"):
             self._on_predict(describe_cell(*cell))
-            attacked = attack_of_sample(
-                attack_in_run(name, self._options.variant), self._model, sample, clean, severity, self._options.seed
-            )
+            attacked = attack_of_sample(self._attacks[name], self._model, sample, clean, severity, self._options.seed)
             self._on_predict(None)
         return attacked
 
 
-def attack_in_run(name: str, variant: str) -> Any:
-    """The attack of a run: with the run's variant, if the attack has it."""
-    kind = ATTACKS.get(name)
-    return kind(variant=variant) if variant in kind.variants else kind()
+def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
+    """The attacks of a run by name: in the run's variant, if they have it."""
+    return {name: load_attack(name).with_variant(variant) for name in names}
 
 
-def check_attacks(names: tuple[str, ...], variant: str, model: AnyModel) -> None:
-    """Raise unless a model can be attacked in these ways.
+def check_attacks(names: tuple[str, ...], variant: str, model: AnyModel) -> dict[str, str]:
+    """Check that a model can be attacked in these ways.
+
+    Returns:
+        For each attack that something else than its name decides, a digest of it (`Attack.source`).
 
     Raises:
         UsageError: a model of clips or of flows computed elsewhere, or a variant that no attack has.
@@ -78,11 +78,12 @@ def check_attacks(names: tuple[str, ...], variant: str, model: AnyModel) -> None
     """
     if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
         raise UsageError("attacks are made on two frames, which this model does not take; leave out --attacks")
-    if variant not in (*VARIANTS, BGR) and not any(variant in ATTACKS.get(name).variants for name in names):
+    attacks = attacks_in_run(names, variant)
+    if variant not in (*VARIANTS, BGR) and all(one == load_attack(name) for name, one in attacks.items()):
         raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run have it")
-    for name in names:
-        if (attack := attack_in_run(name, variant)).needs_gradients:
-            refuse_without_gradient(model, attack.name)
+    for one in attacks.values():
+        one.check(model)
+    return {name: one.source for name, one in attacks.items() if one.source}
 
 
 def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:

@@ -83,12 +83,12 @@ def set_up(
     named = name_model(model)
     if is_still(benchmark.name) and isinstance(named.model, FlowLookup):
         raise UsageError("flows from files are those of moving pairs; leave out --still, or name a model that predicts")
-    check_attacks(benchmark.attacks, variant, named.model)
+    attack_sources = check_attacks(benchmark.attacks, variant, named.model)
     window = window_on(named.model, benchmark.dataset)
     options = _options(
         seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws, benchmark.classes
     )
-    options = replace(options, attacks=benchmark.attacks)
+    options = replace(options, attacks=benchmark.attacks, attack_sources=attack_sources)
     training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
     provenance = Provenance.of(training, benchmark.name, benchmark.keys, benchmark.protocol)
@@ -201,7 +201,7 @@ def _options_of(
                 f"the run's corruption '{plain(name)}' is your own or an installed package's, and unknown here: name "
                 "it with --own-corruption MODULE:ATTRIBUTE, or install its package"
             )
-    return _options(
+    options = _options(
         frames.seed,
         frames.variant,
         frames.scale,
@@ -211,6 +211,7 @@ def _options_of(
         frames.common_draws,
         classes,
     )
+    return replace(options, attack_sources=frames.attack_sources)  # no attack is made again
 
 
 def _options(

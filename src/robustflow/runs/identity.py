@@ -23,6 +23,10 @@ LONGEST_NAME = 80
 Text = Annotated[str, Field(min_length=1)]
 
 
+_EDITED = {"corruption": "the source of the corruption", "attack": "what decides the attack"}
+_ADDED = {"corruption": "your corruption", "attack": "the attack"}
+
+
 class _IdentityPart(Untrusted):
     """A field with its default value is not written, so that a new field leaves earlier digests as they are."""
 
@@ -46,6 +50,7 @@ class FrameIdentity(_IdentityPart):
         common_draws: whether the severities of a pair share one draw.
         psf: the user's lenses; None for the package's.
         corruptions: the user's, and those of installed packages: name -> digest of the source.
+        attack_sources: attack -> digest of what decides its frames besides its name, such as another model.
     """
 
     benchmark: Text
@@ -59,6 +64,7 @@ class FrameIdentity(_IdentityPart):
     common_draws: bool = False
     psf: Text | None = None
     corruptions: dict[Text, Text] = {}
+    attack_sources: dict[Text, Text] = {}
 
     @property
     def scale(self) -> str:
@@ -97,14 +103,15 @@ class Identity(_IdentityPart):
     def difference(self, before: Identity) -> str:
         """How this identity differs from an earlier one, in words; the user's own corruptions are named."""
         parts = differing_fields(self, before)
-        mine, recorded = self.frames.corruptions, before.frames.corruptions
-        if parts != "corruptions":
+        kind = {"corruptions": "corruption", "attack_sources": "attack"}.get(parts)
+        if kind is None:
             return f"it differs in: {parts}"
-        if edited := self.edited_corruptions(before):
-            return f"the source of the corruption {', '.join(edited)} has changed since"
+        mine, recorded = getattr(self.frames, parts), getattr(before.frames, parts)
+        if edited := [name for name in mine if name in recorded and mine[name] != recorded[name]]:
+            return f"{_EDITED[kind]} {', '.join(edited)} has changed since"
         if added := [name for name in mine if name not in recorded]:
-            return f"it was begun without your corruption {', '.join(added)}"
-        return f"it was begun with the corruption {', '.join(recorded)} besides"
+            return f"it was begun without {_ADDED[kind]} {', '.join(added)}"
+        return f"it was begun with the {kind} {', '.join(recorded)} besides"
 
     def edited_corruptions(self, before: Identity) -> list[str]:
         """The user's corruptions whose source differs between two identities; none if anything else differs as well."""

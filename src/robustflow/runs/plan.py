@@ -62,6 +62,8 @@ class RunOptions:
     """See `Benchmark.classes`."""
     attacks: tuple[str, ...] = ()
     """The conditions that are attacks on the model; the others are corruptions."""
+    attack_sources: Mapping[str, str] = field(default_factory=dict)
+    """What decides attacks besides their names: name to digest."""
     pictures: Path | None = None
     """Where workers store small pictures of corrupted frames; None for nowhere. It changes no number."""
 
@@ -129,6 +131,7 @@ class Plan:
                 attacks=ATTACK_VERSION,
                 severity_scale=f"calibrated {calibration_digest()}" if options.severity_scale == "calibrated" else None,
                 common_draws=options.common_draws,
+                attack_sources=dict(options.attack_sources),
                 **options.sources,
             ),
             model=ModelIdentity(

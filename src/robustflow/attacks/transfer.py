@@ -1,0 +1,112 @@
+"""Transfer: frames that were attacked on another model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+from ..digest import digest_of_value
+from ..errors import ModelError, UsageError
+from ..models.base import AnyModel, FlowModel, predict_checked
+from ..models.construct import as_model
+from ..models.loading import ModelSpec
+from ..random.rng import Rng
+from .api import load_attack
+from .base import VARIANTS, Attack
+from .images import Images
+from .problem import Problem
+from .registry import ATTACKS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer(Attack):
+    """Attack the same pair on another model, and give the model under test what came out. It asks that model nothing,
+    so it fits models without gradients; a white-box attack on a model that hides its gradient should not be weaker.
+
+    Options of the inner attack, and of the model that it is made on, are given like its own:
+    `transfer:raft:checkpoint=things:attack=pgd:steps=40`.
+
+    Args:
+        on: the model on which the attack is made, a name as of `load_model`, or an object.
+        attack: that is made on it.
+        model_options: of that model, if it is named.
+    """
+
+    name: ClassVar[str] = "transfer"
+    needs_gradients: ClassVar[bool] = False
+    argument: ClassVar[str] = "on"
+    variants: ClassVar[tuple[str, ...]] = VARIANTS
+
+    on: Any = "tiny"
+    attack: Attack
+    model_options: tuple[tuple[str, Any], ...] = ()
+
+    @classmethod
+    def made(cls, **options: Any) -> Self:
+        """See `Attack.made`."""
+        on, name = options.pop("on", "tiny"), options.pop("attack", "apgd")
+        kind = type(name) if isinstance(name, Attack) else ATTACKS.get(name)
+        known = {each.name for each in fields(kind)}
+        inner = load_attack(name, **{option: value for option, value in options.items() if option in known})
+        if isinstance(inner, Transfer):
+            raise UsageError("a transfer of a transfer is that of the inner one; name its model alone")
+        rest = tuple((option, value) for option, value in options.items() if option not in known)
+        if rest and not isinstance(on, str):
+            raise UsageError(f"attack transfer: '{rest[0][0]}' is no option of {inner.name}, and the model is built")
+        shared = {each.name: getattr(inner, each.name) for each in fields(Attack)}
+        return cls(on=on, attack=inner, model_options=rest, **shared)
+
+    def with_variant(self, variant: str) -> Self:
+        """See `Attack.with_variant`; the variant is that of the inner attack."""
+        inner = self.attack.with_variant(variant)
+        return type(self)(
+            on=self.on,
+            attack=inner,
+            model_options=self.model_options,
+            **{each.name: getattr(inner, each.name) for each in fields(Attack)},
+        )
+
+    @property
+    def label(self) -> str:
+        """See `Attack.label`."""
+        if not isinstance(self.on, str):
+            raise UsageError("a run names the model of the attack transfer: transfer:MODEL")
+        inner = [] if self.attack.name == "apgd" else [f"attack={self.attack.name}"]
+        options = {**self.attack.options(), **dict(self.model_options)}
+        return ":".join([self.name, self.on, *inner, *(f"{name}={value}" for name, value in options.items())])
+
+    @property
+    def source(self) -> str:
+        """A digest of the identity of the model that the attack is made on."""
+        assert self._spec is not None
+        return digest_of_value([self._spec.identity(self._other), self.attack.source])
+
+    @property
+    def _spec(self) -> ModelSpec | None:
+        return ModelSpec(self.on, self.model_options) if isinstance(self.on, str) else None
+
+    @cached_property
+    def _other(self) -> AnyModel:
+        return self._spec.load() if self._spec else as_model(self.on, "the model of the attack transfer")
+
+    def check(self, model: AnyModel) -> None:
+        """Raise unless the attack can be made on the model that it names.
+
+        Raises:
+            ModelError: it is not a model of two frames, or has no gradients.
+        """
+        if not isinstance(self._other, FlowModel):
+            raise ModelError("the attack transfer is made on a model of two frames, which the one it names is not")
+        self.attack.check(self._other)
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`; evaluations are those of the other model."""
+        pair = problem.pair
+        clean_flow = predict_checked(self._other, pair.frames, pair.key, "clean", 0)  # type: ignore[arg-type]
+        inner = self.attack.problem(self._other, pair, clean_flow)
+        images = self.attack.run(inner, pair.stream(self.attack.name))
+        problem.charge(inner)
+        problem.troubles |= inner.troubles
+        problem.trace += inner.trace
+        return images

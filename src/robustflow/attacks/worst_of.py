@@ -1,0 +1,106 @@
+"""Worst of: several attacks on a pair, of which the strongest counts (Croce and Hein 2020, the idea of AutoAttack)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from ..digest import digest_of_value
+from ..errors import UsageError, unknown_name
+from ..models.base import AnyModel
+from ..random.rng import Rng
+from .api import load_attack
+from .base import VARIANTS, Attack
+from .images import Images, frames_of, images_of
+from .problem import Problem
+
+_PLUS = "+"
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorstOf(Attack):
+    """Make each attack as it would be made alone, evaluate its 8-bit frames, and keep the pair with the largest error.
+
+    Options go to every part that has them: `worst_of:apgd+square:queries=100`.
+
+    Args:
+        parts: attacks of one norm: names joined by "+", or several.
+    """
+
+    name: ClassVar[str] = "worst_of"
+    needs_gradients: ClassVar[bool] = False
+    argument: ClassVar[str] = "parts"
+    variants: ClassVar[tuple[str, ...]] = VARIANTS
+
+    parts: tuple[Attack, ...]
+
+    @classmethod
+    def made(cls, **options: Any) -> Self:
+        """See `Attack.made`."""
+        given: str | Sequence[str | Attack] = options.pop("parts", "apgd+square")
+        names = given.split(_PLUS) if isinstance(given, str) else list(given)
+        plain = [load_attack(name) for name in names]
+        known = [{each.name for each in fields(part)} for part in plain]
+        for option in options:
+            if not any(option in each for each in known):
+                raise unknown_name("option of the attacks in worst_of", option, sorted(set().union(*known)))
+        parts = [
+            load_attack(name, **{option: value for option, value in options.items() if option in each})
+            for name, each in zip(names, known, strict=True)
+        ]
+        norms = {part.norm for part in parts}
+        if len(norms) != 1:
+            raise UsageError(
+                f"attack worst_of: {', '.join(f'{part.name} has norm {part.norm}' for part in parts)}; "
+                "one budget holds for all, so give attacks of one norm"
+            )
+        shared = {each.name for each in fields(Attack)} - {"norm"}
+        return cls(parts=tuple(parts), norm=norms.pop(), **{k: v for k, v in options.items() if k in shared})
+
+    def with_variant(self, variant: str) -> Self:
+        """See `Attack.with_variant`; every part that has the variant gets it."""
+        return replace(self, parts=tuple(part.with_variant(variant) for part in self.parts))
+
+    @property
+    def label(self) -> str:
+        """See `Attack.label`."""
+        mine = {each.name for each in fields(Attack)} - {"norm"}
+        options = {name: value for name, value in self.options().items() if name in mine}
+        options |= {name: value for part in self.parts for name, value in part.options().items()}
+        names = _PLUS.join(part.name for part in self.parts)
+        return ":".join([self.name, names, *(f"{name}={value}" for name, value in options.items())])
+
+    @property
+    def source(self) -> str:
+        """A digest of those of its parts."""
+        sources = [part.source for part in self.parts]
+        return digest_of_value(sources) if any(sources) else ""
+
+    @property
+    def needs(self) -> str:
+        """See `Attack.needs`."""
+        return "gradients" if any(part.needs == "gradients" for part in self.parts) else "any model"
+
+    def check(self, model: AnyModel) -> None:
+        """Raise unless every part can be made.
+
+        Raises:
+            ModelError: one cannot.
+        """
+        for part in self.parts:
+            part.check(model)
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`."""
+        best, highest, pair = problem.ball.clean, -np.inf, problem.pair
+        for part in self.parts:
+            inner = part.problem(problem.model, pair, problem.clean_flow)
+            frames = frames_of(inner.ball.to_8_bits(part.run(inner, pair.stream(part.name))))
+            score = problem.score_of_frames(frames)
+            problem.charge(inner)
+            if score > highest:
+                best, highest, problem.troubles = images_of(*frames), score, inner.troubles
+        return best
