@@ -15,14 +15,6 @@ from robustflow.models import ModelSpec
 from robustflow.runs.manifest import Selection
 from tests.made_rows import change_identity
 
-SCRIPT = """
-import sys
-import robustflow as rf
-if __name__ == "__main__":
-    rf.evaluate("dis", output=sys.argv[1], corruptions=["contrast"], severities=[1], progress={progress})
-"""
-
-
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("api") / "run"
@@ -62,25 +54,21 @@ def test_print_escapes_what_a_file_says(result):
 @pytest.mark.parametrize(
     ("progress", "screen", "seen"), [(None, True, True), (False, True, False), (None, False, False)]
 )
-def test_progress_shows_itself_on_a_terminal(progress, screen, seen, tmp_path):
-    (tmp_path / "script.py").write_text(SCRIPT.format(progress=progress))
+def test_progress_shows_itself_on_a_terminal(progress, screen, seen, tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
     ours, theirs = pty.openpty()
-    command = [sys.executable, "script.py", "run"]
-    environment = os.environ | {"TERM": "xterm", "PYTHONPATH": os.pathsep.join(sys.path), "COLUMNS": "120"}
-    process = subprocess.Popen(
-        command, cwd=tmp_path, env=environment, stderr=theirs if screen else subprocess.PIPE, stdout=subprocess.PIPE
-    )
-    out, err = process.communicate(timeout=120)
+    with open(theirs, "w") as terminal, monkeypatch.context() as patch:
+        if screen:
+            patch.setattr(sys, "stderr", terminal)
+        rf.evaluate("dis", output=tmp_path / "run", corruptions=["contrast"], severities=[1], progress=progress)
     os.set_blocking(ours, False)
-    os.close(theirs)
     try:
         drawn = os.read(ours, 1 << 20)
     except OSError:  # nothing was written
         drawn = b""
     os.close(ours)
-    assert process.returncode == 0
-    assert not out
-    assert not err
+    assert capsys.readouterr() == ("", "")
     assert (b"2/2" in drawn) == seen
     assert bool(drawn) == seen
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import pytest
+from typer.testing import CliRunner
 
-_MAIN = "import sys; sys.argv = ['robustflow']; from robustflow.cli.main import main; main()"
+from robustflow.cli.main import app
 
 
 @pytest.mark.parametrize(
@@ -24,9 +21,7 @@ _MAIN = "import sys; sys.argv = ['robustflow']; from robustflow.cli.main import 
 def test_a_tab_in_bash(typed, offered):
     words = typed.split()
     asked = {"_ROBUSTFLOW_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(words) - 1)}
-    answer = subprocess.run(
-        [sys.executable, "-c", _MAIN], env={**os.environ, **asked}, capture_output=True, text=True, timeout=60
-    )
+    answer = CliRunner().invoke(app, env=asked, prog_name="robustflow")
     assert answer.stderr == ""
     assert offered <= set(answer.stdout.split())
     assert all(word.startswith(words[-1]) for word in answer.stdout.split())

@@ -131,10 +131,10 @@ def test_pairs_alone_have_no_clips(tmp_path):
 
 def test_real_video(shared):
     """A key frame apart, backwards and forwards: the frames around a pair are those that the pairs themselves show."""
-    for path in sorted(shared("data", "video").glob("*.m*"))[:3]:
+    for path in sorted(shared("data", "video").glob("*.m*"))[:2]:
         dataset = load_dataset("folder", path)
         keys = dataset.keys()
-        for place in (len(keys) - 2, 2, len(keys) // 2):
+        for place in (len(keys) - 2, 2):
             for offset in (2, -1, -2):
                 if 0 <= place + offset < len(keys):
                     shown = dataset.load(keys[place + offset]).frames[0]

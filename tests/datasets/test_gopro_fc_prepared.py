@@ -128,10 +128,8 @@ def test_a_multi_frame_model_gets_the_clip(prepared, tmp_path, monkeypatch):
         warnings.simplefilter("ignore")
         pairs = evaluate("dis", "gopro-fc", prepared, tmp_path / "pairs", **chosen)
         one = evaluate("models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "one", **chosen)
-        other = evaluate("models_for_tests:FiveFrames", "gopro-fc", prepared, tmp_path / "other", workers=2, **chosen)
     same = ["sample", "corruption", "severity", "frames_digest"]
     assert one.rows.select(same).equals(pairs.rows.select(same))
-    assert one.rows.equals(other.rows)
     dataset = GoProFCPrepared(prepared)
     frames = [dataset.corrupted_frame("scene/000064", offset, "object_motion_blur", 5) for offset in (-1, -1, 0, 1, 1)]
     frames = [frame.astype(np.int64) for frame in frames]
@@ -201,7 +199,7 @@ def test_all_24_corruptions_are_in_the_table(prepared, tmp_path):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = evaluate(
-                "dis", "gopro-fc", prepared, tmp_path / f"run{workers}", severities=[1, 5], limit=1, workers=workers
+                "dis", "gopro-fc", prepared, tmp_path / f"run{workers}", severities=[5], limit=1, workers=workers
             )
         rows = result.rows.sort("sample", "corruption", "severity")
         tables.append(rows.select("sample", "corruption", "severity", "frames_digest", "rcre_all_sum").rows())

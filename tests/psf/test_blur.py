@@ -41,7 +41,7 @@ def test_error_against_exact_kernels_is_below_rounding(severity):
     rng = np.random.default_rng(severity)
     got = blur(frame, field)
     errors = []
-    for x, y in zip(rng.integers(0, 512, 200), rng.integers(0, 512, 200), strict=True):
+    for x, y in zip(rng.integers(0, 512, 120), rng.integers(0, 512, 120), strict=True):
         errors.append(got[y, x] - blurred_pixel(frame, field.stack, int(x), int(y)))
     error = np.array(errors)
     assert np.sqrt((error**2).mean()) <= 0.15
@@ -98,9 +98,9 @@ def test_every_size_keeps_its_shape_and_range(shape):
     assert got.max() < frame.max() + 1e-4
 
 
-@pytest.mark.parametrize("corner", [(20, 25), (20, 575), (380, 25), (380, 575)])
+@pytest.mark.parametrize("corner", [(20, 25), (20, 275), (180, 25), (180, 275)])
 def test_a_point_near_each_corner_lands_where_the_psf_says(corner):
-    height, width, (y, x) = 400, 600, corner
+    height, width, (y, x) = 200, 300, corner
     frame = np.zeros((height, width, 3), np.uint8)
     frame[y, x] = 255
     field = shipped_field(4)

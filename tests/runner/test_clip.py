@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -100,23 +102,24 @@ def test_what_happens_at_the_ends_is_the_models_choice(clip_folder, tmp_path, wi
 
 
 def test_two_frame_models_see_the_same_bytes_and_keep_their_identity(clip_folder, tmp_path):
-    pairs = run("dis", clip_folder, tmp_path / "pairs", corruptions=[name for name in IMAGE_PAIR if name != "frost"])
-    clip = run(
-        Recorder(), clip_folder, tmp_path / "clips", corruptions=[name for name in IMAGE_PAIR if name != "frost"]
-    )
+    chosen = {"corruptions": [name for name in IMAGE_PAIR if name != "frost"], "severities": [4], "limit": 2}
+    pairs = run("farneback", clip_folder, tmp_path / "pairs", **chosen)
+    clip = run(Recorder(), clip_folder, tmp_path / "clips", **chosen)
     columns = ["sample", "corruption", "severity", "frames_digest"]
     assert pairs.rows.select(columns).equals(clip.rows.select(columns))
     assert pairs.manifest.identity.model.window is None
 
 
-@pytest.fixture
-def whole(clip_folder, tmp_path, models_on_path):
-    return run(MODEL, clip_folder, tmp_path / "whole")
+@pytest.fixture(scope="module")
+def whole(clip_folder, tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(Path(__file__).parent)
+        return run(MODEL, clip_folder, tmp_path_factory.mktemp("whole") / "run")
 
 
-def test_workers_order_and_pieces_make_no_difference(whole, clip_folder, tmp_path):
+def test_workers_order_and_pieces_make_no_difference(whole, clip_folder, tmp_path, models_on_path):
     two = run(MODEL, clip_folder, tmp_path / "two", workers=2)
-    run(MODEL, clip_folder, tmp_path / "pieces", limit=2, corruptions=FAST[2:], workers=2)
+    run(MODEL, clip_folder, tmp_path / "pieces", limit=2, corruptions=FAST[2:])
     run(MODEL, clip_folder, tmp_path / "pieces", corruptions=FAST[:2], severities=[5])
     pieces = run(MODEL, clip_folder, tmp_path / "pieces")
     for other in (two, pieces):
@@ -124,20 +127,20 @@ def test_workers_order_and_pieces_make_no_difference(whole, clip_folder, tmp_pat
         assert (other.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()
 
 
-def test_killed_and_resumed(whole, clip_folder, tmp_path, monkeypatch):
+def test_killed_and_resumed(whole, clip_folder, tmp_path, models_on_path, monkeypatch):
     last = read_image(clip_folder / f"{FRAMES - 2}.png")
     monkeypatch.setenv("DIES_ON", str(int(last[0, 0, 0])))
     with pytest.raises(RunError, match="exit code 17"):
         run(MODEL, clip_folder, tmp_path / "killed", workers=2)
     monkeypatch.delenv("DIES_ON")
     assert 0 < rf.Result(tmp_path / "killed").rows.height < whole.rows.height
-    assert run(MODEL, clip_folder, tmp_path / "killed", workers=2).rows.equals(whole.rows)
+    assert run(MODEL, clip_folder, tmp_path / "killed").rows.equals(whole.rows)
 
 
 def test_video_and_folder_from_the_command_line(tmp_path, models_on_path, monkeypatch, capsys):
     clips.clip(tmp_path / "clip.mp4", FRAMES, fps=25)
     data = ["--benchmark", "folder", "--data", str(tmp_path / "clip.mp4"), "--output", str(tmp_path / "video")]
-    what = ["--corruptions", ",".join(FAST), "--severities", "4", "--workers", "2"]
+    what = ["--corruptions", ",".join(FAST), "--severities", "4"]
     monkeypatch.setattr("sys.argv", ["robustflow", "run", "--model", MODEL, *data, *what])
     with pytest.raises(SystemExit) as stop:
         main()

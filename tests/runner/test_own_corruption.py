@@ -38,7 +38,7 @@ def command(monkeypatch, *arguments):
 
 
 def test_the_command_line_takes_it_and_an_edit_starts_apart(package, monkeypatch, capsys):
-    run = ["run", "--model", "dis", "-O", "preset=fast", "-s", "1", "--no-examples", "--output", "run"]
+    run = ["run", "--model", "dis", "-O", "preset=ultrafast", "-s", "1", "--no-examples", "--output", "run"]
     own = ["--corruptions", "rain_module:Rain,fog+rain_module:Rain"]
     assert command(monkeypatch, *run, *own) == 0
     assert "rain" in capsys.readouterr().out

@@ -32,10 +32,18 @@ def _pages(real_pictures):
         yield
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory, real_pictures):
+    """A run with its page."""
+    with real_pictures():
+        folder = tmp_path_factory.mktemp("made") / "run"
+        return rf.evaluate(MODEL, output=folder, corruptions=["contrast", "high_light"], severities=[1]).path
+
+
 @pytest.fixture
-def folder(tmp_path):
-    run = rf.evaluate(MODEL, output=tmp_path / "run", corruptions=["contrast", "high_light"], severities=[1])
-    return run.path
+def folder(made, tmp_path):
+    """A copy of it, to be changed."""
+    return shutil.copytree(made, tmp_path / "run")
 
 
 @pytest.fixture
