@@ -1,7 +1,5 @@
 """The package's root as a person meets it: completion, print, and progress that shows itself where somebody looks."""
 
-from __future__ import annotations
-
 import os
 import pty
 import subprocess
@@ -14,6 +12,7 @@ from robustflow.errors import UsageError
 from robustflow.models import ModelSpec
 from robustflow.runs.manifest import Selection
 from tests.made_rows import change_identity
+
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):

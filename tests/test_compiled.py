@@ -1,7 +1,5 @@
 """Compiled functions: their cache when several processes fill it at once."""
 
-from __future__ import annotations
-
 import importlib.util
 
 import numpy as np

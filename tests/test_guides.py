@@ -1,7 +1,5 @@
 """The documentation's own examples, run as a reader would."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """What the package says of itself: pins that its extras resolve to, versions that agree, a wheel with every file."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """No public name, parameter, command or option disappears unnoticed: users' scripts name them."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

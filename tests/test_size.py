@@ -1,7 +1,5 @@
 """Sizes as options give them."""
 
-from __future__ import annotations
-
 import pytest
 
 from robustflow.errors import UsageError

@@ -1,7 +1,5 @@
 """Result files of the reference code and of FlowBench: what is read from them, and how a wrong one is refused."""
 
-from __future__ import annotations
-
 import json
 import math
 from statistics import fmean

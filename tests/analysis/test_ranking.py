@@ -1,7 +1,5 @@
 """Competition ranks against their definition: one more than the number of smaller values."""
 
-from __future__ import annotations
-
 from hypothesis import given
 from hypothesis import strategies as st
 

@@ -1,7 +1,5 @@
 """Ranks against those of SciPy, which takes a second to load."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

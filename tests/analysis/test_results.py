@@ -1,7 +1,5 @@
 """Results files: what is read, and how a wrong one is refused."""
 
-from __future__ import annotations
-
 import pytest
 
 from robustflow.analysis.results import RESULT_SCHEMA, parse_results, read_results, results_csv

@@ -1,7 +1,5 @@
 """One app for all tests of a process."""
 
-from __future__ import annotations
-
 import pytest
 
 from .launch import running_app

@@ -1,7 +1,5 @@
 """The numbers that the app shows, computed with the library alone."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import robustflow as rf

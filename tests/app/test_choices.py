@@ -1,7 +1,5 @@
 """The models a page offers: those that load from their name and take two frames."""
 
-from __future__ import annotations
-
 import pytest
 
 from robustflow.app.choices import Models

@@ -1,7 +1,5 @@
 """axe-core on every view of the pages, in light and dark: nothing serious, nothing critical."""
 
-from __future__ import annotations
-
 import pytest
 
 pytestmark = pytest.mark.browser

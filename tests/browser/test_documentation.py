@@ -1,7 +1,5 @@
 """The documentation site as it is built: no warning, nothing from elsewhere, readable by everybody on any screen."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

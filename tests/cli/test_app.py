@@ -1,7 +1,5 @@
 """`robustflow app` where it cannot start; what it does where it can is in tests/app."""
 
-from __future__ import annotations
-
 from robustflow import extras
 
 

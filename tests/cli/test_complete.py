@@ -1,7 +1,5 @@
 """Completion in the shell, asked for as a shell asks."""
 
-from __future__ import annotations
-
 import pytest
 from typer.testing import CliRunner
 

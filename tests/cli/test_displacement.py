@@ -1,7 +1,5 @@
 """`displacement`: the embedded pair's is its disparity, and a run keeps that of its own frames."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`robustflow run` draws its examples, and `robustflow examples` those of a finished run."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Rows for other programs, and a folder of records that several people add to."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 

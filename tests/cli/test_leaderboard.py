@@ -1,7 +1,5 @@
 """`leaderboard`, and `report` as a page, on the command line."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

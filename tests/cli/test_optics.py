@@ -1,7 +1,5 @@
 """`robustflow optics` as a person meets it."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`robustflow predict`: what is written is what the model says."""
 
-from __future__ import annotations
-
 import av
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """`pack` and `verify` on the command line, and records where runs are read."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`report`, `audit` and `compare` on the command line."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """`reproduce` on the command line."""
 
-from __future__ import annotations
-
 import csv
 
 import pytest

@@ -1,7 +1,5 @@
 """A run's model on RobustSpring's frames, as its server wants the flows."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

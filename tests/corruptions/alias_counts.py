@@ -1,7 +1,5 @@
 """What an alias table leads to."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from robustflow.corruptions.kernels.alias import height_bits

@@ -1,7 +1,5 @@
 """Textured frames."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """A corruption as a user writes it: rain, whose depth is in a module beside it."""
 
-from __future__ import annotations
-
 import textwrap
 
 RAIN = textwrap.dedent(

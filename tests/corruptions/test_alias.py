@@ -1,7 +1,5 @@
 """Alias tables return every outcome exactly as often as asked; distributions agree with scipy's."""
 
-from __future__ import annotations
-
 from decimal import Decimal
 
 import numpy as np

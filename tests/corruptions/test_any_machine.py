@@ -1,7 +1,5 @@
 """The same bytes on a processor of 2003 as on this one: every compiled path held to the oldest instructions."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

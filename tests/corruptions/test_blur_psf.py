@@ -1,7 +1,5 @@
 """PSF blur: against the reference implementation's pictures, its own lenses, and stacks from files."""
 
-from __future__ import annotations
-
 import io
 import json
 import pickle

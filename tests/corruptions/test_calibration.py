@@ -1,7 +1,5 @@
 """The calibrated scale: the paths, the table that ships, and what a run does with severities that do not exist."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The variant "reference-bgr": the reference code's corruptions on frames in OpenCV's channel order."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """What every registered corruption of image pairs promises, on frames of many sizes."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

@@ -4,8 +4,6 @@ A thread pool does not survive a fork: a worker that touches one waits for ever,
 own, against the clock.
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

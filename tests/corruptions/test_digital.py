@@ -1,7 +1,5 @@
 """Digital corruptions against Pillow, a naive float64 loop, and exact fractions."""
 
-from __future__ import annotations
-
 import io
 from fractions import Fraction
 

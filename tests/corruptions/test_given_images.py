@@ -1,7 +1,5 @@
 """`corrupt` takes single images, and images of Pillow, as they are."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

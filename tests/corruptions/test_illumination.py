@@ -1,7 +1,5 @@
 """Illumination corruptions against exact fractions and the HSV round trip; which frame is exposed."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Noise: exact distributions, sample by sample from the generator's lanes, independent between frames."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

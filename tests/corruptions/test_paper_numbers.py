@@ -1,8 +1,6 @@
 """The numbers of the paper's appendix "Corruption Details", copied by hand: no test that asks the class for its own
 parameters would notice another one."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

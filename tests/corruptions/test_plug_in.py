@@ -1,7 +1,5 @@
 """A corruption of an installed package: by name, without a line in this one, its source part of the identity."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """SSIM against a naive loop in float64, and against the definition of the reference folder."""
 
-from __future__ import annotations
-
 import importlib.util
 
 import cv2

@@ -1,7 +1,5 @@
 """Stacks of corruptions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from skimage import data

@@ -1,7 +1,5 @@
 """The transform on tensors: against the plain one, in structures, batches and the workers of a DataLoader."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

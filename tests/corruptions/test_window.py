@@ -1,7 +1,5 @@
 """A clip around a pair: one draw, the pair's bytes, and frames before it that are frames like any other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The frames around a pair, in every data set that has them."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Facts as data: each built-in data set and benchmark states them once, and unknown names give neutral ones."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

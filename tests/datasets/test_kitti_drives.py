@@ -1,7 +1,5 @@
 """The table of drives against what is known of it, and rows that were written before there was one."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

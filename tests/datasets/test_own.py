@@ -1,7 +1,5 @@
 """A user's own data set and benchmark: checked before anything runs, and known by their source."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """Data sets iterate and index."""
 
-from __future__ import annotations
-
 import pytest
 
 from robustflow.datasets import load_dataset

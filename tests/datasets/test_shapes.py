@@ -1,7 +1,5 @@
 """Flying shapes: exact flow, occlusion against brute force, the same bytes everywhere."""
 
-from __future__ import annotations
-
 import hashlib
 import pickle
 

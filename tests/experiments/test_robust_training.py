@@ -1,7 +1,5 @@
 """The experiment from the command line: complete, and continued where it was stopped."""
 
-from __future__ import annotations
-
 import pytest
 from typer.testing import CliRunner
 

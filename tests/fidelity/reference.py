@@ -1,7 +1,5 @@
 """The reference folder: its frames, its pictures, its numbers. All it knows of the pair comes from the folder."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 

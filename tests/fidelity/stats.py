@@ -5,8 +5,6 @@ standard deviation, mean gradient, share of black and white samples, correlation
 and what two classical flow methods make of the pair.
 """
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Every picture of every corruption that draws nothing (or only which frame), pixel by pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -5,8 +5,6 @@ are those that it names and gives the cause of: glass blur's share of white samp
 and half a grey level on its standard deviations.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

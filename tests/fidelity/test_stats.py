@@ -1,7 +1,5 @@
 """Our statistics reproduce the reference's numbers where the pictures are the same to the bit."""
 
-from __future__ import annotations
-
 import pytest
 
 from robustflow.random.rng import Rng

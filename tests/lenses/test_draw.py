@@ -1,7 +1,5 @@
 """Figures: they show what they should, and come out as the files asked for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Refractive indices against the catalogue's own n_d and V_d."""
 
-from __future__ import annotations
-
 import pytest
 
 from robustflow.errors import UsageError

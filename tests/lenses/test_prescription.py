@@ -1,7 +1,5 @@
 """Prescriptions as files."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

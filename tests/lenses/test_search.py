@@ -1,7 +1,5 @@
 """The search: named by its seed, ended by its counts, and better for every stage."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The metrics once more, as plain Python loops over float64 pixels, written from their definitions."""
 
-from __future__ import annotations
-
 import math
 
 

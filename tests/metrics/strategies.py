@@ -1,7 +1,5 @@
 """Random flows, masks and samples; values that lie on the metrics' thresholds are drawn often."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp

@@ -1,7 +1,5 @@
 """Metrics of plain arrays: against plain loops, whatever the library, dtype and mask they come in."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One pass gives the bytes that a pass for each sum gave."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

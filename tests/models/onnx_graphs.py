@@ -1,7 +1,5 @@
 """ONNX networks whose flow is a known function of their inputs."""
 
-from __future__ import annotations
-
 import onnx
 from onnx import TensorProto, helper
 

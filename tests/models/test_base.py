@@ -1,7 +1,5 @@
 """What a model raises reaches a person with the place where it happened."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 On the CPU `predict_batch` goes pair by pair, so these tests call `run`, the single call of the network that a GPU gets.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

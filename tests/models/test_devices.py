@@ -1,7 +1,5 @@
 """Which accelerators a run of a model uses."""
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 

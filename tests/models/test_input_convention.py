@@ -1,7 +1,5 @@
 """Sizes that a network cannot take."""
 
-from __future__ import annotations
-
 import pytest
 
 from robustflow.models.input_convention import InputConvention

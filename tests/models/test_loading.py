@@ -1,7 +1,5 @@
 """Models are found by name, by module and attribute, or in a folder."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

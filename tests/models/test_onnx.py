@@ -1,7 +1,5 @@
 """ONNX files: colours, range, padding and every way in, proved on networks whose flow is known; and hostile files."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 

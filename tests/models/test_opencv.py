@@ -1,7 +1,5 @@
 """The OpenCV methods, on motion that is known."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

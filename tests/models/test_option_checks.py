@@ -1,7 +1,5 @@
 """What an option of a model must be: numbers and truth values that came as text are not taken for one another."""
 
-from __future__ import annotations
-
 import pytest
 
 from robustflow import load_model

@@ -1,7 +1,5 @@
 """A missing file or checkpoint is said before anything heavy is imported."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

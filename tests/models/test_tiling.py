@@ -1,7 +1,5 @@
 """Tiles: where they lie, how they are blended, and that a model's tiles are the frames' pixels."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Windows of multi-frame models: what they are given anywhere in a sequence."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

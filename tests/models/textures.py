@@ -1,7 +1,5 @@
 """Pairs of frames with something to see, for networks whose weights are random."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

@@ -1,7 +1,5 @@
 """BrightFlow against the original's outputs."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")

@@ -1,7 +1,5 @@
 """FLAVR against the original's outputs, for every number of frames between."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")

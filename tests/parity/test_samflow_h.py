@@ -1,7 +1,5 @@
 """SAMFlow-H against the original's outputs. The weights take 2.6 GB."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")

@@ -1,7 +1,5 @@
 """PSFs of a lens: energy, symmetry, centring, resolution."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

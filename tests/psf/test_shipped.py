@@ -1,7 +1,5 @@
 """The shipped lenses: what the paper says of them, what can be made, and what happens to damaged files."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

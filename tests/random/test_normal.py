@@ -1,7 +1,5 @@
 """Normal numbers from bits against scipy's quantile function."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtri
 

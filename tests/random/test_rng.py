@@ -3,8 +3,6 @@
 Statistics are of fixed streams, so a test passes always or never; limits are at about five standard errors.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """What a record says is what the run says, less what names a machine."""
 
-from __future__ import annotations
-
 import json
 import platform
 import shutil

@@ -1,7 +1,5 @@
 """Names as anyone's file may have them: each would do something where it is not treated as text."""
 
-from __future__ import annotations
-
 HOSTILE = [
     "<img src=x onerror=alert(1)>",
     '"><script>alert(1)</script>',

@@ -1,7 +1,5 @@
 """The gallery: its cells are what `corrupt` makes, its files whole, its page free of addresses."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

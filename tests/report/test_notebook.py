@@ -1,7 +1,5 @@
 """What a notebook shows of a run: nothing in it can run, and the figures are those of the run."""
 
-from __future__ import annotations
-
 import io
 import re
 from base64 import b64decode

@@ -1,7 +1,5 @@
 """Which of the paper's variants run here, with which weights."""
 
-from __future__ import annotations
-
 import hashlib
 
 import pytest

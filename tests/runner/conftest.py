@@ -1,7 +1,5 @@
 """Small runs on the embedded pair."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -5,8 +5,6 @@
 Polars is not used before the fork, for its threads would not live on in the child.
 """
 
-from __future__ import annotations
-
 import os
 import pathlib
 import signal

@@ -1,7 +1,5 @@
 """The order in which cells are handed out, and the units that their rows make."""
 
-from __future__ import annotations
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -1,7 +1,5 @@
 """Which engine computes a run, in words."""
 
-from __future__ import annotations
-
 import sys
 import threading
 from types import ModuleType, SimpleNamespace

@@ -1,7 +1,5 @@
 """Amplitude histograms: against a pixel-by-pixel count."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

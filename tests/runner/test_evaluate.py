@@ -1,7 +1,5 @@
 """Whole runs: every engine, in pieces or whole, gives the same rows."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The digest of a row names bytes and sizes."""
 
-from __future__ import annotations
-
 import numpy as np
 from blake3 import blake3
 

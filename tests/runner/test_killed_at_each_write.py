@@ -1,7 +1,5 @@
 """Whatever write a run is killed at, the next start leaves the rows and the files of one that was never killed."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """What a model is called: a name that is shown everywhere and changes no number."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -1,7 +1,5 @@
 """A run with a corruption of the user's own: resumed, refused when its source is edited, in processes, in a record."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Clips prepared on a Ray cluster: the same files, whatever happens to its nodes."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import pytest

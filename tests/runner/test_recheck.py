@@ -1,7 +1,5 @@
 """Frames made again from the data are those of the run, and other data, seeds and rows are noticed."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import polars as pl

@@ -1,7 +1,5 @@
 """A run never goes on with another model or with other data under the old names."""
 
-from __future__ import annotations
-
 import importlib
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Slots of memory that two processes share."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 

@@ -1,7 +1,5 @@
 """Models on accelerators: a process that predicts, others that corrupt and measure for it; the same rows."""
 
-from __future__ import annotations
-
 import multiprocessing
 import threading
 

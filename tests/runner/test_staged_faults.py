@@ -1,7 +1,5 @@
 """A predicting process or a feeder that fails ends the run with a sentence; a driver that is killed leaves nothing."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

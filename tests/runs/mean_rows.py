@@ -1,7 +1,5 @@
 """Rows of given mean errors."""
 
-from __future__ import annotations
-
 COUNTS = ("fl_count", "px1_count", "px3_count", "px5_count")
 
 

@@ -1,7 +1,5 @@
 """The histogram beside a run's rows: written from the ground truth, drawn in its pages, and not believed blindly."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,8 +1,6 @@
 """A changed byte of a file is noticed where its format cannot tell: between two calls, during one, and since the list
 of digests was written; what is no file is never opened."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

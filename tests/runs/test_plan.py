@@ -1,7 +1,5 @@
 """Which cells a run consists of, written out by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

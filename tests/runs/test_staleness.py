@@ -1,7 +1,5 @@
 """Means and report are kept while nothing changed, and never believed of other rows."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The small data set is one: it keeps the rules, its flow is exact, and a benchmark runs on it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

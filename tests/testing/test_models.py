@@ -1,7 +1,5 @@
 """`check_model` passes what keeps the rules and names each rule that is broken; the small models are what they say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Losses against naive loops and against autograd's numerical derivative."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

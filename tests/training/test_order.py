@@ -1,7 +1,5 @@
 """The order of a training's pairs, and the share of each process."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Recipes: those of the paper's tables, and what is refused."""
 
-from __future__ import annotations
-
 import csv
 import tomllib
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """Encoding and decoding: lossless is lossless, times survive, one thread, equal input gives equal files."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """What a user may hand in: handled, or refused in one clear sentence."""
 
-from __future__ import annotations
-
 import av
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The steps of dense inverse search as plain float64 loops over patches, without their shortcuts."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import map_coordinates
 

@@ -1,7 +1,5 @@
 """Dense inverse search on colours: motion that is known, frames of every kind, and OpenCV's version beside it."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess
@@ -173,6 +171,7 @@ for point in (1, 2, 3, 4):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="the oldest instructions of x86-64")
 def test_oldest_instructions_give_the_same_bytes(tmp_path, capsys):
     oldest = {"NUMBA_CPU_NAME": "x86-64", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": str(tmp_path)}

@@ -1,7 +1,5 @@
 """Scales, slopes and enlarging, against SciPy and plain formulas."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.polynomial.polynomial import polyder, polyval2d

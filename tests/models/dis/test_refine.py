@@ -1,7 +1,5 @@
 """The refinement: its forms against a plain sum of squares, its relaxation against a direct solver, its energy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import correlate1d, gaussian_filter

@@ -1,7 +1,5 @@
 """The search and the dense flow against plain loops."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import gaussian_filter
 

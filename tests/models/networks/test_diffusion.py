@@ -1,7 +1,5 @@
 """The diffusion schedule against its definition, and the sampler's step against what it should keep."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")

@@ -1,7 +1,5 @@
 """FlowDiffuser by name: the authors' file layout, the noise's seed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """SAMFlow by name: the authors' file layout, tiles, and what is said when something does not fit."""
 
-from __future__ import annotations
-
 import inspect
 
 import numpy as np

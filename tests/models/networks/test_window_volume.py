@@ -1,7 +1,5 @@
 """The windowed correlation against a float64 loop over its definition."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")

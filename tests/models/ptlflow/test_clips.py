@@ -1,7 +1,5 @@
 """Multi-frame models of ptlflow: the same bits as from the library itself, anywhere in a sequence, in any order."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import pickle

@@ -1,7 +1,5 @@
 """What ptlflow's constructors are given, on classes with the shapes that its models have."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pytest

@@ -1,7 +1,5 @@
 """Models of ptlflow: the same bits as from the library itself, nothing on stdout, and what is said when one fails."""
 
-from __future__ import annotations
-
 import inspect
 import subprocess
 import sys

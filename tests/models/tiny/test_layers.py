@@ -1,7 +1,5 @@
 """The layers of the small network against SciPy and naive loops."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The small network by name: what it knows, with and without PyTorch."""
 
-from __future__ import annotations
-
 import json
 import re
 

@@ -1,7 +1,5 @@
 """Checkpoints come from anywhere: good ones in every layout, and hostile ones, which neither run nor slip through."""
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import os

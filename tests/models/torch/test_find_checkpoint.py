@@ -1,7 +1,5 @@
 """Where a checkpoint is looked for: a path as it is, a published name in PyTorch's cache before a file called so."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

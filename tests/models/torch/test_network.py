@@ -1,7 +1,5 @@
 """The project's own networks by name: what is asked for, what is recorded, and rows that no worker count changes."""
 
-from __future__ import annotations
-
 import hashlib
 from importlib import util
 

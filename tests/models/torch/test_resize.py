@@ -1,7 +1,5 @@
 """Resizing a flow keeps what it says about the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

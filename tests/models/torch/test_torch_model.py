@@ -1,7 +1,5 @@
 """The adapter of PyTorch networks: what goes in, what comes out, and that batches change nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """torchvision's RAFT: the same bits as from the library itself, by name or file."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

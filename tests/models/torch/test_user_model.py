@@ -1,7 +1,5 @@
 """A user's own PyTorch module: declared, known by its library, or found by trying; and what cannot be found."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Weights that do not fit a network, or should not be in one."""
 
-from __future__ import annotations
-
 import pytest
 
 pytest.importorskip("torch", reason="needs the torch extra")

@@ -1,7 +1,5 @@
 """What bounds a page of many runs: pictures, curves, and an embedded pair that is drawn once."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 

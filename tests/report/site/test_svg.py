@@ -1,7 +1,5 @@
 """A figure inside a page: its marks say what they are, its ids are its own, its colours are the page's."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ElementTree
 
