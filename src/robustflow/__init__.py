@@ -4,14 +4,14 @@
 >>> model = rf.load_model("dis")
 """
 
-from __future__ import annotations
-
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
 from .version import VERSION
 
+TYPE_CHECKING = False  # `python -m robustflow` may import nothing before __main__ corrects the path
 if TYPE_CHECKING:
+    from typing import Any
+
     from . import attacks, corruptions, datasets, metrics, models, testing
     from .api import Result, evaluate, load_run
     from .attacks import Attacked, attack, list_attacks
@@ -89,7 +89,7 @@ def __dir__() -> list[str]:
     return sorted({*__all__, "__version__", "__doc__", "__name__"})
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     """Import a public name on first use: `import robustflow` stays fast."""
     if name in _MODULES:
         return import_module(f".{name}", __name__)

@@ -1,6 +1,7 @@
 """The command `robustflow`, and `python -m robustflow`, which `torchrun -m robustflow` needs."""
 
 import _signal  # type: ignore[import-not-found]  # `signal` itself imports more
+import sys
 
 
 def main() -> None:
@@ -15,4 +16,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    if not sys.flags.safe_path and not __file__.startswith(f"{sys.path[0]}/robustflow/"):
+        del sys.path[0]  # the working folder, which may come from anyone
     main()

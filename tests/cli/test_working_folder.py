@@ -85,6 +85,20 @@ def test_decoys_that_python_itself_looks_at_run(place):
     assert place.what_ran() == ["multiprocessing"]
 
 
+def test_started_with_python_m_in_a_folder_of_decoys_runs_none_but_what_python_loads_before_it(tmp_path):
+    place = Place(tmp_path)
+    (tmp_path / "loaded.py").write_text("import sys\nprint(*sys.modules)\n")
+    of_python = subprocess.run(
+        [sys.executable, "-m", "loaded"], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    for name in of_python.stdout.split():
+        (place.here / f"{name}.py").unlink(missing_ok=True)
+    assert len(list(place.here.iterdir())) > 200
+    done = place.python("-m", "robustflow", "list", "models")
+    assert place.what_ran() == []
+    assert "farneback" in done.stdout
+
+
 def test_run_and_report_in_a_folder_of_decoys_import_a_model_and_a_corruption_there_and_no_decoy(place, tmp_path):
     (place.here / "mine.py").write_text(
         "import helper\nimport numpy as np\n"
