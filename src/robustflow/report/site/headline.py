@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from ...runs.run import Run
 
 MOST_COMPARED = 8
-_RANKED: tuple[NumberKey, ...] = (("cre", AVERAGE), ("rcre", AVERAGE))
 _CLEAN: NumberKey = ("epe", CLEAN)
+_MOVED: NumberKey = ("rcre", AVERAGE)
+_RANKED: tuple[NumberKey, ...] = (("cre", AVERAGE), _MOVED)
 
 
 def headline(content: Content, benchmark: str | None = None) -> list[str]:
@@ -121,7 +122,7 @@ def _alone(entry: LeaderboardEntry) -> list[str]:
 
 
 def _of_own(entries: list[LeaderboardEntry], content: Content) -> list[str]:
-    """The lowest CRE together with the accuracy, among the models without doubts."""
+    """Which error grows least, if that is more than chance, and the accuracy; among the models without doubts."""
     left_out = _not_ranked(entries, "Not ranked")
     sound = [entry for entry in entries if not entry.doubt]
     ranked = _ranked(sound)
@@ -129,25 +130,29 @@ def _of_own(entries: list[LeaderboardEntry], content: Content) -> list[str]:
         return [sentence for entry in sound for sentence in _alone(entry)] + left_out
     key, order = ranked
     best, second = order[0], order[1]
-    metric = METRIC_LABELS[key[0]]
     start = f"{benchmark_label(best.benchmark)}, {len(sound)} models on the same frames: "
     if best.numbers[key] == second.numbers[key]:
-        same = f"{start}{best.model} and {second.model} have the same lowest {metric} ({_shown(best, key)})."
-        return [same, *left_out]
-    sentence = (
-        f"{start}{best.model} has the lowest {metric} ({_shown(best, key)}), before {second.model} "
-        f"({_shown(second, key)})."
-    )
+        return [f"{start}{best.model} and {second.model} share the lead ({_shown(best, key)}).", *left_out]
+    sure, evidence = _difference(key[0], order, content)
+    first, other = (f"{entry.model} ({_shown(entry, key)})" for entry in (best, second))
+    if sure:
+        sentence = f"{start}{_LEAST[key[0]]} under corruption for {first}, before {other}"
+    else:
+        sentence = f"{start}none can be called the most robust: the lead of {first} over {other} may be chance"
+    moved, less = (entry.numbers.get(_MOVED) for entry in (best, second))
+    if key != _MOVED and moved is not None and less is not None and moved - less >= 0.005:
+        sentence += f"; the flow of {second.model} changes less (RCRE {less:.2f} against {moved:.2f} px)"
+    sentence += "."
     accurate = min(order, key=lambda entry: entry.numbers.get(_CLEAN, float("inf")))
     if accurate.numbers.get(_CLEAN, float("inf")) < best.numbers.get(_CLEAN, 0.0):
         sentence += f" The most accurate is {accurate.model} ({_shown(accurate, key)})."
-    return [sentence, *_difference(key[0], order, content), *left_out]
+    return [sentence, *evidence, *left_out]
 
 
 def _shown(entry: LeaderboardEntry, key: NumberKey) -> str:
     """A score together with the accuracy, without which it cannot be judged."""
     clean = entry.texts.get(_CLEAN)
-    return f"{entry.texts[key]} px" + (f"; clean EPE {clean} px" if clean else "")
+    return f"{METRIC_LABELS[key[0]]} {entry.texts[key]} px" + (f"; clean EPE {clean} px" if clean else "")
 
 
 def _not_ranked(entries: Sequence[LeaderboardEntry], start: str) -> list[str]:
@@ -156,20 +161,21 @@ def _not_ranked(entries: Sequence[LeaderboardEntry], start: str) -> list[str]:
     return [f"{start}: {'; '.join(reasons)}."] if reasons else []
 
 
-def _difference(metric: str, order: Sequence[LeaderboardEntry], content: Content) -> list[str]:
-    """Whether the best differs from the second, corrected for every pair of the best `MOST_COMPARED`, because the two
-    were chosen by looking at all."""
+def _difference(metric: str, order: Sequence[LeaderboardEntry], content: Content) -> tuple[bool, list[str]]:
+    """Whether the best leads the second by more than chance, and the sentence about it; corrected for every pair of the
+    best `MOST_COMPARED`, because the two were chosen by looking at all."""
     runs = {entry.name: content.runs.get((entry.sample_set, entry.name)) for entry in order[:MOST_COMPARED]}
     rows = paper_rows if content.of_paper else (lambda run: run.rows)
     measured = {name: rows(run) for name, run in runs.items() if run is not None}
     if len(measured) < len(runs):
-        return []  # Results files have no values per image.
+        return False, []  # Results files have no values per image.
     try:
         table = compare_all(measured, metric)
     except RunError:
-        return []  # Records may group the same samples differently; the leaderboard still shows what each measured.
+        return False, []  # Records may group the same samples differently; the leaderboard still shows their values.
     pair = table.filter(first=order[0].name, second=order[1].name)
-    return [plain(sentence, None) for sentence in pair["sentence"]]
+    sure = any(p is not None and p < 0.05 for p in pair["p_holm"])
+    return sure, [plain(sentence, None) for sentence in pair["sentence"]]
 
 
 def _ranked(entries: Sequence[LeaderboardEntry]) -> tuple[NumberKey, list[LeaderboardEntry]] | None:
