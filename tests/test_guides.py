@@ -8,7 +8,7 @@ import robustflow as rf
 
 from .guide_blocks import DOCS, RUNNABLE, Reader, blocks, pages
 
-OWN_TESTS = {"add-your-model.md", "add-your-corruption.md", "add-your-dataset.md", "records.md"}
+OWN_TESTS = {"add-your-model.md", "add-your-corruption.md", "add-your-attack.md", "add-your-dataset.md", "records.md"}
 """Pages whose results are looked at, below."""
 SLOW = {"tutorials/first-run.md"}
 
@@ -78,6 +78,22 @@ def test_add_your_corruption(reader):
     reader.follow("add-your-corruption.md")
     assert set(rf.load_run("runs/rain").rows["corruption"]) == {"clean", "rain", "fog+rain"}
     assert float(reader.printed[-1].splitlines()[-1]) > -1
+
+
+def test_add_your_attack(reader):
+    reader.follow("add-your-attack.md")
+    rows = rf.load_run("runs/flicker").attack_rows
+    assert set(rows["corruption"]) >= {"clean", "random_sign", "flicker:queries=4"}
+    assert rows.filter(corruption="flicker:queries=4")["attack_evaluations"].to_list() == [4]
+    assert reader.printed[-1].splitlines()[-1] == "2.0"
+
+
+@pytest.mark.torch
+def test_add_your_attack_with_torch(reader):
+    pytest.importorskip("torch", reason="needs the torch extra")
+    reader.run(blocks((DOCS / "add-your-attack.md").read_text()), "add-your-attack.md")
+    assert "attack 'momentum': every check passes" in "".join(reader.printed)
+    assert "momentum:steps=2" in set(rf.load_run("runs/momentum").attack_rows["corruption"])
 
 
 def test_records(reader):

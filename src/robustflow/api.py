@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from .analysis.uncoupled import Uncoupled
-    from .benchmarks.base import AnyAttack, AnyCorruption
+    from .attacks.api import AnyAttack
+    from .benchmarks.base import AnyCorruption
     from .report.comparison import Comparison
     from .runner.progress import Progress
     from .runner.setup import Setup
@@ -140,7 +141,8 @@ def evaluate(
             folder. A corruption is a name, `"module.path:Attribute"`, or one of your own as a class or an object; the
             source of your own is part of the run's identity (docs/add-your-corruption.md).
         attacks: adversarial attacks (docs/attacks.md) to run as well at these severities, one or several names, with
-            options if there are any (`"pgd:steps=40"`); without `corruptions` they run alone. Random noise of the same
+            options if there are any (`"pgd:steps=40"`), or your own, `"module.path:Attribute"`, a class or an object;
+            without `corruptions` they run alone. Random noise of the same
             norm comes with them, and no mean over corruptions includes them; see `Result.attack_table`.
         split: a file naming the samples to use, one key per line; or "drive-disjoint", for KITTI 2015.
         data_options: options of a data set, for example {"render_pass": "final"}.

@@ -129,6 +129,6 @@ def _spell(value: Any, where: str) -> str:
     if inspect.isclass(value) or inspect.isroutine(value):
         return f"{value.__module__}:{value.__qualname__}"
     raise UsageError(
-        f"{where} holds a {type(value).__name__}, which a later run could not recognise; give the corruption a "
-        "property `source` that states, as text, what decides its result"
+        f"{where} holds a {type(value).__name__}, which a later run could not recognise; give it a property "
+        "`source` that states, as text, what decides its result"
     )

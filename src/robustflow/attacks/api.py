@@ -15,9 +15,13 @@ from ..sample import Flow, Frame, Mask, Sample
 from ..severity import check_severity
 from .base import Attack
 from .images import frames_of
+from .own import OwnAttack, is_own, register_attack, with_target_registered
 from .problem import Pair, Problem
 from .registry import ATTACKS, CONTROLS, control_of, split_name
 from .result import Attacked, norms_of
+
+AnyAttack = str | Attack | Any
+"""An attack's name, one from `load_attack`, or the user's own as an object or a class."""
 
 _LAST_QUARTER = 0.02
 _ROUNDING = 0.05
@@ -32,12 +36,13 @@ def list_attacks() -> list[str]:
     return list(ATTACKS.names())
 
 
-def load_attack(name: str | Attack, **options: Any) -> Attack:
+def load_attack(name: AnyAttack, **options: Any) -> Attack:
     """An attack with options, see its class.
 
     Args:
         name: as `robustflow list attacks` prints it, with options if there are any: `pgd:steps=40:loss=cosine`,
-            `transfer:tiny:attack=pgd`, `worst_of:apgd+square`.
+            `transfer:tiny:attack=pgd`, `worst_of:apgd+square`; or an attack of your own, as a class or an object
+            (docs/add-your-attack.md), which is known by its name from then on. Nothing is imported for a name.
         options: as in the name.
 
     Raises:
@@ -54,15 +59,20 @@ target, loss, reference, moved, steps, starts
         if options:
             raise UsageError(f"the attack {name.name} is already built, so it takes no options: {', '.join(options)}")
         return name
+    if not isinstance(name, str):
+        return OwnAttack.of(register_attack(name), **options)
     head, argument, given = split_name(name)
+    if is_own(head) and not argument:
+        return OwnAttack.of(head, **given, **options)
     kind = ATTACKS.get(head)
     if argument and not kind.argument:
         raise UsageError(f"'{name}': attack {head} takes options, option=value, and no '{argument}'")
     return kind.made(**({kind.argument: argument} if argument else {}), **given, **options)
 
 
-def with_controls(attacks: Iterable[str | Attack]) -> tuple[str, ...]:
-    """Names of attacks as a run has them (`Attack.label`), each once, after the random noise of their norms.
+def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
+    """Names of attacks as a run has them (`Attack.label`), each once, after the random noise of their norms. Only for
+    what the user requests: `module.path:Attribute` is imported.
 
     Raises:
         UsageError: an unknown attack or option.
@@ -70,7 +80,8 @@ def with_controls(attacks: Iterable[str | Attack]) -> tuple[str, ...]:
     >>> with_controls(["pgd:steps=20", "square"]), with_controls([])
     (('random_sign', 'pgd', 'square'), ())
     """
-    asked = list(dict.fromkeys(load_attack(each).label for each in attacks))
+    named = (with_target_registered(each) if isinstance(each, str) else each for each in attacks)
+    asked = list(dict.fromkeys(load_attack(each).label for each in named))
     controls = [control for control in CONTROLS if control in map(control_of, asked)]
     return tuple(dict.fromkeys((*controls, *asked)))
 
@@ -79,7 +90,7 @@ def attack(
     frame1: Frame,
     frame2: Frame,
     model: Any,
-    name: str | Attack = "apgd",
+    name: AnyAttack = "apgd",
     severity: int | None = None,
     *,
     budget: float | None = None,
@@ -94,7 +105,7 @@ def attack(
     Args:
         frame1, frame2: RGB uint8 (H, W, 3) of one size.
         model: a name as of `load_model`, or an object as `evaluate` takes it.
-        name: of the attack (`robustflow list attacks`), or one from `load_attack`.
+        name: of the attack, or your own; see `load_attack`.
         severity: 1 (mild) to 5 (severe); 3 by default.
         budget: grey levels of 255, instead of a severity.
         flow: ground truth, float32 (H, W, 2), pixels, which an attack without a target moves the flow away from; the
@@ -168,7 +179,7 @@ def attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow) -
     attack.check(model)
     problem = attack.problem(model, pair, clean_flow)
     ball, loss = problem.ball, problem.loss
-    images = attack.run(problem, pair.stream(attack.name))
+    images = problem.checked(attack.run(problem, pair.stream(attack.name)), attack.name)
     evaluations, gradients = problem.evaluations, problem.gradients
     frames = frames_of(ball.to_8_bits(images))
     assert isinstance(model, FlowModel)

@@ -17,10 +17,14 @@ from ..models.base import AnyModel
 from ..random.rng import Rng
 from ..sample import Flow
 from ..severity import check_severity
+from ..source_digest import source_digest
 from .ball import GREY_LEVELS, MOVED, NORMS, Ball
 from .images import Images
 from .loss import LOSSES, Loss
 from .problem import Pair, Problem, refuse_without_gradient
+from .registry import norm_of
+
+_PACKAGE = __name__.partition(".")[0] + "."
 
 FAMILY = "adversarial"
 """The family of every attack, and of no corruption: it is never part of the paper's means."""
@@ -128,6 +132,10 @@ class Attack(ABC):
         chosen = self.variant == "default" and variant in self.variants
         return replace(self, variant=variant) if chosen else self
 
+    def known_options(self) -> set[str]:
+        """The options that there are."""
+        return {each.name for each in fields(self)}
+
     def options(self) -> dict[str, Any]:
         """The options that are not the default ones."""
         return {each.name: value for each in fields(self) if (value := getattr(self, each.name)) != each.default}
@@ -136,12 +144,14 @@ class Attack(ABC):
     def label(self) -> str:
         """The name with the options that are not the default ones, as runs and tables have it and `load_attack` reads
         it: `pgd:steps=40`."""
-        return ":".join([self.name, *(f"{option}={value}" for option, value in self.options().items())])
+        text = ":".join([self.name, *(f"{option}={value}" for option, value in self.options().items())])
+        return text if norm_of(text) == self.norm else f"{text}:norm={self.norm}"
 
     @property
     def source(self) -> str:
-        """A digest of what decides the frames besides the label, such as another model; empty for most attacks."""
-        return ""
+        """A digest of what decides the frames besides the label: a different model, or source that is not this
+        package's; empty for most attacks."""
+        return "" if type(self).__module__.startswith(_PACKAGE) else source_digest(type(self))
 
     @property
     def needs(self) -> str:

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ModelError
+from ..errors import ModelError, UsageError
 from ..models.base import AnyModel, Differentiable, FlowModel, model_identity, predict_checked
 from ..random.rng import Rng
 from ..sample import Flow, Frame, Mask
 from .ball import Ball
-from .images import Images, images_of
+from .images import Images, frames_of, images_of
 from .loss import Loss
 
 
@@ -86,6 +86,10 @@ class Problem:
         """The score at images, which become the best if they are inside the ball and score higher."""
         return self.note(images, self.loss.of(self.flow(images), weighted=False))
 
+    def query(self, images: Images) -> float:
+        """The score of images rounded to 8 bits, for attacks that need no gradient; noted as by `score`."""
+        return self.score_of_frames(frames_of(self.ball.to_8_bits(images)))
+
     def score_of_frames(self, frames: tuple[Frame, Frame]) -> float:
         """The score of 8-bit frames, for attacks that need no gradient."""
         self.evaluations += 1
@@ -149,6 +153,20 @@ class Problem:
         from ..models.torch.reproducible import reproducible
 
         return reproducible(getattr(self.model, "threads", 1))
+
+    def checked(self, images: Any, attack: str) -> Images:
+        """Images that an attack returned, brought into the ball if they are outside.
+
+        Raises:
+            UsageError: they are not float32 of the pair's shape, or not finite.
+        """
+        shape = self.ball.clean.shape
+        if not isinstance(images, np.ndarray) or images.dtype != np.float32 or images.shape != shape:
+            what = f"{images.dtype} {images.shape}" if isinstance(images, np.ndarray) else type(images).__name__
+            raise UsageError(f"attack '{attack}' returned {what}: run must return a float32 array of shape {shape}")
+        if not np.isfinite(images).all():
+            raise UsageError(f"attack '{attack}' returned values that are NaN or infinite")
+        return images if self.ball.holds(images) else self.ball.project(images)
 
     def charge(self, other: Problem) -> None:
         """Count what another problem has cost as part of this one."""

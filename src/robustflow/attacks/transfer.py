@@ -16,7 +16,6 @@ from .api import load_attack
 from .base import VARIANTS, Attack
 from .images import Images
 from .problem import Problem
-from .registry import ATTACKS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +45,7 @@ class Transfer(Attack):
     def made(cls, **options: Any) -> Self:
         """See `Attack.made`."""
         on, name = options.pop("on", "tiny"), options.pop("attack", "apgd")
-        kind = type(name) if isinstance(name, Attack) else ATTACKS.get(name)
-        known = {each.name for each in fields(kind)}
+        known = load_attack(name).known_options()
         inner = load_attack(name, **{option: value for option, value in options.items() if option in known})
         if isinstance(inner, Transfer):
             raise UsageError("a transfer of a transfer is that of the inner one; name its model alone")

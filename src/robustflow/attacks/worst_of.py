@@ -42,8 +42,7 @@ class WorstOf(Attack):
         """See `Attack.made`."""
         given: str | Sequence[str | Attack] = options.pop("parts", "apgd+square")
         names = given.split(_PLUS) if isinstance(given, str) else list(given)
-        plain = [load_attack(name) for name in names]
-        known = [{each.name for each in fields(part)} for part in plain]
+        known = [load_attack(name).known_options() for name in names]
         for option in options:
             if not any(option in each for each in known):
                 raise unknown_name("option of the attacks in worst_of", option, sorted(set().union(*known)))

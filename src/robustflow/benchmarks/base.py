@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ..attacks import Attack
-from ..attacks.api import with_controls
+from ..attacks.api import AnyAttack, with_controls
 from ..corruptions import CLIP, SEVERITIES, Corruption, corruption_name, load_corruption
 from ..corruptions.on_disk import on_disk
 from ..corruptions.stack import split_stack
@@ -20,8 +19,6 @@ from .facts import NEUTRAL, NON_OCCLUDED, BenchmarkFacts, check_still, facts_of_
 
 AnyCorruption = str | Corruption | type[Corruption]
 """A corruption's name, or one of the user's as an object or a class."""
-AnyAttack = str | Attack
-"""An attack's name, with options if there are any, or one from `load_attack`."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""`robustflow check`: try your own model, corruption or data set before a run."""
+"""`robustflow check`: try your own model, corruption, attack or data set before a run."""
 
 from typing import Annotated, Any
 
@@ -6,25 +6,26 @@ import typer
 
 from ..errors import UsageError
 
-KINDS = ("model", "corruption", "dataset")
+KINDS = ("model", "corruption", "attack", "dataset")
 
 
 def check(
     target: Annotated[str, typer.Argument(metavar="MODULE:ATTRIBUTE", help="Your class, object or function.")],
     kind: Annotated[
-        str | None, typer.Option(help="model, corruption or dataset; by default what its methods say.")
+        str | None, typer.Option(help="model, corruption, attack or dataset; by default what its methods say.")
     ] = None,
 ) -> None:
-    """Try your own model, corruption or data set: shapes, dtypes, the same result twice, untouched inputs.
+    """Try your own model, corruption, attack or data set: shapes, dtypes, the same result twice, untouched inputs.
 
     \b
     Examples:
       robustflow check mypackage.flow:MyModel
       robustflow check mypackage.rain:Rain
+      robustflow check mypackage.climb:Climb
       robustflow check mypackage.data:MyPairs --kind dataset
     """
     from ..target import import_target
-    from ..testing import check_corruption, check_dataset, check_model
+    from ..testing import check_attack, check_corruption, check_dataset, check_model
 
     if kind not in (None, *KINDS):
         raise UsageError(f"--kind {kind}: choose from {', '.join(KINDS)}")
@@ -32,6 +33,8 @@ def check(
     kind = kind or _kind(thing)
     if kind == "corruption":
         name = check_corruption(thing)
+    elif kind == "attack":
+        name = check_attack(thing)
     elif kind == "dataset":
         name = check_dataset(thing() if isinstance(thing, type) else thing)
     else:
@@ -42,4 +45,6 @@ def check(
 def _kind(thing: Any) -> str:
     if hasattr(thing, "draw") and hasattr(thing, "apply"):
         return "corruption"
+    if hasattr(thing, "run") and not hasattr(thing, "predict"):
+        return "attack"
     return "dataset" if hasattr(thing, "keys") and hasattr(thing, "load") else "model"

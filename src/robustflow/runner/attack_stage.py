@@ -9,6 +9,7 @@ import numpy as np
 
 from ..attacks import Attack, load_attack
 from ..attacks.api import attack_of_sample
+from ..attacks.own import register_attack
 from ..attacks.result import Attacked
 from ..corruptions.base import BGR, VARIANTS
 from ..errors import UsageError
@@ -36,6 +37,8 @@ class AttackStage:
         on_predict: Callable[[str | None], None] = lambda what: None,
     ) -> None:
         self.names = options.attacks
+        for made in options.own_attacks:
+            register_attack(made)
         self._attacks = attacks_in_run(options.attacks, options.variant)
         self._model = model
         self._options = options
@@ -79,7 +82,7 @@ def check_attacks(names: tuple[str, ...], variant: str, model: AnyModel) -> dict
     if names and (not isinstance(model, FlowModel) or hasattr(model, "predict_clip")):
         raise UsageError("attacks are made on two frames, which this model does not take; leave out --attacks")
     attacks = attacks_in_run(names, variant)
-    if variant not in (*VARIANTS, BGR) and all(one == load_attack(name) for name, one in attacks.items()):
+    if variant not in (*VARIANTS, BGR) and all(one.label == name for name, one in attacks.items()):
         raise UsageError(f"unknown variant '{variant}': neither the corruptions nor the attacks of this run have it")
     for one in attacks.values():
         one.check(model)

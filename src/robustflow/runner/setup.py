@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..attacks.own import own_attacks_among
 from ..benchmarks import BENCHMARKS, Benchmark, benchmark_facts, load_benchmark
 from ..benchmarks.facts import check_still, is_still, moving_name
 from ..corruptions import load_corruption
@@ -88,7 +89,12 @@ def set_up(
     options = _options(
         seed, variant, severity_scale, allow_invalid, window, benchmark.corruptions, common_draws, benchmark.classes
     )
-    options = replace(options, attacks=benchmark.attacks, attack_sources=attack_sources)
+    options = replace(
+        options,
+        attacks=benchmark.attacks,
+        own_attacks=own_attacks_among(benchmark.attacks),
+        attack_sources=attack_sources,
+    )
     training = training_of(named.identity, named.declared)
     shown = checked_name(name) if name is not None else named.name and checked_name(named.name)
     provenance = Provenance.of(training, benchmark.name, benchmark.keys, benchmark.protocol)

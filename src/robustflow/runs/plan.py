@@ -62,6 +62,8 @@ class RunOptions:
     """See `Benchmark.classes`."""
     attacks: tuple[str, ...] = ()
     """The conditions that are attacks on the model; the others are corruptions."""
+    own_attacks: tuple[Any, ...] = ()
+    """The user's own attacks, like `own` (see `attacks.own`)."""
     attack_sources: Mapping[str, str] = field(default_factory=dict)
     """What decides attacks besides their names: name to digest."""
     pictures: Path | None = None

@@ -1,4 +1,4 @@
-"""Checks for users' own models, corruptions and data sets, and small fakes. Imported on first use."""
+"""Checks for users' own models, corruptions, attacks and data sets, and small fakes. Imported on first use."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .attacks import check_attack
     from .corruptions import check_corruption
     from .datasets import TexturePairs, check_dataset
     from .models import BrightnessFlow, ConstantFlow, ShiftedTruth, ZeroClipFlow, ZeroFlow, check_model
 
 _WHERE = {
+    "check_attack": "attacks",
     "check_corruption": "corruptions",
     **dict.fromkeys(("check_dataset", "TexturePairs"), "datasets"),
     **dict.fromkeys(
@@ -25,6 +27,7 @@ __all__ = [
     "TexturePairs",
     "ZeroClipFlow",
     "ZeroFlow",
+    "check_attack",
     "check_corruption",
     "check_dataset",
     "check_model",

@@ -1,0 +1,190 @@
+"""A user's own attack: an object, a class or `module:Attribute`, checked, and known by its name from then on.
+
+`robustflow.testing.check_attack` looks further (budget, determinism, the best pair).
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+from ..errors import RobustFlowError, UsageError, unknown_name
+from ..models.base import AnyModel
+from ..random.rng import Rng
+from ..sample import Flow
+from ..source_digest import source_digest
+from ..target import import_target, is_target
+from .base import Attack
+from .images import Images
+from .problem import Pair, Problem
+from .registry import ATTACKS, split_name
+
+Made = Any
+"""A class that makes an attack, or one that is made."""
+
+_own: dict[str, Made] = {}
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,59}")
+_GUIDE = "see the guide 'add your attack'"
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnAttack(Attack):
+    """A user's attack: what it is given cannot be written to, and what it raises becomes a sentence.
+
+    Args:
+        made_by_user: anything with `run(problem, rng)`; see `Attack.run`.
+        given: options that its class was built with.
+    """
+
+    made_by_user: Any
+    given: tuple[tuple[str, Any], ...] = ()
+
+    @classmethod
+    def of(cls, registered: str, **options: Any) -> Attack:
+        """A registered attack with options: those of the user's class, and those of every attack.
+
+        Raises:
+            UsageError: an option that there is not, or a class that cannot be built.
+        """
+        made = _own[registered]
+        if inspect.isclass(made) and issubclass(made, Attack):
+            return made.made(**options)
+        common = {each.name: options.pop(each.name) for each in fields(Attack) if each.name in options}
+        takes = _parameters(made)
+        for option, value in options.items():
+            if option not in takes:
+                raise unknown_name(f"option of attack {registered}", option, [*takes, *_COMMON])
+            if isinstance(takes[option], int) and isinstance(value, str) and value.isdecimal():
+                options[option] = int(value)
+        common.setdefault("norm", str(getattr(made, "norm", "linf")))
+        given = tuple(options.items())
+        return cls(made_by_user=_build(made, registered, options), given=given, **common)
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """The user's name for it."""
+        return own_name(self.made_by_user)
+
+    @property
+    def needs_gradients(self) -> bool:  # type: ignore[override]
+        """Whether it asks for gradients, unless its attribute `needs_gradients` says no."""
+        return bool(getattr(self.made_by_user, "needs_gradients", True))
+
+    def known_options(self) -> set[str]:
+        """See `Attack.known_options`."""
+        return {*_parameters(type(self.made_by_user)), *_COMMON}
+
+    def options(self) -> dict[str, Any]:
+        """See `Attack.options`."""
+        mine = super().options()
+        return {name: mine[name] for name in _COMMON if name in mine} | dict(self.given)
+
+    @property
+    def source(self) -> str:
+        """A digest of the source files and of the attributes that decide the result."""
+        return source_digest(self.made_by_user)
+
+    def problem(self, model: AnyModel, pair: Pair, clean_flow: Flow) -> Problem:
+        """See `Attack.problem`; nothing of the pair can be written to."""
+        first, second = (frame.view() for frame in pair.frames)
+        made = super().problem(model, replace(pair, frames=(first, second)), clean_flow)
+        for array in (first, second, made.ball.clean):
+            array.flags.writeable = False
+        return made
+
+    def run(self, problem: Problem, rng: Rng) -> Images:
+        """See `Attack.run`."""
+        try:
+            images: Images = self.made_by_user.run(problem, rng)
+        except RobustFlowError:
+            raise
+        except Exception as error:
+            hint = "; copy the images before changing them" if "read-only" in str(error) else ""
+            raise UsageError(f"attack '{self.name}' failed: {type(error).__name__}: {error}{hint}") from error
+        return images
+
+
+_COMMON = tuple(each.name for each in fields(Attack))
+
+
+def register_attack(made: Made) -> str:
+    """Register a class or an object under its name, and return that name; a later registration replaces an earlier one.
+
+    Raises:
+        UsageError: it has no `run`, an unusable name, or one of this package's.
+    """
+    kind = made if inspect.isclass(made) else type(made)
+    described = f"the function {made.__name__}" if inspect.isroutine(made) else f"{kind.__module__}:{kind.__qualname__}"
+    if not callable(getattr(made, "run", None)):
+        raise UsageError(f"{described} has no method run, so it is not an attack; {_GUIDE}")
+    name = own_name(made)
+    if not _NAME.fullmatch(name) or name in ("clean", "average"):
+        raise UsageError(f"an attack cannot be called '{name}': give it a name of letters, digits and '_'")
+    if name in ATTACKS:
+        raise UsageError(f"{described} has the name of the attack '{name}': give it another `name`")
+    _own[name] = made
+    return name
+
+
+def with_target_registered(name: str) -> str:
+    """A name in which `module.path:Attribute` is imported and replaced by its attack's name; for what a user requests.
+
+    Raises:
+        UsageError: it cannot be imported, or is not an attack.
+
+    >>> with_target_registered("pgd:steps=3")
+    'pgd:steps=3'
+    """
+    head, argument, options = split_name(name)
+    target = f"{head}:{argument}"
+    if head in ATTACKS or head in _own or not is_target(target):
+        return name
+    registered = register_attack(import_target(target, "attack"))
+    return ":".join([registered, *(f"{option}={value}" for option, value in options.items())])
+
+
+def is_own(name: str) -> bool:
+    """Whether an attack of the user's is registered under a name."""
+    return name in _own
+
+
+def own_attacks_among(names: Iterable[str]) -> tuple[Made, ...]:
+    """The registered attacks in some names, parts of others included, for another process to `register_attack`."""
+    parts = {part for name in names for part in re.split(r"[:=+]", name)}
+    return tuple(made for name, made in _own.items() if name in parts)
+
+
+def own_name(made: Made) -> str:
+    """The name of an attack: its attribute `name`, else its class's in lower case.
+
+    >>> class MyClimb: ...
+    >>> own_name(MyClimb)
+    'my_climb'
+    """
+    kind = made if inspect.isclass(made) else type(made)
+    named = getattr(made, "name", None)
+    return named if isinstance(named, str) else re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", kind.__name__).lower()
+
+
+def _parameters(made: Made) -> dict[str, Any]:
+    """The options of a class and their defaults; none of an object."""
+    if not inspect.isclass(made):
+        return {}
+    return {name: one.default for name, one in inspect.signature(made).parameters.items()}
+
+
+def _build(made: Made, name: str, options: dict[str, Any]) -> Any:
+    if not inspect.isclass(made):
+        return made
+    try:
+        return made(**options)
+    except RobustFlowError:
+        raise
+    except Exception as error:
+        raise UsageError(
+            f"attack '{name}' cannot be built: {type(error).__name__}: {error}; give every argument a default, or pass "
+            "the object itself"
+        ) from error

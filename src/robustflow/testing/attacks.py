@@ -1,0 +1,102 @@
+"""Check an attack of your own before a benchmark runs on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..attacks.api import load_attack
+from ..attacks.images import Images, images_of
+from ..attacks.problem import Pair
+from ..errors import UsageError
+from ..sample import Flow, Frame
+from ..severity import SEVERITIES
+
+_SHAPES = ((32, 40), (17, 23))
+"""An even and an odd size."""
+
+
+class _Smooth:
+    """u and v are tanh of weighted sums of a pixel's values in both frames: a gradient everywhere, in NumPy and in
+    PyTorch."""
+
+    _weights = np.array([[[3, -2, 1], [-1, 2, -3]], [[-1, 1, 2], [2, -3, 1]]], np.float32) / 4
+
+    def predict(self, frame1: Frame, frame2: Frame) -> Flow:
+        return self.flow(images_of(frame1, frame2))
+
+    def flow(self, images: Images) -> Flow:
+        values = images - np.float32(0.5)
+        return np.asarray(10 * np.tanh(np.einsum("kfc,fchw->hwk", self._weights, values)), np.float32)
+
+    def differentiable(self, images1: Any, images2: Any) -> Any:
+        import torch
+
+        values = torch.cat([images1, images2]) - 0.5
+        return 10 * torch.tanh(torch.einsum("kfc,fchw->khw", torch.from_numpy(self._weights), values))[None]
+
+
+def check_attack(attack: Any, seed: int = 0) -> str:
+    """Try an attack on a small differentiable model at all five severities, and return its name.
+
+    What it returns must be float32 of the pair's shape and inside the budget, before and after rounding to 8 bits; no
+    pair that it saw inside the budget may score higher; the frames must not be written to; the same seed must give the
+    same bytes, also from a second object of the class; with ground truth and without; textured, black and white frames
+    of even and odd sizes must work.
+
+    Args:
+        attack: a class, an object or the name of an attack; see docs/add-your-attack.md.
+        seed: of the random choices.
+
+    Raises:
+        UsageError: what is wrong, at which severity and size.
+
+    >>> class Flip:
+    ...     needs_gradients = False
+    ...     def run(self, problem, rng):
+    ...         ball = problem.ball
+    ...         return ball.project(ball.clean + (2 * (ball.clean < 0.5) - 1) * ball.radius)
+    >>> check_attack(Flip)
+    'flip'
+    """
+    first, second = load_attack(attack), load_attack(attack)
+    model = _Smooth()
+    for shape in _SHAPES:
+        for severity in SEVERITIES:
+            where = f"attack '{first.name}' at severity {severity} on {shape[1]}x{shape[0]} pixels"
+            for frames in _pairs(shape):
+                truth = np.zeros((*shape, 2), np.float32) if severity % 2 else None
+                pair = Pair(frames, first.budget(severity), truth, None, "check", seed, severity)
+                before = [frame.copy() for frame in frames]
+                problem = first.problem(model, pair, model.predict(*frames))
+                images = first.run(problem, pair.stream(first.name))
+                inside = problem.checked(images, first.name)
+                _require(inside is images, f"{where} leaves its budget: end with problem.ball.project(images)")
+                _require(
+                    all(map(np.array_equal, frames, before)), f"{where} writes into the frames it is given: copy first"
+                )
+                found = problem.loss.score(problem.loss.of(model.flow(images), weighted=False))
+                _require(
+                    problem.best is None or found >= problem.best_score - 1e-4,
+                    f"{where} returns a pair that scores {found:.4g} and saw one of {problem.best_score:.4g}: "
+                    "return problem.best",
+                )
+                again = second.problem(model, pair, model.predict(*frames))
+                _require(
+                    np.array_equal(images, second.run(again, pair.stream(second.name))),
+                    f"{where} gives other bytes the second time: take every random number from `rng`",
+                )
+    return first.name
+
+
+def _pairs(shape: tuple[int, int]) -> list[tuple[Frame, Frame]]:
+    """Texture and the same a pixel further; black and white."""
+    rows, columns = np.indices(shape)
+    texture = np.stack([(rows * 7 + columns * step) % 256 for step in (3, 5, 11)], axis=-1).astype(np.uint8)
+    return [(texture, np.roll(texture, 1, axis=1)), (np.zeros_like(texture), np.full_like(texture, 255))]
+
+
+def _require(holds: Any, message: str) -> None:
+    if not holds:
+        raise UsageError(message)

@@ -1,0 +1,203 @@
+"""A user's own attack: what is asked of it, what is part of a run's identity, and what the checker finds."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+import robustflow as rf
+from robustflow.attacks import Attack, load_attack
+from robustflow.benchmarks import Benchmark
+from robustflow.errors import RunError, UsageError
+from robustflow.models import ModelSpec
+from robustflow.testing import TexturePairs, check_attack
+
+DATA = TexturePairs(1, (40, 48))
+FRAMES = [np.random.default_rng(number).integers(0, 256, (24, 32, 3), np.uint8) for number in range(2)]
+
+
+class Noise:
+    """Signs at random, the best of a few."""
+
+    needs_gradients = False
+
+    def __init__(self, tries: int = 3) -> None:
+        self.tries = tries
+
+    def run(self, problem, rng):
+        for _ in range(self.tries):
+            problem.query(self.drawn(problem.ball, rng))
+        return problem.best
+
+    def drawn(self, ball, rng):
+        signs = np.sign(rng.uniforms(ball.clean.size) - 0.5).astype(np.float32).reshape(ball.clean.shape)
+        return ball.project(ball.clean + ball.radius * signs)
+
+
+def _model(frame1, frame2):
+    return ((frame1.astype(np.float32) - frame2) * frame1)[..., :2] / 3000
+
+
+@pytest.fixture
+def source(tmp_path, monkeypatch):
+    """Write `my_noise.py`, whose class `Mine` is the attack, and forget it as a new process would."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def write(text: str = "") -> None:
+        sys.modules.pop("my_noise", None)
+        (tmp_path / "my_noise.py").write_text(
+            f"from tests.attacks.test_own import Noise\nclass Mine(Noise): ...\n{text}"
+        )
+
+    write()
+    yield write
+    sys.modules.pop("my_noise", None)
+
+
+def _run(attacks, output="run", engine="serial", **options):
+    benchmark = Benchmark("drawn", DATA, DATA.keys(), (), (2,))
+    return rf.evaluate(
+        ModelSpec("dis"), benchmark, None, output, attacks=attacks, engine=engine, progress=False, **options
+    )
+
+
+def test_an_own_attack_is_a_condition_with_its_options_and_its_source(source):
+    name = "mine:moved=first:tries=2"
+
+    done = _run("my_noise:Mine:tries=2:moved=first")
+
+    rows = done.attack_rows.filter(corruption=name)
+    assert rows["attack_evaluations"].to_list() == [2]
+    assert list(done.manifest.identity.frames.attack_sources) == [name]
+    source("VALUE = 1\n")
+    with pytest.raises(RunError, match=f"what decides the attack {name} has changed since"):
+        _run("my_noise:Mine:tries=2:moved=first")
+
+
+def test_an_own_attack_in_processes_gives_the_same_rows(source):
+    here = _run("my_noise:Mine").attack_rows
+    there = _run("my_noise:Mine", "other", "processes", workers=1).attack_rows
+
+    assert there.sort("corruption").equals(here.sort("corruption"))
+
+
+def test_nothing_is_imported_for_a_name_that_no_request_made(source):
+    with pytest.raises(UsageError, match="unknown attack 'my_noise'"):
+        load_attack("my_noise:Mine")
+    assert "my_noise" not in sys.modules
+
+
+def test_an_own_attack_is_part_of_others():
+    pair = [*FRAMES]
+    load_attack(Noise)
+
+    worst = rf.attack(*pair, _model, "worst_of:noise+random_sign", 3)
+
+    alone = [rf.attack(*pair, _model, each, 3).loss for each in (Noise, "random_sign")]
+    assert worst.loss == max(alone)
+
+
+def test_a_subclass_of_attack_has_options_as_fields_and_a_source():
+    @dataclass(frozen=True, kw_only=True)
+    class Still(Attack):
+        name: ClassVar[str] = "still"
+        needs_gradients: ClassVar[bool] = False
+        amount: int = 1
+        norm: str = "rms"
+
+        def run(self, problem, rng):
+            return problem.ball.project(problem.ball.clean + np.float32(self.amount / 255))
+
+    made = load_attack(Still, amount="2")
+
+    assert (made.amount, made.label) == (2, "still:amount=2:norm=rms")
+    assert len(made.source) == 16
+    assert load_attack(made.label) == made
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (lambda problem: None, "has no method run, so it is not an attack"),
+        (type("Any", (), {"run": lambda *_: 0, "name": "two words"}), "cannot be called 'two words'"),
+        (type("Any", (), {"run": lambda *_: 0, "name": "pgd"}), "has the name of the attack 'pgd'"),
+        (type("Bad", (), {"run": lambda *_: 0, "__init__": lambda self, size: None}), "'bad' cannot be built"),
+    ],
+)
+def test_what_is_no_attack_is_refused_in_one_line(made, message):
+    with pytest.raises(UsageError, match=message) as refused:
+        load_attack(made)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("run", "message"),
+    [
+        (lambda problem, rng: None, "returned NoneType: run must return a float32 array of shape"),
+        (lambda problem, rng: problem.ball.clean.astype(np.float64), "returned float64"),
+        (lambda problem, rng: problem.ball.clean * np.float32(np.nan), "NaN or infinite"),
+        (lambda problem, rng: problem.ball.clean.fill(0), "read-only.*copy the images before"),
+        (lambda problem, rng: problem.pair.frames[0].fill(0), "read-only.*copy the images before"),
+        (lambda problem, rng: 1 / 0, "'wrong' failed: ZeroDivisionError"),
+    ],
+)
+def test_a_mistake_of_an_own_attack_stops_with_a_sentence(run, message):
+    wrong = type("Wrong", (), {"needs_gradients": False, "run": staticmethod(run)})
+
+    with pytest.raises(UsageError, match=message) as refused:
+        rf.attack(*FRAMES, _model, wrong, 3)
+    assert "\n" not in str(refused.value)
+
+
+def test_what_leaves_the_budget_is_brought_back():
+    far = type("Outside", (), {"needs_gradients": False, "run": lambda self, problem, rng: 1 - problem.ball.clean})
+
+    attacked = rf.attack(*FRAMES, _model, far, 3)
+
+    assert attacked.linf == 4
+    assert abs(attacked.images - np.stack(FRAMES).transpose(0, 3, 1, 2) / np.float32(255)).max() <= 4 / 255 + 1e-6
+
+
+class Far(Noise):
+    def run(self, problem, rng):
+        return np.clip(self.drawn(problem.ball, rng) + np.float32(0.2), 0, 1)
+
+
+class Last(Noise):
+    def run(self, problem, rng):
+        super().run(problem, rng)
+        return problem.ball.clean.copy()
+
+
+class Unseeded(Noise):
+    def run(self, problem, rng):
+        noise = np.random.default_rng().normal(size=problem.ball.clean.shape).astype(np.float32)
+        return problem.ball.project(problem.ball.clean + noise)
+
+
+def test_the_checker_passes_what_keeps_the_contract():
+    assert check_attack(Noise) == "noise"
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (Far, "leaves its budget: end with problem.ball.project"),
+        (Last, "saw one of .*return problem.best"),
+        (Unseeded, "other bytes the second time"),
+    ],
+)
+def test_the_checker_says_what_is_wrong(made, message):
+    with pytest.raises(UsageError, match=rf"attack '\w+' at severity [12] on 40x32 pixels .*{message}"):
+        check_attack(made)
+
+
+def test_the_attacks_of_this_package_pass_the_checker():
+    pytest.importorskip("torch", reason="needs the torch extra")
+    for name in ("random_gauss", "fgsm", "apgd:steps=5", "square:queries=5"):
+        assert check_attack(name) == name.partition(":")[0]
