@@ -64,7 +64,7 @@ target, loss, reference, moved, steps, starts
     head, argument, given = split_name(name)
     if is_own(head) and not argument:
         return OwnAttack.of(head, **given, **options)
-    kind = ATTACKS.get(head)
+    kind: type[Attack] = ATTACKS.get(head)
     if argument and not kind.argument:
         raise UsageError(f"'{name}': attack {head} takes options, option=value, and no '{argument}'")
     return kind.made(**({kind.argument: argument} if argument else {}), **given, **options)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ..registry import Registry
 
-if TYPE_CHECKING:
-    from .base import Attack
-
-ATTACKS: Registry[type[Attack]] = Registry("attack", entry_point_group="robustflow.attacks")
+ATTACKS: Registry[Any] = Registry("attack", entry_point_group="robustflow.attacks")
 
 ATTACK_VERSION = 1
 """Part of every run's identity: raised when any attack's frames change, so that results never mix."""
