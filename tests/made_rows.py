@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from dataclasses import astuple
 from typing import Any
 
 import polars as pl
 
+from robustflow.analysis.model_result import ModelResult
 from robustflow.digest import digest_of_bytes
 from robustflow.metrics.regions import REGIONS
 from robustflow.metrics.rows import CLEAN, ROW_SCHEMA
@@ -83,3 +85,19 @@ def changed_identity(identity: Identity, model: dict[str, Any] | None = None, **
         part = "frames" if name in FrameIdentity.model_fields else "model" if name == "window" else "measuring"
         content[part][name] = value
     return Identity.model_validate_json(json.dumps(content))
+
+
+def values_frame(results: Iterable[ModelResult]) -> pl.DataFrame:
+    """The values of lines of tables, one per row, in the columns of a results file."""
+    columns = ("benchmark", "sample_set", "setting", "model", "note", "metric", "corruption")
+    rows = [
+        (line.benchmark, line.frames, line.setting, line.name, line.note, *key, *astuple(value))
+        for line in results
+        for key, value in line.values.items()
+    ]
+    return pl.DataFrame(rows, schema=[*columns, "value", "decimals", "marked", "source"], orient="row")
+
+
+def values_of(results: Iterable[ModelResult], metric: str) -> dict[tuple[str, str, str], float]:
+    """(setting, model, condition) -> value of one metric."""
+    return {(line.setting, line.name, of): value for line in results for of, value in line.numbers(metric).items()}

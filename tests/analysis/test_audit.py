@@ -14,13 +14,15 @@ from hypothesis import strategies as st
 
 from robustflow.analysis.audit import AUDIT_CHECKS, Audit, audit_published, audit_results
 from robustflow.analysis.audit.row_rules import RULES
-from robustflow.analysis.model_result import ModelResult, model_results
+from robustflow.analysis.model_result import ModelResult
 from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results import AVERAGE, CLEAN, parse_results
+from robustflow.analysis.results import AVERAGE, CLEAN
+from robustflow.analysis.results_file import parse_results
 from robustflow.api import evaluate
 from robustflow.corruptions.registry import IMAGE_PAIR
 from robustflow.errors import RunError
 from robustflow.records.audit import audit
+from tests.made_rows import values_frame
 
 from ..runs.edited import edit_rows
 
@@ -61,7 +63,7 @@ def test_both_numbers_are_given():
 
 def test_cre_against_exact_decimal_arithmetic():
     """The same check in decimals, without a tolerance of floating point: the very same cells misfit."""
-    rows = published_results().filter(benchmark="kitti-fc")
+    rows = values_frame(published_results()).filter(benchmark="kitti-fc")
     number = {
         (r["metric"], r["setting"], r["model"], r["corruption"]): Decimal(f"{r['value']:.2f}")
         for r in rows.iter_rows(named=True)
@@ -102,7 +104,7 @@ def _csv(values: dict[tuple[str, str, str], str], marked: set[tuple[str, str, st
         f"ID,{model},{metric},{name},{value},{'yes' if (model, metric, name) in marked else 'no'}"
         for (model, metric, name), value in values.items()
     ]
-    return model_results(parse_results("\n".join(lines), "made.csv", "made"))
+    return parse_results("\n".join(lines), "made.csv", "made")
 
 
 def _consistent(errors: dict[str, list[float]], decimals: int) -> dict[tuple[str, str, str], str]:

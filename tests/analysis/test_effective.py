@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-import polars as pl
 import pytest
 
 from robustflow.analysis.effective import effective_robustness
+from robustflow.analysis.model_result import ModelResult
 from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results import parse_results
+from robustflow.analysis.results_file import parse_results
 from robustflow.errors import UsageError
 
+_OF_KITTI = [line for line in published_results() if line.benchmark == "kitti-fc"]
 
-def _results(models: dict[str, tuple[float, float]], setting: str = "OOD") -> pl.DataFrame:
+
+def _results(models: dict[str, tuple[float, float]], setting: str = "OOD") -> list[ModelResult]:
     lines = ["setting,model,metric,corruption,value"]
     for name, (clean, average) in models.items():
         lines += [f"{setting},{name},epe,clean,{clean!r}", f"{setting},{name},epe,average,{average!r}"]
@@ -34,18 +37,20 @@ def test_a_planted_power_law_and_a_model_off_it():
 
 
 def test_units_do_not_matter():
-    table = effective_robustness(published_results().filter(benchmark="kitti-fc"))
-    scaled = published_results().filter(benchmark="kitti-fc").with_columns(value=pl.col("value") * 7)
+    table = effective_robustness(_OF_KITTI)
+    scaled = [
+        replace(line, values={key: replace(value, number=7 * value.number) for key, value in line.values.items()})
+        for line in _OF_KITTI
+    ]
     assert effective_robustness(scaled)["factor"].to_list() == pytest.approx(table["factor"].to_list())
 
 
 def test_settings_apart_or_together():
-    of_kitti = published_results().filter(benchmark="kitti-fc")
-    apart, together = effective_robustness(of_kitti), effective_robustness(of_kitti, by_setting=False)
+    apart, together = effective_robustness(_OF_KITTI), effective_robustness(_OF_KITTI, by_setting=False)
     assert set(apart["setting"]) == {"OOD", "ID"}
     assert together.height == 29
     assert len(set(together["slope"])) == 1
-    assert "FlowDiffuser" not in set(effective_robustness(of_kitti, without=("FlowDiffuser",))["model"])
+    assert "FlowDiffuser" not in set(effective_robustness(_OF_KITTI, without=("FlowDiffuser",))["model"])
 
 
 def test_too_few_models():

@@ -7,9 +7,10 @@ from statistics import fmean
 import pytest
 
 from robustflow.analysis.imported import NOTE, read_imported
-from robustflow.analysis.results import RESULT_SCHEMA, parse_results, results_csv, values_of
+from robustflow.analysis.results_file import parse_results, results_csv
 from robustflow.corruptions import IMAGE_PAIR
 from robustflow.errors import DataError
+from tests.made_rows import values_frame, values_of
 
 _ON_DISK = ["brightness" if name == "high_light" else name for name in IMAGE_PAIR]
 
@@ -51,36 +52,33 @@ def _write(folder, content, name="results.json"):
 
 
 def test_a_file_of_the_reference_code(tmp_path):
-    frame = read_imported([_write(tmp_path / "RAFT_ood_2024-11-01_10-00-00", _reference())])
-    assert frame.schema == RESULT_SCHEMA
-    assert set(frame["note"]) == {NOTE}
-    assert set(frame["benchmark"]) == {"kitti-fc"}
-    assert set(frame["sample_set"]) == {"Reference code, kitti-fc, average over 20 corruptions"}
-    cre = values_of(frame, "cre")
-    key = ("own", "RAFT_ood_2024-11-01_10-00-00")
-    assert cre[*key, "high_light"] == pytest.approx(0.3 * 5)
-    assert cre[*key, "average"] == pytest.approx(fmean(0.3 * (number + 1) for number in range(20)))
-    epe, rcre = values_of(frame, "epe"), values_of(frame, "rcre")
-    assert epe[*key, "clean"] == 3.5
-    assert epe[*key, "average"] == pytest.approx(3.5 + cre[*key, "average"])
-    assert rcre[*key, "average"] == pytest.approx(1 + cre[*key, "average"])
-    assert ("cre", "clean") not in set(frame.select("metric", "corruption").iter_rows())
+    (line,) = read_imported([_write(tmp_path / "RAFT_ood_2024-11-01_10-00-00", _reference())])
+    assert (line.setting, line.name) == ("own", "RAFT_ood_2024-11-01_10-00-00")
+    assert (line.benchmark, line.note) == ("kitti-fc", NOTE)
+    assert line.frames == "Reference code, kitti-fc, average over 20 corruptions"
+    cre, epe, rcre = map(line.numbers, ("cre", "epe", "rcre"))
+    assert cre["high_light"] == pytest.approx(0.3 * 5)
+    assert cre["average"] == pytest.approx(fmean(0.3 * (number + 1) for number in range(20)))
+    assert epe["clean"] == 3.5
+    assert epe["average"] == pytest.approx(3.5 + cre["average"])
+    assert rcre["average"] == pytest.approx(1 + cre["average"])
+    assert "clean" not in cre
 
 
 def test_gopro_has_rcre_alone_and_its_averages_say_over_what(tmp_path):
     few = {name: {"rCRE": [1, 2, 3, 4, 5], "rCRE_mean": 3.0} for name in ("h264_abr", "h264_crf", "bit_error")}
-    frame = read_imported([_write(tmp_path / "RAFT", few)])
-    assert set(frame.select("benchmark", "metric").iter_rows()) == {("gopro-fc", "rcre")}
-    assert frame["sample_set"][0].endswith("average over 3 corruptions: h264_crf, h264_abr, bit_error")
-    without = read_imported([_write(tmp_path / "GMA", _reference(_ON_DISK[:-1]))])
-    assert without["sample_set"][0].endswith("average over 19 corruptions, without psf_blur")
+    (line,) = read_imported([_write(tmp_path / "RAFT", few)])
+    assert (line.benchmark, {metric for metric, _ in line.values}) == ("gopro-fc", {"rcre"})
+    assert line.frames.endswith("average over 3 corruptions: h264_crf, h264_abr, bit_error")
+    (without,) = read_imported([_write(tmp_path / "GMA", _reference(_ON_DISK[:-1]))])
+    assert without.frames.endswith("average over 19 corruptions, without psf_blur")
 
 
 def test_files_under_the_same_corruptions_are_one_group(tmp_path):
     paths = [_write(tmp_path / name, _reference()) for name in ("RAFT_ood", "GMA_ood")]
-    frame = read_imported(paths)
-    assert set(frame["model"]) == {"RAFT_ood", "GMA_ood"}
-    assert frame["sample_set"].n_unique() == 1
+    lines = read_imported(paths)
+    assert [line.name for line in lines] == ["RAFT_ood", "GMA_ood"]
+    assert len({line.frames for line in lines}) == 1
 
 
 def test_files_of_flowbench_are_read_as_one(tmp_path):
@@ -96,25 +94,26 @@ def test_files_of_flowbench_are_read_as_one(tmp_path):
         _write(tmp_path / str(number), {"experiments": each}, "metrics_kitti-2015.json")
         for number, each in enumerate(files)
     ]
-    frame = read_imported(paths)
-    epe = values_of(frame, "epe", benchmark="FlowBench kitti-2015")
+    lines = read_imported(paths)
+    assert {line.benchmark for line in lines} == {"FlowBench kitti-2015"}
+    epe = values_of(lines, "epe")
     assert epe["LEAKED", "raft kitti", "clean"] == 0.6433216004259884  # the later one, as its own reader has it
     assert epe["LEAKED", "raft kitti", "gaussian_noise"] == 6.016592  # the one severity that both have
     assert epe["LEAKED", "raft kitti", "average"] == pytest.approx((6.016592 + 40.424386) / 2)
     assert epe["own", "gma mine", "average"] == 30.0
-    cre = values_of(frame, "cre")
+    cre = values_of(lines, "cre")
     assert cre["LEAKED", "raft kitti", "snow"] == pytest.approx(40.424386 - 0.6433216004259884)
     assert not [key for key in cre if key[1] == "gma mine"]  # its clean error is not known
-    assert "gma kitti" not in set(frame["model"])  # clean frames say nothing of robustness
-    assert frame["sample_set"].n_unique() == 2
-    assert "severity 3, average over 2 corruptions: gaussian_noise, snow" in frame["sample_set"][0]
+    assert "gma kitti" not in [line.name for line in lines]  # clean frames say nothing of robustness
+    assert len({line.frames for line in lines}) == 2
+    assert "severity 3, average over 2 corruptions: gaussian_noise, snow" in lines[0].frames
 
 
 def test_what_was_read_is_written_as_csv_and_read_again(tmp_path):
     files = [_experiment(name, 3, 2.5) for name in ("motion_blur", "zoom_blur", "brightness", "fog")]
-    frame = read_imported([_write(tmp_path / "a", _reference()), _write(tmp_path / "b", {"experiments": files})])
-    again = parse_results(results_csv(frame), "results.csv", "file")
-    assert again.drop("decimals").equals(frame.drop("decimals"))
+    lines = read_imported([_write(tmp_path / "a", _reference()), _write(tmp_path / "b", {"experiments": files})])
+    again = parse_results(results_csv(lines), "results.csv", "file")
+    assert values_frame(again).drop("decimals").equals(values_frame(lines).drop("decimals"))
 
 
 _FIVE = [1, 2, 3, 4, 5]

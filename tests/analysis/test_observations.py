@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from statistics import fmean
+from types import SimpleNamespace
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy.stats import binomtest, spearmanr, ttest_1samp, ttest_ind
 
+from robustflow.analysis.model_result import ModelResult
 from robustflow.analysis.observations import observations
 from robustflow.analysis.observations.evidence import Evidence
 from robustflow.analysis.observations.margin import of_correlation, of_difference, of_majority, of_mean
 from robustflow.analysis.published.tables import Cost, Method, not_discussed, published_costs, published_results
-from robustflow.analysis.results import parse_results
+from robustflow.analysis.results_file import parse_results
 
 _PUBLISHED = {o.number: o for o in observations(published_results(), published_costs())}
 
@@ -135,12 +138,12 @@ def _results(values: dict[tuple[str, str], dict[str, float]], metric: str = "epe
     return parse_results("\n".join(lines), "made.csv", "made")
 
 
-def _verdicts(results: pl.DataFrame, costs=None, methods=None) -> dict[int, str]:
+def _verdicts(results: Sequence[ModelResult], costs=None, methods=None) -> dict[int, str]:
     return {o.number: o.verdict for o in observations(results, costs, methods)}
 
 
 def test_nothing_can_be_computed_from_nothing():
-    verdicts = _verdicts(published_results().clear())
+    verdicts = _verdicts([])
     assert set(verdicts.values()) == {"cannot be computed"}
     assert list(verdicts) == list(range(1, 11))
 
@@ -221,17 +224,23 @@ def test_models_of_equal_error_have_no_correlation():
     assert "all models have the same" in first.parts[0].message
 
 
+def _of_pairs(results, pairs):
+    """The same lines, as if measured on so many pairs."""
+    run = SimpleNamespace(summary=SimpleNamespace(samples=pairs))
+    return [replace(line, run=run) for line in results]
+
+
 def test_two_models_or_three_pairs_are_too_little_evidence():
     everything = observations(published_results(), published_costs())
-    few = observations(published_results(), published_costs(), pairs=3)
+    few = observations(_of_pairs(published_results(), 3), published_costs())
     for whole, thin in zip(everything, few, strict=True):
         assert any(part.verdict != "cannot be computed" for part in whole.parts)
         assert thin.verdict == "too little evidence"
         weighed = [part for part in thin.parts if part.verdict != "cannot be computed"]
         assert all("3 image pairs, at least 20 are needed" in part.message for part in weighed)
         assert [part.numbers for part in thin.parts] == [part.numbers for part in whole.parts]
-    two = published_results().filter(pl.col("model").is_in(["RAFT", "ARFlow"]))
-    verdicts = {observation.verdict for observation in observations(two, published_costs(), pairs=80)}
+    two = _of_pairs([line for line in published_results() if line.name in ("RAFT", "ARFlow")], 80)
+    verdicts = {observation.verdict for observation in observations(two, published_costs())}
     assert verdicts <= {"too little evidence", "cannot be computed"}
 
 
@@ -244,8 +253,8 @@ def test_a_printed_cre_that_does_not_follow_stands_beside_the_one_that_does():
 def test_the_factor_by_which_errors_grow_does_not_follow_the_accuracy():
     """Over the published models CRE rises with the clean EPE where ln(EPE / clean EPE) does not."""
     numbers = _part(1, "not only CRE but also the factor by which errors grow rises with clean EPE (OOD)").numbers
-    results = published_results().filter(benchmark="kitti-fc", setting="OOD", metric="epe")
-    epe = {c: dict(results.filter(corruption=c).select("model", "value").iter_rows()) for c in ("clean", "average")}
+    results = [line for line in published_results() if (line.benchmark, line.setting) == ("kitti-fc", "OOD")]
+    epe = {of: {line.name: line.number("epe", of) for line in results} for of in ("clean", "average")}
     names = [name for name in epe["clean"] if name not in not_discussed(published_results())]
     families = [[name] for name in names if "SAMFlow" not in name] + [[name for name in names if "SAMFlow" in name]]
     ratio = [fmean(math.log(epe["average"][name] / epe["clean"][name]) for name in family) for family in families]

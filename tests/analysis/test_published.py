@@ -9,6 +9,7 @@ import pytest
 
 from robustflow.analysis.published.tables import method_of, published_costs, published_methods, published_results
 from robustflow.corruptions.registry import IMAGE_PAIR, PAPER_ORDER
+from tests.made_rows import values_frame
 
 _KITTI = {"epe": "table:kitti-fc", "cre": "table:kitti_cre", "rcre": "table:kitti_rcre"}
 _GOPRO_ORDER = [n for n in PAPER_ORDER if n not in ("h264_crf", "h264_abr", "bit_error")] + [
@@ -59,7 +60,7 @@ def test_kitti_tables_are_those_of_the_paper(tex, metric):
         if len(cells) == len(columns) + 1 and re.fullmatch(r"-?\d+\.\d\d", cells[1][0]):
             for name, (value, bold) in zip(columns, cells[1:], strict=True):
                 found[setting, cells[0][0], name] = (float(value), bold)
-    ours = published_results().filter(metric=metric, benchmark="kitti-fc")
+    ours = values_frame(published_results()).filter(metric=metric, benchmark="kitti-fc")
     assert len(found) == 29 * len(columns)
     assert {
         (row["setting"], row["model"], row["corruption"]): (row["value"], row["marked"])
@@ -79,7 +80,7 @@ def test_gopro_table_is_that_of_the_paper(tex):
         for name, line in zip(_GOPRO_ORDER, values, strict=True)
         for model, (value, bold) in zip(models, line, strict=True)
     }
-    ours = published_results().filter(benchmark="gopro-fc")
+    ours = values_frame(published_results()).filter(benchmark="gopro-fc")
     assert {(r["model"], r["corruption"]): (r["value"], r["marked"]) for r in ours.iter_rows(named=True)} == found
 
 
@@ -112,7 +113,7 @@ def test_methods_are_those_of_the_paper(tex):
 def test_extracted_tables_agree(shared):
     """A second extraction of the same tables, made by someone else."""
     rename = {"jpeg": "jpeg_compression"}
-    ours = published_results()
+    ours = values_frame(published_results())
     for metric in _KITTI:
         with open(shared("paper") / f"kitti_fc_{metric}.csv", encoding="utf-8") as file:
             theirs = {
@@ -135,8 +136,8 @@ def test_extracted_tables_agree(shared):
 
 
 def test_29_variants_of_15_methods():
-    kitti = published_results().filter(metric="epe")
+    kitti = values_frame(published_results()).filter(metric="epe")
     variants = set(kitti.select("setting", "model").iter_rows())
     assert len(variants) == 29
     assert {method_of(model).method for _, model in variants} == set(published_methods())
-    assert published_results().height == 29 * (22 + 21 + 21) + 11 * 25
+    assert sum(len(line.values) for line in published_results()) == 29 * (22 + 21 + 21) + 11 * 25

@@ -2,7 +2,8 @@
 
 import pytest
 
-from robustflow.analysis.results import RESULT_SCHEMA, parse_results, read_results, results_csv
+from robustflow.analysis.model_result import Value
+from robustflow.analysis.results_file import parse_results, read_results, results_csv
 from robustflow.errors import DataError
 from robustflow.report.table import number_text
 
@@ -12,22 +13,21 @@ _HEAD = "setting,model,metric,corruption,value\n"
 def test_a_file_is_read_with_its_decimals(tmp_path):
     path = tmp_path / "r.csv"
     path.write_text("\ufeffmodel,setting,metric,corruption,value,marked,extra\n" + "A,OOD,epe,fog,1.250,yes,z\n")
-    frame = read_results(path)
-    assert frame.schema == RESULT_SCHEMA
-    row = frame.row(0, named=True)
-    assert (row["value"], row["decimals"], row["marked"], row["benchmark"]) == (1.25, 3, True, "kitti-fc")
+    (line,) = read_results(path)
+    assert line.benchmark == "kitti-fc"
+    assert line.values == {("epe", "fog"): Value(1.25, decimals=3, marked=True)}
 
 
 @pytest.mark.parametrize(("written", "shown"), [("4.20", "4.20"), ("1.527602461899183", "1.53"), ("7", "7")])
 def test_a_number_is_shown_as_it_was_printed_unless_it_was_never_rounded(tmp_path, written, shown):
     path = tmp_path / "mine.csv"
     path.write_text(f"{_HEAD}OOD,Mine,rcre,fog,{written}\n")
-    results = read_results(path)
-    row = results.row(0, named=True)
-    assert row["value"] == float(written)
-    assert number_text(row["value"], row["decimals"]) == shown
-    path.write_text(results_csv(results))
-    assert read_results(path).equals(results)
+    (line,) = read_results(path)
+    value = line.values["rcre", "fog"]
+    assert value.number == float(written)
+    assert number_text(value.number, value.decimals) == shown
+    path.write_text(results_csv([line]))
+    assert list(map(vars, read_results(path))) == [vars(line)]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from robustflow.analysis.model_result import values_frame
+from robustflow.analysis.model_result import by_frames, ranked
 from robustflow.analysis.run_names import run_names
 from robustflow.analysis.run_results import comparison_note, run_results, run_setting
 from robustflow.api import Result, evaluate
@@ -69,10 +69,8 @@ def test_other_severities_and_other_data_of_the_same_names_are_other_sample_sets
 
 
 def test_values_are_those_of_the_summary(runs):
-    frame = values_frame(run_results(runs))
-    for run, name in zip(runs, run_names(runs), strict=True):
-        rows = frame.filter(model=name)
-        found = {(row["metric"], row["corruption"]): row["value"] for row in rows.iter_rows(named=True)}
+    for run, line in zip(runs, run_results(runs), strict=True):
+        found = {key: value.number for key, value in line.values.items()}
         assert found["epe", "clean"] == run.summary.epe_clean
         assert found["cre", "average"] == run.summary.cre
         assert found["rcre", "contrast"] == run.summary.corruptions["contrast"].rcre
@@ -135,8 +133,8 @@ def test_a_doubted_model_is_the_best_of_nothing_and_a_footnote_says_why(runs, tm
     assert best["Useless"][0] == 0
     assert "not ranked: its clean EPE of 0.03 px is not below half of the 0.00 px of zero flow" in best["Useless"][1]
     assert best["Good"][0] > 0
+    assert {line.name for line in ranked(run_results([useless, *others]))} == {"Good", "Bad"}
     content = whole_content([useless, *others], published=False)
-    assert set(content.ranked["model"]) == {"Good", "Bad"}
     entries = {entry.name: entry for entry in content.entries}
     assert not entries["Useless"].best
     assert ("epe", "average") in entries["Good"].best
@@ -322,9 +320,9 @@ def test_runs_alone(runs):
 
 
 def test_results_of_both(runs):
-    both = values_frame(results_of(runs, published=True))
-    assert set(both["sample_set"]) == {"paper", sample_set(runs[0])}
-    assert both.filter(pl.col("sample_set") != "paper")["decimals"].null_count() == 3 * 13
+    both = by_frames(results_of(runs, published=True))
+    assert set(both) == {"paper", sample_set(runs[0])}
+    assert [value.decimals for line in both[sample_set(runs[0])] for value in line.values.values()] == [None] * 3 * 13
 
 
 def test_real_pairs_beside_the_published_rows(shared, tmp_path):

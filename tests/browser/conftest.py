@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import polars as pl
 import pytest
 
-from robustflow.analysis.results import parse_results
+from robustflow.analysis.results_file import parse_results
 from robustflow.api import evaluate
 from robustflow.report.site import render_site, run_content, whole_content
 
@@ -93,9 +92,10 @@ def pages(tmp_path_factory, real_pictures) -> dict[str, Path]:
     options = {"corruptions": ["contrast", "impulse_noise"], "severities": [1, 2, 5]}
     with real_pictures():
         run = evaluate("dis", "demo", output=folder / "run", examples=True, **options)
-    hostile = parse_results(_CELLS, "made.csv", "file").with_columns(
-        model=pl.col("model").replace({"A": HOSTILE}), note=pl.lit(HOSTILE)
-    )
+    hostile = [
+        replace(line, name=HOSTILE if line.name == "A" else line.name, note=HOSTILE)
+        for line in parse_results(_CELLS, "made.csv", "file")
+    ]
     made = {
         "report": run_content(run),
         "leaderboard": whole_content([run]),

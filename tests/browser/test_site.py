@@ -8,6 +8,7 @@ import pytest
 from robustflow.analysis.published.tables import published_results
 from robustflow.api import evaluate
 from robustflow.report.site import render_site, run_content
+from tests.made_rows import values_frame
 
 from .conftest import HOSTILE
 
@@ -73,7 +74,7 @@ def test_filters_search_and_their_state_in_the_address(opened):
     page.get_by_label("Columns").locator("visible=true").select_option("weather")
     page.get_by_label("Metric").locator("visible=true").select_option("cre")
     page.get_by_role("button", name="Snow").click()
-    snow = published_results().filter(setting="ID", metric="cre", corruption="snow").sort("value")
+    snow = values_frame(published_results()).filter(setting="ID", metric="cre", corruption="snow").sort("value")
     expected = [f"{row['value']:.2f}" for row in snow.iter_rows(named=True) if row["model"].startswith("SAMFlow")]
     assert _column(page, "Snow") == expected
     address = page.url
@@ -150,7 +151,7 @@ def test_marks_are_the_papers(opened):
 
 def _printed(model: str, corruption: str) -> list[str]:
     """CRE, RCRE and EPE in each setting, as the paper's tables have them."""
-    rows = published_results().filter(benchmark="kitti-fc", model=model, corruption=corruption)
+    rows = values_frame(published_results()).filter(benchmark="kitti-fc", model=model, corruption=corruption)
     return [f"{row['value']:.2f}" for metric in ("cre", "rcre", "epe") for row in rows.filter(metric=metric).to_dicts()]
 
 
@@ -317,10 +318,9 @@ def test_downloads_hold_the_numbers_and_no_formula(opened, tmp_path):
     path = tmp_path / "got.csv"
     wait.value.save_as(path)
     frame = pl.read_csv(path).filter(pl.col("sample_set") == "paper", pl.col("metric") != "crer")
-    assert frame.height == published_results().height
-    joined = frame.join(
-        published_results(), on=["benchmark", "setting", "model", "metric", "corruption"], suffix="_paper"
-    )
+    published = values_frame(published_results())
+    assert frame.height == published.height
+    joined = frame.join(published, on=["benchmark", "setting", "model", "metric", "corruption"], suffix="_paper")
     assert joined.height == frame.height
     assert (joined["value"] - joined["value_paper"]).abs().max() == 0
     with page.expect_download() as wait:

@@ -24,8 +24,8 @@ def data(tmp_path):
 
 
 def _published(model, corruption):
-    found = published_results().filter(benchmark="kitti-fc", metric="epe", model=model, corruption=corruption)
-    return found["value"].item()
+    found = [line for line in published_results() if (line.benchmark, line.name) == ("kitti-fc", model)]
+    return found[0].number("epe", corruption)
 
 
 def test_ours_beside_the_published_values(robustflow, data, tmp_path):

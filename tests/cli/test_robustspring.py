@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robustflow.analysis.results import read_results, values_of
+from robustflow.analysis.results_file import read_results
 from robustflow.api import evaluate
 from robustflow.datasets.robustspring_condition import CORRUPTIONS, SEQUENCES, Condition, submitted
 from robustflow.errors import DataError, UsageError
@@ -88,10 +88,10 @@ def test_flows_are_the_models_on_those_frames(robustflow, run, frames):
         flows[condition] = read_flow(path)[0]
         assert np.array_equal(flows[condition], model.predict(*pair))
 
-    results = read_results("submission/results.csv")
-    rcre = values_of(results, "rcre", benchmark="robustspring")
-    assert set(results["setting"]) == {"knowledge"}
-    assert {name for _, _, name in rcre} == {"robustspring_fog", "robustspring_rain", "average"}
+    (line,) = read_results("submission/results.csv")
+    rcre = line.numbers("rcre")
+    assert (line.benchmark, line.setting) == ("robustspring", "knowledge")
+    assert set(rcre) == {"robustspring_fog", "robustspring_rain", "average"}
     moved = []
     for path in Path("submission/rain").rglob("*.flo5"):
         clean = read_flow(Path("submission/clean") / path.relative_to("submission/rain"))[0]
@@ -146,11 +146,11 @@ def test_exports_are_one_sample_set_only_over_the_same_corruptions_of_the_same_f
         out = f"{corruption} {pairs}"
         command = ("export", run, "--format", "robustspring", "--data", frames, "-c", corruption, "--limit", pairs)
         assert robustflow(*command, "-o", out)[0] == 0
-        (sets[out],) = set(read_results(f"{out}/results.csv")["sample_set"])
+        (sets[out],) = (line.frames for line in read_results(f"{out}/results.csv"))
     assert len(set(sets.values())) == 3
     again = ("export", run, "--format", "robustspring", "--data", frames, "-c", "fog", "--limit", 4, "-o", "again")
     assert robustflow(*again)[0] == 0
-    assert set(read_results("again/results.csv")["sample_set"]) == {sets["fog 4"]}
+    assert [line.frames for line in read_results("again/results.csv")] == [sets["fog 4"]]
 
 
 def test_a_stopped_export_continues_and_has_the_same_results(robustflow, run, frames):

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.collections import PathCollection
 from matplotlib.text import Annotation
 
-from robustflow.analysis.results import parse_results
+from robustflow.analysis.results_file import parse_results
 from robustflow.report.figures import clean_against_cre, effective_trend
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,8 +12,9 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+from robustflow.analysis.model_result import ModelResult
 from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results import parse_results
+from robustflow.analysis.results_file import parse_results
 from robustflow.errors import UsageError
 from robustflow.report.figures import (
     FILE_FORMATS,
@@ -33,7 +35,7 @@ from robustflow.report.figures.styles import KIND_STYLES, MODEL_STYLES, Looks
 from ..analysis.simulated import Truth, rows_of
 from .hostile import HOSTILE
 
-_KITTI = published_results().filter(benchmark="kitti-fc")
+_KITTI = [line for line in published_results() if line.benchmark == "kitti-fc"]
 
 
 def _rows(seed: int = 0, count: int = 12) -> pl.DataFrame:
@@ -59,7 +61,7 @@ def test_bubbles_stand_where_the_numbers_say():
 
 
 def test_a_name_in_any_script_warns_only_where_the_font_draws_a_box(recwarn):
-    results = _KITTI.with_columns(pl.col("model").replace("RAFT", "\u5149\u6d41"))
+    results = [replace(line, name="\u5149\u6d41") if line.name == "RAFT" else line for line in _KITTI]
     assert "\u5149\u6d41" in figure_bytes(clean_against_cre(results), "svg", live_text=True).decode()
     assert not [str(warning.message) for warning in recwarn]
     with pytest.warns(UserWarning, match="Glyph 20809 .* missing"):
@@ -85,11 +87,12 @@ def test_labels_do_not_hide_each_other():
 
 def test_families_by_hand():
     """CSFlow, noise, out-of-domain: (10.82 + 9.75 + 10.95) / 3 over 4.11, less 1."""
-    assert family_crer(_KITTI)["OOD", "CSFlow"]["noise"] == pytest.approx((10.82 + 9.75 + 10.95) / 3 / 4.11 - 1)
+    families = {(line.setting, line.name): of_line for line, of_line in family_crer(_KITTI).items()}
+    assert families["OOD", "CSFlow"]["noise"] == pytest.approx((10.82 + 9.75 + 10.95) / 3 / 4.11 - 1)
     figure = crer_by_family(_KITTI)
     assert [axes.get_title() for axes in figure.axes] == ["SAMFlow-H", "CSFlow", "ARFlow"]
     heights = [bar.get_height() for bar in figure.axes[2].patches]
-    assert heights == pytest.approx(list(family_crer(_KITTI)["ID", "ARFlow"].values()))
+    assert heights == pytest.approx(list(families["ID", "ARFlow"].values()))
 
 
 def test_relations_tell_their_correlation():
@@ -199,7 +202,7 @@ def test_no_statistic_of_fewer_than_five_models():
 
 
 def test_a_single_bar_is_no_figure():
-    alone = parse_results(_CELLS, "made.csv", "made").filter(model="A")
+    alone = parse_results(_CELLS, "made.csv", "made")
     with pytest.raises(UsageError, match="one bar"):
         crer_by_family(alone)
 
@@ -245,8 +248,8 @@ _CELLS = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2\nOOD,A,epe,av
 
 @pytest.mark.filterwarnings("ignore:Glyph")
 def test_hostile_names_are_drawn_as_text():
-    made = parse_results(_CELLS, "made.csv", "made")
-    results = pl.concat([made.with_columns(model=pl.lit(name)) for name in HOSTILE])
+    (made,) = parse_results(_CELLS, "made.csv", "made")
+    results = [replace(made, name=name) for name in HOSTILE]
     rows = _rows(count=3)
     figures = [
         clean_against_cre(results),
@@ -280,21 +283,21 @@ def test_what_can_be_drawn_is_drawn():
         "severity_rcre",
         "severity_epe",
     }
-    assert not all_figures(published_results().clear(), {})
+    assert not all_figures([], {})
 
 
 def test_severity_curves_of_different_frames_are_different_figures():
-    figures = all_figures(published_results().clear(), {"one": {"a": _rows(1), "b": _rows(2)}, "two": {"c": _rows(3)}})
+    figures = all_figures([], {"one": {"a": _rows(1), "b": _rows(2)}, "two": {"c": _rows(3)}})
     assert [name for name in figures if name.startswith("severity_rcre")] == ["severity_rcre_1", "severity_rcre_2"]
 
 
 @pytest.mark.parametrize("draw", [clean_against_cre, crer_by_family, relations, effective_trend])
 def test_nothing_to_draw_says_so(draw):
     with pytest.raises(UsageError):
-        draw(published_results().clear())
+        draw([])
 
 
-def _own(*settings: str, weather: bool = False) -> pl.DataFrame:
+def _own(*settings: str, weather: bool = False) -> list[ModelResult]:
     cells = [("epe", "clean", 0), ("epe", "average", 3), ("rcre", "average", 1)]
     cells += [("epe", "fog", 2), ("epe", "jpeg_compression", 1)] * weather
     lines = [
@@ -319,17 +322,17 @@ def test_own_models_on_the_same_frames_are_drawn_together():
 
 def test_an_own_model_is_drawn_whatever_the_paper_leaves_out():
     """The paper discusses no FlowDiffuser; whoever measured one wants to see it."""
-    results = _own(*["OOD"] * 5).with_columns(model=pl.col("model").replace({"M1": "FlowDiffuser"}))
+    results = [replace(line, name=line.name.replace("M1", "FlowDiffuser")) for line in _own(*["OOD"] * 5)]
     for name in ("clean_against_cre", "relations"):
         marks = figures_by_sample_set(results)["own frames"][name].marks.values()
         assert "FlowDiffuser" in {mark.model for of_artist in marks for mark in of_artist}
 
 
 def test_a_model_in_two_settings_keeps_a_panel_for_each():
-    results = _own("OOD", "ID").with_columns(model=pl.lit("M"))
+    results = [replace(line, name="M") for line in _own("OOD", "ID")]
     assert len(figures_by_sample_set(results)["own frames"]["clean_against_cre"].axes) == 2
 
 
 def test_figures_of_benchmarks_without_ground_truth_are_left_out():
-    results = _own("OOD", "own").with_columns(benchmark=pl.lit("folder"))
+    results = [replace(line, benchmark="folder") for line in _own("OOD", "own")]
     assert not figures_by_sample_set(results)

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import pytest
 
-from robustflow.analysis.model_result import model_results
 from robustflow.analysis.published.tables import published_costs, published_results
 from robustflow.errors import UsageError
 from robustflow.report.analysis_tables import observations_table
@@ -33,7 +32,7 @@ def _table(name: str, note: str = "") -> Table:
 @pytest.mark.parametrize("name", TABLES)
 @pytest.mark.parametrize("format", FORMATS)
 def test_every_number_of_every_table_is_there(name, format):
-    table = build_table(name, model_results(published_results()), published_costs())
+    table = build_table(name, published_results(), published_costs())
     text = render(table, format)
     found = re.findall(r"-?\d+\.\d+", text)
     for section in table.sections:
@@ -46,7 +45,7 @@ def test_every_number_of_every_table_is_there(name, format):
 
 
 def test_csv_reads_back():
-    table = build_table("epe", model_results(published_results()))
+    table = build_table("epe", published_results())
     lines = list(csv.DictReader(io.StringIO(render(table, "csv"))))
     assert len(lines) == 29
     raft = next(line for line in lines if line["model"] == "RAFT" and line["section"].startswith("In"))
@@ -104,7 +103,7 @@ def test_terminal_shows_markup_as_text(name, colour):
 
 @pytest.mark.parametrize("width", [60, 80, 200])
 def test_the_terminal_is_never_wider_than_it_is(width):
-    text = render_terminal(build_table("epe", model_results(published_results())), width)
+    text = render_terminal(build_table("epe", published_results()), width)
     assert max(map(len, text.splitlines())) <= width
     assert "51.76" in text
 
@@ -133,9 +132,7 @@ def test_latex_of_a_hostile_name_has_no_live_command(name):
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
 def test_latex_compiles(tmp_path):
-    parts = [
-        render(build_table(name, model_results(published_results()), published_costs()), "latex") for name in TABLES
-    ]
+    parts = [render(build_table(name, published_results(), published_costs()), "latex") for name in TABLES]
     parts += [render(_table(name, note=name), "latex") for name in HOSTILE]
     parts.append(render(observations_table(published_results(), published_costs()), "latex"))
     head = r"\documentclass{article}\usepackage[T1]{fontenc}\usepackage{textcomp,booktabs,graphicx}\begin{document}"
@@ -151,11 +148,11 @@ def test_latex_compiles(tmp_path):
 
 
 def test_latex_shades_as_the_paper_does_and_can_be_referred_to():
-    epe = render(build_table("epe", model_results(published_results())), "latex")
+    epe = render(build_table("epe", published_results()), "latex")
     assert r"\label{tab:robustflow-epe}" in epe
     best = r"SAMFlow-H & \cellcolor{gray!20}\textbf{3.78} & \cellcolor{gray!20}\textbf{7.08} & "
     assert best in epe
-    cost = render(build_table("cost", model_results(published_results()), published_costs()), "latex")
+    cost = render(build_table("cost", published_results(), published_costs()), "latex")
     shaded = [line.split(" & ")[0] for line in cost.splitlines() if line.startswith(r"\rowcolor{gray!20}")]
     assert shaded == [r"\rowcolor{gray!20}CSFlow", r"\rowcolor{gray!20}ARFlow"]
     assert r"\cellcolor" not in cost

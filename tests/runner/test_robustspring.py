@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from robustflow.analysis.model_result import values_frame
-from robustflow.analysis.results import read_results, results_csv, values_of
+from robustflow.analysis.results_file import read_results, results_csv
 from robustflow.analysis.robustspring import robustspring_results
 from robustflow.analysis.run_results import comparison_note, run_results
 from robustflow.api import evaluate
@@ -111,16 +110,17 @@ def test_a_run_says_nothing_of_the_papers_severities(run):
 def test_the_export_has_the_same_numbers_under_the_same_names(run, expected):
     flows = [Submitted("clean", "a", True, "0", None)]
     flows += [Submitted(name, "a", True, "1", Robustness(value, 0.0, 0.0)) for name, value in expected.items()]
-    results = robustspring_results(run, flows)
-    ours = values_of(values_frame(run_results([run])), "rcre", benchmark="robustspring")
-    assert ours == pytest.approx(values_of(results, "rcre", benchmark="robustspring"), rel=1e-6)
+    (ours,), theirs = run_results([run]), robustspring_results(run, flows)
+    assert ours.benchmark == theirs.benchmark == "robustspring"
+    assert ours.numbers("rcre") == pytest.approx(theirs.numbers("rcre"), rel=1e-6)
 
 
 def test_results_can_be_written_and_read_again(run, tmp_path):
     path = tmp_path / "results.csv"
-    path.write_text(results_csv(values_frame(run_results([run]))))
-    again = values_of(read_results(path), "rcre", benchmark="robustspring")
-    assert again == values_of(values_frame(run_results([run])), "rcre")
+    path.write_text(results_csv(run_results([run])))
+    (again,) = read_results(path)
+    assert again.benchmark == "robustspring"
+    assert again.numbers("rcre") == run_results([run])[0].numbers("rcre")
 
 
 def test_it_stands_in_tables_and_on_pages_like_any_other(run):

@@ -8,10 +8,10 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 from multiprocessing import get_context
+from statistics import fmean
 from typing import Any
 
 import numpy as np
-import polars as pl
 from PIL import Image
 
 from robustflow.analysis.published.tables import published_results
@@ -172,10 +172,14 @@ def _published(name: str) -> list[str]:
 @cache
 def _published_means(benchmark: str, metric: str) -> dict[str, float]:
     """Corruption -> mean over the paper's out-of-domain models, the worst first."""
-    rows = published_results().filter(benchmark=benchmark, metric=metric)
-    rows = rows.filter(pl.col("setting") == "OOD", pl.col("corruption").is_in(PAPER_ORDER))
-    means = rows.group_by("corruption").agg(pl.col("value").mean()).sort("value", descending=True)
-    return dict(means.iter_rows())
+    lines = [line for line in published_results() if (line.benchmark, line.setting) == (benchmark, "OOD")]
+    measured = [line.numbers(metric) for line in lines]
+    means = {
+        name: fmean(values)
+        for name in PAPER_ORDER
+        if (values := [numbers[name] for numbers in measured if name in numbers])
+    }
+    return dict(sorted(means.items(), key=lambda item: -item[1]))
 
 
 def _pictures(name: str, cells: list[Seen]) -> str:

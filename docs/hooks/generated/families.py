@@ -7,7 +7,6 @@ from math import fsum
 
 from robustflow.analysis.labels import setting_words
 from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results import values_of
 from robustflow.corruptions import FAMILIES, SEVERITIES
 from robustflow.corruptions.registry import CLIP
 from robustflow.runs.family_means import family_means
@@ -89,10 +88,8 @@ def _published(family: str) -> str:
     benchmark, metric, title = (
         ("gopro-fc", "rcre", "GoPro-FC") if family == "video" else ("kitti-fc", "cre", "KITTI-FC")
     )
-    by_model: dict[tuple[str, str], dict[str, float]] = {}
-    for (setting, model, name), value in values_of(published_results(), metric, benchmark=benchmark).items():
-        by_model.setdefault((setting, model), {})[name] = value
-    means = {key: family_means(values)[family] for key, values in by_model.items()}
+    lines = [line for line in published_results() if line.benchmark == benchmark]
+    means = {(line.setting, line.name): family_means(line.numbers(metric))[family] for line in lines}
     order = ["knowledge", "OOD", "ID"]
     lowest = sorted(means, key=lambda key: (order.index(key[0]), means[key]))
     rows = [(model, setting_words(setting), f"{means[setting, model]:.2f}") for setting, model in lowest]

@@ -9,13 +9,15 @@ itself; the residual is given as a factor: 0.8 means a corrupted error 20 % belo
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from ..errors import UsageError
-from .results import AVERAGE, CLEAN, values_of
+from .model_result import ModelResult
+from .results import AVERAGE, CLEAN
 
 LEAST_MODELS = 5
 
@@ -32,12 +34,12 @@ EFFECTIVE_SCHEMA: dict[str, Any] = {
 
 
 def effective_robustness(
-    results: pl.DataFrame, *, corruption: str = AVERAGE, by_setting: bool = True, without: tuple[str, ...] = ()
+    results: Sequence[ModelResult], *, corruption: str = AVERAGE, by_setting: bool = True, without: tuple[str, ...] = ()
 ) -> pl.DataFrame:
     """Corrupted EPE against what the clean EPE of the other models predicts.
 
     Args:
-        results: `RESULT_SCHEMA`, of one benchmark and measured on the same frames.
+        results: of one benchmark and measured on the same frames.
         corruption: a corruption, or "average".
         by_setting: one trend per setting (domain knowledge shifts the trend, so one line over all settings would
             mistake it for robustness), or one over all.
@@ -52,15 +54,16 @@ def effective_robustness(
         UsageError: no setting has 5 models with a clean and a corrupted EPE.
 
     >>> from robustflow.analysis.published.tables import published_results
-    >>> of_kitti = published_results().filter(benchmark="kitti-fc")
+    >>> of_kitti = [line for line in published_results() if line.benchmark == "kitti-fc"]
     >>> effective_robustness(of_kitti).filter(setting="ID").row(0, named=True)["model"]
     'ARFlow'
     """
-    values = values_of(results, "epe")
     entries = [
-        (setting, model, values[setting, model, CLEAN], value)
-        for (setting, model, name), value in values.items()
-        if name == corruption and model not in without and values.get((setting, model, CLEAN), 0) > 0 and value > 0
+        (line.setting, line.name, clean, value)
+        for line in results
+        if line.name not in without
+        and (clean := line.number("epe", CLEAN) or 0.0) > 0
+        and (value := line.number("epe", corruption) or 0.0) > 0
     ]
     groups: dict[str, list[tuple[str, str, float, float]]] = {}
     for entry in entries:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import polars as pl
-
+from ..errors import DataError
 from ..metrics.summary import has_gaps
 from ..runs.costs import RunCost, read_cost
-from .results import AVERAGE, CLEAN, RESULT_SCHEMA
+from ..text import plain
+from .results import AVERAGE, CLEAN
 from .uncertainty.of_runs import IntervalEnds, interval_ends
 
 if TYPE_CHECKING:
@@ -106,38 +106,39 @@ class ModelResult:
         value = self.values.get((metric, condition))
         return None if value is None else value.number
 
+    def numbers(self, metric: str) -> dict[str, float]:
+        """Condition -> value of a metric."""
+        return {of: value.number for (kind, of), value in self.values.items() if kind == metric}
+
     def intervals(self, corruptions: bool = True) -> dict[ValueKey, IntervalEnds]:
         """The 95 % intervals of a run, see `interval_ends`; empty for others."""
         return interval_ends(self.run, corruptions, self.beside_published) if self.run else {}
 
 
-def model_results(frame: pl.DataFrame) -> list[ModelResult]:
-    """The lines of results in the tidy shape (columns of `RESULT_SCHEMA`), in the order in which they begin.
+def merged(lines: Iterable[ModelResult], where: str = "") -> list[ModelResult]:
+    """The lines of one benchmark, sample set, setting and name as one, in the order in which they begin; the first
+    one's note counts. `where` is for messages.
 
-    >>> from robustflow.analysis.published.tables import published_results
-    >>> lines = model_results(published_results())
-    >>> len(lines), lines[0].benchmark, len(lines[0].values)
-    (40, 'kitti-fc', 64)
+    Raises:
+        DataError: two of them have the same value.
     """
-    lines: dict[tuple[str, str, str, str], tuple[str, dict[ValueKey, Value]]] = {}
-    for row in frame.iter_rows(named=True):
-        key = (row["benchmark"], row["sample_set"], row["setting"], row["model"])
-        _, values = lines.setdefault(key, (row["note"], {}))
-        values[row["metric"], row["corruption"]] = Value(row["value"], row["decimals"], row["marked"], row["source"])
-    return [ModelResult(*key, note, values) for key, (note, values) in lines.items()]
+    parts: dict[tuple[str, str, str, str], list[ModelResult]] = {}
+    for line in lines:
+        parts.setdefault((line.benchmark, line.frames, line.setting, line.name), []).append(line)
+    return [one[0] if len(one) == 1 else replace(one[0], values=_joined(one, where)) for one in parts.values()]
 
 
-def values_frame(results: Iterable[ModelResult]) -> pl.DataFrame:
-    """Results in the tidy shape: one value per line, columns of `RESULT_SCHEMA`."""
-    records = [
-        (
-            *(line.benchmark, line.setting, line.name, *key),
-            *(value.number, value.decimals, value.marked, value.source, line.frames, line.note),
-        )
-        for line in results
-        for key, value in line.values.items()
-    ]
-    return pl.DataFrame(records, schema=RESULT_SCHEMA, orient="row")
+def _joined(lines: Sequence[ModelResult], where: str) -> dict[ValueKey, Value]:
+    values: dict[ValueKey, Value] = {}
+    for line in lines:
+        for metric, condition in values.keys() & line.values.keys():
+            whose = f"'{plain(line.name)}' ({plain(line.setting)})"
+            raise DataError(
+                f"{where}{': ' if where else ''}{metric} of {whose} on {condition} appears twice for the sample set "
+                f"'{plain(line.frames)}'; give each value once"
+            )
+        values |= line.values
+    return values
 
 
 def ranked(results: Iterable[ModelResult]) -> list[ModelResult]:

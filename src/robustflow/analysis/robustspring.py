@@ -6,14 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from math import fsum
 from typing import Protocol
 
-import polars as pl
-
 from ..corruptions.on_disk import ROBUSTSPRING
 from ..runs.comparable import sample_set_of
 from ..runs.run import Run
 from ..text import counted, joined
 from .labels import inside, long_label
-from .results import AVERAGE, RESULT_SCHEMA
+from .model_result import ModelResult, Value
+from .results import AVERAGE
 from .run_results import OWN_SETTING
 
 ROBUSTNESS = ("epe", "fl", "px1")
@@ -43,9 +42,8 @@ class MovedFlow(Protocol):
         """The numbers of `ROBUSTNESS`; None of the clean flow."""
 
 
-def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> pl.DataFrame:
-    """RCRE per corruption and their mean: columns of `results.RESULT_SCHEMA`. Results over the same corruptions of the
-    same frames are one sample set.
+def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> ModelResult:
+    """RCRE per corruption and their mean. Results over the same corruptions of the same frames are one sample set.
 
     Args:
         run: whose model predicted.
@@ -62,13 +60,9 @@ def robustspring_results(run: Run, flows: Iterable[MovedFlow]) -> pl.DataFrame:
     note = f"{counted(pairs, 'pair')}, all pixels; average over {few or counted(len(moved), 'corruption')}"
     means[AVERAGE] = fsum(means.values()) / len(means)
     cells = [(flow.key, flow.condition, int(flow.moved is not None), flow.frames, None) for flow in flows]
-    head = (ROBUSTSPRING.dataset, _setting(run), run.name, "rcre")
-    source, frames = (
-        run.manifest.identity_digest,
-        f"{ROBUSTSPRING.title}, {note}; frames {sample_set_of('', cells)}",
-    )
-    lines = [(*head, name, value, None, None, source, frames, note) for name, value in means.items()]
-    return pl.DataFrame(lines, schema=RESULT_SCHEMA, orient="row")
+    frames = f"{ROBUSTSPRING.title}, {note}; frames {sample_set_of('', cells)}"
+    values = {("rcre", name): Value(value, source=run.manifest.identity_digest) for name, value in means.items()}
+    return ModelResult(ROBUSTSPRING.dataset, frames, _setting(run), run.name, note, values)
 
 
 def robustness_means(moved: Mapping[str, Sequence[Sequence[float]]]) -> dict[str, tuple[int, list[float]]]:

@@ -128,7 +128,8 @@ def _export_submission(
     corruptions: list[str] | None,
     limit: int | None,
 ) -> None:
-    from ..analysis.results import AVERAGE, results_csv
+    from ..analysis.results import AVERAGE
+    from ..analysis.results_file import results_csv
     from ..analysis.robustspring import robustness_csv, robustness_means, robustspring_results
     from ..atomic import write_bytes
     from ..datasets.robustspring_condition import CORRUPTIONS, submitted
@@ -158,7 +159,7 @@ def _export_submission(
         if one.moved is not None:
             moved.setdefault(one.condition, []).append(one.moved)
     if moved:
-        write_bytes(output / "results.csv", results_csv(robustspring_results(run, flows)).encode())
+        write_bytes(output / "results.csv", results_csv([robustspring_results(run, flows)]).encode())
         means = robustness_means(moved)
         write_bytes(output / "robustness.csv", robustness_csv(means).encode())
     fresh = sum(one.fresh for one in flows)

@@ -59,7 +59,7 @@ def leaderboard(
       robustflow leaderboard site -o site
     """
     from ..analysis.imported import read_imported
-    from ..analysis.results import read_results, results_csv
+    from ..analysis.results_file import read_results, results_csv
     from ..atomic import make_folder, write_bytes
     from ..errors import UsageError
     from ..records.collection import add_records, collected, is_collection
@@ -96,7 +96,7 @@ def leaderboard(
     page = render_site(content, None if pictured or len(runs) > MOST_DETAILED else embedded_slider()).encode()
     make_folder(output)
     write_bytes(output / "index.html", page)
-    write_bytes(output / "results.csv", results_csv(content.results).encode())
+    write_bytes(output / "results.csv", results_csv(content.lines).encode())
     for run in runs:
         run.keep()
     typer.echo(str(output / "index.html"))

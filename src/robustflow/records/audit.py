@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..analysis.audit import Audit, audit_results, audit_run
-from ..analysis.model_result import model_results
-from ..analysis.results import read_results
+from ..analysis.results_file import read_results
 from .load import is_record, load_any_run
 
 
 def audit(path: str | Path) -> Audit:
-    """A results file (CSV, see `robustflow.analysis.results.read_results`) or a run: its folder, or a record of it.
+    """A results file (CSV, see `analysis.results_file.read_results`) or a run: its folder, or a record of it.
 
     Raises:
         DataError, RunError: it is none of these, or cannot be read.
@@ -19,4 +18,4 @@ def audit(path: str | Path) -> Audit:
     path = Path(path).expanduser()
     if path.is_dir() or is_record(path):
         return audit_run(load_any_run(path), str(path))
-    return audit_results(model_results(read_results(path)), audited=str(path))
+    return audit_results(read_results(path), audited=str(path))

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import polars as pl
-
 from ..analysis import anatomy
 from ..analysis.conditions import SeedGroup
 from ..analysis.effective import effective_robustness
 from ..analysis.labels import METRIC_LABELS, SETTING_LABELS, long_label, metric_label
+from ..analysis.model_result import ModelResult
 from ..analysis.observations import observations
 from ..analysis.published.tables import Cost
 from ..analysis.results import AVERAGE, CLEAN
@@ -57,7 +56,7 @@ def means_table(
     return Table("means", title, tuple(columns), (Section("Runs", tuple(lines)),), (remark,) if brackets else ())
 
 
-def effective_table(results: pl.DataFrame) -> Table:
+def effective_table(results: Sequence[ModelResult]) -> Table:
     """`effective_robustness` of each set of comparable results.
 
     Raises:
@@ -101,11 +100,11 @@ def anatomy_table(runs: Sequence[Run]) -> Table:
     return Table("anatomy", "Anatomy of error", columns, tuple(sections), (remark,), "Part")
 
 
-def observations_table(results: pl.DataFrame, costs: Mapping[str, Cost], pairs: int | None = None) -> Table:
-    """The ten observations with their verdicts; results must be comparable; `pairs` as for `observations`."""
+def observations_table(results: Sequence[ModelResult], costs: Mapping[str, Cost]) -> Table:
+    """The ten observations with their verdicts; results must be comparable."""
     columns = (Column("Verdict"), Column("Claim", prose=True), Column("Numbers", prose=True))
     sections = []
-    for observation in observations(results, costs, pairs=pairs):
+    for observation in observations(results, costs):
         lines = [
             Line(
                 "main" if part.main else "also",

@@ -10,7 +10,7 @@ from ..analysis.conclusion import conclusions
 from ..analysis.conditions import SeedGroup, seed_groups
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import on_benchmark
-from ..analysis.model_result import ModelResult, by_frames, model_results, ranked, values_frame
+from ..analysis.model_result import ModelResult, by_frames, ranked
 from ..analysis.observations.verdict import UNKNOWN
 from ..analysis.published.tables import PAPER, published_costs, published_results
 from ..analysis.run_results import run_results
@@ -34,7 +34,7 @@ _MOST_NAMED = 4
 
 def results_of(runs: Sequence[Run], published: bool) -> list[ModelResult]:
     """Results of runs, after the published ones if requested."""
-    return [*(model_results(published_results()) if published else []), *run_results(runs, published)]
+    return [*(published_results() if published else []), *run_results(runs, published)]
 
 
 def tables_of(
@@ -67,10 +67,7 @@ def tables_of(
 
     def all_observations(part: Sequence[ModelResult]) -> Table:
         costs_of = costs if part[0].frames == PAPER else {}
-        return observations_table(values_frame(part), costs_of, part[0].pairs)
-
-    def effective(part: Sequence[ModelResult]) -> Table:
-        return effective_table(values_frame(part))
+        return observations_table(part, costs_of)
 
     def computable_observations(part: Sequence[ModelResult]) -> Table:
         table = all_observations(part)
@@ -86,7 +83,7 @@ def tables_of(
         "means": lambda: [means_table(_some(runs, "means"), seed=seed, seeds=seeds)],
         ROW: lambda: [_row_table(_some(runs, ROW), seeds)],
         "uncoupled": lambda: [_uncoupled(_some(runs, "uncoupled"))],
-        "effective": lambda: _by_sample_set(about, effective),
+        "effective": lambda: _by_sample_set(about, effective_table),
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
         "observations": lambda: _by_sample_set(about, all_observations),
     }
@@ -125,7 +122,7 @@ def figures_of(runs: Sequence[Run], *, published: bool) -> dict[str, Figure]:
         frames: Looks(intervals={line.name: line.intervals() for line in lines}) for frames, lines in of_runs.items()
     }
     rows = {key: {line.name: line.run.rows for line in lines if line.run} for key, lines in of_runs.items()}
-    figures = all_figures(values_frame(ranked(results)), rows, looks)
+    figures = all_figures(ranked(results), rows, looks)
     moved = displacements_of(runs)
     if 0 < len(moved) <= MOST_LINES:
         figures["displacement"] = displacement_figure(moved)

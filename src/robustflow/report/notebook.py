@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from ..analysis.displacements import displacements_of
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, benchmark_words, metric_label, setting_words
-from ..analysis.model_result import values_frame
 from ..analysis.run_names import run_names
 from ..analysis.run_results import comparison_note, run_results, run_setting
 from ..errors import UsageError, unknown_name
@@ -89,7 +88,7 @@ def plot(runs: Sequence[Run], kind: str = "severity", metric: str = "rcre") -> F
         return figures.severity_curves(common_to(dict(zip(names, runs, strict=True))).rows, metric)
     if words := differences(dict(zip(names, runs, strict=True))):
         raise UsageError(f"these runs did not measure the same and cannot be drawn together ({words}); plot each alone")
-    results = values_frame(run_results(runs))
+    results = run_results(runs)
     return figures.crer_by_family(results, tuple(names)) if kind == "classes" else of_results[kind](results)
 
 

@@ -50,8 +50,7 @@ def build_table(
         UsageError: an unknown table, or results without anything that belongs in it.
 
     >>> from robustflow.analysis.published.tables import published_results
-    >>> from robustflow.analysis.model_result import model_results
-    >>> table = build_table("epe", model_results(published_results()))
+    >>> table = build_table("epe", published_results())
     >>> [section.title for section in table.sections]
     ['Knowledge-driven', 'Out-of-domain (OOD)', 'In-domain (ID)']
     >>> line = next(line for line in table.sections[1].lines if line.label == "SAMFlow-H")

@@ -8,10 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-import polars as pl
-
 from ..analysis.labels import FAMILY_LABELS, METRIC_LABELS, SETTING_LABELS, family_label, short_label
-from ..analysis.model_result import values_frame
+from ..analysis.model_result import ModelResult
 from ..analysis.published.tables import published_costs, published_results
 from ..analysis.results import AVERAGE, CLEAN, RESULT_METRICS
 from ..analysis.run_results import comparison_note, run_results
@@ -52,7 +50,7 @@ class SideBySide:
 
 def run_beside_paper(artefact: Artefact, runnable: Runnable, run: Run) -> SideBySide:
     """A variant that was run, beside the published values over the same corruptions."""
-    here = _values(values_frame(run_results([run], beside_published=True)))
+    here = _numbers(run_results([run], beside_published=True)[0])
     measured = [name for name in run.summary.corruptions if name in _of_paper(artefact)]
     levels = run.manifest.selection.severities
     setting = "training not stated" if run.setting == "UNKNOWN" else run.setting
@@ -78,9 +76,9 @@ def _of_paper(artefact: Artefact) -> tuple[str, ...]:
 
 
 def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) -> MetricValues:
-    values = dict(
-        _values(published_results().filter(benchmark=artefact.benchmark, setting=variant.setting, model=variant.method))
-    )
+    of_variant = (artefact.benchmark, variant.setting, variant.method)
+    lines = [line for line in published_results() if (line.benchmark, line.setting, line.name) == of_variant]
+    values = {key: number for line in lines for key, number in _numbers(line).items()}
     if len(measured) < len(_of_paper(artefact)):
         for metric in RESULT_METRICS:
             of_these = [values[metric, name] for name in measured if (metric, name) in values]
@@ -97,10 +95,8 @@ def _published(artefact: Artefact, variant: Variant, measured: Sequence[str]) ->
     return values
 
 
-def _values(results: pl.DataFrame) -> MetricValues:
-    return {
-        (metric, name): value for metric, name, value in results.select("metric", "corruption", "value").iter_rows()
-    }
+def _numbers(line: ModelResult) -> MetricValues:
+    return {key: value.number for key, value in line.values.items()}
 
 
 def columns_of(artefact: Artefact, variants: Sequence[SideBySide]) -> list[tuple[Column, tuple[str, str]]]:

@@ -53,9 +53,9 @@ def paper_variants(benchmark: str, wanted: Sequence[str] | None = None) -> list[
     >>> [variant.model for variant in paper_variants("kitti-fc", ["dis", "RAFT"])]
     ['dis', 'raft', 'raft']
     """
-    lines = published_results().filter(benchmark=benchmark).select("setting", "model")
+    lines = [line for line in published_results() if line.benchmark == benchmark]
     known = {entry.method: name for name, entry in methods().items()} | _RUN_AS
-    every = [Variant(method, setting, known[method]) for setting, method in dict.fromkeys(lines.iter_rows())]
+    every = [Variant(line.name, line.setting, known[line.name]) for line in lines]
     if wanted is None:
         return every
     chosen: dict[str, str] = {}

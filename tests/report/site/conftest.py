@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 
+from robustflow.analysis.model_result import ModelResult
 from robustflow.api import Result, evaluate
 from robustflow.runs.manifest import Selection
 from robustflow.runs.provenance import Provenance
@@ -48,18 +49,21 @@ def many_images(small_run) -> Callable[..., Result]:
 
 
 @pytest.fixture(scope="session")
-def many_models() -> pl.DataFrame:
+def many_models() -> list[ModelResult]:
     """Results of a hundred models: the published ones again under other names, in three settings."""
     from robustflow.analysis.published.tables import published_results
 
-    source = published_results().filter(benchmark="kitti-fc", setting="ID", model="RAFT")
-    parts = []
-    for index in range(100):
-        setting = pl.lit(("OOD", "ID", "own")[index % 3])
-        value = pl.col("value") * (1 + 0.01 * index)
-        parts.append(
-            source.with_columns(
-                model=pl.lit(f"Model {index:03d}"), setting=setting, value=value, sample_set=pl.lit("file")
-            )
+    of_raft = ("kitti-fc", "ID", "RAFT")
+    (source,) = (line for line in published_results() if (line.benchmark, line.setting, line.name) == of_raft)
+    return [
+        replace(
+            source,
+            name=f"Model {index:03d}",
+            setting=("OOD", "ID", "own")[index % 3],
+            frames="file",
+            values={
+                key: replace(value, number=value.number * (1 + 0.01 * index)) for key, value in source.values.items()
+            },
         )
-    return pl.concat(parts)
+        for index in range(100)
+    ]

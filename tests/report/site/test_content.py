@@ -8,7 +8,7 @@ import re
 import polars as pl
 import pytest
 
-from robustflow.analysis.results import parse_results
+from robustflow.analysis.results_file import parse_results
 from robustflow.analysis.uncertainty import intervals
 from robustflow.api import evaluate
 from robustflow.errors import DataError, UsageError
@@ -135,7 +135,7 @@ def test_the_paper_has_no_significance():
 
 def test_a_page_about_a_run_leaves_the_paper_in_the_background(small_run):
     content = run_content(small_run)
-    assert set(content.focus["sample_set"]) == {content.entries[0].sample_set}
+    assert {line.frames for line in content.focus} == {content.entries[0].sample_set}
     assert len(content.entries) == 1 + 29 + 11
 
 

@@ -8,14 +8,14 @@ import pytest
 
 from robustflow.analysis.imported import NOTE
 from robustflow.analysis.labels import SETTING_LABELS
-from robustflow.analysis.model_result import ModelResult, Value, model_results
+from robustflow.analysis.model_result import ModelResult, Value, merged
 from robustflow.analysis.published.tables import published_costs, published_results
-from robustflow.analysis.results import parse_results
+from robustflow.analysis.results_file import parse_results
 from robustflow.corruptions.registry import FAMILIES, PAPER_ORDER
 from robustflow.report.site.entries import PLACE, default_order, entries_of
 from robustflow.report.tables import build_table
 
-_ENTRIES = entries_of(model_results(published_results()), published_costs())
+_ENTRIES = entries_of(published_results(), published_costs())
 _SETTING_OF = {label: setting for setting, label in SETTING_LABELS.items()}
 
 
@@ -24,7 +24,7 @@ def test_values_and_marks_are_those_of_the_tables(table):
     """Every cell of Tab. 2, 4, 7 and 8 with its bold mark, against the table that the renderers get."""
     metric = table.removeprefix("gopro-")
     benchmark = "gopro-fc" if table.startswith("gopro") else "kitti-fc"
-    built = build_table(table, model_results(published_results()))
+    built = build_table(table, published_results())
     names = ["clean"] * (metric == "epe")
     measured = {c for e in _ENTRIES if e.benchmark == benchmark for m, c in e.texts if m == metric}
     names += [name for name in PAPER_ORDER if name in measured] + ["average"]
@@ -78,22 +78,17 @@ def test_class_means_are_means_of_the_printed_values():
 def test_knowledge_driven_methods_and_models_alone_are_not_marked():
     assert not any(entry.best for entry in _ENTRIES if entry.setting == "knowledge")
     head = "setting,model,metric,corruption,value\n"
-    alone = entries_of(model_results(parse_results(head + "OOD,A,epe,clean,2.00\n", "a.csv", "a")), {})
+    alone = entries_of(parse_results(head + "OOD,A,epe,clean,2.00\n", "a.csv", "a"), {})
     assert not alone[0].best
-    two = entries_of(
-        model_results(parse_results(head + "OOD,A,epe,clean,2.00\nOOD,B,epe,clean,2.004\n", "a.csv", "a")), {}
-    )
+    two = entries_of(parse_results(head + "OOD,A,epe,clean,2.00\nOOD,B,epe,clean,2.004\n", "a.csv", "a"), {})
     assert [bool(entry.best) for entry in two] == [True, False]
 
 
 def test_same_name_on_other_frames_is_another_page_and_no_rival():
     head = "setting,model,metric,corruption,value,sample_set\n"
     text = head + "OOD,RAFT,epe,clean,0.10,mine\nOOD,RAFT,epe,average,0.20,mine\n"
-    import polars as pl
 
-    entries = entries_of(
-        model_results(pl.concat([parse_results(text, "a.csv", "a"), published_results()])), published_costs()
-    )
+    entries = entries_of(merged([*parse_results(text, "a.csv", "a"), *published_results()]), published_costs())
     mine = entries[0]
     assert mine.page != next(e for e in entries if e.model == "RAFT" and e.sample_set == "paper").page
     assert ("flops", "") not in mine.texts
@@ -105,7 +100,7 @@ def test_same_name_on_other_frames_is_another_page_and_no_rival():
 def test_order_puts_what_is_missing_last():
     head = "setting,model,metric,corruption,value\n"
     text = head + "OOD,A,epe,average,5.00\nOOD,B,cre,fog,1.00\nOOD,C,epe,average,4.00\n"
-    entries = sorted(entries_of(model_results(parse_results(text, "a.csv", "a")), {}), key=default_order)
+    entries = sorted(entries_of(parse_results(text, "a.csv", "a"), {}), key=default_order)
     assert [entry.model for entry in entries] == ["C", "A", "B"]
 
 
@@ -114,7 +109,7 @@ def test_imported_lines_are_the_best_of_nothing():
     numbers = [(model, f"own,{model},epe,fog,{value}") for model, value in (("A", "1.00"), ("B", "2.00"))]
     for note, best in (("", 1), (NOTE, 0)):
         text = lines + "".join(f'{line},"{note}"\n' for _, line in numbers)
-        entries = entries_of(model_results(parse_results(text, "r.csv", "file")), {})
+        entries = entries_of(parse_results(text, "r.csv", "file"), {})
         assert len([entry for entry in entries if ("epe", "fog") in entry.best]) == best
 
 

@@ -6,14 +6,14 @@ import base64
 import hashlib
 import json
 import re
+from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 
-import polars as pl
 import pytest
 
 from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results import parse_results
+from robustflow.analysis.results_file import parse_results
 from robustflow.report.embed import json_block
 from robustflow.report.site.content import run_content, whole_content
 from robustflow.report.site.page import render_site
@@ -76,9 +76,9 @@ def test_the_paper_and_its_observations_and_audit_are_there(published_page):
         for entry in (entry for group in board["groups"] for entry in group):
             for (metric, corruption), value in zip(board["numbers"], entry["values"], strict=False):
                 shown[board["benchmark"], entry["setting"], entry["name"], metric, corruption] = value
-    for row in published_results().iter_rows(named=True):
-        key = tuple(row[name] for name in ("benchmark", "setting", "model", "metric", "corruption"))
-        assert shown[key] == f"{row['value']:.2f}"
+    for line in published_results():
+        for key, value in line.values.items():
+            assert shown[line.benchmark, line.setting, line.name, *key] == f"{value.number:.2f}"
     assert text.count("119 of 2748 compared numbers") == 1  # KITTI-FC
     assert text.count("0 of 36 compared numbers") == 1  # GoPro-FC
     assert "Weather conditions" in text
@@ -127,16 +127,11 @@ def test_ids_are_unique_and_every_reference_finds_its_own(published_page):
 @pytest.mark.filterwarnings("ignore:Glyph")
 @pytest.mark.filterwarnings("ignore:Matplotlib currently does not support")
 def test_hostile_names_are_text(published_page):
-    made = parse_results(_CELLS, "made.csv", "file")
+    (made,) = parse_results(_CELLS, "made.csv", "file")
     names = [name for name in HOSTILE if name]
     hostile_settings = (names[0], names[3], "`code` **b** ~~s~~ $$m$$")  # each is a panel of two figures
-    parts = [
-        made.with_columns(
-            model=pl.lit(name), setting=pl.lit(name if name in hostile_settings else "OOD"), note=pl.lit(name)
-        )
-        for name in names
-    ]
-    text = render_site(whole_content([], [(names[0], pl.concat(parts))], published=False))
+    lines = [replace(made, name=name, setting=name if name in hostile_settings else "OOD", note=name) for name in names]
+    text = render_site(whole_content([], [(names[0], lines)], published=False))
     page, plain = Page(text), Page(published_page)
     assert {tag for tag, _ in page.tags} <= {tag for tag, _ in plain.tags}
     assert {name for _, attrs in page.tags for name in attrs} <= {name for _, attrs in plain.tags for name in attrs}

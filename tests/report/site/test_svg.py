@@ -2,19 +2,19 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 
 from robustflow.analysis.published.tables import published_results
-from robustflow.analysis.results import parse_results
+from robustflow.analysis.results_file import parse_results
 from robustflow.report.figures import clean_against_cre, relations, severity_curves
 from robustflow.report.site.svg import inline_svg
 
 from ...analysis.simulated import Truth, rows_of
 
-_KITTI = published_results().filter(benchmark="kitti-fc")
+_KITTI = [line for line in published_results() if line.benchmark == "kitti-fc"]
 
 
 def _svg(figure, prefix="f1"):
@@ -37,10 +37,7 @@ def test_a_mark_is_where_its_model_is():
     """Checked by the order of the places in one panel."""
     figure = relations(_KITTI)
     root = _svg(figure)
-    epe = {
-        row["model"]: row["value"]
-        for row in _KITTI.filter(setting="OOD", metric="epe", corruption="clean").iter_rows(named=True)
-    }
+    epe = {line.name: line.number("epe", "clean") for line in _KITTI if line.setting == "OOD"}
     first = root.find("svg")
     panel = [mark for mark in _marks(first) if "(OOD)" in mark.get("data-label")]
     by_place = sorted(panel, key=lambda mark: float(mark.get("x")))
@@ -63,8 +60,8 @@ def test_ids_are_prefixed_and_colours_follow_the_page():
 def test_a_hostile_name_is_a_text_of_the_svg():
     name = '"><script>alert(1)</script>'
     cells = "setting,model,metric,corruption,value\nOOD,A,epe,clean,2\nOOD,A,epe,average,5\nOOD,A,epe,fog,4\n"
-    results = parse_results(cells, "a.csv", "a").with_columns(model=pl.lit(name))
-    root = _svg(clean_against_cre(results))
+    (line,) = parse_results(cells, "a.csv", "a")
+    root = _svg(clean_against_cre([replace(line, name=name)]))
     assert not [element for element in root.iter() if element.tag.endswith("script")]
     assert any((element.text or "").startswith(name) for element in root.iter())
     assert _marks(root)[0].get("data-label").startswith(f"{name} (OOD)")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from ..model_result import ModelResult, model_results
+from ..model_result import ModelResult
 from ..published.tables import Cost, published_costs, published_results
 from .checks import check_averages, check_bound, check_cre, check_crer, check_marks
 from .costs import check_costs
@@ -21,7 +21,7 @@ def audit_published() -> Audit:
     >>> audit_published().counts()["swapped"]
     2
     """
-    return audit_results(model_results(published_results()), published_costs(), audited="the published tables")
+    return audit_results(published_results(), published_costs(), audited="the published tables")
 
 
 def audit_results(

@@ -1,4 +1,4 @@
-"""Results that other benchmarks' programs wrote, in the tidy shape of `analysis.results`.
+"""Results that other benchmarks' programs wrote, as lines of tables.
 
 They are means without the rows behind them, so nothing in them can be checked: every line says so (`NOTE`).
 """
@@ -8,10 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import polars as pl
-
 from ...errors import DataError
-from ..results import RESULT_SCHEMA
+from ..model_result import ModelResult
 from . import flowbench, reference
 from .json_file import read_json_file
 
@@ -19,14 +17,14 @@ NOTE = "imported, not verifiable: no seed, no rows"
 """What every imported line says."""
 
 
-def read_imported(paths: Sequence[Path]) -> pl.DataFrame:
+def read_imported(paths: Sequence[Path]) -> list[ModelResult]:
     """Result files (JSON) of the paper's reference code and of FlowBench; which of them a file is, its content says.
 
     Args:
         paths: of files. FlowBench writes a file for each corruption; all that are given are read as one.
 
     Returns:
-        Columns of `results.RESULT_SCHEMA`; a sample set is what was written by one program, on one data set, under the
+        A line for each model; a sample set is what was written by one program, on one data set, under the
         same corruptions and severities.
 
     Raises:
@@ -45,5 +43,4 @@ def read_imported(paths: Sequence[Path]) -> pl.DataFrame:
                 f"{path}: neither results.json of the reference code nor metrics_DATASET.json of FlowBench; name "
                 "results as CSV, or a run's folder or record"
             )
-    lines = [*reference.lines(benchmarks, NOTE), *flowbench.lines(experiments, NOTE)]
-    return pl.DataFrame(lines, schema=RESULT_SCHEMA, orient="row")
+    return [*reference.lines(benchmarks, NOTE), *flowbench.lines(experiments, NOTE)]

@@ -29,6 +29,7 @@ from ...models.catalog import PTLFLOW, entries_of
 from ...models.provenance import training_of_entry
 from ...severity import SEVERITIES
 from ...text import plain
+from ..model_result import ModelResult, Value
 from ..results import AVERAGE
 from ..run_results import OWN_SETTING
 from .averaged import averaged_over
@@ -104,8 +105,8 @@ def parse(content: dict[str, Any], path: Path) -> list[Experiment]:
     return experiments
 
 
-def lines(experiments: Sequence[Experiment], note: str) -> Iterator[tuple[Any, ...]]:
-    """Lines of `results.RESULT_SCHEMA`. A model's means are over the severities that all of its corruptions have; one
+def lines(experiments: Sequence[Experiment], note: str) -> Iterator[ModelResult]:
+    """A line for each model. A model's means are over the severities that all of its corruptions have; one
     without a corrupted frame is left out. CRE is the difference from the clean error, which is over the same images and
     pixels. Those on one data set under the same are one sample set.
 
@@ -129,12 +130,15 @@ def lines(experiments: Sequence[Experiment], note: str) -> Iterator[tuple[Any, .
         values[AVERAGE] = fsum(values.values()) / len(names)
         clean = errors.get((CLEAN, 0))
         conditions = f"severity {', '.join(map(str, levels))}, {averaged_over(names, FLOWBENCH_CORRUPTIONS)}"
-        head = (f"FlowBench {dataset}", _setting(dataset, model, checkpoint), f"{model} {checkpoint}")
-        rest = (None, None, _SOURCE, f"FlowBench, {dataset}, {conditions}", note)
-        yield from ((*head, "epe", name, value, *rest) for name, value in values.items())
+        given = {("epe", name): value for name, value in values.items()}
         if clean is not None:
-            yield *head, "epe", CLEAN, clean, *rest
-            yield from ((*head, "cre", name, value - clean, *rest) for name, value in values.items())
+            given["epe", CLEAN] = clean
+            given |= {("cre", name): value - clean for name, value in values.items()}
+        yield ModelResult(
+            *(f"FlowBench {dataset}", f"FlowBench, {dataset}, {conditions}"),
+            *(_setting(dataset, model, checkpoint), f"{model} {checkpoint}", note),
+            {key: Value(value, source=_SOURCE) for key, value in given.items()},
+        )
 
 
 def _experiment(entry: dict[str, Any], where: str) -> Experiment:

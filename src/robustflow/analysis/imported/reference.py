@@ -26,6 +26,7 @@ from ...errors import DataError, unknown_name
 from ...metrics.rows import CLEAN
 from ...severity import SEVERITIES
 from ...text import plain
+from ..model_result import ModelResult, Value
 from ..results import AVERAGE
 from ..run_results import OWN_SETTING
 from .averaged import averaged_over
@@ -93,14 +94,14 @@ def parse(content: dict[str, dict[str, Any]], path: Path) -> Results:
     return Results(plain(model) or "unnamed", "kitti-fc" if has_flow else "gopro-fc", values)
 
 
-def lines(files: Sequence[Results], note: str) -> Iterator[tuple[Any, ...]]:
-    """Lines of `results.RESULT_SCHEMA`. Files of one benchmark under the same corruptions are one sample set: the
+def lines(files: Sequence[Results], note: str) -> Iterator[ModelResult]:
+    """A line for each file. Files of one benchmark under the same corruptions are one sample set: the
     release has one set of frames."""
     for file in files:
         wanted = benchmark_facts(file.benchmark).paper_corruptions
         frames = f"Reference code, {file.benchmark}, {averaged_over(_averaged(file), wanted)}"
-        for (metric, corruption), value in _with_averages(file).items():
-            yield file.benchmark, OWN_SETTING, file.model, metric, corruption, value, None, None, _SOURCE, frames, note
+        values = {key: Value(value, source=_SOURCE) for key, value in _with_averages(file).items()}
+        yield ModelResult(file.benchmark, frames, OWN_SETTING, file.model, note, values)
 
 
 def _mean(written: Any, where: str, signed: bool) -> float:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-import polars as pl
+from collections.abc import Mapping, Sequence
 
 from ...text import counted
+from ..model_result import ModelResult
 from ..published.tables import Cost, Method
 from .corruptions import dark_and_overexposed, local_information
 from .evidence import Evidence
@@ -42,25 +41,21 @@ _OBSERVATIONS = (
 
 
 def observations(
-    results: pl.DataFrame,
+    results: Sequence[ModelResult],
     costs: Mapping[str, Cost] | None = None,
     methods: Mapping[str, Method] | None = None,
-    pairs: int | None = None,
 ) -> list[Observation]:
     """The paper's observations checked on results.
 
     Args:
-        results: columns of `robustflow.analysis.results.RESULT_SCHEMA`, measured on the same frames per benchmark:
-            published ones, or those of runs, not both.
+        results: measured on the same frames per benchmark: published ones, or those of runs, not both.
         costs: FLOPs and CREr by model, for observation 6.
         methods: the kind of method of each model, by name; the paper's models by default.
-        pairs: on how many image pairs the models were measured, if that is known. On fewer than `LEAST_PAIRS`, or with
-            fewer than `LEAST_FAMILIES` families of models, the numbers are given without a verdict: "too little
-            evidence".
 
     A statement holds, or does not, if its 95 % interval excludes the other side; otherwise there is too little
     evidence. Intervals of statements about models in general are over families (variants of one method count once),
-    those of statements about named models over corruptions.
+    those of statements about named models over corruptions. On fewer than `LEAST_PAIRS` image pairs, or with fewer than
+    `LEAST_FAMILIES` families of models, the numbers are given without a verdict: "too little evidence".
 
     >>> from robustflow.analysis.published.tables import published_costs, published_results
     >>> checked = observations(published_results(), published_costs())
@@ -73,6 +68,7 @@ def observations(
         of_rcre: len(set(map(evidence.family, evidence.rcre if of_rcre else evidence.entries)))
         for of_rcre in (True, False)
     }
+    pairs = next((line.pairs for line in results if line.pairs is not None), None)
     return [_weighed(one, families[one.number in _OF_RCRE], pairs) for one in checked]
 
 

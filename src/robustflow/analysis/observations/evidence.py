@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from statistics import fmean
-
-import polars as pl
 
 from ...benchmarks import benchmark_facts
 from ...corruptions.registry import PAPER_ORDER
 from ...runs.family_means import family_means
 from ..audit.rounding import misfits
+from ..model_result import ModelResult
 from ..published.tables import Cost, Method, method_of, not_discussed
-from ..results import AVERAGE, CLEAN, values_of
+from ..results import AVERAGE, CLEAN
 
 ModelInSetting = tuple[str, str]
 """(setting, model)."""
@@ -40,22 +39,25 @@ class Evidence:
         costs: by model.
     """
 
-    def __init__(self, results: pl.DataFrame, costs: Mapping[str, Cost], methods: Mapping[str, Method] | None) -> None:
+    def __init__(
+        self, results: Sequence[ModelResult], costs: Mapping[str, Cost], methods: Mapping[str, Method] | None
+    ) -> None:
         self.costs = costs
         self._methods = methods
         self._without = not_discussed(results)
         self._epe: dict[ModelInSetting, dict[str, float]] = {}
         self.rcre: dict[ModelInSetting, dict[str, float]] = {}
-        without_flow = [name for name in results["benchmark"].unique() if not benchmark_facts(name).has_flow]
-        of_flow, of_motion = (
-            results.filter(~pl.col("benchmark").is_in(without_flow)),
-            results.filter(pl.col("benchmark").is_in(without_flow)),
-        )
-        for (setting, model, corruption), value in values_of(of_flow, "epe").items():
-            self._epe.setdefault((setting, model), {})[corruption] = value
-        self._printed_cre = values_of(of_flow.filter(pl.col("decimals").is_not_null()), "cre", corruption=AVERAGE)
-        for (setting, model, corruption), value in values_of(of_motion, "rcre").items():
-            self.rcre.setdefault((setting, model), {})[corruption] = value
+        self._printed_cre: dict[ModelInSetting, float] = {}
+        for line in results:
+            model = line.setting, line.name
+            if not benchmark_facts(line.benchmark).has_flow:
+                if rcre := line.numbers("rcre"):
+                    self.rcre.setdefault(model, {}).update(rcre)
+                continue
+            self._epe.setdefault(model, {}).update(line.numbers("epe"))
+            cre = line.values.get(("cre", AVERAGE))
+            if cre is not None and cre.decimals is not None:
+                self._printed_cre[model] = cre.number
         self.entries = [entry for entry, values in self._epe.items() if {CLEAN, AVERAGE} <= values.keys()]
 
     def discussed(self, setting: str, kind: str | None = None, encoder: str | None = None) -> list[ModelInSetting]:
@@ -116,7 +118,7 @@ class Evidence:
 
     def cre_text(self, entry: ModelInSetting) -> str:
         """The average CRE that follows from the EPE, and the printed one if rounding cannot explain the difference."""
-        made, printed = self.cre(entry), self._printed_cre.get((*entry, AVERAGE))
+        made, printed = self.cre(entry), self._printed_cre.get(entry)
         if printed is None or not misfits(printed, made, _ROUNDING):
             return f"{made:.2f}"
         return f"{made:.2f} from the EPE (printed: {printed:.2f})"

@@ -7,14 +7,14 @@ Yi et al., "Benchmarking the Robustness of Optical Flow Estimation to Corruption
 from __future__ import annotations
 
 import csv
+from collections.abc import Iterable
 from functools import cache
 from importlib.resources import files
 from typing import Literal
 
-import polars as pl
-
 from ...validated import Frozen
-from ..results import parse_results
+from ..model_result import ModelResult, merged
+from ..results_file import parse_results
 
 PAPER = "paper"
 """The sample set of the published values."""
@@ -65,13 +65,16 @@ class Cost(Frozen):
 
 
 @cache
-def published_results() -> pl.DataFrame:
-    """KITTI-FC EPE, CRE and RCRE of 29 variants and GoPro-FC RCRE of 11: columns of `results.RESULT_SCHEMA`.
+def published_results() -> tuple[ModelResult, ...]:
+    """KITTI-FC EPE, CRE and RCRE of 29 variants and GoPro-FC RCRE of 11.
 
-    >>> published_results().filter(metric="epe", setting="ID", model="RAFT", corruption="snow")["value"].item()
-    35.76
+    >>> lines = published_results()
+    >>> len(lines), lines[0].benchmark, len(lines[0].values)
+    (40, 'kitti-fc', 64)
+    >>> [line.number("epe", "snow") for line in lines if (line.setting, line.name) == ("ID", "RAFT")]
+    [35.76]
     """
-    return pl.concat([parse_results(_text(table), f"{table}.csv", PAPER) for table in _TABLES])
+    return tuple(merged(line for table in _TABLES for line in parse_results(_text(table), f"{table}.csv", PAPER)))
 
 
 @cache
@@ -86,14 +89,19 @@ def published_costs() -> dict[str, Cost]:
     return {cost.model: cost for cost in costs}
 
 
-def not_discussed(results: pl.DataFrame) -> tuple[str, ...]:
+def not_discussed(results: Iterable[ModelResult]) -> tuple[str, ...]:
     """Models that figures and observations of these results leave out: for the paper's results, the learned ones that
     it leaves out of its own discussion (Sec. 5.2); for any other results none, whatever they are called.
 
     >>> not_discussed(published_results())
     ('FlowDiffuser',)
     """
-    return _NOT_DISCUSSED if PAPER in results["sample_set"] else ()
+    return _NOT_DISCUSSED if of_paper(results) else ()
+
+
+def of_paper(results: Iterable[ModelResult]) -> bool:
+    """Whether published values are among results."""
+    return any(line.frames == PAPER for line in results)
 
 
 @cache

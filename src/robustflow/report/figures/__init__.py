@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import polars as pl
 from matplotlib.figure import Figure
 
-from ...analysis.published.tables import PAPER
+from ...analysis.model_result import ModelResult, by_frames
+from ...analysis.published.tables import PAPER, of_paper
 from ...benchmarks import benchmark_facts
 from ...errors import UsageError
 from .clean_against_cre import clean_against_cre
@@ -35,7 +36,7 @@ __all__ = [
     "write_figures",
 ]
 
-_DRAWN: dict[str, Callable[[pl.DataFrame, Looks, bool], MarkedFigure]] = {
+_DRAWN: dict[str, Callable[[Sequence[ModelResult], Looks, bool], MarkedFigure]] = {
     "clean_against_cre": lambda results, looks, together: clean_against_cre(results, looks, together=together),
     "crer_by_family": lambda results, looks, together: crer_by_family(results, None, looks),
     "relations": lambda results, looks, together: relations(results, looks, together=together),
@@ -44,7 +45,7 @@ _DRAWN: dict[str, Callable[[pl.DataFrame, Looks, bool], MarkedFigure]] = {
 
 
 def all_figures(
-    results: pl.DataFrame,
+    results: Sequence[ModelResult],
     sample_sets: Mapping[str, Mapping[str, pl.DataFrame]],
     looks: Mapping[str, Looks] | None = None,
 ) -> dict[str, Figure]:
@@ -56,9 +57,9 @@ def all_figures(
     """
     looks = looks or {}
     figures: dict[str, Figure] = {}
-    by_frames = figures_by_sample_set(results, looks)
-    for index, (frames, drawn) in enumerate(by_frames.items()):
-        suffix = "" if frames == PAPER else f"_runs_{index}" if PAPER in by_frames else f"_{index}"
+    of_results = figures_by_sample_set(results, looks)
+    for index, (frames, drawn) in enumerate(of_results.items()):
+        suffix = "" if frames == PAPER else f"_runs_{index}" if PAPER in of_results else f"_{index}"
         figures |= {name + suffix: figure for name, figure in drawn.items()}
     for index, (frames, runs) in enumerate(sample_sets.items(), 1):
         suffix = f"_{index}" if len(sample_sets) > 1 else ""
@@ -72,15 +73,12 @@ def all_figures(
 
 
 def figures_by_sample_set(
-    results: pl.DataFrame, looks: Mapping[str, Looks] | None = None
+    results: Iterable[ModelResult], looks: Mapping[str, Looks] | None = None
 ) -> dict[str, dict[str, MarkedFigure]]:
     """Sample set -> the figures of results by name, of all benchmarks with ground truth; `looks` by sample set."""
-    benchmarks = [name for name in results["benchmark"].unique() if benchmark_facts(name).has_flow]
-    with_truth = results.filter(pl.col("benchmark").is_in(benchmarks))
     figures: dict[str, dict[str, MarkedFigure]] = {}
-    for frames in dict.fromkeys(with_truth["sample_set"]):
+    for frames, part in by_frames(line for line in results if benchmark_facts(line.benchmark).has_flow).items():
         figures[frames] = {}
-        part = with_truth.filter(sample_set=frames)
         for name, draw in _DRAWN.items():
             try:
                 figures[frames][name] = draw(part, (looks or {}).get(frames, Looks()), not _by_setting(part))
@@ -90,8 +88,8 @@ def figures_by_sample_set(
     return figures
 
 
-def _by_setting(results: pl.DataFrame) -> bool:
+def _by_setting(results: Sequence[ModelResult]) -> bool:
     """Whether one panel per setting is more informative than one for all: for the paper's values, and if a model was
     measured in two settings."""
-    models = results.select("setting", "model").unique()
-    return PAPER in results["sample_set"] or models["model"].is_duplicated().any()
+    models = {(line.setting, line.name) for line in results}
+    return of_paper(results) or len({name for _, name in models}) < len(models)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-
-import polars as pl
+from collections.abc import Sequence
 
 from ...analysis.labels import SETTING_LABELS
-from ...analysis.published.tables import PAPER, not_discussed
-from ...analysis.results import AVERAGE, CLEAN, values_of
+from ...analysis.model_result import ModelResult
+from ...analysis.published.tables import not_discussed, of_paper
+from ...analysis.results import AVERAGE, CLEAN
 from ...errors import UsageError
 from ...figure_style import default_style
 from ...text import name_text
@@ -18,9 +18,6 @@ from .files import settle_layout
 from .marks import Mark, MarkedFigure
 from .styles import KIND_STYLES, Looks, kind_of
 
-Model = tuple[str, str]
-"""(setting, name)."""
-
 _AREA = 260.0
 """Square points of a bubble of CREr 1, if none is larger than `_LARGEST`."""
 
@@ -28,7 +25,9 @@ _LARGEST = 1000.0
 
 
 @default_style()
-def clean_against_cre(results: pl.DataFrame, looks: Looks | None = None, *, together: bool = False) -> MarkedFigure:
+def clean_against_cre(
+    results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False
+) -> MarkedFigure:
     """Clean EPE (x) against CRE (y) with CREr as the bubble's area, one panel per setting, all on the same axes.
 
     CRE is computed from the EPE. Of the paper's models those of `not_discussed` are left out, and knowledge-driven
@@ -43,28 +42,27 @@ def clean_against_cre(results: pl.DataFrame, looks: Looks | None = None, *, toge
         UsageError: no model has a clean and an average EPE.
     """
     looks = looks or Looks()
-    epe, without, styles = values_of(results, "epe"), not_discussed(results), looks.of(results)
-    panels: dict[str, list[Model]] = {}
-    for setting in settings_in_order(results["setting"]):
-        models = [(s, model) for s, model, name in epe if s == setting and name == AVERAGE and model not in without]
-        models = [key for key in models if epe.get((*key, CLEAN))]
-        if models:
-            panels.setdefault("" if together else setting, []).extend(models)
+    without, styles = not_discussed(results), looks.of(results)
+    panels: dict[str, list[tuple[ModelResult, float, float]]] = {}
+    for setting in settings_in_order(line.setting for line in results):
+        for line in results:
+            clean, epe = line.number("epe", CLEAN), line.number("epe", AVERAGE)
+            if line.setting == setting and clean and epe is not None and line.name not in without:
+                panels.setdefault("" if together else setting, []).append((line, clean, epe - clean))
     if len(panels) > 1:
         panels.pop("knowledge", None)
     if not panels:
         raise UsageError("no clean EPE and average EPE to draw: this figure needs runs with ground truth")
     figure, axes = panel_figure(len(panels))
-    drawn = [key for models in panels.values() for key in models]
-    scale = min(_AREA, _LARGEST / max(*(epe[*key, AVERAGE] / epe[*key, CLEAN] - 1 for key in drawn), 1.0))
+    drawn = [one for models in panels.values() for one in models]
+    scale = min(_AREA, _LARGEST / max(*(cre / clean for _, clean, cre in drawn), 1.0))
     reached: tuple[list[float], list[float]] = ([], [])
     any_interval = False
     names: list[tuple[list[tuple[float, float, str]], list[float]]] = []
     for panel, (title, models) in zip(axes, panels.items(), strict=True):
         points, radii = [], []
-        for setting, model in models:
-            clean = epe[setting, model, CLEAN]
-            cre = epe[setting, model, AVERAGE] - clean
+        for line, clean, cre in models:
+            model = line.name
             colour = styles[model].colour
             ends = looks.ends(model, "epe", CLEAN), looks.ends(model, "cre", AVERAGE)
             any_interval |= whiskers(panel, clean, cre, *ends, colour)
@@ -77,7 +75,7 @@ def clean_against_cre(results: pl.DataFrame, looks: Looks | None = None, *, toge
                 ("CRE", f"{cre:.2f} px{ends_text(ends[1])}"),
                 ("CREr", f"{cre / clean:.2f}"),
             )
-            figure.mark(bubble, [Mark(model, setting, values)])
+            figure.mark(bubble, [Mark(model, line.setting, values)])
             panel.scatter(clean, cre, s=6, color=colour)
             radii.append(math.sqrt(area / math.pi))
             points.append((clean, cre, f"{model} {cre / clean:.2f}"))
@@ -88,7 +86,7 @@ def clean_against_cre(results: pl.DataFrame, looks: Looks | None = None, *, toge
     for panel in axes:
         panel.set_xlim(fair_limits(reached[0], room=0.15))
         panel.set_ylim(fair_limits(reached[1], room=0.15))
-    shown = {kind_of(model) for _, model in drawn} if PAPER in results["sample_set"] else set()
+    shown = {kind_of(line.name) for line, _, _ in drawn} if of_paper(results) else set()
     figure.explain([(kind, style, True) for kind, style in KIND_STYLES.items() if kind in shown], looks.legend)
     figure.caption = (
         "Clean EPE to the right, CRE upwards; the area of a bubble is CREr, which is printed next to the name. "
@@ -97,6 +95,6 @@ def clean_against_cre(results: pl.DataFrame, looks: Looks | None = None, *, toge
     set_heading(figure, "Accuracy and robustness: area of a bubble = CREr, printed next to the name")
     settle_layout(figure)
     for panel, models, named in zip(axes, panels.values(), names, strict=True):
-        for (setting, model), text in zip(models, spread_labels(panel, *named), strict=True):
-            figure.mark(text, [Mark(model, setting)])
+        for (line, _, _), text in zip(models, spread_labels(panel, *named), strict=True):
+            figure.mark(text, [Mark(line.name, line.setting)])
     return figure

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from statistics import fmean
 
 import numpy as np
-import polars as pl
 from matplotlib.axes import Axes
 
 from ...analysis.labels import FAMILY_LABELS
-from ...analysis.published.tables import PAPER
-from ...analysis.results import CLEAN, values_of
+from ...analysis.model_result import ModelResult
+from ...analysis.published.tables import of_paper
+from ...analysis.results import CLEAN
 from ...corruptions.names import MEMBERS
 from ...errors import UsageError
 from ...figure_style import default_style
@@ -23,26 +24,23 @@ REPRESENTATIVE = ("SAMFlow-H", "CSFlow", "ARFlow")
 LEAST_CRER = 0.5
 """CREr that the axis reaches at least."""
 
-_Key = tuple[str, str]
-"""(setting, model)."""
 
-
-def family_crer(results: pl.DataFrame) -> dict[tuple[str, str], dict[str, float]]:
-    """(setting, model) -> family -> mean CREr over the corruptions of the family that were measured."""
-    epe = values_of(results, "epe")
-    out: dict[tuple[str, str], dict[str, float]] = {}
-    for setting, model in dict.fromkeys((s, m) for s, m, _ in epe):
-        clean = epe.get((setting, model, CLEAN))
+def family_crer(results: Iterable[ModelResult]) -> dict[ModelResult, dict[str, float]]:
+    """Line -> family -> mean CREr over the corruptions of the family that were measured."""
+    out: dict[ModelResult, dict[str, float]] = {}
+    for line in results:
+        epe = line.numbers("epe")
+        clean = epe.get(CLEAN)
         for family, names in MEMBERS.items():
-            values = [epe[setting, model, name] for name in names if (setting, model, name) in epe]
+            values = [epe[name] for name in names if name in epe]
             if clean and values:
-                out.setdefault((setting, model), {})[family] = (fmean(values) - clean) / clean
+                out.setdefault(line, {})[family] = (fmean(values) - clean) / clean
     return out
 
 
 @default_style()
 def crer_by_family(
-    results: pl.DataFrame, models: tuple[str, ...] | None = None, looks: Looks | None = None
+    results: Sequence[ModelResult], models: tuple[str, ...] | None = None, looks: Looks | None = None
 ) -> MarkedFigure:
     """Bars of CREr per family, on one axis.
 
@@ -57,46 +55,46 @@ def crer_by_family(
         UsageError: none of the models has a clean EPE, or there is a single bar.
     """
     looks, crer = looks or Looks(), family_crer(results)
-    of_paper = PAPER in results["sample_set"]
+    published = of_paper(results)
     if models is None:
-        models = REPRESENTATIVE if of_paper else tuple(model for _, model in crer)
-    shown = [model for model in dict.fromkeys(models) if any(m == model for _, m in crer)][: len(MODEL_STYLES)]
+        models = REPRESENTATIVE if published else tuple(line.name for line in crer)
+    shown = [model for model in dict.fromkeys(models) if any(line.name == model for line in crer)][: len(MODEL_STYLES)]
     if not shown:
         raise UsageError("no CREr to draw: none of these models has a clean EPE")
-    keys = [key for model in shown for key in crer if key[1] == model]
-    families = [family for family in MEMBERS if any(family in crer[key] for key in keys)]
-    if len(keys) * len(families) < 2:
+    lines = [line for model in shown for line in crer if line.name == model]
+    families = [family for family in MEMBERS if any(family in crer[line] for line in lines)]
+    if len(lines) * len(families) < 2:
         raise UsageError("one class of corruptions and one model make one bar: measure another, or read the table")
-    styles = looks.of(results) if of_paper else told_apart(shown, looks.styles)
-    by_setting = of_paper or len(keys) > len(shown)
+    styles = looks.of(results) if published else told_apart(shown, looks.styles)
+    by_setting = published or len(lines) > len(shown)
     reached: list[float] = []
-    if of_paper:
+    if published:
         columns = min(3, len(shown))
         rows = -(-len(shown) // columns)
         figure, axes = new_figure(3.9 * columns, 3.0 * rows + 0.4, rows, columns)
         for extra in axes[len(shown) :]:
             extra.remove()
         for panel, model in zip(axes, shown, strict=False):
-            drawn = [key for key in keys if key[1] == model]
+            drawn = [line for line in lines if line.name == model]
             reached += _bars(figure, panel, drawn, families, crer, styles, looks, by_setting)
             panel.set_title(name_text(model), fontsize=10)
         axes, legend = axes[: len(shown)], []
         figure.caption = "CREr of each class of corruptions, all models on one axis."
-        if {"OOD", "ID"} <= {setting for setting, _ in keys}:
+        if {"OOD", "ID"} <= {line.setting for line in lines}:
             figure.caption += " What an outlined bar is above its filled one is what fine-tuning costs."
     else:
         figure, axes = new_figure(5.0, 3.4)
-        reached += _bars(figure, axes[0], keys, families, crer, styles, looks, by_setting)
+        reached += _bars(figure, axes[0], lines, families, crer, styles, looks, by_setting)
         legend = [(model, Style(styles[model].colour, "s"), True) for model in shown]
         figure.caption = "Mean CREr over the corruptions of each class: CRE divided by the clean EPE."
     if by_setting:
-        settings = dict.fromkeys(setting for setting, _ in keys)
+        settings = dict.fromkeys(line.setting for line in lines)
         legend += [(setting, Style(OTHER.colour, "s"), setting != "ID") for setting in settings]
     for panel in axes:
         panel.set_xlim(-0.6, len(families) - 0.4)
         panel.set_ylim(fair_limits(reached, LEAST_CRER, zero=True))
         panel.set_ylabel("CREr")
-    if any(looks.ends(model, "crer", family) for _, model in keys for family in families):
+    if any(looks.ends(line.name, "crer", family) for line in lines for family in families):
         figure.caption += f" {WITH_INTERVALS}"
     figure.explain(legend, looks.legend)
     return figure
@@ -105,38 +103,38 @@ def crer_by_family(
 def _bars(
     figure: MarkedFigure,
     panel: Axes,
-    keys: list[_Key],
+    lines: Sequence[ModelResult],
     families: list[str],
-    crer: dict[_Key, dict[str, float]],
+    crer: dict[ModelResult, dict[str, float]],
     styles: dict[str, Style],
     looks: Looks,
     by_setting: bool,
 ) -> list[float]:
-    """A bar of each key in each family, with `by_setting` an outline in-domain. Returns everything the axis must
+    """A bar of each line in each family, with `by_setting` an outline in-domain. Returns everything the axis must
     hold."""
-    width = 0.8 / max(2, len(keys))
+    width = 0.8 / max(2, len(lines))
     reached: list[float] = []
-    for index, (setting, model) in enumerate(keys):
-        heights = [crer[setting, model].get(family, np.nan) for family in families]
-        at = np.arange(len(families)) + (index - (len(keys) - 1) / 2) * width
-        colour = styles[model].colour
+    for index, line in enumerate(lines):
+        heights = [crer[line].get(family, np.nan) for family in families]
+        at = np.arange(len(families)) + (index - (len(lines) - 1) / 2) * width
+        colour = styles[line.name].colour
         bars = panel.bar(
             at,
             heights,
             0.92 * width,
-            color="white" if by_setting and setting == "ID" else colour,
+            color="white" if by_setting and line.setting == "ID" else colour,
             edgecolor=colour,
             linewidth=0.9,
         )
         for bar, family, height in zip(bars, families, heights, strict=True):
             if np.isnan(height):
                 continue
-            ends = looks.ends(model, "crer", family)
+            ends = looks.ends(line.name, "crer", family)
             if ends is not None:
                 panel.plot([bar.get_x() + bar.get_width() / 2] * 2, ends, color="#000000", linewidth=0.9)
             reached += (height, *(ends or ()))
             value = ("CREr", f"{height:.2f}{ends_text(ends)}")
-            figure.mark(bar, [Mark(model, setting, (("class", FAMILY_LABELS[family]), value))])
+            figure.mark(bar, [Mark(line.name, line.setting, (("class", FAMILY_LABELS[family]), value))])
     panel.set_xticks(range(len(families)), [FAMILY_LABELS[family] for family in families], fontsize=8)
     panel.tick_params(axis="y", labelsize=8)
     panel.grid(False, axis="x")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import polars as pl
 from matplotlib.ticker import NullFormatter, ScalarFormatter
 
 from ...analysis.effective import effective_robustness
 from ...analysis.labels import SETTING_LABELS
-from ...analysis.published.tables import PAPER
+from ...analysis.model_result import ModelResult
+from ...analysis.published.tables import of_paper
 from ...analysis.results import AVERAGE, CLEAN
 from ...figure_style import default_style
 from ...text import name_text
@@ -19,7 +22,9 @@ from .styles import KIND_STYLES, Looks, kind_of
 
 
 @default_style()
-def effective_trend(results: pl.DataFrame, looks: Looks | None = None, *, together: bool = False) -> MarkedFigure:
+def effective_trend(
+    results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False
+) -> MarkedFigure:
     """One panel per setting, all on the same axes; a model's printed factor is its EPE divided by what the trend of the
     others predicts.
 
@@ -72,7 +77,7 @@ def effective_trend(results: pl.DataFrame, looks: Looks | None = None, *, togeth
     for panel in axes:
         panel.set_xlim(_log_limits(reached[0]))
         panel.set_ylim(_log_limits(reached[1]))
-    shown = {kind_of(model) for model in table["model"]} if PAPER in results["sample_set"] else set()
+    shown = {kind_of(model) for model in table["model"]} if of_paper(results) else set()
     figure.explain([(kind, style, True) for kind, style in KIND_STYLES.items() if kind in shown], looks.legend)
     figure.caption = (
         "Corrupted against clean EPE on logarithmic axes, with the trend through the models: below the line is more "

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-import polars as pl
 
 from ...analysis.effective import LEAST_MODELS
-from ...analysis.published.tables import PAPER, not_discussed
+from ...analysis.model_result import ModelResult
+from ...analysis.published.tables import not_discussed, of_paper
 from ...analysis.rank_correlation import spearman
-from ...analysis.results import AVERAGE, CLEAN, values_of
+from ...analysis.results import AVERAGE, CLEAN
 from ...errors import UsageError
 from ...figure_style import default_style
 from ...text import name_text
@@ -26,7 +28,7 @@ _OF = {
 
 
 @default_style()
-def relations(results: pl.DataFrame, looks: Looks | None = None, *, together: bool = False) -> MarkedFigure:
+def relations(results: Sequence[ModelResult], looks: Looks | None = None, *, together: bool = False) -> MarkedFigure:
     """Four panels: corrupted EPE, CRE and RCRE against clean EPE, and RCRE against CRE, a point per model; a quantity
     has the same axis in every panel.
 
@@ -38,15 +40,13 @@ def relations(results: pl.DataFrame, looks: Looks | None = None, *, together: bo
         UsageError: fewer than `LEAST_MODELS` models have all four.
     """
     looks = looks or Looks()
-    epe, rcre, styles = values_of(results, "epe"), values_of(results, "rcre"), looks.of(results)
-    without = not_discussed(results)
+    without, styles = not_discussed(results), looks.of(results)
     points: dict[str, dict[str, dict[str, float]]] = {}
-    for setting, model in [(s, m) for s, m, name in epe if name == AVERAGE and m not in without]:
-        clean, moved = epe.get((setting, model, CLEAN)), rcre.get((setting, model, AVERAGE))
-        if clean is not None and moved is not None:
-            whole = epe[setting, model, AVERAGE]
+    for line in results:
+        clean, whole, moved = (line.number(*_OF[name]) for name in ("clean EPE", "corrupted EPE", "RCRE"))
+        if clean is not None and whole is not None and moved is not None and line.name not in without:
             values = {"clean EPE": clean, "corrupted EPE": whole, "CRE": whole - clean, "RCRE": moved}
-            points.setdefault(setting, {})[model] = values
+            points.setdefault(line.setting, {})[line.name] = values
     if len(points) > 1 and not together:
         points.pop("knowledge", None)
     drawn = [(setting, model) for setting, models in points.items() for model in models]
@@ -81,7 +81,7 @@ def relations(results: pl.DataFrame, looks: Looks | None = None, *, together: bo
         enough = {head: group for head, group in groups.items() if len(group) >= LEAST_MODELS}
         correlations = [f"{head}{_correlation(group, x, y)}" for head, group in enough.items()]
         panel.set_title(f"({letter}) " + "\n".join(correlations), fontsize=8, loc="left")
-    if PAPER in results["sample_set"]:
+    if of_paper(results):
         kinds = {kind_of(model) for _, model in drawn}
         key = [(kind, style, True) for kind, style in KIND_STYLES.items() if kind in kinds]
         key += [(setting, OTHER, setting != "ID") for setting in points]

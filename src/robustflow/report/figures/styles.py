@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-import polars as pl
 from matplotlib.lines import Line2D
 
-from ...analysis.published.tables import PAPER, method_of
+from ...analysis.model_result import ModelResult
+from ...analysis.published.tables import method_of, of_paper
 from ...text import name_text
 
 # Okabe and Ito's palette, and four colours between them.
@@ -78,10 +78,10 @@ class Looks:
         """The interval of a mean, None if there is none."""
         return self.intervals.get(model, {}).get((metric, what))
 
-    def of(self, results: pl.DataFrame) -> dict[str, Style]:
+    def of(self, results: Sequence[ModelResult]) -> dict[str, Style]:
         """The style of every model of some results."""
-        models = list(dict.fromkeys(results["model"]))
-        if PAPER in results["sample_set"]:
+        models = list(dict.fromkeys(line.name for line in results))
+        if of_paper(results):
             return {model: KIND_STYLES.get(kind_of(model), OTHER) for model in models}
         return {model: self.styles.get(model, other) for model, other in model_styles(models).items()}
 

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import polars as pl
-
 from ...analysis.exclusion import exclusion_reasons
 from ...analysis.labels import benchmark_words
-from ...analysis.model_result import ModelResult, model_results, values_frame
+from ...analysis.model_result import ModelResult, merged
 from ...analysis.published.tables import PAPER, Cost, published_costs, published_results
-from ...analysis.results import RESULT_KEY
+from ...analysis.results_file import FILE
 from ...analysis.run_results import comparison_notes, run_results
 from ...analysis.uncertainty.of_runs import interval_ends
-from ...errors import DataError, UsageError
+from ...errors import UsageError
 from ...runs.comparable import sample_set
 from ...text import plain
 from .entries import LeaderboardEntry, entries_of
@@ -37,7 +35,6 @@ class Content:
     Attributes:
         title: of the page.
         lines: of runs, then of files and of the paper.
-        results: the same, columns of `results.RESULT_SCHEMA`.
         costs: the paper's, empty if its results are not shown.
         entries: the lines of the leaderboard.
         group_titles: sample set -> heading.
@@ -49,7 +46,6 @@ class Content:
 
     title: str
     lines: Sequence[ModelResult]
-    results: pl.DataFrame
     costs: Mapping[str, Cost]
     entries: Sequence[LeaderboardEntry]
     group_titles: Mapping[str, str]
@@ -67,16 +63,9 @@ class Content:
         return self.alone and len(self.runs) == 1
 
     @property
-    def focus(self) -> pl.DataFrame:
-        """The results that the page is about."""
-        return self.results.filter(pl.col("sample_set") != PAPER) if self.alone else self.results
-
-    @property
-    def ranked(self) -> pl.DataFrame:
-        """The results that the page is about, of the models that are ranked."""
-        excluded = [line.key for line in self.lines if line.excluded]
-        keys = pl.DataFrame(excluded, schema={"sample_set": pl.String, "model": pl.String}, orient="row")
-        return self.focus.join(keys, on=["sample_set", "model"], how="anti", maintain_order="left")
+    def focus(self) -> list[ModelResult]:
+        """The lines that the page is about."""
+        return [line for line in self.lines if not (self.alone and line.frames == PAPER)]
 
 
 def run_content(run: Run) -> Content:
@@ -87,7 +76,7 @@ def run_content(run: Run) -> Content:
 
 def whole_content(
     runs: Sequence[Run],
-    files: Sequence[tuple[str, pl.DataFrame]] = (),
+    files: Sequence[tuple[str, Sequence[ModelResult]]] = (),
     *,
     published: bool = True,
     only_own: bool = False,
@@ -108,7 +97,7 @@ def whole_content(
 
 
 def _content(
-    title: str, runs: Sequence[Run], files: Sequence[tuple[str, pl.DataFrame]], published: bool, alone: bool
+    title: str, runs: Sequence[Run], files: Sequence[tuple[str, Sequence[ModelResult]]], published: bool, alone: bool
 ) -> Content:
     # A page about its runs states what was requested of each; the paper's lines are only shown below.
     beside, detailed = published and not alone, len(runs) <= MOST_DETAILED
@@ -125,24 +114,14 @@ def _content(
         notes = [note_of_run[id(run)] for run in group]
         titles[frames] = f"Measured here: {notes[0] or 'the frames of the paper'}"
         lines += run_results(group, beside, notes)
-    read = []
-    for index, (name, frame) in enumerate(files, 1):
+    for index, (name, read) in enumerate(files, 1):
         here = f"file {index}"
-        read.append(frame.with_columns(sample_set=pl.col("sample_set").replace({"file": here})))
+        lines += (replace(line, frames=here) if line.frames == FILE else line for line in read)
         titles[here] = f"From {plain(name)}"
-    given = pl.concat([*read, values_frame([]), *([published_results()] if published else [])])
-    results = pl.concat([values_frame(lines), given])
-    twice = results.filter(results.select(RESULT_KEY).is_duplicated())
-    if twice.height:
-        entry = twice.row(0, named=True)
-        raise DataError(
-            f"{entry['metric']} of '{plain(entry['model'])}' ({plain(entry['setting'])}) on {entry['corruption']} "
-            f"appears twice for the sample set '{plain(entry['sample_set'])}'; give each result once"
-        )
-    lines += model_results(given)
+    lines = merged([*lines, *(published_results() if published else ())])
     if not lines:
         raise UsageError(
             "nothing to show: there are no results; name runs or results files, or show the published ones"
         )
     costs = published_costs() if published else {}
-    return Content(title, lines, results, costs, entries_of(lines, costs, detailed), titles, alone, beside)
+    return Content(title, lines, costs, entries_of(lines, costs, detailed), titles, alone, beside)

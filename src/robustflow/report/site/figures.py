@@ -10,6 +10,7 @@ from itertools import islice
 from markupsafe import Markup
 
 from ...analysis.displacements import displacements_of
+from ...analysis.model_result import ranked
 from ...analysis.published.tables import PAPER
 from ...errors import UsageError
 from ...text import plain
@@ -80,10 +81,11 @@ def page_figures(content: Content) -> list[FigureGroup]:
     looks = page_looks(content)
     groups = []
     count = 0
-    for benchmark, frames in dict.fromkeys(content.focus.select("benchmark", "sample_set").iter_rows()):
+    for benchmark, frames in dict.fromkeys((line.benchmark, line.frames) for line in content.focus):
         drawn: list[tuple[str, MarkedFigure, str]] = []
-        part = content.ranked.filter(benchmark=benchmark, sample_set=frames)
-        excluded = [plain(line.name) for line in content.lines if line.frames == frames and line.excluded]
+        of_frames = [line for line in content.focus if line.frames == frames]
+        part = ranked(line for line in of_frames if line.benchmark == benchmark)
+        excluded = [plain(line.name) for line in of_frames if line.excluded]
         note = f"Not drawn, because not ranked: {', '.join(excluded)}. " if excluded else ""
         for figures in figures_by_sample_set(part, looks).values():
             drawn += [(name, figure, note) for name, figure in figures.items() if _compares(name, figure)]

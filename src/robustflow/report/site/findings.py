@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import polars as pl
-
 from ...analysis.audit import AUDIT_CHECKS, Audit, Finding, audit_results
-from ...analysis.model_result import by_frames
+from ...analysis.model_result import by_frames, ranked
 from ...analysis.observations import Observation, observations
 from ...analysis.observations.verdict import THIN, UNKNOWN
 from ...analysis.published.tables import PAPER
@@ -39,11 +37,8 @@ class Checked:
 def checked_observations(content: Content, benchmark: str) -> list[Checked]:
     """The observations on each sample set of a benchmark that the page is about, if at least one can be computed."""
     checked = []
-    sound = content.ranked.filter(benchmark=benchmark)
-    for frames in dict.fromkeys(sound["sample_set"]):
-        part = sound.filter(pl.col("sample_set") == frames)
-        pairs = next((run.summary.samples for (of, _), run in content.runs.items() if of == frames), None)
-        made = observations(part, content.costs if frames == PAPER else {}, pairs=pairs)
+    for frames, part in by_frames(ranked(line for line in content.focus if line.benchmark == benchmark)).items():
+        made = observations(part, content.costs if frames == PAPER else {})
         if any(one.verdict != UNKNOWN for one in made):
             checked.append(Checked(content.group_titles.get(frames, plain(frames)), tuple(made)))
     return checked

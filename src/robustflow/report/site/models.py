@@ -106,7 +106,7 @@ def _of_run(page: str, entry: LeaderboardEntry, run: Run, panels: tuple[PanelPic
 
 def _of_results(page: str, entries: list[LeaderboardEntry], content: Content) -> ModelPage:
     first = entries[0]
-    of_model = content.results.filter(sample_set=first.sample_set, model=first.name)
+    of_model = [line for line in content.lines if line.key == (first.sample_set, first.name)]
     tables = []
     for benchmark in dict.fromkeys(entry.benchmark for entry in entries):
         shown = [entry for entry in entries if entry.benchmark == benchmark]
@@ -117,7 +117,9 @@ def _of_results(page: str, entries: list[LeaderboardEntry], content: Content) ->
         tiles=tuple((entry, _tiles(entry)) for entry in entries),
         sentences=tuple(sentence for entry in entries for sentence in _sentences(entry)),
         tables=tuple(tables),
-        facts=published_facts(first.name, list(dict.fromkeys(of_model["source"]))),
+        facts=published_facts(
+            first.name, list(dict.fromkeys(value.source for line in of_model for value in line.values.values()))
+        ),
         anatomy=None,
     )
 

@@ -1,0 +1,158 @@
+"""Results as a CSV file, one value per line: the published tables that ship with the package, and a user's own.
+
+    benchmark, setting, model, metric, corruption, value, marked, source, sample_set, note
+
+`corruption` is a corruption's name, "clean", or "average"; `metric` is "epe", "cre" or "rcre" (pixels) or "crer" (no
+unit). Text in it is untrusted and stays text.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any
+
+from ..corruptions.on_disk import on_disk
+from ..corruptions.stack import parse_stack
+from ..errors import DataError, UsageError
+from ..text import text_cell
+from .model_result import ModelResult, Value, merged
+from .results import AVERAGE, CLEAN, RESULT_METRICS
+
+ELSEWHERE = ("brightness", "motion_blur", "rain", "speckle_noise", "zoom_blur")
+"""Corruptions that other benchmarks have and this project has not: results may be of them."""
+
+_WRITTEN = (
+    *("benchmark", "setting", "model", "metric", "corruption"),
+    *("source", "sample_set", "note", "value", "marked"),
+)
+_REQUIRED = ("setting", "model", "metric", "corruption", "value")
+_LARGEST_FILE = 64 * 2**20
+_LONGEST_TEXT = 500
+_MOST_PRINTED = 6
+"""Digits after the point; a number with more was not rounded for a reader."""
+
+
+def read_results(path: str | Path) -> list[ModelResult]:
+    """The lines of a results file: CSV, UTF-8, with a header.
+
+    Columns `setting`, `model`, `metric`, `corruption` and `value` are needed; `benchmark` ("kitti-fc" by default),
+    `marked` ("yes" or "no"), `source`, `sample_set` (lines with the same one can be compared) and `note` (what a reader
+    must know before comparing) are optional; others are ignored.
+
+    Returns:
+        One for each model in a setting; `decimals` of a value is counted from its text, and None for more than six: a
+        number that a program wrote in full.
+
+    Raises:
+        DataError: no such file, not CSV in this shape, an unknown corruption, a value that is not a number or is
+            given twice.
+
+    >>> from tempfile import mkdtemp
+    >>> path = Path(mkdtemp()) / "mine.csv"
+    >>> _ = path.write_text("setting,model,metric,corruption,value\\nOOD,Mine,epe,clean,4.20\\n")
+    >>> (line,) = read_results(path)
+    >>> line.benchmark, line.values["epe", "clean"].decimals
+    ('kitti-fc', 2)
+    """
+    path = Path(path).expanduser()
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise DataError(f"{path}: larger than {_LARGEST_FILE >> 20} MiB; results are one short line per value")
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+        raise DataError(f"{path}: cannot be read ({reason}); give a CSV file of results") from error
+    return parse_results(text, str(path), FILE)
+
+
+FILE = "file"
+"""The sample set of a file's lines that name none."""
+
+
+def parse_results(text: str, name: str, sample_set: str) -> list[ModelResult]:
+    """The text of a results file; see `read_results`. `name` is for messages, `sample_set` for lines without one."""
+    reader = csv.DictReader(io.StringIO(text), strict=True)
+    try:
+        absent = [column for column in _REQUIRED if column not in (reader.fieldnames or [])]
+        if absent:
+            raise DataError(f"{name}: no column '{absent[0]}'; the first line must name {','.join(_REQUIRED)}")
+        return merged((_one(line, f"{name}, line {reader.line_num}", sample_set) for line in reader), name)
+    except csv.Error as error:
+        raise DataError(f"{name}, line {reader.line_num}: {error}; this is not a CSV file of results") from error
+
+
+def _one(line: dict[Any, Any], where: str, sample_set: str) -> ModelResult:
+    """A line of the file, which holds one value."""
+    if None in line or None in line.values():
+        raise DataError(
+            f"{where}: the number of cells differs from that of the header; quote a cell that contains a comma"
+        )
+    cells = {column: line[column].strip() for column in line}
+    for column in ("setting", "model", "metric", "corruption"):
+        if not cells[column] or len(cells[column]) > _LONGEST_TEXT:
+            raise DataError(f"{where}: '{column}' must be 1 to {_LONGEST_TEXT} characters long")
+    if cells["metric"] not in RESULT_METRICS:
+        raise DataError(f"{where}: unknown metric '{cells['metric'][:40]}'; choose from {', '.join(RESULT_METRICS)}")
+    marked = cells.get("marked", "")
+    if marked not in _MARKED.values():
+        raise DataError(f"{where}: 'marked' must be yes, no or empty, not '{marked[:40]}'")
+    _check_corruption(cells["corruption"], where)
+    number, decimals = _number(cells["value"], where)
+    if number < 0 and cells["metric"] in ("epe", "rcre"):
+        raise DataError(f"{where}: {cells['metric'].upper()} {number:g}: a length in pixels cannot be below 0")
+    value = Value(number, decimals, None if marked == "" else marked == "yes", cells.get("source") or "")
+    return ModelResult(
+        benchmark=cells.get("benchmark") or "kitti-fc",
+        frames=cells.get("sample_set") or sample_set,
+        setting=cells["setting"],
+        name=cells["model"],
+        note=cells.get("note") or "",
+        values={(cells["metric"], cells["corruption"]): value},
+    )
+
+
+def _check_corruption(name: str, where: str) -> None:
+    if name not in (CLEAN, AVERAGE, *ELSEWHERE) and on_disk(name) is None:
+        try:
+            parse_stack(name)
+        except UsageError as error:
+            raise DataError(f"{where}: {error}") from None
+
+
+def _number(text: str, where: str) -> tuple[float, int | None]:
+    """The value and its decimals as written: "4.20" is exact to half a hundredth, "1.527602461899183" not rounded."""
+    try:
+        number = Decimal(text)
+        value = float(number)
+    except (InvalidOperation, ValueError):
+        raise DataError(f"{where}: '{text[:40]}' is not a number") from None
+    exponent = number.as_tuple().exponent
+    if not isinstance(exponent, int) or abs(value) > 1e9:
+        raise DataError(f"{where}: '{text[:40]}' is not a finite number of pixels")
+    decimals = max(0, -exponent)
+    return value, decimals if decimals <= _MOST_PRINTED else None
+
+
+_MARKED = {None: "", True: "yes", False: "no"}
+
+
+def results_csv(results: Iterable[ModelResult]) -> str:
+    """Results as a file that `read_results` can read, each value with its known digits.
+
+    >>> text = "setting,model,metric,corruption,value\\nOOD,Mine,epe,clean,4.20\\n"
+    >>> print(results_csv(parse_results(text, "mine.csv", "mine")).splitlines()[1])
+    kitti-fc,OOD,Mine,epe,clean,,mine,,4.20,
+    """
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(_WRITTEN)
+    for line in results:
+        for key, value in line.values.items():
+            texts = (line.benchmark, line.setting, line.name, *key, value.source, line.frames, line.note)
+            number = repr(value.number) if value.decimals is None else f"{value.number:.{value.decimals}f}"
+            writer.writerow([*map(text_cell, texts), number, _MARKED[value.marked]])
+    return out.getvalue()
