@@ -276,6 +276,11 @@ def test_one_model_on_several_benchmarks_is_named_by_them(runs, tmp_path):
     assert run_names([runs[0], runs[1], other]) == ["DIS", f"{name} (demo)", f"{name} (KITTI-FC)"]
 
 
+def test_models_of_one_name_are_told_apart_where_their_benchmarks_differ_too(runs, tmp_path):
+    other = _changed(runs[0], tmp_path / "other", model={"preset": "fast"}, benchmark="kitti-fc")
+    assert run_names([runs[0], other]) == ["DIS (demo, preset medium)", "DIS (KITTI-FC, preset fast)"]
+
+
 def test_a_blank_name_gives_way_to_the_next(runs, tmp_path):
     run = Result(shutil.copytree(runs[1].path, tmp_path / "copy"))
     for model, name in (

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 _MOST_NAMED = 3
 _LONGEST_VALUE = 24
 _DIGITS = 8
+_MODEL = "model "
 _NOT_A_DIFFERENCE = {"name", "spec", "object", "source", "options"}
 """Parts of a model's identity that its name already has, or that follow from the rest."""
 
@@ -41,18 +42,29 @@ def run_names(runs: Sequence[Run]) -> list[str]:
 
 
 def _differences(runs: Sequence[Run]) -> list[list[str]]:
-    """For each run of one name the fewest facts, in the order of `_facts`, that tell it from the others."""
+    """For each run of one name the fewest facts, in the order of `_facts`, that tell it from the others, and its model
+    from theirs."""
     facts = [dict(_facts(run)) for run in runs]
-    chosen: list[tuple[str, ...]] = [() for _ in runs]
-    for key in dict.fromkeys(key for known in facts for key in known):
-        finer = [(*words, known.get(key, "")) for words, known in zip(chosen, facts, strict=True)]
-        if len(set(finer)) > len(set(chosen)):
-            chosen = finer
-    same = Counter(chosen)
+    keys = list(dict.fromkeys(key for known in facts for key in known))
+    telling = {*_fewest(facts, keys), *_fewest(facts, [key for key in keys if key.startswith(_MODEL)])}
+    chosen = [[known.get(key, "") for key in keys if key in telling] for known in facts]
+    same = Counter(map(tuple, chosen))
     return [
-        [*filter(None, words)] + ([run.manifest.identity_digest[:_DIGITS]] if same[words] > 1 else [])
+        [*filter(None, words)] + ([run.manifest.identity_digest[:_DIGITS]] if same[tuple(words)] > 1 else [])
         for words, run in zip(chosen, runs, strict=True)
     ]
+
+
+def _fewest(facts: Sequence[Mapping[str, str]], keys: Sequence[str]) -> list[str]:
+    """The keys that tell the facts apart, each where those before it do not."""
+    chosen: list[str] = []
+    groups = 1
+    for key in keys:
+        finer = len({tuple(known.get(name, "") for name in (*chosen, key)) for known in facts})
+        if finer > groups:
+            chosen.append(key)
+            groups = finer
+    return chosen
 
 
 def _facts(run: Run) -> Iterator[tuple[str, str]]:
@@ -61,9 +73,12 @@ def _facts(run: Run) -> Iterator[tuple[str, str]]:
     yield "benchmark", benchmark_label(run.benchmark)
     yield "dataset", plain(identity.frames.dataset, _LONGEST_VALUE)
     trained_on = run.provenance.trained_on
-    yield "trained on", "training not stated" if trained_on is None else f"trained on {_named(trained_on, 'set')}"
+    yield (
+        f"{_MODEL}trained on",
+        "training not stated" if trained_on is None else f"trained on {_named(trained_on, 'set')}",
+    )
     for key, value in _flat(identity.model.settings):
-        yield f"model {key}", f"{plain(key.replace('_', ' '), _LONGEST_VALUE)} {value}"
+        yield f"{_MODEL}{key}", f"{plain(key.replace('_', ' '), _LONGEST_VALUE)} {value}"
     for part, words in recipe_in_words(run):
         if part not in ("benchmark", "dataset"):
             yield part, words
