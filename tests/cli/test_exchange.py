@@ -41,9 +41,26 @@ def test_a_parquet_file_says_which_run_it_is(robustflow, run):
     robustflow("export", run, "--format", "parquet", "-o", "mine.parquet")
     digest = load_run(run).manifest.identity_digest
     assert pl.read_parquet_metadata("mine.parquet")["robustflow_run"] == digest
+
+
+def test_an_unknown_format_of_a_run_is_one_line_with_the_known_ones(robustflow, run):
     code, _, error = robustflow("export", run, "--format", "xlsx")
     assert code == 2
-    assert "csv, parquet" in error
+    assert error.count("\n") == 1
+    assert "csv, parquet, card, croissant, every-eval-ever, huggingface, robustspring" in error
+
+
+def test_a_card_is_verified_with_the_record_and_refused_after_a_change(robustflow, run, records):
+    code, out, _ = robustflow("export", run, "--format", "card")
+    assert (code, out.split()) == (0, ["card/card.md", "card/card.json"])
+    code, out, _ = robustflow("verify", records[0], "--exported", "card/card.md", "--exported", "card/card.json")
+    assert code == 0
+    assert "exported      files exported from the run are what the record gives: 2 files" in out
+    card = Path("card/card.md")
+    card.write_text(card.read_text().replace("EPE (px) | ", "EPE (px) | 1", 1))
+    code, out, _ = robustflow("verify", records[0], "--exported", card)
+    assert code == 1
+    assert "card/card.md, line " in out
 
 
 def test_records_are_added_one_after_the_other(records, tmp_path):

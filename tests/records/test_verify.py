@@ -44,7 +44,7 @@ def test_a_record_verifies(packed, tmp_path):
     (tmp_path / "a.robustflow").write_bytes(packed)
     found = verify(tmp_path / "a.robustflow")
     assert found.ok, found.first_failure()
-    assert [check.name for check in found.checks] == list(VERIFICATION_CHECKS)[:-2]
+    assert [check.name for check in found.checks] == list(VERIFICATION_CHECKS)[:-3]
     assert found.facts is not None
     assert found.facts.author == "Ada"
 

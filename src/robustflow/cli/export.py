@@ -1,4 +1,5 @@
-"""`robustflow export`: a benchmark's corrupted frames as KITTI-FC was released, a run's rows, or a submission."""
+"""`robustflow export`: a benchmark's corrupted frames as KITTI-FC was released; a run's rows, its results in the forms
+in which others publish them, or a submission."""
 
 from __future__ import annotations
 
@@ -37,7 +38,7 @@ def export(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", help="Folder to write, KITTI-FC or submission by default; of rows the file, rows.csv."
+            "--output", "-o", help="Folder to write, KITTI-FC, submission or the format's name; of rows the file."
         ),
     ] = None,
     format: Annotated[
@@ -45,7 +46,8 @@ def export(
         typer.Option(
             "--format",
             "-f",
-            help="Of a run: csv or parquet, its rows; robustspring, its model's flows as that server wants them.",
+            help="Of a run: csv or parquet, its rows; card, croissant, every-eval-ever or huggingface, its results; "
+            "robustspring, its model's flows as that server wants them.",
         ),
     ] = None,
     corruptions: Corruptions = None,
@@ -64,17 +66,23 @@ def export(
     device: Device = None,
     precision: Precision = None,
     option: ModelOptions = None,
+    hub_dataset: Annotated[
+        str | None, typer.Option("--hub-dataset", help="With huggingface, the benchmark's data set on the Hub.")
+    ] = None,
 ) -> None:
-    """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}; or a run's rows as one file.
+    """Write a benchmark as files: clean|<corruption>_<severity>/val/{image_2,flow_occ}; or a run's rows or results.
 
     With --format robustspring the run's model predicts RobustSpring's own frames, which --data names (spring/test,
     fog/test, ...), in the layout that its flow_robust_subsampling takes; results.csv says how far the flow moves.
-    Files that are already whole are left alone, so a stopped export continues where it stopped.
+    What card, croissant, every-eval-ever and huggingface write follows from the run alone: 'robustflow verify RECORD
+    --exported FILE' compares it with the run's record. Frames and flows that are already whole are left alone, so a
+    stopped export continues where it stopped.
 
     \b
     Example:
       robustflow export kitti-fc --data ~/kitti --output ~/KITTI-FC --limit 5
       robustflow export runs/mine --format parquet --output mine.parquet
+      robustflow export runs/mine --format card --output mine
       robustflow export runs/mine --format robustspring --data ~/RobustSpring --device cuda
     """
     if format == "robustspring":
@@ -82,7 +90,7 @@ def export(
         _export_submission(Path(benchmark), model, given, data, output, names(corruptions), limit)
         return
     if format is not None:
-        _export_rows(Path(benchmark), format, output)
+        _export_run(Path(benchmark), format, output, hub_dataset)
         return
     output = output or Path("KITTI-FC")
     from rich.console import Console
@@ -108,15 +116,27 @@ def export(
     )
 
 
-def _export_rows(run: Path, format: str, output: Path | None) -> None:
-    from ..atomic import write_bytes
+def _export_run(path: Path, format: str, output: Path | None, hub_dataset: str | None) -> None:
+    from ..atomic import make_folder, write_bytes
+    from ..errors import UsageError, unknown_name
     from ..records.load import load_any_run
-    from ..runs.rows_file import rows_bytes
+    from ..report.exchange import EXCHANGE_FORMATS, exchange_files
+    from ..runs.rows_file import ROWS_FORMATS, rows_bytes
 
-    data = rows_bytes(load_any_run(run), format)
-    target = output or Path(f"rows.{format}")
-    write_bytes(target, data)
-    typer.echo(str(target))
+    if format not in (*ROWS_FORMATS, *EXCHANGE_FORMATS):
+        raise unknown_name("format of a run", format, (*ROWS_FORMATS, *EXCHANGE_FORMATS, "robustspring"))
+    if hub_dataset is not None and format != "huggingface":
+        raise UsageError("--hub-dataset is for --format huggingface; leave it out")
+    run = load_any_run(path)
+    if format in ROWS_FORMATS:
+        files = {output or Path(f"rows.{format}"): rows_bytes(run, format)}
+    else:
+        made = exchange_files(run, format, hub_dataset)
+        files = {(output or Path(format)) / name: data for name, data in made.items()}
+    for target, data in files.items():
+        make_folder(target.parent)
+        write_bytes(target, data)
+        typer.echo(str(target))
 
 
 def _export_submission(

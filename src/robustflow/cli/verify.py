@@ -46,6 +46,10 @@ def verify(
         int | None, typer.Option(help="Seed that chooses these rows; by default other rows each time.")
     ] = None,
     own_corruption: OwnCorruptions = None,
+    exported: Annotated[
+        list[Path] | None,
+        typer.Option("--exported", help="A file that 'robustflow export' wrote of the run, to compare. Repeatable."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the checks as JSON.")] = False,
 ) -> None:
     """Check records: the file, its hashes, the plan, the rows, and every mean, recomputed from them.
@@ -59,6 +63,7 @@ def verify(
       robustflow verify submissions/*.robustflow
       robustflow verify mine.robustflow --data ~/kitti --check-frames 100
       robustflow verify mine.robustflow --data ~/kitti --model dis
+      robustflow verify mine.robustflow --exported card.md --exported card.json
     """
     import json
 
@@ -72,7 +77,8 @@ def verify(
     rows = _Rows(data, dict(keyword_options(data_option)), 20 if check_frames is None else check_frames, seed)
     frames = rows.compare if data is not None or check_frames is not None or spec is not None else None
     predictions = None if spec is None else partial(rows.compare, model=spec)
-    results = [verify_file(path, frames=frames, predictions=predictions) for path in files]
+    compare_exported = partial(_compare_exported, paths=exported) if exported else None
+    results = [verify_file(path, frames=frames, predictions=predictions, exported=compare_exported) for path in files]
     if as_json:
         typer.echo(json.dumps([{"ok": result.ok, **result.model_dump()} for result in results], indent=2))
     else:
@@ -80,6 +86,12 @@ def verify(
             _print(result)
     if not all(result.ok for result in results):
         raise typer.Exit(1)
+
+
+def _compare_exported(reader: "Reader", paths: list[Path]) -> str:
+    from ..report.exchange.check import check_exported
+
+    return check_exported(reader, paths)
 
 
 @dataclass(frozen=True)

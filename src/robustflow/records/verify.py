@@ -30,9 +30,11 @@ VERIFICATION_CHECKS = {
     "summary": "means follow from the rows",
     "frames": "corrupted frames made here are those that the rows were made from",
     "predictions": "the model predicts here what the rows say",
+    "exported": "files exported from the run are what the record gives",
 }
 """Each check, in order, and what it asserts."""
 
+_ON_REQUEST = ("frames", "predictions", "exported")
 _SHOWN = 3
 _Outcome = tuple[Literal["ok", "failed"], str]
 
@@ -54,7 +56,7 @@ class Verification(Frozen):
         facts: `record.json` with author, link and description, all in the submitter's words; None if it could not be
             read.
         checks: in the order of `VERIFICATION_CHECKS`; "frames" only if data were given, "predictions" only if a
-            model was given, too.
+            model was given, too, "exported" only if exported files were.
         subject: model, benchmark, pairs and scores, recomputed from the rows; None if an earlier check failed.
         unproven: what none of the checks made can prove, in sentences.
     """
@@ -77,32 +79,44 @@ class Verification(Frozen):
 
 
 DataCheck = Callable[[Reader], str]
-"""Compares a record with data, or with data and a model: returns what it did in a sentence; raises if something
-differs."""
+"""Compares a record with data, with data and a model, or with exported files: returns what it did in a sentence; raises
+if something differs."""
 
 
-def verify(path: str | Path, *, frames: DataCheck | None = None, predictions: DataCheck | None = None) -> Verification:
+def verify(
+    path: str | Path,
+    *,
+    frames: DataCheck | None = None,
+    predictions: DataCheck | None = None,
+    exported: DataCheck | None = None,
+) -> Verification:
     """Check a record file. Nothing in it is run, written under a name from the file, or trusted before it is checked.
 
     Args:
         path: the file; whatever is wrong with it becomes a failed check.
         frames: compares frames with local data (`robustflow.runner.recheck`), called if all else passes.
         predictions: predicts some rows again with a local model, called if the frames pass, too.
+        exported: compares exported files with the record (`robustflow.report.exchange.check`), called if all else
+            passes.
 
     Returns:
         The `Verification`.
     """
-    later = _later(frames, predictions)
+    later = _later(frames, predictions, exported)
     try:
         data = read_file(Path(path).expanduser())
     except RobustFlowError as error:
         checks = _checks({"container": ("failed", str(error))}, later)
         return Verification(file=str(path), sha256="", facts=None, checks=checks)
-    return verify_read(Reader(data, str(path)), frames=frames, predictions=predictions)
+    return verify_read(Reader(data, str(path)), frames=frames, predictions=predictions, exported=exported)
 
 
 def verify_read(
-    reader: Reader, *, frames: DataCheck | None = None, predictions: DataCheck | None = None
+    reader: Reader,
+    *,
+    frames: DataCheck | None = None,
+    predictions: DataCheck | None = None,
+    exported: DataCheck | None = None,
 ) -> Verification:
     """Like `verify`, for a file in memory; the reader of a verified record holds what it read."""
     outcomes: dict[str, _Outcome] = {}
@@ -116,7 +130,7 @@ def verify_read(
     else:
         claims, subject = _check_claims(reader)
         outcomes |= claims
-    later = _later(frames, predictions)
+    later = _later(frames, predictions, exported)
     for name, compare in later.items():
         if any(status == "failed" for status, _ in outcomes.values()):
             break
@@ -162,10 +176,9 @@ def _outcome(problems: list[str], message: str) -> _Outcome:
     return ("failed", listed) if problems else ("ok", message)
 
 
-def _later(frames: DataCheck | None, predictions: DataCheck | None) -> dict[str, DataCheck]:
-    """The comparisons that were requested."""
-    wanted = {"frames": frames, "predictions": predictions}
-    return {name: compare for name, compare in wanted.items() if compare is not None}
+def _later(*comparisons: DataCheck | None) -> dict[str, DataCheck]:
+    """The comparisons that were requested, of those in `_ON_REQUEST`."""
+    return {name: compare for name, compare in zip(_ON_REQUEST, comparisons, strict=True) if compare is not None}
 
 
 def _checks(outcomes: dict[str, _Outcome], later: dict[str, DataCheck]) -> tuple[Check, ...]:
@@ -174,5 +187,5 @@ def _checks(outcomes: dict[str, _Outcome], later: dict[str, DataCheck]) -> tuple
         if check in outcomes
         else Check(name=check, status="not checked", message="")
         for check in VERIFICATION_CHECKS
-        if check not in ("frames", "predictions") or check in later
+        if check not in _ON_REQUEST or check in later
     )

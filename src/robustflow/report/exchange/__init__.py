@@ -1,0 +1,53 @@
+"""A run in the forms in which results are published: a robustness card, Croissant, Every Eval Ever, Hugging Face.
+
+Every file follows from the run alone, so that `check_exported` can compare one with the run's record, byte for byte.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import PurePosixPath
+
+from ...errors import UsageError, unknown_name
+from ...runs.run import Run
+from .card import card_files
+from .croissant import croissant_files
+from .every_eval_ever import every_eval_ever_files
+from .facts import RunFacts
+from .huggingface import huggingface_files
+
+Files = dict[PurePosixPath, bytes]
+
+_FORMATS: dict[str, Callable[[RunFacts], Files]] = {
+    "card": card_files,
+    "croissant": croissant_files,
+    "every-eval-ever": every_eval_ever_files,
+}
+EXCHANGE_FORMATS = (*_FORMATS, "huggingface")
+
+_HUB_NAME = re.compile(r"[A-Za-z0-9_.-]{1,96}/[A-Za-z0-9_.-]{1,96}")
+
+
+def exchange_files(run: Run, format: str, hub_dataset: str | None = None) -> Files:
+    """The files that describe a run in one of the formats, by their place in a folder.
+
+    Args:
+        run: any.
+        format: one of `EXCHANGE_FORMATS`.
+        hub_dataset: for "huggingface" the data set on the Hub that is the benchmark, ORGANISATION/NAME.
+
+    Raises:
+        UsageError: another format, or for "huggingface" no such name.
+    """
+    if format not in EXCHANGE_FORMATS:
+        raise unknown_name("exchange format", format, EXCHANGE_FORMATS)
+    facts = RunFacts(run)
+    if format != "huggingface":
+        return _FORMATS[format](facts)
+    if hub_dataset is None or not _HUB_NAME.fullmatch(hub_dataset):
+        raise UsageError(
+            "--format huggingface needs the data set that is registered on the Hub as this benchmark: give "
+            "--hub-dataset ORGANISATION/NAME"
+        )
+    return huggingface_files(facts, hub_dataset)

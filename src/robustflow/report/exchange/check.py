@@ -1,0 +1,63 @@
+"""Compare exported files with what follows from a record."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from ...errors import DataError, RunError
+from ...records.read import Reader
+from ...runs.run import Run
+from ...text import counted, plain
+from . import EXCHANGE_FORMATS, exchange_files
+
+_LARGEST = 2**29
+_HUB_DATASET = re.compile(rb'^    id: ("[^"\n]{3,200}")$', re.MULTILINE)
+
+
+def check_exported(reader: Reader, paths: Sequence[Path]) -> str:
+    """Check that each file is what the record's run is exported as, byte for byte; says how many were compared.
+
+    Raises:
+        RunError: one is not; its first line that differs is named.
+        DataError: a file cannot be read.
+    """
+    with TemporaryDirectory(prefix="robustflow-") as folder:
+        reader.extract(Path(folder))
+        run = Run(folder)
+        for path in paths:
+            _check(path, run)
+    return counted(len(paths), "file")
+
+
+def _check(path: Path, run: Run) -> None:
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise DataError(f"{path} is too large to be an exported file; give one that 'robustflow export' wrote")
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"cannot read {path}: {error.strerror or error}") from error
+    found = _HUB_DATASET.search(data)
+    dataset = json.loads(found[1]) if found else None
+    made = [
+        each
+        for format in EXCHANGE_FORMATS
+        if format != "huggingface" or dataset is not None
+        for each in exchange_files(run, format, dataset).values()
+    ]
+    if data in made:
+        return
+    given = data.split(b"\n")
+    nearest = max((each.split(b"\n") for each in made), key=lambda lines: _alike(lines, given))
+    number = next((n for n, pair in enumerate(zip(nearest, given, strict=False)) if pair[0] != pair[1]), None)
+    if number is None:
+        raise RunError(f"{path} has {len(given)} lines, but the record gives {len(nearest)}: export it again")
+    said, due = (plain(lines[number].decode(errors="replace"), 80) for lines in (given, nearest))
+    raise RunError(f"{path}, line {number + 1}: '{said}', but the record gives '{due}': export it again")
+
+
+def _alike(lines: Sequence[bytes], given: Sequence[bytes]) -> int:
+    return sum(one == other for one, other in zip(lines, given, strict=False))

@@ -1,0 +1,118 @@
+"""What every format says about a run: the model, the data, the means with their intervals, and the warnings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+from typing import Any
+
+from ...analysis.exclusion import exclusion_reasons
+from ...analysis.labels import SETTING_EXPLANATIONS, SETTING_LABELS
+from ...analysis.results import AVERAGE
+from ...analysis.run_results import comparison_note, run_results, run_setting
+from ...benchmarks import benchmark_facts
+from ...metrics.summary import has_gaps
+from ...records.text import holds_path
+from ...runs.comparable import sample_set
+from ...runs.run import Run
+from ...text import plain
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A mean of a run.
+
+    Attributes:
+        metric: "epe", "cre", "crer" or "rcre"; pixels, CREr a ratio.
+        condition: "clean", "average", or a corruption.
+        value: the mean.
+        interval: the ends of its 95 % interval; None if there are too few pairs.
+    """
+
+    metric: str
+    condition: str
+    value: float
+    interval: tuple[float, float] | None
+
+
+class RunFacts:
+    """A run, as the formats describe it. Names are safe to print, but not escaped for any format."""
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self.name = plain(run.name)
+        self.title = plain(benchmark_facts(run.benchmark).title)
+        self.digest = run.manifest.identity_digest
+
+    @cached_property
+    def means(self) -> list[Mean]:
+        """Clean and average means first, then those of each corruption."""
+        (line,) = run_results([self.run])
+        ends = line.intervals()
+        known = [Mean(*key, value.number, ends.get(key)) for key, value in line.values.items()]
+        return sorted(known, key=lambda mean: mean.condition not in ("clean", AVERAGE))
+
+    @property
+    def averages(self) -> list[Mean]:
+        """The means that are not of one corruption."""
+        return [mean for mean in self.means if mean.condition in ("clean", AVERAGE)]
+
+    @cached_property
+    def warnings(self) -> list[str]:
+        """What a reader must know before comparing the numbers, in sentences."""
+        run, summary, out = self.run, self.run.summary, []
+        if run.setting not in ("OOD", "knowledge"):
+            setting = run_setting(run)
+            out.append(
+                f"{SETTING_LABELS.get(setting, setting)}: {SETTING_EXPLANATIONS.get(setting, 'see the manifest')}."
+            )
+        if note := comparison_note(run):
+            out.append(f"What was measured: {note}.")
+        if reasons := exclusion_reasons(run):
+            out.append(f"Not ranked, because {' and '.join(reasons)}.")
+        if not summary.complete:
+            out.append("The run is not complete: rows are missing, or have no pixel to measure.")
+        if has_gaps(summary):
+            out.append(
+                f"The model predicted {100 * (summary.coverage or 0):.1f} % of the pixels; errors are over these."
+            )
+        if self.averages and not any(mean.interval for mean in self.averages):
+            out.append(f"No intervals: too few pairs to resample ({summary.samples}).")
+        return [plain(each, None) for each in out]
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What identifies the model, without texts that hold a path of a machine."""
+        given = self.run.manifest.identity.model.settings
+        return {plain(name): plain(str(value)) for name, value in given.items() if not holds_path(str(value))}
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """What was measured."""
+        frames, summary = self.run.manifest.identity.frames, self.run.summary
+        return {
+            "benchmark": plain(self.run.benchmark),
+            "title": self.title,
+            "pairs": summary.samples,
+            "corruptions": [plain(name) for name in summary.averaged_over],
+            "severities": summary.severities(),
+            "severity_scale": plain(frames.severity_scale or "paper"),
+            "seed": frames.seed,
+            "variant": plain(frames.variant),
+            "complete": summary.complete,
+            "sample_set": sample_set(self.run),
+        }
+
+    @property
+    def finished(self) -> datetime | None:
+        """When the run was finished, in UTC; None if its manifest does not say."""
+        try:
+            return datetime.fromisoformat(self.run.manifest.finished or "").astimezone(UTC)
+        except (ValueError, OverflowError):
+            return None
+
+    @property
+    def version(self) -> str:
+        """The version of this package that ran it."""
+        return plain(self.run.manifest.environment.packages.get("robustflow", "unknown"))

@@ -1,0 +1,147 @@
+"""A run's results in the forms in which others publish them, and files that somebody changed afterwards."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from jsonschema import Draft7Validator
+
+from robustflow.analysis.uncertainty.intervals import intervals
+from robustflow.api import Result, evaluate, load_run
+from robustflow.errors import UsageError
+from robustflow.metrics.rows import ROW_SCHEMA
+from robustflow.records.pack import pack
+from robustflow.records.verify import Verification, verify
+from robustflow.report.exchange import EXCHANGE_FORMATS, exchange_files
+from robustflow.report.exchange.check import check_exported
+from robustflow.report.render.markdown import escape
+from tests.made_rows import made_run
+
+from ..analysis.simulated import Truth, rows_of
+
+HOSTILE = '<img src=x onerror=alert(1)>|`*R*`: "y" # {z} [l](javascript:x)'
+HUB = "someone/kitti-fc"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Result:
+    folder = tmp_path_factory.mktemp("exchange") / "run"
+    return evaluate("farneback", "demo", output=folder, corruptions=["contrast"], severities=[1], name=HOSTILE)
+
+
+@pytest.fixture(scope="module")
+def record(run, tmp_path_factory) -> Path:
+    return pack(run, tmp_path_factory.mktemp("record") / "run.robustflow")
+
+
+def exported(run: Result, format: str, folder: Path) -> list[Path]:
+    """The files of a format, written as `export` does."""
+    paths = []
+    for name, data in exchange_files(run, format, HUB).items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+        paths.append(path)
+    return paths
+
+
+def compared(record: Path, *paths: Path) -> Verification:
+    return verify(record, exported=partial(check_exported, paths=paths))
+
+
+def test_the_card_holds_the_means_of_the_rows_and_escapes_names(run, tmp_path):
+    markdown, content = (path.read_text() for path in exported(run, "card", tmp_path))
+    card = json.loads(content)
+    means = {(mean["metric"], mean["condition"]): mean["value"] for mean in card["means"]}
+    summary = run.summarize()
+    assert means["epe", "clean"] == summary.epe_clean
+    assert means["cre", "average"] == summary.cre == means["cre", "contrast"]
+    assert card["run"] == run.manifest.identity_digest
+    assert f"| {summary.rcre:.3f} |" in markdown
+    assert markdown.startswith(f"# Robustness of {escape(HOSTILE)} on")
+    assert "<img" not in markdown
+    assert any("too few pairs to resample (1)" in warning for warning in card["warnings"])
+
+
+def test_intervals_are_those_of_the_tables(run, tmp_path):
+    clean, corrupted = Truth().draw(np.random.default_rng(0), np.ones(40, int))
+    imaginary = made_run(run, rows_of(clean, corrupted, corrupted))
+    _, content = (path.read_text() for path in exported(imaginary, "card", tmp_path))
+    ends = {(mean["metric"], mean["condition"]): mean["interval_95"] for mean in json.loads(content)["means"]}
+    known = intervals(imaginary.rows, corruptions=False).filter(metric="rcre", corruption="average")
+    assert ends["rcre", "average"] == [known["low"].item(), known["high"].item()]
+
+
+def test_every_eval_ever_fits_its_published_schema(run, tmp_path):
+    (path,) = exported(run, "every-eval-ever", tmp_path)
+    schema = json.loads((Path(__file__).parent / "every_eval_ever.schema.json").read_text())
+    content = json.loads(path.read_text())
+    assert schema["version"] == content["schema_version"]
+    assert [error.message for error in Draft7Validator(schema).iter_errors(content)] == []
+    scores = {one["evaluation_result_id"]: one["score_details"]["score"] for one in content["evaluation_results"]}
+    assert scores["epe.clean"] == run.summary.epe_clean
+    place = path.relative_to(tmp_path)
+    assert re.fullmatch(r"data/demo/unknown/[\w.-]+/[0-9a-f-]{36}\.json", str(place))
+
+
+def test_the_hub_s_yaml_keeps_numbers_and_names(run, tmp_path):
+    (path,) = exported(run, "huggingface", tmp_path)
+    entries = yaml.safe_load(path.read_text())
+    values = {entry["dataset"]["task_id"]: entry["value"] for entry in entries}
+    assert values == {
+        "epe_clean": run.epe_clean,
+        **{name: getattr(run, name) for name in ("epe", "cre", "crer", "rcre")},
+    }
+    assert path.relative_to(tmp_path) == Path(".eval_results/robustflow.yaml")
+    for entry in entries:
+        assert set(entry) == {"dataset", "value", "date", "evaluation_framework", "notes"}
+        assert entry["dataset"]["id"] == HUB
+        assert HOSTILE in entry["notes"]
+
+
+@pytest.mark.parametrize("dataset", [None, "kitti", "a/b\n  value: 0", 'a/"b"'])
+def test_a_name_that_is_none_of_the_hub_is_refused(run, dataset):
+    with pytest.raises(UsageError, match="--hub-dataset ORGANISATION/NAME"):
+        exchange_files(run, "huggingface", dataset)
+
+
+def test_croissant_describes_the_rows_beside_it(run, tmp_path):
+    metadata, rows = exported(run, "croissant", tmp_path)
+    content = json.loads(metadata.read_text())
+    (file,) = content["distribution"]
+    assert file["sha256"] == hashlib.sha256(rows.read_bytes()).hexdigest()
+    (fields,) = (one["field"] for one in content["recordSet"])
+    assert [field["name"] for field in fields] == list(ROW_SCHEMA) == rows.read_text().split("\n")[0].split(",")
+
+
+def test_croissant_is_valid_and_its_loader_reads_the_rows(run, tmp_path):
+    mlcroissant = pytest.importorskip(
+        "mlcroissant", reason="needs mlcroissant, which no extra brings: 370 MB with what it installs"
+    )
+    metadata, _ = exported(run, "croissant", tmp_path)
+    dataset = mlcroissant.Dataset(metadata)
+    assert not dataset.metadata.issues.errors
+    records = list(dataset.records("rows"))
+    assert [one["rows/epe_sum"] for one in records] == run.rows.sort("sample", "corruption")["epe_sum"].to_list()
+
+
+@pytest.mark.parametrize("format", EXCHANGE_FORMATS)
+def test_what_was_exported_follows_from_the_record_and_a_changed_digit_does_not(run, record, tmp_path, format):
+    paths = exported(run, format, tmp_path)
+    assert compared(record, *paths).ok
+    assert exchange_files(load_run(record), format, HUB) == exchange_files(run, format, HUB)
+    for path in paths:
+        text = path.read_text()
+        digit = re.search(r"\d(?=\D*\n?$)", text) if path.suffix == ".csv" else re.search(r"(?<=\.)\d", text)
+        path.write_text(text[: digit.start()] + str((int(digit[0]) + 1) % 10) + text[digit.end() :])
+        found = compared(record, path)
+        assert not found.ok
+        line = 1 + text[: digit.start()].count("\n")
+        assert f"{path}, line {line}: " in found.first_failure()
