@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable
 from typing import Any, get_args
 
+import numpy as np
 import polars as pl
 
 from ..corruptions.names import family_of, ordered
@@ -22,7 +23,7 @@ from ..metrics.regions import REGIONS
 from ..metrics.rows import CLEAN, ROW_KEY, ROW_SCHEMA
 from ..metrics.summary import METRICS, Averaging, CorruptionScores, MissingCells, RegionScores, Scores, Summary
 from .family_means import grouped_by_family
-from .means import WHOLE, clean_flow_length, mean_scores, scores_by_condition
+from .means import WHOLE, RowPlaces, clean_flow_length, mean_scores, scores_by_condition
 from .plan import Cell
 
 _REGION_SUMS = ("epe_sum", "clean_epe_sum", "rcre_sum", "fl_count")
@@ -36,7 +37,7 @@ _NEEDS: tuple[tuple[str, str], ...] = (
 
 
 def summarize(
-    rows: pl.DataFrame,
+    rows: pl.DataFrame | pl.LazyFrame,
     averaging: Averaging = "image",
     planned: Iterable[Cell] | None = None,
     *,
@@ -45,7 +46,7 @@ def summarize(
     """The means of a run.
 
     Args:
-        rows: columns of `ROW_SCHEMA`, in any order.
+        rows: columns of `ROW_SCHEMA`, in any order; lazy ones are read a few columns at a time.
         averaging: "image" (the paper's) or "pixel" (the pixels of all images in one mean).
         planned: every (sample, corruption, severity) that should exist, clean rows as (sample, "clean", 0). By default
             every sample in the rows, clean and at every (corruption, severity) in the rows.
@@ -62,14 +63,11 @@ def summarize(
     """
     if averaging not in get_args(Averaging):
         raise UsageError(f"unknown averaging '{averaging}': choose from {', '.join(get_args(Averaging))}")
-    rows = _checked(rows)
-    cells = list(rows.select(ROW_KEY).iter_rows())
-    samples = {sample for sample, _, _ in cells}
-    conditions = {(corruption, severity) for _, corruption, severity in cells} | {(CLEAN, 0)}
-    expected = {(s, *condition) for s in samples for condition in conditions} if planned is None else set(planned)
-    missing = _units(expected - set(cells))
+    rows = rows.lazy()
+    where = _checked(rows)
+    missing = _missing(where, planned)
     with_truth = pl.coalesce("n_valid", "n_all")
-    unmeasured = _units(rows.filter(with_truth == 0).select(ROW_KEY).iter_rows())
+    unmeasured = _units(rows.filter(with_truth == 0).select(ROW_KEY).collect().iter_rows())
 
     whole = rows.with_columns(
         rcre_sum=pl.when(pl.col("n_valid").is_null()).then("rcre_all_sum").otherwise("rcre_sum"),
@@ -77,7 +75,7 @@ def summarize(
         n_covered=with_truth,
         n_wanted=pl.when(pl.col("n_valid").is_null()).then(pl.col("height") * pl.col("width")).otherwise("n_truth"),
     )
-    clean, by_condition = scores_by_condition(whole, WHOLE | {"rcre": ("rcre_sum", "rcre_n", 1.0)}, averaging)
+    clean, by_condition = scores_by_condition(whole, where, WHOLE | {"rcre": ("rcre_sum", "rcre_n", 1.0)}, averaging)
     corruptions = _corruptions(by_condition, clean)
     overall = mean_scores([*corruptions.values()], clean)
     in_paper = [name for name in corruptions if name in paper]
@@ -88,42 +86,61 @@ def summarize(
         complete=not missing and not unmeasured,
         missing=missing,
         unmeasured=unmeasured,
-        samples=len(samples),
-        n_invalid=int(rows["n_invalid"].sum()),
+        samples=len(where.samples),
+        n_invalid=int(rows.select(pl.col("n_invalid").sum()).collect().item()),
         epe_clean=clean.epe,
         clean_flow_length=clean_flow_length(rows, averaging),
         clean=clean,
         averaged_over=[*corruptions],
         corruptions=corruptions,
         families=families,
-        regions=_regions(rows, averaging),
+        regions=_regions(rows, where, averaging),
         paper=mean_scores([corruptions[name] for name in in_paper], clean) if set(in_paper) == set(paper) else None,
         paper_over=in_paper if set(in_paper) == set(paper) else [],
     )
 
 
-def _checked(rows: pl.DataFrame) -> pl.DataFrame:
-    """The rows in the order of their keys; raises a RunError if they are not the rows of one run."""
-    absent = [name for name in ROW_SCHEMA if name not in rows.columns]
+def _checked(rows: pl.LazyFrame) -> RowPlaces:
+    """Where the rows of each condition are; raises a RunError if they are not the rows of one run."""
+    known = rows.collect_schema().names()
+    absent = [name for name in ROW_SCHEMA if name not in known]
     if absent:
         raise RunError(f"rows lack the column '{absent[0]}': they are of another schema; run the benchmark again")
-    rows = rows.sort(ROW_KEY)
-    twice = rows.filter(rows.select(ROW_KEY).is_duplicated())
-    if twice.height:
-        sample, corruption, severity = twice.select(ROW_KEY).row(0)
+    where = RowPlaces.of(rows)
+    samples, conditions, count = where.present()
+    if (count > 1).any():
+        sample, (corruption, severity) = min(
+            (list(samples)[one], list(conditions)[other]) for one, other in np.argwhere(count > 1).tolist()
+        )
         raise RunError(
             f"rows of sample '{sample}', {corruption} severity {severity} occur twice: "
             "the rows of two runs were mixed; summarise one run at a time"
         )
     lacking = [(pl.col(count) > 0).fill_null(False) & pl.col(total).is_null() for count, total in _NEEDS]
-    damaged = rows.filter(pl.any_horizontal(lacking))
-    if damaged.height:
-        sample, corruption, severity = damaged.select(ROW_KEY).row(0)
+    if rows.select(pl.any_horizontal(lacking).any()).collect(engine="streaming").item():
+        damaged = rows.filter(pl.any_horizontal(lacking)).select(ROW_KEY).sort(ROW_KEY).head(1).collect()
+        sample, corruption, severity = damaged.row(0)
         raise RunError(
             f"the row of sample '{sample}', {corruption} severity {severity} counts pixels, but lacks what was "
             "measured on them: the rows were damaged or changed; run the benchmark again"
         )
-    return rows
+    return where
+
+
+def _missing(where: RowPlaces, planned: Iterable[Cell] | None) -> list[MissingCells]:
+    """The planned cells without a row; by default every sample is planned under every condition in the rows."""
+    samples, conditions, count = where.present()
+    if planned is None:
+        planned = ((sample, *condition) for sample in samples for condition in {(CLEAN, 0), *conditions})
+    return _units(
+        {
+            (sample, corruption, severity)
+            for sample, corruption, severity in planned
+            if sample not in samples
+            or (corruption, severity) not in conditions
+            or not count[samples[sample], conditions[corruption, severity]]
+        }
+    )
 
 
 def _units(units: Iterable[Any]) -> list[MissingCells]:
@@ -151,21 +168,21 @@ def _corruptions(by_condition: dict[tuple[str, int], Scores], clean: Scores) -> 
     }
 
 
-def _regions(rows: pl.DataFrame, averaging: Averaging) -> dict[str, RegionScores]:
+def _regions(rows: pl.LazyFrame, where: RowPlaces, averaging: Averaging) -> dict[str, RegionScores]:
     out = {}
     for region in REGIONS:
         count = f"n_{region}"
-        if not rows[count].sum():
+        if not rows.select(pl.col(count).sum()).collect().item():
             continue
         columns = {
             "epe": (f"epe_sum_{region}", count, 1.0),
             "rcre": (f"rcre_sum_{region}", count, 1.0),
             "fl": (f"fl_count_{region}", count, 100.0),
         }
-        clean, by_condition = scores_by_condition(rows, columns, averaging)
+        clean, by_condition = scores_by_condition(rows, where, columns, averaging)
         overall = mean_scores([*_corruptions(by_condition, clean).values()], clean)
         clean_rows = rows.filter((pl.col("corruption") == CLEAN) & pl.col(count).is_not_null())
-        inside, n_valid = sum(clean_rows[count].to_list()), sum(clean_rows["n_valid"].to_list())
+        inside, n_valid = clean_rows.select(pl.col(count, "n_valid").sum()).collect().row(0)
         out[region] = RegionScores(
             **overall.model_dump(),
             share=100.0 * inside / n_valid if n_valid else None,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import polars as pl
 
 from ..metrics.robustness import cre, crer
-from ..metrics.rows import CLEAN
+from ..metrics.rows import CLEAN, ROW_KEY
 from ..metrics.summary import METRICS, Averaging, Scores
 
 WHOLE = {
@@ -25,64 +27,111 @@ WHOLE = {
 """Metric: (column of its sum, column of its count, factor)."""
 
 MetricColumns = dict[str, tuple[str, str, float]]
+Places = np.ndarray[Any, np.dtype[np.int32]]
+"""Row numbers."""
+
+
+@dataclass(frozen=True)
+class RowPlaces:
+    """Where the rows of each sample and condition are, as row numbers.
+
+    Attributes:
+        samples: the samples, sorted.
+        sample_of: number of each row's sample.
+        places: (corruption, severity) -> its rows; the clean ones under ("clean", 0).
+    """
+
+    samples: list[str]
+    sample_of: Places
+    places: dict[tuple[str, int], Places]
+
+    @classmethod
+    def of(cls, rows: pl.LazyFrame) -> RowPlaces:
+        """Those of rows with the columns of `ROW_KEY`."""
+        keys = rows.select(ROW_KEY).collect()
+        samples, sample_of = _numbered(keys["sample"])
+        corruptions, corruption_of = _numbered(keys["corruption"])
+        severities = keys["severity"].to_numpy()
+        out = {}
+        for number, corruption in enumerate(corruptions):
+            mine = np.flatnonzero(corruption_of == number).astype(np.int32)
+            if corruption == CLEAN:
+                out[CLEAN, 0] = mine
+                continue
+            for severity in np.unique(severities[mine]).tolist():
+                out[corruption, severity] = mine[severities[mine] == severity]
+        return cls(samples, sample_of, out)
+
+    def present(self) -> tuple[dict[str, int], dict[tuple[str, int], int], np.ndarray]:
+        """Number of each sample, number of each condition, and how many rows each sample has under each condition."""
+        count = np.zeros((len(self.samples), len(self.places)), np.int32)
+        for number, mine in enumerate(self.places.values()):
+            count[:, number] = np.bincount(self.sample_of[mine], minlength=len(self.samples))
+        numbers = {condition: number for number, condition in enumerate(self.places)}
+        return {sample: number for number, sample in enumerate(self.samples)}, numbers, count
+
+
+def _numbered(names: pl.Series) -> tuple[list[str], Places]:
+    """The different names, sorted, and the number of each."""
+    known = names.unique().sort().to_list()
+    return known, names.cast(pl.Enum(known)).to_physical().to_numpy().astype(np.int32)
 
 
 def scores_by_condition(
-    rows: pl.DataFrame, columns: MetricColumns, averaging: Averaging
+    rows: pl.LazyFrame, where: RowPlaces, columns: MetricColumns, averaging: Averaging
 ) -> tuple[Scores, dict[tuple[str, int], Scores]]:
-    """Scores on the clean frames, and at each (corruption, severity)."""
-    total, count, _ = columns["epe"]
-    before = f"clean_{total}"
-    values = {name: rows[name].to_list() for triple in columns.values() for name in triple[:2]}
-    values[before] = rows[before].to_list()
-    samples, places = rows["sample"].to_list(), _places(rows)
-    in_clean = places.pop((CLEAN, 0), [])
-    clean = Scores(**_means(values, in_clean, columns, averaging))
-    with_clean = {samples[place] for place in in_clean if values[count][place]}
-    both = {
-        condition: [place for place in mine if values[count][place] and samples[place] in with_clean]
-        for condition, mine in places.items()
-    }
-    paired = {"epe": columns["epe"], "before": (before, count, 1.0)}
+    """Scores on the clean frames, and at each (corruption, severity).
+
+    Two columns are read at a time: a run of a million rows would not fit into memory as Python's numbers.
+
+    Args:
+        rows: in the same order whenever they are read.
+        where: of the same rows.
+        columns: of each metric; "epe" has to be among them.
+        averaging: as for `summarize`.
+    """
+    means: dict[tuple[str, int], dict[str, float | None]] = {condition: {} for condition in where.places}
+    for metric, (total, count, factor) in columns.items():
+        sums, counts = _arrays(rows, total, count)
+        for condition, places in where.places.items():
+            means[condition][metric] = _mean_over(sums[places], counts[places], factor, averaging)
+    total, count, factor = columns["epe"]
+    sums, counts = _arrays(rows, total, count)
+    before, _ = _arrays(rows, f"clean_{total}", count)
+    seen, with_clean = counts > 0, np.zeros(len(where.samples), bool)
+    clean_places = where.places.get((CLEAN, 0), np.zeros(0, np.int32))
+    with_clean[where.sample_of[clean_places[seen[clean_places]]]] = True
+    clean = Scores(**means.pop((CLEAN, 0), {}))
     by_condition = {}
-    for condition, mine in places.items():
-        scores = Scores(**_means(values, mine, columns, averaging))
-        means = _means(values, both[condition], paired, averaging)
-        moved = cre(means["epe"], means["before"])
-        by_condition[condition] = scores.model_copy(update={"cre": moved, "crer": crer(moved, clean.epe)})
+    for condition, known in means.items():
+        places = where.places[condition]
+        both = places[seen[places] & with_clean[where.sample_of[places]]]
+        epe = _mean_over(sums[both], counts[both], factor, averaging)
+        moved = cre(epe, _mean_over(before[both], counts[both], 1.0, averaging))
+        by_condition[condition] = Scores(**known).model_copy(update={"cre": moved, "crer": crer(moved, clean.epe)})
     return clean, by_condition
 
 
-def _places(rows: pl.DataFrame) -> dict[tuple[str, int], list[int]]:
-    """Row numbers of each (corruption, severity), in the order of first occurrence; plain lists, because splitting a
-    table into hundreds of small ones costs a hundred times as much."""
-    places: dict[tuple[str, int], list[int]] = {}
-    for place, (corruption, severity) in enumerate(rows.select("corruption", "severity").iter_rows()):
-        places.setdefault((corruption, 0 if corruption == CLEAN else severity), []).append(place)
-    return places
+def _arrays(rows: pl.LazyFrame, total: str, count: str) -> tuple[np.ndarray, np.ndarray]:
+    """The sums and counts of all rows; 0 where there are none."""
+    read = rows.select(pl.col(total).alias("total"), pl.col(count).alias("count")).fill_null(0).collect()
+    return read["total"].to_numpy(), read["count"].to_numpy()
 
 
-def _means(
-    values: dict[str, list[Any]], places: Sequence[int], columns: MetricColumns, averaging: Averaging
-) -> dict[str, float | None]:
-    """The mean of each metric over images; images without a pixel to measure are left out."""
-    out: dict[str, float | None] = {}
-    for metric, (total, count, factor) in columns.items():
-        sums, counts = values[total], values[count]
-        images = [(sums[place], n) for place in places if (n := counts[place])]
-        if averaging == "image":
-            out[metric] = _mean([factor * s / n for s, n in images])
-        else:
-            pixels = sum(n for _, n in images)
-            out[metric] = factor * math.fsum(s for s, _ in images) / pixels if pixels else None
-    return out
+def _mean_over(sums: np.ndarray, counts: np.ndarray, factor: float, averaging: Averaging) -> float | None:
+    """The mean of a metric over images; images without a pixel to measure are left out."""
+    sums, counts = sums[counts > 0], counts[counts > 0]
+    if not counts.size:
+        return None
+    if averaging == "image":
+        return math.fsum((factor * sums / counts).tolist()) / counts.size
+    return factor * math.fsum(sums.tolist()) / int(counts.sum())
 
 
-def clean_flow_length(rows: pl.DataFrame, averaging: Averaging) -> float | None:
+def clean_flow_length(rows: pl.DataFrame | pl.LazyFrame, averaging: Averaging) -> float | None:
     """Mean length of the predicted flow on the clean frames, pixels, over all predicted pixels; None without any."""
-    clean = rows.filter(corruption=CLEAN).select("pred_magnitude_sum", "n_all").to_dict(as_series=False)
-    places = range(len(clean["n_all"]))
-    return _means(clean, places, {"length": ("pred_magnitude_sum", "n_all", 1.0)}, averaging)["length"]
+    clean = rows.lazy().filter(corruption=CLEAN)
+    return _mean_over(*_arrays(clean, "pred_magnitude_sum", "n_all"), 1.0, averaging)
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -71,20 +72,29 @@ def read_shard(path: Path, columns: Sequence[str] | None = None) -> pl.DataFrame
         RunError: damaged, or with other columns than this version writes.
         FileNotFoundError: gone, because it was merged.
     """
+    data = _checked_bytes(path)
+    try:
+        rows = pl.read_parquet(io.BytesIO(data), columns=None if columns is None else list(columns))
+    except (Exception, pl.exceptions.PanicException) as error:  # the latter is not an Exception
+        raise _damaged(path, type(error).__name__) from error
+    _check_schema(path, rows.schema, columns)
+    return rows
+
+
+def _checked_bytes(path: Path) -> bytes:
     data = _bytes(path)
     digest = _DIGEST.search(path.name.removesuffix(_SUFFIX))
     if digest is None:
         raise _damaged(path, "its name has no digest")
     if digest[1] != digest_of_bytes(data):
         raise _damaged(path, "its bytes are not those that were written")
-    try:
-        rows = pl.read_parquet(io.BytesIO(data), columns=None if columns is None else list(columns))
-    except (Exception, pl.exceptions.PanicException) as error:  # the latter is not an Exception
-        raise _damaged(path, type(error).__name__) from error
+    return data
+
+
+def _check_schema(path: Path, schema: Mapping[str, Any], columns: Sequence[str] | None = None) -> None:
     wanted = ROW_SCHEMA if columns is None else {name: ROW_SCHEMA[name] for name in columns}
-    if rows.schema != pl.Schema(wanted):
+    if pl.Schema(schema) != pl.Schema(wanted):
         raise RunError(f"{path} has other columns than this version writes; choose another folder with --output")
-    return rows
 
 
 def read_shards(
@@ -113,6 +123,20 @@ def read_shards(
         rows = rows.unique(maintain_order=True)
         _refuse_contradictions(rows, paths, parts)
     return rows
+
+
+def scan_shards(paths: Sequence[Path]) -> pl.LazyFrame:
+    """The rows of some shards, read when they are asked for, some columns at a time. Rows that are in two shards come
+    twice, and the order is that of the shards.
+
+    Raises:
+        RunError: a shard that cannot be read, or of another schema. One that is damaged without its digest showing it
+            raises an error of polars when its rows are read.
+        FileNotFoundError: a shard was merged meanwhile.
+    """
+    for path in paths:
+        _check_schema(path, pl.read_parquet_schema(io.BytesIO(_checked_bytes(path))))
+    return pl.scan_parquet(list(paths)) if paths else rows_frame([]).lazy()
 
 
 def shards_digest(paths: Iterable[Path]) -> str:

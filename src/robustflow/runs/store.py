@@ -34,6 +34,7 @@ from .shards import (
     merge_shards,
     read_shard,
     read_shards,
+    scan_shards,
     shard_name,
     shards_digest,
     write_shard,
@@ -207,6 +208,10 @@ class RunFolder:
             except FileNotFoundError as error:  # merged between listing and reading: list again
                 gone = error.filename
         raise RunError(f"{gone} is listed but missing; run the command again when nothing else writes to its folder")
+
+    def scan(self) -> pl.LazyFrame:
+        """All rows, read when they are asked for; see `scan_shards`."""
+        return scan_shards(list_shards(self.rows_folder))
 
     def digest(self) -> str:
         """A hash of the shards as they are on disk: the same digest, the same rows. No row is decoded.
