@@ -142,8 +142,8 @@ def evaluate(
             source of your own is part of the run's identity (docs/add-your-corruption.md).
         attacks: adversarial attacks (docs/attacks.md) to run as well at these severities, one or several names, with
             options if there are any (`"pgd:steps=40"`), or your own, `"module.path:Attribute"`, a class or an object;
-            without `corruptions` they run alone. Random noise of the same
-            norm comes with them, and no mean over corruptions includes them; see `Result.attack_table`.
+            without `corruptions` they run alone. Random noise comes with them, and no mean over corruptions includes
+            them; see `Run.attack_rows`.
         split: a file naming the samples to use, one key per line; or "drive-disjoint", for KITTI 2015.
         data_options: options of a data set, for example {"render_pass": "final"}.
         still: pair every frame with itself, with a true flow of zero, so that errors are phantom motion

@@ -135,6 +135,9 @@ def test_pcfa_brings_the_flow_nearer_to_its_target_than_noise_does(target, steps
     _, noise = _attacked("random_gauss", target=target)
 
     assert attacked.clean_loss - attacked.loss > 10 * abs(attacked.clean_loss - noise.loss)
+    goal = 0 if target == "zero" else -attacked.clean_flow
+    before, after = (np.linalg.norm(flow - goal, axis=-1).mean() for flow in (attacked.clean_flow, attacked.flow))
+    assert attacked.way_gone == pytest.approx((before - after) / before)
 
 
 def test_attacks_count_what_they_ask_for():

@@ -41,6 +41,8 @@ _COLUMNS = {
     "attack_linf": "Rows of attacks alone: largest change of a value in the 8-bit frames, grey levels.",
     "attack_rms": "Rows of attacks alone: root mean square of the change of the 8-bit frames, grey levels.",
     "attack_capped_sum": "Rows of attacks alone: error over `n_valid`, each pixel up to the frame's diagonal, pixels.",
+    "attack_median": "Rows of attacks alone: median error over `n_valid`, pixels.",
+    "attack_way_gone": "Rows of attacks alone: share of the way from the clean flow to the attack's target.",
     "attack_evaluations": "Rows of attacks alone: flows that the attack asked the model for.",
     "attack_warnings": "Rows of attacks alone: what makes the row doubtful, names joined by commas.",
     "n_truth": "Pixels with ground truth, predicted or not.",

@@ -15,8 +15,13 @@ from ..runs.run import Run
 WHITE_BOX = ("bim", "pgd", "cospgd", "apgd")
 """Iterative attacks on the gradient, which an attack without it should not beat."""
 
-_BEATEN = {"fgsm": "fgsm_above_iterative", "square": "square_above_white_box"}
-"""Attack -> the warning of a white-box attack that it beats, a key of `BESIDE_OTHERS`."""
+_BEATEN = {
+    "fgsm": "fgsm_above_iterative",
+    "square": "square_above_white_box",
+    "transfer": "transfer_above_white_box",
+}
+"""Attack, without what it is transferred from -> the warning of a white-box attack that it beats, a key of
+`BESIDE_OTHERS`."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +35,11 @@ class AttackScore:
         epe, cre, crer: mean error, its increase over the clean one, px, and that over the clean error; None without
             ground truth.
         rcre: mean change of the flow, px.
-        px3: share of pixels that are off by more than 3 px, %; None without ground truth.
+        px1, px3, px5, fl: shares of pixels that are off by more than 1, 3 and 5 px, and by KITTI's Fl, %; None without
+            ground truth.
+        median: mean over samples of the median error, px; None without ground truth.
         capped: mean error with each pixel counted up to the frame's diagonal, px; None without ground truth.
+        way_gone: share of the way from the clean flow to the target, %; None without a target.
         gain: the error (the change, without ground truth) above that of random noise of the same norm, px.
         linf, rms: mean norms that were reached, grey levels.
         evaluations: mean number of flows asked for.
@@ -47,8 +55,13 @@ class AttackScore:
     cre: float | None
     crer: float | None
     rcre: float | None
+    px1: float | None
     px3: float | None
+    px5: float | None
+    fl: float | None
+    median: float | None
     capped: float | None
+    way_gone: float | None
     gain: float | None
     linf: float
     rms: float
@@ -88,12 +101,17 @@ def attack_scores(run: Run) -> list[AttackScore]:
                     cre=at["cre"],
                     crer=at["crer"],
                     rcre=at["rcre"],
+                    px1=_share(mine, "px1_count"),
                     px3=_share(mine, "px3_count"),
+                    px5=_share(mine, "px5_count"),
+                    fl=_share(mine, "fl_count"),
+                    median=_mean(mine, "attack_median"),
                     capped=_share(mine, "attack_capped_sum", 1.0),
+                    way_gone=_mean(mine, "attack_way_gone", 100.0),
                     gain=None,
-                    linf=_mean(mine, "attack_linf"),
-                    rms=_mean(mine, "attack_rms"),
-                    evaluations=_mean(mine, "attack_evaluations"),
+                    linf=_mean(mine, "attack_linf") or 0.0,
+                    rms=_mean(mine, "attack_rms") or 0.0,
+                    evaluations=_mean(mine, "attack_evaluations") or 0.0,
                     warnings=counts,
                 )
             )
@@ -133,13 +151,22 @@ def _compared(scores: list[AttackScore]) -> list[AttackScore]:
         known = score.strength is not None and noise is not None and score.attack not in CONTROLS
         gain = score.strength - noise if known else None  # type: ignore[operator]
         warnings = dict(score.warnings)
-        if score.attack in WHITE_BOX and score.strength is not None:
-            for other, warning in _BEATEN.items():
-                stronger = by_cell.get((other, score.severity))
-                if stronger is not None and stronger > score.strength:
-                    warnings[warning] = score.samples
+        if _name(score) in WHITE_BOX and score.way_gone is None:
+            stronger = (one for one in scores if _above(one, score) and one.way_gone is None)
+            warnings |= dict.fromkeys((_BEATEN[_name(one)] for one in stronger if _name(one) in _BEATEN), score.samples)
         compared.append(replace(score, gain=gain, warnings=warnings))
     return compared
+
+
+def _name(score: AttackScore) -> str:
+    """The attack without its options."""
+    return score.attack.partition(":")[0]
+
+
+def _above(one: AttackScore, other: AttackScore) -> bool:
+    """Whether one is stronger at the same budget."""
+    alike = (one.norm, one.severity) == (other.norm, other.severity)
+    return alike and one.strength is not None and other.strength is not None and one.strength > other.strength
 
 
 def _share(rows: pl.DataFrame, total: str, factor: float = 100.0) -> float | None:
@@ -149,6 +176,7 @@ def _share(rows: pl.DataFrame, total: str, factor: float = 100.0) -> float | Non
     return float(value) if isinstance(value, float) else None
 
 
-def _mean(rows: pl.DataFrame, column: str) -> float:
+def _mean(rows: pl.DataFrame, column: str, factor: float = 1.0) -> float | None:
+    """Mean over images of what a column has; None if it has nothing."""
     value = rows[column].mean()
-    return float(value) if isinstance(value, int | float) else 0.0
+    return factor * float(value) if isinstance(value, int | float) else None

@@ -15,9 +15,10 @@ from ..sample import Flow, Frame, Mask, Sample
 from ..severity import check_severity
 from .base import Attack
 from .images import frames_of
+from .loss import Loss
 from .own import OwnAttack, is_own, register_attack, with_target_registered
 from .problem import Pair, Problem
-from .registry import ATTACKS, CONTROLS, control_of, split_name
+from .registry import ATTACKS, CONTROLS, split_name
 from .result import Attacked, norms_of
 
 AnyAttack = str | Attack | Any
@@ -71,19 +72,17 @@ target, loss, reference, moved, steps, starts
 
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
-    """Names of attacks as a run has them (`Attack.label`), each once, after the random noise of their norms. Only for
-    what the user requests: `module.path:Attribute` is imported.
+    """Names of attacks as a run has them (`Attack.label`), each once, after both kinds of random noise. Only for what the user requests: `module.path:Attribute` is imported.
 
     Raises:
         UsageError: an unknown attack or option.
 
     >>> with_controls(["pgd:steps=20", "square"]), with_controls([])
-    (('random_sign', 'pgd', 'square'), ())
+    (('random_sign', 'random_gauss', 'pgd', 'square'), ())
     """
     named = (with_target_registered(each) if isinstance(each, str) else each for each in attacks)
     asked = list(dict.fromkeys(load_attack(each).label for each in named))
-    controls = [control for control in CONTROLS if control in map(control_of, asked)]
-    return tuple(dict.fromkeys((*controls, *asked)))
+    return tuple(dict.fromkeys((*CONTROLS, *asked))) if asked else ()
 
 
 def attack(
@@ -138,11 +137,18 @@ def attack(
     level = 0 if budget is not None else check_severity(3 if severity is None else severity)
     grey = chosen.budget(level) if budget is None else budget
     pair = Pair((frame1, frame2), grey, flow, valid, key, seed, level)
-    return attack_pair(chosen, loaded, pair, predict_checked(loaded, pair.frames, key, "clean", 0))
+    doubts = frozenset({"answers_differ"} if answers_differ(loaded, pair.frames, key) else ())
+    return attack_pair(chosen, loaded, pair, predict_checked(loaded, pair.frames, key, "clean", 0), doubts)
 
 
 def attack_of_sample(
-    attack: Attack, model: AnyModel, sample: Sample, clean_flow: Flow, severity: int, seed: int
+    attack: Attack,
+    model: AnyModel,
+    sample: Sample,
+    clean_flow: Flow,
+    severity: int,
+    seed: int,
+    doubts: frozenset[str] = frozenset(),
 ) -> Attacked:
     """What `attack` gives for a sample, whose key names the random choices, with the clean flow known.
 
@@ -153,6 +159,7 @@ def attack_of_sample(
         clean_flow: of its frames, float32 (H, W, 2), pixels.
         severity: 1 to 5.
         seed: of the random choices.
+        doubts: keys of `WARNINGS` that are known of the model.
 
     Raises:
         ModelError: see `attack`.
@@ -160,10 +167,23 @@ def attack_of_sample(
     first, second = sample.frames[:2]
     budget = attack.budget(severity)
     pair = Pair((first, second), budget, sample.flow, sample.valid, sample.key, seed, severity)
-    return attack_pair(attack, model, pair, clean_flow)
+    return attack_pair(attack, model, pair, clean_flow, doubts)
 
 
-def attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow) -> Attacked:
+def answers_differ(model: AnyModel, frames: tuple[Frame, Frame], key: str) -> bool:
+    """Whether a model gives two flows for one pair when it is asked twice.
+
+    Raises:
+        ModelError: the model raised, or returned no flow.
+    """
+    assert isinstance(model, FlowModel)
+    first, second = (predict_checked(model, frames, key, "clean", 0) for _ in range(2))
+    return not np.array_equal(first, second, equal_nan=True)
+
+
+def attack_pair(
+    attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow, doubts: frozenset[str] = frozenset()
+) -> Attacked:
     """Attack a pair whose clean flow is known.
 
     Args:
@@ -171,6 +191,7 @@ def attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow) -
         model: with `predict`, loaded.
         pair: with its budget.
         clean_flow: of its frames, float32 (H, W, 2), pixels.
+        doubts: keys of `WARNINGS` that are known of the model.
 
     Raises:
         UsageError: the attack needs ground truth and there is none.
@@ -201,11 +222,21 @@ def attack_pair(attack: Attack, model: AnyModel, pair: Pair, clean_flow: Flow) -
         linf=linf,
         rms=rms,
         changed=changed,
+        way_gone=_way_gone(loss, clean_flow, after),
         trace=tuple(problem.trace),
         evaluations=evaluations,
         gradients=gradients,
-        warnings=tuple(sorted(problem.troubles | _doubts(problem, clean_loss, here, float_loss))),
+        warnings=tuple(sorted(doubts | problem.troubles | _doubts(problem, clean_loss, here, float_loss))),
     )
+
+
+def _way_gone(loss: Loss, clean_flow: Flow, after: Flow) -> float | None:
+    """Share of the way from the clean flow to the target, in mean end-point distance; None without a target."""
+    if not loss.towards:
+        return None
+    distance = Loss(loss.reference)
+    at_first = distance.of(clean_flow)
+    return 1 - distance.of(after) / at_first if at_first > 0 else None
 
 
 def _doubts(problem: Problem, clean_loss: float, loss: float, float_loss: float | None) -> set[str]:

@@ -10,6 +10,7 @@ from ..sample import Flow, Frame
 from .images import WHITE, Images
 
 WARNINGS = {
+    "answers_differ": "the model answers the same frames differently when asked twice",
     "gradient_not_finite": "the gradient was NaN or infinite somewhere",
     "gradient_zero": "the gradient was zero everywhere: the model may hide it",
     "still_rising": "the loss still changed by more than 2 % in the last quarter of the steps",
@@ -21,6 +22,7 @@ WARNINGS = {
 BESIDE_OTHERS = {
     "fgsm_above_iterative": "FGSM is stronger: the gradient is masked, or the steps are badly chosen",
     "square_above_white_box": "Square, which uses no gradient, is stronger",
+    "transfer_above_white_box": "frames made on a different model are stronger",
 }
 """What can be wrong with it beside other attacks of the run."""
 
@@ -41,6 +43,8 @@ class Attacked:
         float_loss: of `images`; None if the attack works on 8-bit frames.
         linf, rms: norms of the change of the 8-bit frames over both frames, grey levels.
         changed: share of the values that changed, 0..1.
+        way_gone: share of the way from the clean flow to the target, below 0 when the flow moved away from it; None
+            without a target.
         trace: the loss at each evaluation, in order.
         evaluations, gradients: flows computed by the attack, and those of them with a gradient.
         warnings: keys of `WARNINGS`.
@@ -59,6 +63,7 @@ class Attacked:
     linf: float
     rms: float
     changed: float
+    way_gone: float | None
     trace: tuple[float, ...]
     evaluations: int
     gradients: int

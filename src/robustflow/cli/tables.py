@@ -7,10 +7,12 @@ import shlex
 import shutil
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 
 from rich.console import Console
 from rich.table import Table
 
+from ..analysis.attacks import attack_scores
 from ..analysis.conclusion import conclusions, enough_to_compare, without_truth
 from ..analysis.conditions import seed_groups, seeds_of
 from ..analysis.exclusion import exclusion_reasons, not_ranked
@@ -30,13 +32,14 @@ from ..text import counted, plain
 
 
 def as_json_text(results: Sequence[Run]) -> str:
-    """Return name, benchmark, folder and summary of runs as a JSON list."""
+    """Return name, benchmark, folder, summary and attacks of runs as a JSON list."""
     facts = [
         {
             "name": each.name,
             "benchmark": each.benchmark,
             "folder": str(each.path),
             "summary": each.document(),
+            **({"attacks": [asdict(score) for score in attack_scores(each)]} if each.attacks else {}),
         }
         for each in results
     ]

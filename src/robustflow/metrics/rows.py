@@ -17,9 +17,10 @@ prediction are finite (all of them, for a sound model).
   no such region (no ground truth, no occlusion map); 0 where the region is empty.
 - `n_all` = usable pixels; the denominator of `rcre_all_sum` and `pred_magnitude_sum`.
 - `attack_linf`, `attack_rms` = norms of an attack's change of the 8-bit frames, grey levels; `attack_capped_sum` = the
-  error summed over the pixels of `n_valid`, each counted up to the frame's diagonal; `attack_evaluations` = flows that
-  the attack asked for; `attack_warnings` = what makes it doubtful (`robustflow.attacks.result.WARNINGS`), joined by
-  commas. All five are null but in rows of attacks.
+  error summed over the pixels of `n_valid`, each counted up to the frame's diagonal; `attack_median` = the median error
+  over them, pixels; `attack_way_gone` = share of the way from the clean flow to the target, null without a target;
+  `attack_evaluations` = flows that the attack asked for; `attack_warnings` = what makes it doubtful
+  (`robustflow.attacks.result.WARNINGS`), joined by commas. All seven are null but in rows of attacks.
 - `n_invalid` = pixels whose own prediction is not finite, of height x width.
 """
 
@@ -37,7 +38,7 @@ from .error_maps import flow_array
 from .regions import REGIONS, Regions
 from .row_sums import row_sums
 
-ROW_SCHEMA_VERSION = 4
+ROW_SCHEMA_VERSION = 5
 """Incremented when a column is added, dropped, or changes its meaning; part of a run's identity. Rows of other versions
 are not read."""
 
@@ -74,6 +75,8 @@ ROW_SCHEMA: dict[str, type[pl.DataType]] = {
     "attack_linf": pl.Float64,
     "attack_rms": pl.Float64,
     "attack_capped_sum": pl.Float64,
+    "attack_median": pl.Float64,
+    "attack_way_gone": pl.Float64,
     "attack_evaluations": pl.Int64,
     "attack_warnings": pl.String,
 } | {

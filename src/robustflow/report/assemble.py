@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from ..analysis.conclusion import conclusions
@@ -17,6 +18,7 @@ from ..analysis.run_results import run_results
 from ..errors import UsageError, unknown_name
 from ..text import plain
 from .analysis_tables import anatomy_table, effective_table, means_table, observations_table
+from .attack_table import ATTACK_TABLES, attack_tables
 from .table import Table, with_exclusion
 from .tables import TABLES, build_table
 from .uncoupled_table import uncoupled_table
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
     from ..runs.run import Run
 
 ROW = "row"
-ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations")
+ALL_TABLES = (*TABLES, "means", "uncoupled", "effective", "anatomy", "observations", *ATTACK_TABLES)
 """The tables of runs where none is asked for by name; `ROW` has the same means."""
 _MOST_NAMED = 4
 
@@ -87,6 +89,7 @@ def tables_of(
         "anatomy": lambda: [anatomy_table(_some(runs, "anatomy"))],
         "observations": lambda: _by_sample_set(about, all_observations),
     }
+    makers |= {name: partial(_attack_tables, name, runs, seed) for name in ATTACK_TABLES}
     if wanted is not None:
         return _concluded([table for name in wanted for table in makers[name]()], runs)
     makers["observations"] = lambda: _by_sample_set(about, computable_observations)
@@ -133,6 +136,10 @@ def _some(runs: Sequence[Run], table: str) -> Sequence[Run]:
     if not runs:
         raise UsageError(f"the table '{table}' is made from runs: name at least one")
     return runs
+
+
+def _attack_tables(name: str, runs: Sequence[Run], seed: int) -> list[Table]:
+    return attack_tables(name, _some(runs, name), seed)
 
 
 def _row_table(runs: Sequence[Run], seeds: Sequence[SeedGroup]) -> Table:

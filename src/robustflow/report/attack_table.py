@@ -1,13 +1,20 @@
-"""Attacks of a run as a table."""
+"""Tables of attacks: errors, security curves, and whether robustness to corruptions predicts that to attacks."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+from ..analysis.attack_ranks import LEAST_MODELS, Prediction, predictions
 from ..analysis.attacks import AttackScore, attack_scores, budget_at_double
+from ..analysis.labels import METRIC_LABELS
+from ..analysis.run_names import run_names
+from ..analysis.security_curves import CurvePoint, security_curves
 from ..attacks.result import BESIDE_OTHERS, WARNINGS
+from ..errors import RunError, UsageError
 from ..runs.run import Run
-from .table import Column, Line, Section, Table, TableCell, number_text
+from ..text import counted, plain
+from .table import DASH, Column, Line, Section, Table, TableCell, number_text
 
 _COLUMNS = (
     "budget",
@@ -15,17 +22,54 @@ _COLUMNS = (
     "CRE (px)",
     "CREr",
     "RCRE (px)",
+    "> 1 px (%)",
     "> 3 px (%)",
+    "> 5 px (%)",
+    "Fl (%)",
+    "median (px)",
     "capped (px)",
     "gain (px)",
+    "way gone (%)",
     "flows",
 )
 _NORMS = {"linf": "L-inf", "rms": "RMS"}
 _REMARK = (
     "Adversarial attacks, which no mean over corruptions includes. Budgets are grey levels of 255 and hold for the "
-    "8-bit frames that were measured. Capped: no pixel counts more than the frame's diagonal. Gain: above random noise "
-    "of the same norm. Flows: asked for per sample. An attack is a lower bound: a stronger one may exist."
+    "8-bit frames that were measured. Median: of the pixels of a pair, then the mean over pairs. Capped: no pixel "
+    "counts more than the frame's diagonal. Gain: above random noise of the same norm. Way gone: from the clean flow "
+    "to the attack's target. Flows: asked for per sample. An attack is a lower bound: a stronger one may exist."
 )
+
+_CURVES = (
+    "Mean error over the budget in grey levels of 255, with 95 % intervals over pairs, or groups of pairs. Budget 0: "
+    "the clean frames. Without ground truth: the distance from the clean flow."
+)
+_DOUBTFUL = "a pair of it carries a warning, see the table of attacks"
+PREDICTION = "Does robustness to corruptions predict robustness to attacks?"
+
+ATTACK_TABLES = ("attacks", "security", "corruptions-and-attacks")
+"""The tables of `attack_tables`."""
+
+
+def attack_tables(name: str, runs: Sequence[Run], seed: int = 0) -> list[Table]:
+    """One of `ATTACK_TABLES`; of "attacks" one for each run that has some.
+
+    Raises:
+        UsageError: these runs cannot fill it.
+    """
+    if name == "attacks":
+        each = [(title, attack_table(run)) for title, run in zip(run_names(runs), runs, strict=True)]
+        tables = [replace(table, title=f"Attacks on {plain(title)}") for title, table in each if table is not None]
+    else:
+        try:
+            table = security_table(runs, seed) if name == "security" else prediction_table(runs)
+        except RunError as error:
+            raise UsageError(str(error)) from error
+        tables = [table] if table is not None else []
+    if not tables:
+        needed = "two runs with attacks and corruptions" if name == ATTACK_TABLES[-1] else "a run with attacks"
+        raise UsageError(f"the table '{name}' needs {needed}: give --attacks to run")
+    return tables
 
 
 def attack_table(run: Run) -> Table | None:
@@ -54,9 +98,10 @@ def _doubled(scores: Sequence[AttackScore], clean: float | None) -> str:
 
 
 def _line(score: AttackScore) -> Line:
-    values = (score.epe, score.cre, score.crer, score.rcre, score.px3, score.capped, score.gain)
+    errors = (score.epe, score.cre, score.crer, score.rcre, score.px1, score.px3, score.px5, score.fl)
+    values = (*errors, score.median, score.capped, score.gain, score.way_gone)
     texts = (f"{score.budget:g}", *(number_text(value, None) for value in values), f"{score.evaluations:.0f}")
-    note = "; ".join(f"{explained(key)} ({count} of {score.samples})" for key, count in score.warnings.items())
+    note = "; ".join(f"{explained(key)} ({count} of {score.samples} pairs)" for key, count in score.warnings.items())
     return Line(f"{score.attack} {score.severity}", tuple(map(TableCell, texts)), note)
 
 
@@ -67,3 +112,53 @@ def explained(warning: str) -> str:
     'the gradient was zero everywhere: the model may hide it'
     """
     return {**WARNINGS, **BESIDE_OTHERS}.get(warning, warning)
+
+
+def security_table(runs: Sequence[Run], seed: int = 0) -> Table | None:
+    """The security curves of runs as numbers, a section for each; None if none has attacks."""
+    sections = []
+    for name, run in zip(run_names(runs), runs, strict=True):
+        if lines := tuple(map(_curve_line, security_curves(run, seed))):
+            sections.append(Section(plain(name), lines))
+    if not sections:
+        return None
+    columns = tuple(map(Column, ("norm", "budget", "metric", "error (px)", "low", "high")))
+    return Table("security", "Security curves", columns, tuple(sections), (_CURVES,), "Attack, budget")
+
+
+def prediction_table(runs: Sequence[Run]) -> Table | None:
+    """The rank correlation of each attack with the corruptions over models; None without two runs that have both.
+
+    Raises:
+        RunError: the runs have no frames in common.
+    """
+    found = predictions(runs)
+    if not found:
+        return None
+    columns = tuple(map(Column, ("severities", "models", "rank correlation", "95 % low", "95 % high")))
+    label = METRIC_LABELS[found[0].metric]
+    remarks = [
+        f"Spearman's rank correlation over models between the mean {label} over corruptions and that under the attack; "
+        "interval by Fisher's z. A number with a warning and a model that is not ranked are left out."
+    ]
+    if any(len(one.models) < LEAST_MODELS for one in found):
+        remarks.append(f"No correlation is given for fewer than {LEAST_MODELS} models.")
+    lines = tuple(map(_prediction_line, found))
+    return Table("corruptions-and-attacks", PREDICTION, columns, (Section("Attacks", lines),), tuple(remarks), "Attack")
+
+
+def _curve_line(point: CurvePoint) -> Line:
+    values = (point.error, point.low, point.high)
+    texts = (point.norm, f"{point.budget:g}", point.metric, *(number_text(value, 3) for value in values))
+    label = f"{point.attack} {point.budget:g}"
+    return Line(label, tuple(map(TableCell, texts)), _DOUBTFUL if point.doubtful else "")
+
+
+def _prediction_line(one: Prediction) -> Line:
+    low, high = one.interval or (None, None)
+    texts = [", ".join(map(str, one.severities)), str(len(one.models))]
+    texts += [DASH if value is None else f"{value:+.2f}" for value in (one.rho, low, high)]
+    note = "; ".join(f"without {plain(name)}: {why}" for name, why in one.left_out.items())
+    if len(one.models) < LEAST_MODELS:
+        note = "; ".join(filter(None, (f"{counted(len(one.models), 'model')}: too few for a correlation", note)))
+    return Line(one.attack, tuple(map(TableCell, texts)), note)

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from ..attacks import Attack, load_attack
-from ..attacks.api import attack_of_sample
+from ..attacks.api import answers_differ, attack_of_sample
 from ..attacks.own import register_attack
 from ..attacks.result import Attacked
 from ..corruptions.base import BGR, VARIANTS
 from ..errors import UsageError
+from ..metrics.rows import CLEAN
 from ..models.base import AnyModel, FlowModel, describe_cell
 from ..runs.plan import Cell, RunOptions
 from ..sample import Flow, Sample
@@ -44,6 +45,7 @@ class AttackStage:
         self._options = options
         self._seconds = seconds
         self._on_predict = on_predict
+        self._doubts: frozenset[str] | None = None
 
     def attack(self, sample: Sample, clean: Flow, cell: Cell) -> Attacked:
         """The attacked pair of a sample, as `robustflow.attack` makes it with the run's seed and the sample's key.
@@ -58,10 +60,22 @@ class AttackStage:
         """
         _, name, severity = cell
         with timed(self._seconds, "attack"):
+            if self._doubts is None:
+                self._doubts = self._first_doubts(sample)
             self._on_predict(describe_cell(*cell))
-            attacked = attack_of_sample(self._attacks[name], self._model, sample, clean, severity, self._options.seed)
+            attacked = attack_of_sample(
+                self._attacks[name], self._model, sample, clean, severity, self._options.seed, self._doubts
+            )
             self._on_predict(None)
         return attacked
+
+    def _first_doubts(self, sample: Sample) -> frozenset[str]:
+        """What the model's answers say before the first attack."""
+        self._on_predict(describe_cell(sample.key, CLEAN, 0))
+        first, second = sample.frames[:2]
+        differ = answers_differ(self._model, (first, second), sample.key)
+        self._on_predict(None)
+        return frozenset({"answers_differ"} if differ else ())
 
 
 def attacks_in_run(names: Iterable[str], variant: str) -> dict[str, Attack]:
@@ -91,14 +105,18 @@ def check_attacks(names: tuple[str, ...], variant: str, model: AnyModel) -> dict
 
 def attack_columns(attacked: Attacked, sample: Sample) -> dict[str, Any]:
     """The columns of a row that only attacks have."""
-    capped = None
+    capped = median = None
     if sample.flow is not None and sample.valid is not None:
-        error = np.hypot(*np.moveaxis((attacked.flow - sample.flow).astype(np.float64), -1, 0))[sample.valid]
+        usable = np.isfinite(attacked.flow + attacked.clean_flow).all(axis=-1) & sample.valid
+        error = np.hypot(*np.moveaxis((attacked.flow - sample.flow).astype(np.float64), -1, 0))[usable]
         capped = float(np.minimum(error, np.hypot(*sample.shape)).sum())
+        median = float(np.median(error)) if error.size else None
     return {
         "attack_linf": attacked.linf,
         "attack_rms": attacked.rms,
         "attack_capped_sum": capped,
+        "attack_median": median,
+        "attack_way_gone": attacked.way_gone,
         "attack_evaluations": attacked.evaluations,
         "attack_warnings": ",".join(attacked.warnings),
     }

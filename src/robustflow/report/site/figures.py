@@ -12,11 +12,14 @@ from markupsafe import Markup
 from ...analysis.displacements import displacements_of
 from ...analysis.model_result import ranked
 from ...analysis.published.tables import PAPER
+from ...analysis.security_curves import security_curves
 from ...errors import UsageError
+from ...runs.run import Run
 from ...text import plain
 from ..figures import Looks, displacement_figure, figures_by_sample_set, severity_curves
 from ..figures.displacement_histogram import MOST_LINES
 from ..figures.marks import MarkedFigure
+from ..figures.security_curves import security_figure
 from ..figures.severity_curves import scale_panels
 from ..figures.styles import MODEL_STYLES, OTHER, Style
 from .content import Content
@@ -31,6 +34,7 @@ _TITLES = {
     "effective_trend": "Effective robustness",
     "severity_curves": "Severity curves",
     "displacement": "How far pixels move",
+    "security_curves": "Security curves",
 }
 _MOST_LINES = 200
 
@@ -99,6 +103,14 @@ def page_figures(content: Content) -> list[FigureGroup]:
             made.sort(key=lambda figure: figure.wide)  # those that fit beside each other first
             groups.append(FigureGroup(benchmark, content.group_titles.get(frames, plain(frames)), tuple(made)))
     return groups
+
+
+def attack_figure(number: int, run: Run) -> PageFigure | None:
+    """The security curves of a run; None if it has no attacks."""
+    points = security_curves(run)
+    if not points:
+        return None
+    return _page_figure(f"attacks-{number}", "security_curves", security_figure(points, legend=False), "", {})
 
 
 def page_looks(content: Content) -> dict[str, Looks]:
@@ -178,7 +190,7 @@ def _page_figure(id_: str, name: str, figure: MarkedFigure, note: str, pages: di
         apart=apart,
         key=key_markup(figure.key),
         wide=len(figure.axes) > 1,
-        head="Frames" if name == "displacement" else "Model",
+        head={"displacement": "Frames", "security_curves": "Attack"}.get(name, "Model"),
         columns=columns,
         lines=lines if len(lines) <= _MOST_LINES else (),
     )

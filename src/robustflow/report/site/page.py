@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import TYPE_CHECKING
 
 from jinja2 import Environment
 from markupsafe import Markup
 
+from ...errors import RunError
+from ...runs.run import Run
 from ...text import plain
 from ...version import VERSION
-from ..attack_table import attack_table
+from ..attack_table import attack_table, prediction_table
 from ..embed import json_block, templates
 from ..render.html import render as render_table
 from ..slider import Slider, slider_markup
+from ..table import Table
 from . import assets
 from .board import boards_of
 from .content import Content
 from .data import page_data
 from .examples import Examples, examples_of
-from .figures import page_figures
+from .figures import PageFigure, attack_figure, page_figures
 from .findings import VERDICT_CLASSES, by_check
 from .models import model_pages
 from .sections import sections_of
-
-if TYPE_CHECKING:
-    pass
 
 
 def render_site(content: Content, gallery: Slider | None = None) -> str:
@@ -51,7 +51,8 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
         .get_template("page.html")
         .render(
             content=content,
-            attacks=[(name, table) for (_, name), run in runs.items() if (table := attack_table(run)) is not None],
+            attacks=_attacks(runs),
+            predictions=_predictions(list(runs.values())),
             sections=sections,
             primary=pages[0].id if content.of_one_run else "",
             examples=examples,
@@ -64,6 +65,19 @@ def render_site(content: Content, gallery: Slider | None = None) -> str:
             version=VERSION,
         )
     )
+
+
+def _attacks(runs: Mapping[tuple[str, str], Run]) -> list[tuple[str, Table, PageFigure | None]]:
+    """Name, table and security curves of each run with attacks."""
+    tables = [(name, run, attack_table(run)) for (_, name), run in runs.items()]
+    return [(name, table, attack_figure(at, run)) for at, (name, run, table) in enumerate(tables) if table is not None]
+
+
+def _predictions(runs: Sequence[Run]) -> Table | None:
+    try:
+        return prediction_table(runs)
+    except RunError:  # without frames in common there is nothing to correlate
+        return None
 
 
 @cache

@@ -1,0 +1,67 @@
+"""Security curves: the error of a model over the budget of an attack, with intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import polars as pl
+
+from ..metrics.rows import CLEAN
+from ..runs.run import Run
+from .attacks import attack_scores
+from .uncertainty import intervals
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """One budget of one attack.
+
+    Attributes:
+        attack, norm: which, and "linf" or "rms".
+        budget: grey levels of 255; 0 for the clean frames.
+        metric: "epe", or "rcre" without ground truth.
+        error: mean over pairs, px.
+        low, high: ends of the 95 % interval, px; None with too few pairs.
+        doubtful: whether a pair of it carries a warning.
+    """
+
+    attack: str
+    norm: str
+    budget: float
+    metric: str
+    error: float
+    low: float | None
+    high: float | None
+    doubtful: bool
+
+
+def security_curves(run: Run, seed: int = 0) -> list[CurvePoint]:
+    """Every attack of a run at every budget, from the clean frames upwards; attacks in the order of the run.
+
+    Args:
+        run: with attacks.
+        seed: of the bootstrap behind the intervals.
+    """
+    scores = attack_scores(run)
+    if not scores:
+        return []
+    metric = "rcre" if scores[0].epe is None else "epe"
+    found = intervals(run.attack_rows, seed=seed, severities=True, metrics=[metric])
+    ends = {
+        (corruption, severity): (estimate, low, high)
+        for corruption, severity, estimate, low, high in found.filter(
+            pl.col("severity").is_not_null() | (pl.col("corruption") == CLEAN)
+        )
+        .select("corruption", "severity", "estimate", "low", "high")
+        .iter_rows()
+    }
+    points = []
+    for name, norm in dict.fromkeys((score.attack, score.norm) for score in scores):
+        # The distance from the clean flow is 0 on the clean frames, whatever the model.
+        clean = ends.get((CLEAN, None), (0.0, None, None))
+        points.append(CurvePoint(name, norm, 0.0, metric, *clean, doubtful=False))
+        for score in sorted((one for one in scores if one.attack == name), key=lambda one: one.budget):
+            if (name, score.severity) in ends:
+                here = ends[name, score.severity]
+                points.append(CurvePoint(name, norm, score.budget, metric, *here, doubtful=bool(score.warnings)))
+    return points

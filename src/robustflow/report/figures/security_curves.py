@@ -1,0 +1,75 @@
+"""Security curves: error over the budget of each attack, a panel for each norm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...analysis.labels import METRIC_LABELS, metric_label
+from ...analysis.security_curves import CurvePoint
+from ...errors import UsageError
+from ...figure_style import default_style
+from ...text import name_text
+from .canvas import ends_text, fair_limits, new_figure
+from .marks import Mark, MarkedFigure
+from .styles import model_styles
+
+NORMS = {"linf": "largest change", "rms": "root mean square of the change"}
+
+
+@default_style()
+def security_figure(points: Sequence[CurvePoint], *, legend: bool = True) -> MarkedFigure:
+    """The curves of one run; a hollow mark carries a warning.
+
+    Args:
+        points: of `analysis.security_curves.security_curves`.
+        legend: whether the figure draws its legend, or a page writes it.
+
+    Raises:
+        UsageError: no points.
+    """
+    if not points:
+        raise UsageError("a run without attacks has no security curves: give --attacks to run")
+    styles = model_styles(point.attack for point in points)
+    norms = [norm for norm in NORMS if any(point.norm == norm for point in points)]
+    figure, axes = new_figure(4.4 * len(norms), 3.4, 1, len(norms))
+    metric = points[0].metric
+    reached = [end for point in points for end in (point.error, point.high) if end is not None]
+    for panel, norm in zip(axes, norms, strict=True):
+        budgets = sorted({point.budget for point in points if point.norm == norm})
+        places = {budget: place for place, budget in enumerate(budgets)}
+        for name in dict.fromkeys(point.attack for point in points if point.norm == norm):
+            curve, style = [point for point in points if point.attack == name], styles[name]
+            at = [places[point.budget] for point in curve]
+            errors = [point.error for point in curve]
+            panel.plot(at, errors, color=style.colour, linewidth=1.2)
+            for place, point in zip(at, curve, strict=True):
+                fill = "white" if point.doubtful else style.colour
+                drawn = panel.plot(
+                    place, point.error, color=style.colour, marker=style.marker, markersize=4.5, markerfacecolor=fill
+                )
+                figure.mark(drawn[0], [_mark(point)])
+            known = [(place, p.low, p.high) for place, p in zip(at, curve, strict=True) if p.low is not None]
+            if known:
+                where, low, high = zip(*known, strict=True)
+                panel.fill_between(where, low, high, color=style.colour, alpha=0.12, linewidth=0)
+        panel.set_xticks(list(places.values()), [f"{budget:g}" for budget in budgets])
+        panel.set_ylim(fair_limits([0.0, *reached], zero=True))
+        panel.set_title(NORMS[norm], fontsize=9)
+        panel.set_xlabel("budget (grey levels)", fontsize=8.5)
+        panel.set_ylabel(metric_label(metric), fontsize=8.5)
+    key = [(name_text(name), style, True) for name, style in styles.items()]
+    figure.explain(key, legend)
+    banded = any(point.low is not None for point in points)
+    figure.caption = (
+        f"{metric_label(metric)} over the budget of each attack, 0 on the clean frames; budgets are not to scale. "
+        "A steeper curve is a less robust model. A hollow mark carries a warning."
+    ) + (" Bands are 95 % confidence intervals." if banded else "")
+    return figure
+
+
+def _mark(point: CurvePoint) -> Mark:
+    ends = None if point.low is None or point.high is None else (point.low, point.high)
+    value = f"{point.error:.2f} px{ends_text(ends)}"
+    where = (("norm", point.norm), ("budget", f"{point.budget:g}"))
+    warning = "yes" if point.doubtful else "no"
+    return Mark(point.attack, "", (*where, (METRIC_LABELS[point.metric], value), ("warning", warning)))
