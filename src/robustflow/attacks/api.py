@@ -72,7 +72,8 @@ target, loss, reference, moved, steps, starts
 
 
 def with_controls(attacks: Iterable[AnyAttack]) -> tuple[str, ...]:
-    """Names of attacks as a run has them (`Attack.label`), each once, after both kinds of random noise. Only for what the user requests: `module.path:Attribute` is imported.
+    """Names of attacks as a run has them (`Attack.label`), each once, after both kinds of random noise. Only
+    for what the user requests: `module.path:Attribute` is imported.
 
     Raises:
         UsageError: an unknown attack or option.

@@ -13,7 +13,9 @@ def audit(
     source: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[FILE]", help="A results file (CSV), or a run's folder or record; the paper's tables by default."
+            metavar="[FILE]",
+            help="A results file (CSV), FlowBench's metrics_*.json, or a run's folder or record; the paper's tables by "
+            "default.",
         ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
@@ -21,7 +23,8 @@ def audit(
     """List the numbers that do not follow from the others within rounding, with the printed and the recomputed value.
 
     Recomputes CRE from EPE, averages, CREr, ranks and which values are marked as best; detects rows that were swapped
-    or moved. Exit code 0: everything is consistent; 3: something is not; 1: the source cannot be read.
+    or moved, and attacks of FlowBench that are beyond their budget. Exit code 0: everything is consistent; 3: something
+    is not; 1: the source cannot be read.
 
     \b
     Examples:

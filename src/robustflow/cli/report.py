@@ -18,7 +18,7 @@ def report(
         list[Path] | None,
         typer.Argument(
             metavar="RUN...",
-            help="Folders or records of runs, or folders that hold them.",
+            help="Folders or records of runs, or folders that hold them; metrics_*.json of FlowBench for its attacks.",
         ),
     ] = None,
     published: Annotated[bool, typer.Option("--published", help="Add the paper's results.")] = False,
@@ -58,10 +58,12 @@ def report(
       robustflow report runs/mine runs/other --published --only-own --figures figures
       robustflow report runs/mine runs/other --published --format page -o report.html
     """
+    from ..analysis.imported.flowbench_attacks import read_stored_attacks
     from ..atomic import write_bytes
     from ..errors import UsageError, unknown_name
     from ..records.load import load_any_run, with_runs_inside
     from ..report.assemble import ROW, figures_of, tables_of
+    from ..report.attack_table import stored_attacks_table
     from ..report.render import FORMATS, render
     from ..report.render.latex import only_lines
     from ..target import is_target
@@ -77,12 +79,19 @@ def report(
     row_alone = names(table) == [ROW]
     if ROW in (names(table) or ()) and not (row_alone and format in ("terminal", "latex")):
         raise UsageError(f"--table {ROW} is a line of LaTeX per run: leave out other tables and formats")
-    loaded = [load_any_run(run) for run in with_runs_inside(runs or [])]
+    stored = [path for path in runs or [] if path.suffix.lower() == ".json"]
+    if stored and (format == PAGE or table is not None):
+        raise UsageError("files of FlowBench are a table of their attacks; leave out --table and --format page")
+    loaded = [load_any_run(run) for run in with_runs_inside([path for path in runs or [] if path not in stored])]
     if format == PAGE:
         text = _page(loaded, published, only_own, table)
     else:
         on_screen = format == "terminal" and output is None
-        tables = tables_of(loaded, published=published, wanted=names(table), seed=seed, only_own=only_own)
+        tables = []
+        if loaded or published:
+            tables = tables_of(loaded, published=published, wanted=names(table), seed=seed, only_own=only_own)
+        if stored:
+            tables.append(stored_attacks_table(read_stored_attacks(stored)))
         texts = map(only_lines, tables) if row_alone else ()
         text = "".join(texts) or "\n".join(for_stdout(one) if on_screen else render(one, format) for one in tables)
     if output is not None:

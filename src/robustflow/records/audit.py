@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..analysis.audit import Audit, audit_results, audit_run
+from ..analysis.imported.flowbench_attacks import audit_stored_attacks, read_stored_attacks
 from ..analysis.results_file import read_results
 from .load import is_record, load_any_run
 
 
 def audit(path: str | Path) -> Audit:
-    """A results file (CSV, see `analysis.results_file.read_results`) or a run: its folder, or a record of it.
+    """A results file (CSV, see `analysis.results_file.read_results`), a file of FlowBench (JSON; its attacks' budgets),
+    or a run: its folder, or a record of it.
 
     Raises:
         DataError, RunError: it is none of these, or cannot be read.
@@ -18,4 +20,6 @@ def audit(path: str | Path) -> Audit:
     path = Path(path).expanduser()
     if path.is_dir() or is_record(path):
         return audit_run(load_any_run(path), str(path))
+    if path.suffix.lower() == ".json":
+        return audit_stored_attacks(read_stored_attacks([path]), str(path))
     return audit_results(read_results(path), audited=str(path))

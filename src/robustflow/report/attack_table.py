@@ -7,6 +7,8 @@ from dataclasses import replace
 
 from ..analysis.attack_ranks import LEAST_MODELS, Prediction, predictions
 from ..analysis.attacks import AttackScore, attack_scores, budget_at_double
+from ..analysis.imported import NOTE
+from ..analysis.imported.flowbench_attacks import FLAGS, StoredAttack
 from ..analysis.labels import METRIC_LABELS
 from ..analysis.run_names import run_names
 from ..analysis.security_curves import CurvePoint, security_curves
@@ -162,3 +164,38 @@ def _prediction_line(one: Prediction) -> Line:
     if len(one.models) < LEAST_MODELS:
         note = "; ".join(filter(None, (f"{counted(len(one.models), 'model')}: too few for a correlation", note)))
     return Line(one.attack, tuple(map(TableCell, texts)), note)
+
+
+def stored_attacks_table(rows: Sequence[StoredAttack]) -> Table:
+    """Rows of attacks that FlowBench's program stored, a section for each data set.
+
+    Raises:
+        UsageError: there are none.
+    """
+    if not rows:
+        raise UsageError("no attacks in these files of FlowBench")
+    sections = [
+        Section(f"FlowBench, {dataset}", tuple(_stored_line(row) for row in rows if row.dataset == dataset))
+        for dataset in dict.fromkeys(row.dataset for row in rows)
+    ]
+    labels = ("norm", "budget", "steps", "target", "EPE (px)", "to target (px)", "reached")
+    remark = (
+        f"{NOTE[0].upper()}{NOTE[1:]}. Budgets and changes are in 0..1; norm frame is the plain norm of one frame. "
+        "Errors are means over images of the frames before rounding to 8 bits."
+    )
+    title = "Attacks stored by FlowBench"
+    return Table("imported-attacks", title, tuple(map(Column, labels)), tuple(sections), (remark,), "Model, attack")
+
+
+def _stored_line(row: StoredAttack) -> Line:
+    texts = [
+        row.norm or DASH,
+        DASH if row.budget is None else f"{row.budget:g}",
+        DASH if row.iterations is None else str(row.iterations),
+        row.target,
+        number_text(row.epe, None),
+        number_text(row.to_target, None),
+        DASH if row.reached is None else f"{row.reached:.4g}",
+    ]
+    note = "; ".join(FLAGS[flag] for flag in row.flags)
+    return Line(f"{row.model} {row.checkpoint}, {row.attack}", tuple(map(TableCell, texts)), note)

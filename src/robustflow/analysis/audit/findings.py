@@ -19,6 +19,7 @@ AUDIT_CHECKS = {
     "shifted": "each value is in its column",
     "summary": "the summary follows from the rows",
     "rows": "the rows are possible measurements",
+    "budget": "attacked frames are within the stated budget",
 }
 """Each check and what it asserts."""
 
