@@ -49,6 +49,26 @@ def test_the_sources_of_a_spread_are_found():
     assert np.mean(moved) == pytest.approx(0.4, rel=0.25)
 
 
+def test_a_split_is_the_analysis_of_variance_in_sums_of_squares():
+    runs = _runs(0.5, 0.4, 0.3, 3, np.random.default_rng(4))
+    fog = [[run.filter(corruption="fog", severity=level).sort("sample")["epe_sum"].to_numpy() / 1000 - 1
+            for level in (1, 3)] for run in runs.values()]  # fmt: skip
+    y = np.array(fog).transpose(2, 0, 1)  # image, seed, severity
+    images, seeds, levels = y.shape
+    of_image, of_seed, of_level, of_cell = (
+        (y.mean(axis=axes, keepdims=True) - y.mean()) * np.ones(y.shape) for axes in ((1, 2), (0, 2), (0, 1), 2)
+    )
+    ss_image, ss_seed, ss_level, ss_cell, ss = (
+        float((part**2).sum()) for part in (of_image, of_seed, of_level, of_cell, y - y.mean())
+    )
+    inter = (ss_cell - ss_image - ss_seed) / ((images - 1) * (seeds - 1))
+    within = (ss - ss_cell - ss_level) / (images * seeds * (levels - 1))
+    split = variance_split(runs, "cre")
+    assert _of(split, "image") ** 2 == pytest.approx((ss_image / (images - 1) - inter) / (seeds * levels))
+    assert _of(split, "seed") ** 2 == pytest.approx((ss_seed / (seeds - 1) - inter) / (images * levels))
+    assert _of(split, "rest") ** 2 == pytest.approx(inter / levels + within)
+
+
 def test_the_errors_of_the_mean_add_up_to_what_the_mean_does():
     """The mean over images and seeds of many such experiments spreads by what the split says."""
     rng = np.random.default_rng(2)

@@ -292,6 +292,18 @@ def test_other_frames_are_not_compared():
         compare_rows(_rows(5), _rows(5).with_columns(sample=pl.lit("x") + pl.col("sample")))
 
 
+def test_samples_in_other_groups_are_not_compared():
+    with pytest.raises(RunError, match="group their samples differently"):
+        compare_rows(_rows(20, groups=5), _rows(20, groups=4))
+
+
+def test_p_of_two_models_is_corrected_over_the_lines_of_its_metric():
+    found = compare_rows(_rows(20), _rows(20, seed=1))
+    for _, lines in found.group_by("metric"):
+        assert set(lines["comparisons"]) == {lines.height}
+        assert lines["p_holm"].to_list() == pytest.approx(holm(lines["p"].to_list()))
+
+
 def test_only_what_both_measured_is_compared():
     found = compare_rows(_rows(20), _rows(15, shift=1.0).filter(pl.col("corruption") != "snow"))
     assert set(found["corruption"]) == {"clean", "average", "fog"}

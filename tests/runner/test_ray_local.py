@@ -170,7 +170,7 @@ def test_a_killed_driver_is_resumed_by_another_engine(tmp_path, models_on_path):
     kept = _rows(tmp_path / "killed")
     assert 0 < kept < 1 + 5 * len(FAST)
     spec = ModelSpec("models_for_tests:Faulty", (("pause", 0.0),))
-    resumed = rf.evaluate(spec, output=tmp_path / "killed", corruptions=FAST, workers=2)
+    resumed = rf.evaluate(spec, output=tmp_path / "killed", corruptions=FAST)
     whole = rf.evaluate(spec, output=tmp_path / "whole", corruptions=FAST)
     assert resumed.rows.equals(whole.rows)
     assert (resumed.path / "summary.json").read_bytes() == (whole.path / "summary.json").read_bytes()

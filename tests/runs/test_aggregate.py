@@ -67,7 +67,7 @@ def test_regions_average_over_the_images_that_have_them():
         row("b", n=10, **_inside("occ", 0, 0.0)),
         row("c", n=10),
         row("a", "fog", 1, **_inside("occ", 4, 5.0, rcre=4.0, fl=2)),
-        row("b", "fog", 1, **_inside("occ", 0, 0.0)),
+        row("b", "fog", 1, n=20, **_inside("occ", 0, 0.0)),  # the share is of clean rows
         row("c", "fog", 1),
     ]
     regions = summarize(rows_frame(rows)).regions

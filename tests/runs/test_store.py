@@ -38,6 +38,28 @@ def folder(tmp_path):
     folder.unlock()
 
 
+def test_a_folder_that_another_run_holds_is_refused_at_once(folder):
+    with pytest.raises(RunError, match="is held by another run"):
+        RunFolder(folder.path).lock()
+
+
+def test_a_folder_whose_lock_cannot_be_written_says_why(tmp_path):
+    (tmp_path / ".lock").mkdir()
+    with pytest.raises(RunError, match=f"cannot write {tmp_path}: Is a directory; choose another folder"):
+        RunFolder(tmp_path).lock()
+
+
+def test_dropped_samples_lose_rows_and_clean_flow_and_no_other_does(folder):
+    for key in ("a", "b", "c"):
+        _write(folder, key, CLEAN, (0,))
+        write_clean(folder.clean_path(key), np.zeros((2, 2, 2), np.float32), key)
+    folder.pack()
+    _write(folder, "a", "fog", (1,))
+    folder.drop_samples(["a", "b"])
+    assert folder.cells() == {("c", CLEAN, 0)}
+    assert list((folder.path / "clean").iterdir()) == [folder.clean_path("c")]
+
+
 def test_keys_that_look_alike_as_file_names_stay_apart(folder):
     for key in ("a/b", "a_b", "a b", "a:b", "x" * 300, "x" * 299, ".."):
         _write(folder, key, "fog:1+snow", (1,))

@@ -68,8 +68,8 @@ def compare_rows(
         RunError: nothing in common on the same frames and ground truth.
     """
     sums = tuple(ClusterSums.of(rows) for rows in common_rows((first, second), names)[0])
-    gaps = _gaps(sums)
     differences = _differences(sums, statistics_of(sums[0]), level, resamples, seed)
+    gaps = _gaps(sums)
     by_metric: dict[str, list[MetricKey]] = {}
     for key in differences:
         by_metric.setdefault(key[0], []).append(key)
