@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robustflow.benchmarks import load_benchmark
+from robustflow.corruptions.scale import calibration_digest
 from robustflow.runs.manifest import Manifest, Selection
 from robustflow.runs.plan import Plan, RunOptions, Unit, planned_attacks, planned_cells, unfinished_samples
 
@@ -58,6 +59,16 @@ def test_severities_that_the_calibrated_scale_lacks_are_left_out_and_not_counted
     assert {unit.corruption for unit in plan.units()} == {"clean", "fog"}
     assert plan.count() == len(plan.units()) == 4
     assert Plan(whole, RunOptions(), {}).left_out() == {}
+
+
+def test_the_identity_names_the_scale_that_is_not_the_papers_and_options_that_were_set(benchmark):
+    plain = Plan(benchmark, RunOptions(), {}).identity()
+    assert plain.frames.severity_scale is None
+    assert (plain.frames.common_draws, plain.measuring.allow_invalid) == (False, False)
+    chosen = RunOptions(severity_scale="calibrated", common_draws=True, allow_invalid=True)
+    other = Plan(benchmark, chosen, {}).identity()
+    assert other.frames.severity_scale == f"calibrated {calibration_digest()}"
+    assert (other.frames.common_draws, other.measuring.allow_invalid) == (True, True)
 
 
 def test_cells_of_a_manifest_are_those_of_its_plan():
