@@ -115,7 +115,7 @@ def test_a_reader_beside_a_writer_never_fails(folder):
 
     reader = threading.Thread(target=read)
     reader.start()
-    for number in range(15):
+    for number in range(10):
         for corruption in ("fog", "snow"):
             _write(folder, str(number), corruption, (1,))
         folder.finish_sample(str(number))
@@ -170,7 +170,7 @@ def test_two_shards_that_contradict_each_other_are_named(folder):
 
 
 def test_small_shards_become_one_and_no_row_is_lost(folder):
-    keys = [f"sample {number}" for number in range(150)]
+    keys = [f"sample {number}" for number in range(100)]
     for key in keys:
         _write(folder, key, CLEAN, (0,))
         _write(folder, key, "fog", (1, 2))
@@ -178,7 +178,7 @@ def test_small_shards_become_one_and_no_row_is_lost(folder):
         assert len(list_shards(folder.rows_folder)) <= 64
     before = folder.rows()
     assert before["sample"].unique().sort().to_list() == sorted(keys)
-    assert before.height == 450
+    assert before.height == 300
     folder.pack()
     assert len(list_shards(folder.rows_folder)) == 1
     assert folder.rows().equals(before)
